@@ -1,0 +1,66 @@
+"""Small symmetric positive definite systems by Cholesky, as kernels: A = L L^T.
+
+A normal matrix that is not positive definite means that the geometry does not determine the answer: the kernels say
+so with False instead of returning numbers.
+"""
+
+import numpy as np
+
+from estimators.arrays import Floats
+from estimators.kernel import kernel
+
+
+@kernel
+def cholesky_into(a: Floats, out: Floats) -> bool:
+    """Write the lower factor L of `a` (n, n) into `out` (n, n); False where a pivot is not safely positive."""
+    n = a.shape[0]
+    for j in range(n):
+        pivot = a[j, j]
+        for k in range(j):
+            pivot -= out[j, k] * out[j, k]
+        # A pivot that lost 14 digits to cancellation is rounding noise: the matrix is singular.
+        if not (pivot > 1e-14 * a[j, j]):
+            return False
+        out[j, j] = np.sqrt(pivot)
+        for i in range(j + 1, n):
+            s = a[i, j]
+            for k in range(j):
+                s -= out[i, k] * out[j, k]
+            out[i, j] = s / out[j, j]
+        for i in range(j):
+            out[i, j] = 0.0
+    return True
+
+
+@kernel
+def solve_cholesky(lower: Floats, b: Floats) -> None:
+    """Solve L L^T x = b (n,) in place: `b` becomes x."""
+    n = lower.shape[0]
+    for i in range(n):
+        s = b[i]
+        for k in range(i):
+            s -= lower[i, k] * b[k]
+        b[i] = s / lower[i, i]
+    for i in range(n - 1, -1, -1):
+        s = b[i]
+        for k in range(i + 1, n):
+            s -= lower[k, i] * b[k]
+        b[i] = s / lower[i, i]
+
+
+@kernel
+def invert_spd_into(a: Floats, out: Floats) -> bool:
+    """Write the inverse of `a` (n, n) into `out` (n, n); False, with `out` untouched, where `a` is singular."""
+    n = a.shape[0]
+    lower = np.zeros((n, n))
+    if not cholesky_into(a, lower):
+        return False
+    column = np.empty(n)
+    for j in range(n):
+        for i in range(n):
+            column[i] = 0.0
+        column[j] = 1.0
+        solve_cholesky(lower, column)
+        for i in range(n):
+            out[i, j] = column[i]
+    return True

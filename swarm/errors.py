@@ -1,0 +1,17 @@
+"""One error family: what a user did wrong, in one message that names the place, the value and the limit."""
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+
+class SwarmError(Exception):
+    """A mistake in the input. The command line prints its message, without a traceback, and exits with 2."""
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """`"; did you mean 'formation'?"`, or the known names where none is near, or an empty string."""
+    names = sorted(known)
+    near = get_close_matches(name, names, n=1, cutoff=0.5)
+    if near:
+        return f"; did you mean {near[0]!r}?"
+    return f"; known: {', '.join(names)}" if names else ""

@@ -1,0 +1,42 @@
+"""Where the photodiodes sit on each craft: the one thing that the sensor and the on-board computer share."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators.arrays import Bools, Floats
+
+
+class Photodiodes(NamedTuple):
+    """Photodiodes of C craft, padded to the largest number K.
+
+    point_m: (C, K, 3) [m] and normal: (C, K, 3), unit, in the craft's body frame. present: (C, K), False where padded.
+    """
+
+    point_m: Floats
+    normal: Floats
+    present: Bools
+
+    @property
+    def craft_count(self) -> int:
+        """The number of craft C."""
+        return len(self.present)
+
+    def of(self, craft: int) -> "Photodiodes":
+        """The layout of one craft, as a batch of one without padding."""
+        real = self.present[craft]
+        return Photodiodes(self.point_m[craft][real][None], self.normal[craft][real][None], real[real][None])
+
+
+def pad(points: list[Floats], normals: list[Floats]) -> Photodiodes:
+    """One layout from a list of (k, 3) [m] points and (k, 3) normals per craft."""
+    most = max((len(p) for p in points), default=0)
+    craft = len(points)
+    layout = Photodiodes(
+        np.zeros((craft, most, 3)), np.zeros((craft, most, 3)), np.zeros((craft, most), dtype=np.bool_)
+    )
+    for i, (point, normal) in enumerate(zip(points, normals, strict=True)):
+        layout.point_m[i, : len(point)] = point
+        layout.normal[i, : len(normal)] = normal
+        layout.present[i, : len(point)] = True
+    return layout

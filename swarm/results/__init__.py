@@ -1,0 +1,1 @@
+"""What a run leaves behind: telemetry, a recording, a summary."""

@@ -1,0 +1,1 @@
+"""What physics delivers to a craft: which photodiode is lit, and when."""
