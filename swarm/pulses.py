@@ -24,10 +24,10 @@ class Pulses(NamedTuple):
     """Pulses of C craft, in order of time, padded to the busiest craft's number P.
 
     photodiode: (C, P) int16, index into the craft's layout. rise_tick: (C, P) int64, ticks of the craft's clock.
-    width_tick: (C, P) int32 [ticks]. count: (C,) int32, how many of the P are real.
+    width_tick: (C, P) int32 [ticks]. total: (C,) int32, how many of the P are real.
     """
 
     photodiode: NDArray[np.int16]
     rise_tick: NDArray[np.int64]
     width_tick: NDArray[np.int32]
-    count: NDArray[np.int32]
+    total: NDArray[np.int32]

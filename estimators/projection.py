@@ -1,0 +1,117 @@
+"""What a fan sees of a photodiode: source 1 (2), (3) and the derivatives (8), (10), as kernels for PnP and DOP.
+
+The photodiode w_p of the body frame is at p(tau) = Exp([w]x tau) R w_p + t + v tau in the lighthouse frame, tau after
+the epoch; R = R_l_b and t are the pose at the epoch, w and v the motion assumed around it. Fan X measures u = x/z =
+cot theta_x, fan Y v = y/z = cot theta_y. Derivatives are by a left rotation error d, R <- Exp([d]x) R, and by t.
+"""
+
+import numpy as np
+
+from estimators.arrays import Bools, Floats
+from estimators.kernel import kernel
+from estimators.rotation import exp_into
+
+COLLINEAR = 1e-6
+"""Photodiodes that all lie nearer to one line than this share of its length are on it: micrometres per metre, far below
+any mounting error. Geometry is asked, and not the normal matrix: its smallest pivot for 5 cm at 20 m, 1e-6 of the
+diagonal, amplifies rounding so much that a singular matrix can pass for a regular one."""
+
+
+def checked(name: str, array: Floats, shape: tuple[int, ...]) -> Floats:
+    """`array` as contiguous doubles, which the kernels are compiled for.
+
+    Raises ValueError, naming the argument, where the shape is not `shape`.
+    """
+    out = np.ascontiguousarray(array, dtype=np.float64)
+    if out.shape != shape:
+        raise ValueError(f"{name} has shape {out.shape}, expected {shape}")
+    return out
+
+
+def checked_lit(lit: Bools, shape: tuple[int, ...] | None = None) -> Bools:
+    """`lit` as contiguous booleans (C, K), or of `shape`; raises ValueError otherwise."""
+    out = np.ascontiguousarray(lit, dtype=np.bool_)
+    if out.shape != shape and (shape is not None or out.ndim != 2):
+        raise ValueError(f"lit has shape {out.shape}, expected {shape or '(craft, photodiodes)'}")
+    return out
+
+
+def projections(theta: Floats) -> Floats:
+    """(u, v) = cot theta (2) of angles [rad], any shape; NaN outside (0, pi), where no fan can hit the front."""
+    inside = (theta > 0) & (theta < np.pi)
+    out: Floats = np.where(inside, 1 / np.tan(np.where(inside, theta, 1.0)), np.nan)
+    return out
+
+
+def angle_weights(uv: Floats) -> Floats:
+    """sin^2 theta = z^2 / (x^2 + z^2), the size of (13), at the measured projections, any shape."""
+    out: Floats = 1 / (1 + uv**2)
+    return out
+
+
+@kernel
+def turns_into(offset: Floats, angular_rate: Floats, out: Floats) -> None:
+    """Write Exp([w]x tau) for the instants (K, 2) [s] and the rate (3,) [rad/s] into `out` (K, 2, 3, 3)."""
+    vector = np.empty(3)
+    for i in range(offset.shape[0]):
+        for fan in range(2):
+            for k in range(3):
+                vector[k] = angular_rate[k] * offset[i, fan]
+            exp_into(vector, out[i, fan])
+
+
+@kernel
+def project_into(
+    fan: int, arm: Floats, turn: Floats, position: Floats, velocity: Floats, tau: float, row: Floats
+) -> tuple[float, float]:
+    """x/z (fan 0) or y/z (fan 1) of one photodiode and its z [m]; (10)(8), (attitude, position), into `row` (6,).
+
+    `arm` (3,) is R w_p at the epoch, `turn` (3, 3) is Exp([w]x tau). With the gradient g of the projection (10),
+    g^T dp/dd = -g^T turn [arm]x = (arm x (turn^T g))^T.
+    """
+    x = turn[fan, 0] * arm[0] + turn[fan, 1] * arm[1] + turn[fan, 2] * arm[2] + position[fan] + velocity[fan] * tau
+    z = turn[2, 0] * arm[0] + turn[2, 1] * arm[1] + turn[2, 2] * arm[2] + position[2] + velocity[2] * tau
+    value = x / z
+    g, gz = 1 / z, -value / z
+    a0 = turn[fan, 0] * g + turn[2, 0] * gz
+    a1 = turn[fan, 1] * g + turn[2, 1] * gz
+    a2 = turn[fan, 2] * g + turn[2, 2] * gz
+    row[0] = arm[1] * a2 - arm[2] * a1
+    row[1] = arm[2] * a0 - arm[0] * a2
+    row[2] = arm[0] * a1 - arm[1] * a0
+    row[3], row[4], row[5] = 0.0, 0.0, gz
+    row[3 + fan] = g
+    return value, z
+
+
+@kernel
+def arm_into(rotation: Floats, point: Floats, out: Floats) -> None:
+    """Write R w_p (3,) of one photodiode into `out`."""
+    for k in range(3):
+        out[k] = rotation[k, 0] * point[0] + rotation[k, 1] * point[1] + rotation[k, 2] * point[2]
+
+
+@kernel
+def spans_plane(lit: Bools, point: Floats) -> bool:
+    """Whether the lit photodiodes (K, 3) are not all on one line: then they leave no rotation free."""
+    first, far, longest, widest = -1, -1, 0.0, 0.0
+    for i in range(lit.shape[0]):
+        if lit[i]:
+            first = i if first < 0 else first
+            square = 0.0
+            for k in range(3):
+                square += (point[i, k] - point[first, k]) ** 2
+            if square > longest:
+                far, longest = i, square
+    if far < 0:
+        return False
+    for i in range(lit.shape[0]):
+        if lit[i]:
+            square = 0.0
+            for k in range(3):
+                a, b = (k + 1) % 3, (k + 2) % 3
+                area = (point[far, a] - point[first, a]) * (point[i, b] - point[first, b])
+                area -= (point[far, b] - point[first, b]) * (point[i, a] - point[first, a])
+                square += area * area
+            widest = max(widest, square)
+    return np.sqrt(widest) > COLLINEAR * longest

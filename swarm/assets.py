@@ -1,0 +1,89 @@
+"""Where models/ and scenarios/ are found: beside the package in a checkout, inside it once installed.
+
+    models/lighthouse/lighthouse.xml          a lighthouse
+    models/craft/<name>/<name>.xml            a craft
+    scenarios/<name>.toml                     a scenario
+
+A user names one of these, or gives the path of an own file.
+"""
+
+from pathlib import Path
+
+from swarm.errors import SwarmError, did_you_mean
+
+PACKAGE = Path(__file__).resolve().parent
+
+
+def folder(name: str) -> Path:
+    """The folder `models` or `scenarios`. Raises SwarmError where the installation has lost it."""
+    for place in (PACKAGE / name, PACKAGE.parent / name):
+        if place.is_dir():
+            return place
+    raise SwarmError(f"the folder {name}/ is missing: not in {PACKAGE}, not in {PACKAGE.parent}; install again")
+
+
+def models() -> dict[str, Path]:
+    """The craft models that come with the package: name -> MJCF file."""
+    return _models_in(folder("models") / "craft")
+
+
+def lighthouses() -> dict[str, Path]:
+    """The lighthouse models that come with the package: name -> MJCF file."""
+    return _models_in(folder("models"))
+
+
+def scenarios() -> dict[str, Path]:
+    """The scenarios that come with the package: name -> TOML file."""
+    return {path.stem: path for path in sorted(folder("scenarios").glob("*.toml"))}
+
+
+def find_model(name_or_path: str | Path, relative_to: Path | None = None) -> Path:
+    """The MJCF file of a craft or a lighthouse: a known name, a path to an .xml file, or the path of its folder.
+
+    A relative path starts at `relative_to` (the folder of the scenario that names it), or else at the working
+    directory. Raises SwarmError with the nearest known name, or with what the folder lacks.
+    """
+    known = lighthouses() | models()
+    text = str(name_or_path)
+    if text in known:
+        return known[text]
+    path = (relative_to or Path()) / Path(text).expanduser()
+    if path.is_dir():
+        return _model_of_folder(path)
+    if path.is_file():
+        return path.resolve()
+    if _is_path(text, ".xml"):
+        raise SwarmError(f"model file {path} does not exist")
+    raise SwarmError(f"no model {text!r}{did_you_mean(text, known)}; or give the path of an .xml file")
+
+
+def find_scenario(name_or_path: str | Path) -> Path:
+    """The TOML file of a scenario: a known name or a path. Raises SwarmError with the nearest known name."""
+    known = scenarios()
+    text = str(name_or_path)
+    if text in known:
+        return known[text]
+    path = Path(text).expanduser()
+    if path.is_file():
+        return path.resolve()
+    if _is_path(text, ".toml"):
+        raise SwarmError(f"scenario file {path} does not exist{did_you_mean(path.stem, known)}")
+    raise SwarmError(f"no scenario {text!r}{did_you_mean(text, known)}; or give the path of a .toml file")
+
+
+def _models_in(place: Path) -> dict[str, Path]:
+    return {path.parent.name: path for path in sorted(place.glob("*/*.xml")) if path.stem == path.parent.name}
+
+
+def _model_of_folder(path: Path) -> Path:
+    files = sorted(path.glob("*.xml"))
+    own = [file for file in files if file.stem == path.resolve().name]
+    candidates = own or [file for file in files if file.stem != "scene"]
+    if len(candidates) == 1:
+        return candidates[0].resolve()
+    found = ", ".join(file.name for file in files) or "no .xml file"
+    raise SwarmError(f"{path}: expected the craft's model as {path.resolve().name}.xml, found {found}")
+
+
+def _is_path(text: str, suffix: str) -> bool:
+    return text.endswith(suffix) or "/" in text or "\\" in text

@@ -1,0 +1,229 @@
+"""A craft's model file: MJCF read, checked, reduced to one rigid body, and what it says about the craft.
+
+The body frame `b` is the frame of the file's one root body. Bodies below it that no joint moves are fused into it
+(geoms, photodiodes and inertia included), its pose in the file and its free joint are dropped: the world places it.
+The photodiodes are the sites whose name starts with `photodiode`; a site's z axis is the photodiode's outward normal.
+"""
+
+import re
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import lru_cache
+from pathlib import Path
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from estimators.arrays import Floats
+from estimators.rotation import matrix_from_quaternion
+from swarm import shapes
+from swarm.errors import SwarmError
+
+LEAST_PHOTODIODES = 4
+"""What PnP needs (section 2 of source 1)."""
+FREE_JOINT = "free"
+"""Name, before the craft's prefix, of the joint that the loader gives every craft."""
+REFERRING = ("keys", "sensors", "actuators", "tendons", "equalities", "pairs", "excludes", "tuples", "flexes", "skins")
+"""Elements outside the tree of bodies that refer to it."""
+DRAWN_GROUPS = 3
+"""MuJoCo's viewer shows geom groups 0, 1, 2; by convention collision-only geoms are in group 3 and above."""
+
+
+FilePose = tuple[Floats, Floats]
+"""Position (3,) [m] and quaternion (4,) wxyz of the root body in its own file."""
+
+
+class Visual(NamedTuple):
+    """One coloured part of a craft: vertex (V, 3) [m] in the body frame, face (F, 3) outward, rgba (4,) in 0..1."""
+
+    mesh: shapes.Mesh
+    rgba: Floats
+
+
+class CraftModel(NamedTuple):
+    """What a model file says. inertia: (3, 3) [kg m^2] in the body frame about the centre of mass at com_m (3,).
+
+    point_m (K, 3) [m] and normal (K, 3) in the body frame, in the order of the sites' numbers. spec: one rigid root
+    body with a free joint; copied, never moved, by whoever attaches it.
+    """
+
+    path: Path
+    spec: mujoco.MjSpec
+    file_pose: FilePose
+    mass: float
+    com_m: Floats
+    inertia: Floats
+    point_m: Floats
+    normal: Floats
+    visuals: tuple[Visual, ...]
+
+
+@lru_cache(maxsize=64)
+def _load_version(path: Path, modified_ns: int) -> CraftModel:
+    spec, model = _rigid(path)
+    sites = _photodiode_sites(model)
+    if len(sites) < LEAST_PHOTODIODES:
+        raise SwarmError(
+            f"{path}: {len(sites)} photodiodes (sites whose name starts with 'photodiode'), at least "
+            f"{LEAST_PHOTODIODES} are needed for a pose"
+        )
+    turn = matrix_from_quaternion(model.body_iquat[1])
+    return CraftModel(
+        path,
+        spec,
+        _file_pose(model),
+        float(model.body_mass[1]),
+        model.body_ipos[1].copy(),
+        turn @ np.diag(model.body_inertia[1]) @ turn.T,
+        model.site_pos[sites].copy(),
+        matrix_from_quaternion(model.site_quat[sites])[:, :, 2],
+        _visuals(model),
+    )
+
+
+def load_craft(path: Path) -> CraftModel:
+    """Read a craft's MJCF file; read once per process as long as the file does not change.
+
+    Raises SwarmError: no such file, MuJoCo does not compile it (with its message), not exactly one root body, a joint
+    inside the craft, or fewer than four photodiodes.
+    """
+    return _load_version(path.resolve(), _modified_ns(path))
+
+
+def load_static(path: Path) -> tuple[mujoco.MjSpec, FilePose]:
+    """The MJCF of something that does not move, such as the lighthouse: one root body without a joint, and its pose.
+
+    Raises SwarmError as `load_craft` does.
+    """
+    _modified_ns(path)
+    spec, model = _rigid(path, free=False)
+    return spec, _file_pose(model)
+
+
+def visuals(path: Path) -> tuple[Visual, ...]:
+    """What to draw of any model file with one root body, in the root body's frame. Raises SwarmError."""
+    _modified_ns(path)
+    return _visuals(_rigid(path, free=False)[1])
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Keep MuJoCo from printing warnings and writing MUJOCO_LOG.TXT: the caller reads them where they count."""
+    before = mujoco.MjLogConfig.get()
+    mujoco.MjLogConfig().set()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            yield
+    finally:
+        before.set()
+
+
+def _file_pose(model: mujoco.MjModel) -> FilePose:
+    return model.body_pos[1].copy(), model.body_quat[1].copy()
+
+
+def _modified_ns(path: Path) -> int:
+    try:
+        return path.stat().st_mtime_ns
+    except OSError as error:
+        raise SwarmError(f"model file {path} cannot be read: {error.strerror}") from None
+
+
+def _rigid(path: Path, free: bool = True) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
+    """The file's one root body with everything fused into it, and it compiled."""
+    try:
+        with quiet():
+            spec = mujoco.MjSpec.from_file(str(path))
+            roots = spec.worldbody.bodies
+            if len(roots) != 1:
+                names = ", ".join(repr(body.name) for body in roots) or "none"
+                raise SwarmError(f"{path}: exactly one root body is needed, found {len(roots)} ({names})")
+            spec.compile()
+            return spec, _fuse(spec, path, free)
+    except ValueError as error:
+        raise SwarmError(f"{path} does not compile: {' '.join(str(error).split())}") from None
+
+
+def _fuse(spec: mujoco.MjSpec, path: Path, free: bool) -> mujoco.MjModel:
+    root = spec.worldbody.bodies[0]
+    for joint in list(spec.joints):
+        if joint.parent.name != root.name or joint.type != mujoco.mjtJoint.mjJNT_FREE:
+            raise SwarmError(f"{path}: joint {joint.name!r} moves a part; a craft must be one rigid body")
+        spec.delete(joint)
+    # What refers to a body would keep it from being fused, and means nothing to one rigid body.
+    for kind in (
+        "keys",
+        "sensors",
+        "actuators",
+        "tendons",
+        "equalities",
+        "pairs",
+        "excludes",
+        "tuples",
+        "flexes",
+        "skins",
+    ):
+        for element in list(getattr(spec, kind)):
+            spec.delete(element)
+    root = spec.worldbody.bodies[0]
+    root.add_freejoint(name=FREE_JOINT, align=mujoco.mjtAlignFree.mjALIGNFREE_FALSE)
+    spec.fuse_static()
+    if not free:
+        spec.delete(spec.joint(FREE_JOINT))
+    model = spec.compile()
+    if model.nbody != 2:
+        raise SwarmError(f"{path}: body {model.body(2).name!r} cannot be fused with the root body")
+    return model
+
+
+def _photodiode_sites(model: mujoco.MjModel) -> list[int]:
+    """Site indices in the order of the numbers in their names: photodiode2 before photodiode10."""
+    found = []
+    for site in range(model.nsite):
+        name = model.site(site).name
+        if name.startswith("photodiode"):
+            number = re.search(r"\d+", name)
+            found.append((int(number.group()) if number else 0, name, site))
+    return [site for _, _, site in sorted(found)]
+
+
+def _visuals(model: mujoco.MjModel) -> tuple[Visual, ...]:
+    geoms = np.flatnonzero(model.geom_bodyid == 1)
+    drawn = geoms[model.geom_group[geoms] < DRAWN_GROUPS]
+    parts = []
+    for geom in drawn if len(drawn) else geoms:
+        mesh = _mesh(model, int(geom))
+        if mesh is None:
+            continue
+        turn = matrix_from_quaternion(model.geom_quat[geom])
+        material = model.geom_matid[geom]
+        rgba = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
+        moved = shapes.Mesh(mesh.vertex @ turn.T + model.geom_pos[geom], mesh.face)
+        parts.append(Visual(moved, np.array(rgba, dtype=np.float64)))
+    return tuple(parts)
+
+
+def _mesh(model: mujoco.MjModel, geom: int) -> shapes.Mesh | None:
+    """The geom in its own frame; None for what has no closed surface of its own (planes, height fields)."""
+    shape = mujoco.mjtGeom
+    kind, size = shape(int(model.geom_type[geom])), np.array(model.geom_size[geom])
+    if kind in (shape.mjGEOM_MESH, shape.mjGEOM_SDF):
+        mesh = int(model.geom_dataid[geom])
+        first_vertex, first_face = model.mesh_vertadr[mesh], model.mesh_faceadr[mesh]
+        vertex = model.mesh_vert[first_vertex : first_vertex + model.mesh_vertnum[mesh]].astype(np.float64)
+        face = model.mesh_face[first_face : first_face + model.mesh_facenum[mesh]].copy()
+        return shapes.Mesh(vertex, face)
+    if kind == shape.mjGEOM_BOX:
+        return shapes.box(size)
+    if kind == shape.mjGEOM_SPHERE:
+        return shapes.ellipsoid(np.full(3, size[0]))
+    if kind == shape.mjGEOM_ELLIPSOID:
+        return shapes.ellipsoid(size)
+    if kind == shape.mjGEOM_CYLINDER:
+        return shapes.cylinder(size[0], size[1])
+    if kind == shape.mjGEOM_CAPSULE:
+        return shapes.capsule(size[0], size[1])
+    return None

@@ -1,0 +1,281 @@
+"""Where every craft should be: the motions of a scenario as smooth functions of time.
+
+Everything is in the lighthouse frame, SI units. The attitude of a craft on its path p(t) is
+
+    R_l_b(t) = F(p(t)) Rx(yaw) Ry(pitch) Rz(roll + spin t)
+
+with F the facing frame of `swarm.pointing` (body +z towards the lighthouse), or the identity where `facing` is off.
+Tumble and drift are free motions: the reference is their start, carried on at their first rates, and not held.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators import rotation as rot
+from estimators.arrays import Bools, Floats
+from swarm import paths
+from swarm.errors import SwarmError
+from swarm.pointing import facing
+
+Vector = tuple[float, float, float]
+
+DRIFT_PURPOSE = 0x6472696674
+"""Spawn key of the drift's random numbers: "drift"."""
+LEAST_OFF_AXIS_M = 1e-6
+"""Nearer to the lighthouse's y axis than this, "facing with down below" means nothing."""
+BLOCK = 256
+"""Lighthouse periods per block of random draws, so that no period loops over the craft."""
+
+
+@dataclass(frozen=True)
+class Attitude:
+    """How a craft is turned: facing the lighthouse or not, then turned about the body's axes x (yaw), y (pitch), z."""
+
+    facing: bool = True
+    roll_rad: float = 0.0
+    pitch_rad: float = 0.0
+    yaw_rad: float = 0.0
+    spin_rad_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class Hold:
+    """Stay at one place; several craft spread over a square grid perpendicular to z, centred there."""
+
+    position_m: Vector
+    spacing_m: float = 0.0
+    attitude: Attitude = Attitude()
+
+
+@dataclass(frozen=True)
+class Ring:
+    """A circle, the craft spread evenly over it, turning right-handed about its normal at `rate_rad_s`.
+
+    The normal is the lighthouse's z axis turned about its x axis by `tilt_rad`.
+    """
+
+    centre_m: Vector
+    radius_m: float
+    rate_rad_s: float = 0.0
+    tilt_rad: float = 0.0
+    attitude: Attitude = Attitude()
+
+
+@dataclass(frozen=True)
+class Waypoints:
+    """Through the points at the given times, smoothly, from rest to rest; at the first before, at the last after."""
+
+    points_m: tuple[Vector, ...]
+    times_s: tuple[float, ...]
+    attitude: Attitude = Attitude()
+
+
+@dataclass(frozen=True)
+class Approach:
+    """Along a straight corridor from `start_s` at a cruising speed, with a smooth start and stop."""
+
+    from_m: Vector
+    to_m: Vector
+    start_s: float
+    speed_m_s: float
+    attitude: Attitude = Attitude()
+
+
+@dataclass(frozen=True)
+class Tumble:
+    """Free flight and free spin: nothing is held. `angular_rate_rad_s` is in the lighthouse frame."""
+
+    position_m: Vector
+    velocity_m_s: Vector = (0.0, 0.0, 0.0)
+    angular_rate_rad_s: Vector = (0.0, 0.0, 0.0)
+    spacing_m: float = 0.0
+    attitude: Attitude = Attitude()
+
+
+@dataclass(frozen=True)
+class Drift:
+    """White accelerations, constant over each lighthouse period; 1 sigma per axis, the same for every axis."""
+
+    position_m: Vector
+    acceleration_m_s2: float
+    angular_acceleration_rad_s2: float
+    velocity_m_s: Vector = (0.0, 0.0, 0.0)
+    spacing_m: float = 0.0
+    attitude: Attitude = Attitude()
+
+
+Motion = Hold | Ring | Waypoints | Approach | Tumble | Drift
+
+
+@dataclass(frozen=True)
+class Task:
+    """The motion of one craft, and its place among the `count` craft that share it."""
+
+    motion: Motion
+    index: int = 0
+    count: int = 1
+
+
+class Reference(NamedTuple):
+    """Where C craft should be at one instant, lighthouse frame.
+
+    position, velocity, acceleration: (C, 3) [m, m/s, m/s^2]. rotation: (C, 3, 3) R_l_b. angular_rate,
+    angular_acceleration: (C, 3) [rad/s, rad/s^2]. holds_position, holds_attitude: (C,), False where the craft is free.
+    """
+
+    position: Floats
+    velocity: Floats
+    acceleration: Floats
+    rotation: Floats
+    angular_rate: Floats
+    angular_acceleration: Floats
+    holds_position: Bools
+    holds_attitude: Bools
+
+
+class Start(NamedTuple):
+    """How C craft start: position (C, 3) [m], quaternion (C, 4) wxyz, velocity (C, 3), angular_rate (C, 3) [rad/s]."""
+
+    position: Floats
+    quaternion: Floats
+    velocity: Floats
+    angular_rate: Floats
+
+
+class Disturbance(NamedTuple):
+    """What pushes C craft over one period: acceleration (C, 3) [m/s^2], angular_acceleration (C, 3) [rad/s^2]."""
+
+    acceleration: Floats
+    angular_acceleration: Floats
+
+
+class Fleet:
+    """The references of all craft, in the order of the tasks."""
+
+    def __init__(self, tasks: Sequence[Task], seed: int = 0) -> None:
+        """Prepare the paths. seed: of the drift's accelerations. Raises SwarmError where a motion makes no sense."""
+        motions = [task.motion for task in tasks]
+        attitude = [motion.attitude for motion in motions]
+        every = [_path(task) for task in tasks]
+        circles = {i: path for i, path in enumerate(every) if isinstance(path, paths.Circle)}
+        pieces = {i: path for i, path in enumerate(every) if isinstance(path, paths.Pieces)}
+        self._paths: list[tuple[list[int], paths.Path]] = []
+        if circles:
+            self._paths.append((list(circles), paths.Circles(list(circles.values()))))
+        if pieces:
+            self._paths.append((list(pieces), paths.Polynomials(list(pieces.values()))))
+        self._facing: Bools = np.array([a.facing for a in attitude], dtype=np.bool_)
+        angles = np.array([(a.yaw_rad, a.pitch_rad, a.roll_rad) for a in attitude]).reshape(-1, 3, 1)
+        x, y, z = (rot.exp(angles[:, i] * np.eye(3)[i]) for i in range(3))
+        self._offset = x @ y @ z
+        self._spin: Floats = np.array([a.spin_rad_s for a in attitude], dtype=np.float64)
+        self._free: Bools = np.array([isinstance(m, Tumble | Drift) for m in motions], dtype=np.bool_)
+        self._sigma = np.array(
+            [(m.acceleration_m_s2, m.angular_acceleration_rad_s2) if isinstance(m, Drift) else (0, 0) for m in motions]
+        ).reshape(-1, 2, 1)
+        self._seed, self._block, self._draws = seed, -1, np.zeros((BLOCK, len(tasks), 2, 3))
+        for place in self._paths_at(0.0).position[self._facing]:
+            if np.hypot(place[0], place[2]) < LEAST_OFF_AXIS_M:
+                raise SwarmError(
+                    f"a craft at {place.tolist()} m cannot face the lighthouse: it is beside it, on its y axis; "
+                    "move it, or set attitude.facing = false"
+                )
+        start = self._on_path(0.0, self._facing)
+        tumbling = np.array([m.angular_rate_rad_s if isinstance(m, Tumble) else (0, 0, 0) for m in motions])
+        self._start_rotation = start.rotation
+        self._free_rate = self._spin[:, None] * start.rotation[:, :, 2] + tumbling.reshape(-1, 3)
+
+    def at(self, time_s: float) -> Reference:
+        """The reference of every craft at `time_s` [s]."""
+        held = self._on_path(time_s, self._facing & ~self._free)
+        free = self._free[:, None]
+        carried = rot.exp(self._free_rate * time_s) @ self._start_rotation
+        return held._replace(
+            rotation=np.where(free[..., None], carried, held.rotation),
+            angular_rate=np.where(free, self._free_rate, held.angular_rate),
+            angular_acceleration=np.where(free, 0.0, held.angular_acceleration),
+        )
+
+    def start(self) -> Start:
+        """How every craft starts: its reference at time 0."""
+        first = self.at(0.0)
+        quaternion = rot.quaternion_from_matrix(first.rotation)
+        return Start(first.position, quaternion, first.velocity, first.angular_rate)
+
+    def disturbance(self, frame: int) -> Disturbance:
+        """What pushes the drifting craft in lighthouse period `frame`; zero for the others.
+
+        White and normal, drawn per craft from the seed alone: no other craft and no order of calls changes a draw.
+        """
+        if frame // BLOCK != self._block:
+            self._block = frame // BLOCK
+            for craft in np.flatnonzero(self._sigma.any(axis=(1, 2))):
+                key = (DRIFT_PURPOSE, int(craft), self._block)
+                generator = np.random.default_rng(np.random.SeedSequence(self._seed, spawn_key=key))
+                self._draws[:, craft] = generator.standard_normal((BLOCK, 2, 3))
+        push = self._sigma * self._draws[frame % BLOCK]
+        return Disturbance(push[:, 0], push[:, 1])
+
+    def _paths_at(self, time_s: float) -> paths.Motion:
+        out = paths.Motion(*(np.zeros((len(self._free), 3)) for _ in range(3)))
+        for craft, path in self._paths:
+            for part, of_kind in zip(out, path.at(time_s), strict=True):
+                part[craft] = of_kind
+        return out
+
+    def _on_path(self, time_s: float, turned: Bools) -> Reference:
+        """The reference on the paths, with the front towards the lighthouse where `turned`."""
+        count = len(self._free)
+        position, velocity, acceleration = self._paths_at(time_s)
+        frame = np.broadcast_to(np.eye(3), (count, 3, 3)).copy()
+        rate, change = np.zeros((count, 3)), np.zeros((count, 3))
+        frame[turned], rate[turned], change[turned] = facing(position[turned], velocity[turned], acceleration[turned])
+        spin = rot.exp((self._spin * time_s)[:, None] * np.array([0.0, 0.0, 1.0]))
+        rotation = frame @ self._offset @ spin
+        spinning = self._spin[:, None] * rotation[:, :, 2]
+        held = ~self._free
+        return Reference(
+            position,
+            velocity,
+            acceleration,
+            rotation,
+            rate + spinning,
+            # The spin axis is carried round by the frame: d/dt (s z) = w x s z.
+            change + np.cross(rate, spinning),
+            held,
+            held,
+        )
+
+
+def _path(task: Task) -> paths.Circle | paths.Pieces:
+    """The path of one craft."""
+    motion = task.motion
+    match motion:
+        case Hold():
+            return paths.line(_on_grid(motion.position_m, motion.spacing_m, task), (0, 0, 0))
+        case Tumble() | Drift():
+            return paths.line(_on_grid(motion.position_m, motion.spacing_m, task), motion.velocity_m_s)
+        case Ring():
+            phase = 2 * np.pi * task.index / task.count
+            return paths.circle(motion.centre_m, motion.radius_m, motion.rate_rad_s, motion.tilt_rad, phase)
+        case Waypoints():
+            if len(motion.points_m) != len(motion.times_s) or not motion.points_m:
+                raise SwarmError(f"waypoints: {len(motion.points_m)} points_m for {len(motion.times_s)} times_s")
+            if any(b <= a for a, b in zip(motion.times_s, motion.times_s[1:], strict=False)):
+                raise SwarmError(f"waypoints: times_s must increase strictly, got {list(motion.times_s)}")
+            return paths.smooth_through(motion.points_m, motion.times_s)
+        case Approach():
+            if motion.speed_m_s <= 0 or motion.from_m == motion.to_m:
+                raise SwarmError("approach: speed_m_s must be positive, and from_m differ from to_m")
+            return paths.corridor(motion.from_m, motion.to_m, motion.start_s, motion.speed_m_s)
+
+
+def _on_grid(centre_m: Vector, spacing_m: float, task: Task) -> Vector:
+    side = int(np.ceil(np.sqrt(task.count)))
+    rows = -(-task.count // side)
+    row, column = divmod(task.index, side)
+    x, y, z = centre_m
+    return x + (column - (side - 1) / 2) * spacing_m, y + (row - (rows - 1) / 2) * spacing_m, z

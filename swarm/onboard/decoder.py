@@ -1,0 +1,220 @@
+"""Sweep angles from light pulses (1): the timing side of each craft's computer, for C craft side by side.
+
+    theta_x = w (t_x - t_0),   theta_y = w (t_y - t_1),   w = 2 pi times the rotor's rate                        (1)
+
+t_0 and t_1 are the rises of the sync flashes (`swarm.onboard.flashes` says which are believed), t_x and t_y the middles
+of a photodiode's sweep pulses, all in ticks of the craft's own clock: nothing here knows any other. The epoch of a
+period is half a turn after its X flash. Nothing doubtful becomes an angle. Rejected and counted are:
+
+- two pulses of one photodiode in one sweep, both: which of them is the reflection cannot be told from here;
+- sweep pulses outside the field, or of a sweep whose flash is not known;
+- flashes of no known code or not where they should be; pulses of photodiodes that the craft does not have.
+
+Two stations share the light as in Lighthouse 1.0 (modes b and c): both flash every half turn, the second 20 000 ticks
+of 48 MHz after the first, and they take turns sweeping, one turn each; the skip bit says whose turn it is not. A period
+is then two turns, and the decoder follows the station of one `slot`; the other's flashes and sweeps are not counted.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators.arrays import Bools, Floats, Ints
+from estimators.kernel import kernel
+from swarm.onboard.flashes import MAX_FLASHES, Flashes, FlashRecord, Timing, follow, group
+from swarm.pulses import SKIP_BIT, SYNC_WIDTH_S, SYNC_WIDTH_STEP_S, Pulses
+
+SLOT_S = 20000 / 48e6
+"""The second station's flash comes this much after the first's [s]."""
+SYNC_TOLERANCE_S = 150e-6
+"""How far from its expected instant a flash may rise [s]: real ones keep to 12 us, the next slot is 417 us away."""
+FIELD_HALF_ANGLE_RAD = 1.15
+"""Half the field of 120 degrees, and 6 degrees more for what the fans' systematic errors can add [rad]."""
+
+
+class SweepAngles(NamedTuple):
+    """Sweep angles of C craft in one period; see `swarm.onboard.decoder`.
+
+    theta: (C, K, 2) [rad], fans X and Y, from the fan's own flash, NaN where not seen. offset_s: (C, K, 2), the instant
+    of the angle minus the epoch [s], 0 where not seen. lit: (C, K), seen by both fans. epoch_tick: (C,), the epoch in
+    the craft's own ticks, -1 before it has ever locked on. missed_sync: (C,), flashes of this period that a craft
+    which knew when to expect them did not see (0 to 2). rejected: (C,), pulses that belonged to nothing.
+    """
+
+    theta: Floats
+    offset_s: Floats
+    lit: Bools
+    epoch_tick: Ints
+    missed_sync: Ints
+    rejected: Ints
+
+
+@kernel
+def _read_sweeps(
+    pulses: Ints, timing: Timing, flash: Floats, swept: Bools, epoch: int, hits: Ints, theta: Floats, offset: Floats
+) -> int:
+    """Write one craft's angles [rad] and their offsets [ticks], (K, 2); return how many pulses were rejected.
+
+    pulses: (3, P), photodiode, rise and width. flash, swept: (2,), each fan's flash and whether its sweep can be read.
+    hits: (K, 2), scratch.
+    """
+    two_stations = timing.period > 3 * timing.half_turn
+    rejected = 0
+    hits[:] = 0
+    for i in range(pulses.shape[1]):
+        k, rise, width = pulses[0, i], pulses[1, i], pulses[2, i]
+        if width >= timing.shortest_pulse:
+            continue
+        middle = float(rise) + 0.5 * width
+        # With two stations the second turn of the period is the other's.
+        belongs = two_stations and middle > flash[0] + 2 * timing.half_turn
+        for fan in range(2):
+            since = middle - flash[fan]
+            if swept[fan] and timing.sweep_first <= since <= timing.sweep_last:
+                belongs = True
+                hits[k, fan] += 1
+                theta[k, fan] = np.pi * since / timing.half_turn
+                offset[k, fan] = middle - epoch
+        if not belongs:
+            rejected += 1
+    for k in range(len(hits)):
+        for fan in range(2):
+            if hits[k, fan] > 1:
+                theta[k, fan], offset[k, fan] = np.nan, 0.0
+                rejected += hits[k, fan]
+    return rejected
+
+
+@kernel
+def _decode(
+    photodiode: Ints,
+    rise: Ints,
+    width: Ints,
+    total: Ints,
+    present: Bools,
+    timing: Timing,
+    last: Floats,
+    seen: Floats,
+    out: SweepAngles,
+) -> None:
+    """One period of every craft: pulses (C, P); present (C, K); last, seen (C, 2), what each craft remembers."""
+    two_stations = timing.period > 3 * timing.half_turn
+    longest_pulse = timing.code_zero + 7.5 * timing.code_step
+    flashes = Flashes(
+        np.empty(MAX_FLASHES),
+        np.empty(MAX_FLASHES, np.int64),
+        np.empty(MAX_FLASHES, np.int64),
+        np.empty(MAX_FLASHES, np.int64),
+    )
+    swept = np.empty(2, np.bool_)
+    hits = np.empty((present.shape[1], 2), np.int64)
+    own = np.empty((3, photodiode.shape[1]), np.int64)
+    for c in range(len(total)):
+        p = 0
+        for i in range(min(max(total[c], 0), photodiode.shape[1])):
+            k = photodiode[c, i]
+            if 0 <= k < present.shape[1] and present[c, k] and 0 <= width[c, i] <= longest_pulse:
+                own[0, p], own[1, p], own[2, p] = k, rise[c, i], width[c, i]
+                p += 1
+            else:
+                out.rejected[c] += 1
+
+        count, rejected = group(own[1, :p], own[2, :p], timing, flashes)
+        out.rejected[c] += rejected
+        x, y, out.missed_sync[c] = follow(flashes, count, timing, FlashRecord(last[c], seen[c]), swept)
+        if np.isnan(last[c, 0]):
+            out.epoch_tick[c] = -1
+        else:
+            out.epoch_tick[c] = int(np.floor(last[c, 0] + timing.half_turn + 0.5))
+
+        for i in range(count):
+            foreign = flashes.mine[i] == 0 or flashes.code[i] & SKIP_BIT != 0
+            if i != x and i != y and (flashes.code[i] < 0 or not (two_stations and foreign)):
+                out.rejected[c] += flashes.size[i]
+        out.rejected[c] += _read_sweeps(
+            own[:, :p], timing, last[c], swept, out.epoch_tick[c], hits, out.theta[c], out.offset_s[c]
+        )
+
+
+class PulseDecoder:
+    """The timing circuits of C craft: `decode` takes each one's pulses of one period and returns its sweep angles.
+
+    Between calls a craft remembers its last flashes, predicted and seen, in its own ticks, and nothing else.
+    """
+
+    def __init__(
+        self,
+        present: Bools,
+        tick_s: float,
+        *,
+        rate_hz: float = 60.0,
+        frame_s: float | None = None,
+        slot: int = 0,
+        field_half_angle_rad: float = FIELD_HALF_ANGLE_RAD,
+        coast_turns: int = 6,
+    ) -> None:
+        """Decode for the craft that have the photodiodes `present` (C, K), with clocks of nominally `tick_s` [s].
+
+        rate_hz: turns of the rotor per second. frame_s: from one epoch to the next, one turn (the default) with one
+        station, two with two. slot: which station to follow, 0 the one that flashes first. field_half_angle_rad:
+        sweeps further from boresight are not believed. coast_turns: how many turns ahead a flash may be predicted;
+        the prediction errs by 2 pi times the clock's error against the rotor per turn (63 urad at 10 ppm).
+
+        Raises ValueError for a setting that is not one of these.
+        """
+        turn_s = 1 / rate_hz
+        turns = 1 if frame_s is None else round(frame_s * rate_hz)
+        if present.ndim != 2:
+            raise ValueError(f"present must be (C, K), not {present.shape}")
+        if not (tick_s > 0 and rate_hz > 0):
+            raise ValueError(f"tick_s and rate_hz must be positive, not {tick_s} and {rate_hz}")
+        if turns not in (1, 2) or (frame_s is not None and abs(frame_s * rate_hz - turns) > 1e-3):
+            raise ValueError(f"frame_s must be one or two turns of {turn_s:.6f} s, not {frame_s}")
+        if slot not in range(turns):
+            raise ValueError(f"slot must be below {turns}, the number of stations, not {slot}")
+        if not 0 < field_half_angle_rad < np.pi / 2:
+            raise ValueError(f"field_half_angle_rad must lie between 0 and pi/2, not {field_half_angle_rad}")
+        turn = turn_s / tick_s
+        self._present = np.ascontiguousarray(present, dtype=np.bool_)
+        self._tick_s = tick_s
+        self._timing = Timing(
+            half_turn=turn / 2,
+            period=turns * turn,
+            coast=(coast_turns + 0.5) * turn,  # Half a turn more than the last one that counts: jitter does not matter.
+            slot_gap=SLOT_S / tick_s,
+            tolerance=SYNC_TOLERANCE_S / tick_s,
+            sweep_first=(0.25 - field_half_angle_rad / (2 * np.pi)) * turn,
+            sweep_last=(0.25 + field_half_angle_rad / (2 * np.pi)) * turn,
+            shortest_pulse=SYNC_WIDTH_S / tick_s / 2,
+            code_zero=SYNC_WIDTH_S / tick_s,
+            code_step=SYNC_WIDTH_STEP_S / tick_s,
+            slot=float(slot),
+        )
+        self._last = np.full((len(present), 2), np.nan)
+        self._seen = np.full((len(present), 2), np.nan)
+
+    def decode(self, pulses: Pulses) -> SweepAngles:
+        """Advance every craft by one period and read its sweeps: to be called once per period, without exception.
+
+        pulses: of C craft, in order of rise, from shortly before the period's X flash to shortly before the next one's;
+        without any, a craft's epoch advances all the same. Raises ValueError if they are of another number of craft.
+        """
+        craft, photodiodes = self._present.shape
+        if pulses.total.shape != (craft,) or pulses.rise_tick.shape[0] != craft:
+            raise ValueError(f"pulses of {len(pulses.rise_tick)} craft, but the decoder has {craft}")
+        theta, offset = np.full((craft, photodiodes, 2), np.nan), np.zeros((craft, photodiodes, 2))
+        epoch, missed, rejected = (np.zeros(craft, dtype=np.int64) for _ in range(3))
+        out = SweepAngles(theta, offset, np.zeros((craft, photodiodes), dtype=np.bool_), epoch, missed, rejected)
+        _decode(
+            pulses.photodiode.astype(np.int64),
+            pulses.rise_tick.astype(np.int64),
+            pulses.width_tick.astype(np.int64),
+            pulses.total.astype(np.int64),
+            self._present,
+            self._timing,
+            self._last,
+            self._seen,
+            out,
+        )
+        np.multiply(offset, self._tick_s, out=offset)
+        return out._replace(lit=np.isfinite(theta).all(axis=2))

@@ -1,0 +1,145 @@
+"""The sync flashes among one craft's pulses, and where its own record of them says that they should be.
+
+A pulse is part of a flash if it is at least half as long as the shortest flash. Overlapping ones are one flash: it rose
+when the first of them rose and is as long as the longest, because a photodiode in weak light triggers late; its length
+is its code (see `swarm.pulses`). A craft believes flashes as follows:
+
+- It locks on when it sees an X and a Y flash that announce sweeps and lie half a turn apart.
+- Locked, it believes the flash nearest to where the same fan's last one puts it, within `tolerance`. One that is
+  missing is put there, for at most `coast` ticks; after that half a turn from the other fan's if that one was seen;
+  else the fan's sweeps are not read. With neither fan's flash within reach it is no longer locked.
+
+Kernels for one craft; ticks are its own, as floats: exact to half a tick for 2^52 ticks.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators.arrays import Bools, Floats, Ints
+from estimators.kernel import kernel
+from swarm.pulses import FAN_BIT, SKIP_BIT
+
+MAX_FLASHES = 32
+"""Flashes that are told apart per call; two stations make eight, further ones are rejected."""
+
+
+class Timing(NamedTuple):
+    """What a craft knows of the lighthouse, in ticks of its clock.
+
+    half_turn, period: of the rotor; from one X flash to the next that announces a sweep. coast: how long a flash may
+    be predicted. slot_gap: second station after the first. tolerance: of a flash's instant. sweep_first, sweep_last:
+    from a flash, the field. shortest_pulse: of a flash. code_zero, code_step: lengths of flashes. slot: the station's.
+    """
+
+    half_turn: float
+    period: float
+    coast: float
+    slot_gap: float
+    tolerance: float
+    sweep_first: float
+    sweep_last: float
+    shortest_pulse: float
+    code_zero: float
+    code_step: float
+    slot: float
+
+
+class Flashes(NamedTuple):
+    """Flashes of one call, (MAX_FLASHES,) each: rise [ticks]; code, -1 if none; pulses in it; whose it is.
+
+    mine: 1 the followed station's, 0 the other's, -1 its partner, which would tell, is missing.
+    """
+
+    rise: Floats
+    code: Ints
+    size: Ints
+    mine: Ints
+
+
+class FlashRecord(NamedTuple):
+    """One craft's memory, per fan (2,) [ticks], NaN for none: its last flash, predicted or seen; the last one seen."""
+
+    last: Floats
+    seen: Floats
+
+
+@kernel
+def group(rise: Ints, width: Ints, timing: Timing, out: Flashes) -> tuple[int, int]:
+    """Write the flashes among pulses (P,), in order of rise; return their number and that of pulses with no room."""
+    count, rejected, longest = 0, 0, 0.0
+    for i in range(len(rise)):
+        if width[i] < timing.shortest_pulse:
+            continue
+        if count > 0 and float(rise[i]) - out.rise[count - 1] <= longest:
+            longest = max(longest, float(width[i]))
+        elif count < MAX_FLASHES:
+            out.rise[count], out.size[count] = float(rise[i]), 0
+            longest = float(width[i])
+            count += 1
+        else:
+            rejected += 1
+            continue
+        out.size[count - 1] += 1
+        out.code[count - 1] = max(-1, int(np.floor((longest - timing.code_zero) / timing.code_step + 0.5)))
+    two_stations = timing.period > 3 * timing.half_turn
+    for i in range(count):
+        out.mine[i] = -1 if two_stations else 1
+        for j in range(count):
+            gap = out.rise[i] - out.rise[j]
+            same_fan = (out.code[i] ^ out.code[j]) & FAN_BIT == 0
+            if two_stations and same_fan and abs(abs(gap) - timing.slot_gap) <= timing.tolerance:
+                out.mine[i] = 1 if (gap > 0) == (timing.slot == 1) else 0
+    return count, rejected
+
+
+@kernel
+def nearest(fan: int, expected: float, flashes: Flashes, count: int, tolerance: float) -> int:
+    """Index of the fan's flash that rose nearest to `expected` [ticks], -1 if none did within the tolerance."""
+    best, index = tolerance, -1
+    for i in range(count):
+        error = abs(flashes.rise[i] - expected)
+        if flashes.code[i] >= 0 and flashes.code[i] & FAN_BIT == fan and flashes.mine[i] != 0 and error <= best:
+            best, index = error, i
+    return index
+
+
+@kernel
+def first_pair(flashes: Flashes, count: int, timing: Timing) -> tuple[int, int]:
+    """Indices of the first X and Y flash that announce sweeps and lie half a turn apart, (-1, -1) if there are none."""
+    for i in range(count):
+        for j in range(i + 1, count):
+            known = flashes.code[i] >= 0 and flashes.code[j] >= 0 and flashes.mine[i] == 1 and flashes.mine[j] == 1
+            sweeps = (flashes.code[i] | flashes.code[j]) & SKIP_BIT == 0
+            in_order = flashes.code[i] & FAN_BIT == 0 and flashes.code[j] & FAN_BIT == 1
+            apart = abs(flashes.rise[j] - flashes.rise[i] - timing.half_turn) <= timing.tolerance
+            if known and sweeps and in_order and apart:
+                return i, j
+    return -1, -1
+
+
+@kernel
+def follow(flashes: Flashes, count: int, timing: Timing, record: FlashRecord, swept: Bools) -> tuple[int, int, int]:
+    """Advance a craft's record by one period, from this period's flashes; write which fans' sweeps can be read (2,).
+
+    Returns the indices of the X and the Y flash that it believes (-1: not seen), and how many it expected but missed.
+    """
+    record.last[:] += timing.period
+    locked = record.last[0] - record.seen[0] <= timing.coast or record.last[1] - record.seen[1] <= timing.coast
+    if locked:
+        x = nearest(0, record.last[0], flashes, count, timing.tolerance)
+        y = nearest(1, record.last[1], flashes, count, timing.tolerance)
+    else:
+        x, y = first_pair(flashes, count, timing)
+    missed = 0 if np.isnan(record.last[0]) else (x < 0) + (y < 0)
+    for fan, index in ((0, x), (1, y)):
+        if index >= 0:
+            record.last[fan] = record.seen[fan] = flashes.rise[index]
+            swept[fan] = flashes.code[index] & SKIP_BIT == 0
+        else:
+            swept[fan] = record.last[fan] - record.seen[fan] <= timing.coast
+    if x < 0 and y >= 0 and not swept[0]:
+        record.last[0], swept[0] = record.last[1] - timing.half_turn, True
+    if y < 0 and x >= 0 and not swept[1]:
+        record.last[1], swept[1] = record.last[0] + timing.half_turn, True
+    return x, y, missed

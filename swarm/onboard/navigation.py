@@ -1,0 +1,224 @@
+"""One craft's way from sweep angles to its pose, for C craft side by side: PnP, dilution of precision, EKF.
+
+Per lighthouse period and craft:
+
+    angles, less the known errors of the fans            estimators.sweep
+    -> pose at the epoch, LM on (7) from the prediction   estimators.pnp        (searching: from nothing, acquisition)
+    -> H, ADOP, PDOP at that pose (13) to (22)            estimators.dop
+    -> EKF with measurement covariance s^2 H              estimators.pose_filter
+
+A craft is *searching* (no pose), *ambiguous* (more than one pose fits: none is given), *tracking* (this period's pose
+went into the filter) or *coasting* (prediction only: too few photodiodes lit, or the pose was not believed).
+Every craft uses its own angles, layout and filter; nothing in here mixes rows of the craft axis.
+"""
+
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators import rotation as rot
+from estimators.arrays import Bools, Floats, Ints
+from estimators.dop import Dilution, dilution
+from estimators.pnp import PoseSolution, refine
+from estimators.pose_filter import (
+    DEFAULT_ACCELERATION_NOISE_M_S2,
+    DEFAULT_ANGULAR_ACCELERATION_NOISE_RAD_S2,
+    PoseFilterBank,
+)
+from estimators.sweep import FanErrors, correct
+from swarm.layout import Photodiodes
+from swarm.onboard.acquisition import NONE, Hypotheses, Sighting, follow, search
+from swarm.onboard.decoder import SweepAngles
+
+MIN_LIT = 4
+"""Photodiodes that a pose needs (source 1, section 2)."""
+UNKNOWN_RATE = (1.0, 0.5)
+"""1 sigma per axis of a craft's rates before it knows them: angular [rad/s], linear [m/s]."""
+
+
+class Status(IntEnum):
+    """What a craft knows of its pose."""
+
+    SEARCHING = 0
+    TRACKING = 1
+    COASTING = 2
+    AMBIGUOUS = 3
+
+
+@dataclass(frozen=True)
+class NavigationSettings:
+    """What a craft's computer is configured with, in SI units.
+
+    angle_noise_rad and rotor_correlation are s and rho of (18), (19). residual_limit_rad: a worse fit is not a pose.
+    rejections_limit: so many poses in a row refused by the gate mean that the filter is wrong, not they.
+    """
+
+    frame_s: float
+    angle_noise_rad: float
+    rotor_correlation: float
+    motion_compensation: bool = True
+    acceleration_noise_m_s2: float = DEFAULT_ACCELERATION_NOISE_M_S2
+    angular_acceleration_noise_rad_s2: float = DEFAULT_ANGULAR_ACCELERATION_NOISE_RAD_S2
+    gate_probability: float = 0.99999
+    coast_limit_s: float = 2.0
+    residual_limit_rad: float = 5e-3
+    rejections_limit: int = 6
+    search_again_s: float = 0.25
+    fan_x: FanErrors = field(default_factory=FanErrors)
+    fan_y: FanErrors = field(default_factory=FanErrors)
+
+
+class Estimate(NamedTuple):
+    """What C craft know at one epoch; NaN where unknown.
+
+    status: (C,), of `Status`. visible: (C,), photodiodes seen by both fans. pnp: this period's own poses. dilution: at
+    those poses. rotation (C, 3, 3), position (C, 3) [m], angular_rate (C, 3) [rad/s], velocity (C, 3) [m/s] and
+    covariance (C, 12, 12), ordered (attitude, angular rate, position, velocity): the filter's, in the lighthouse frame.
+    nis: (C,), normalised innovation squared of this period's pose. missed_sync, rejected: (C,), from the decoder.
+    """
+
+    status: Ints
+    visible: Ints
+    pnp: PoseSolution
+    dilution: Dilution
+    rotation: Floats
+    position: Floats
+    angular_rate: Floats
+    velocity: Floats
+    covariance: Floats
+    nis: Floats
+    missed_sync: Ints
+    rejected: Ints
+
+
+class Navigator:
+    """The navigation computers of C craft: `step` takes one period's angles of each and returns what each knows."""
+
+    def __init__(self, photodiodes: Photodiodes, settings: NavigationSettings) -> None:
+        """photodiodes: each craft's own layout as it believes it to be (nominal or calibrated)."""
+        craft = photodiodes.craft_count
+        self.settings = settings
+        self._point_m = photodiodes.point_m
+        self._filter = PoseFilterBank(
+            craft,
+            acceleration_noise_m_s2=settings.acceleration_noise_m_s2,
+            angular_acceleration_noise_rad_s2=settings.angular_acceleration_noise_rad_s2,
+            gate_probability=settings.gate_probability,
+        )
+        self._hypotheses: list[Hypotheses] = [NONE] * craft
+        self._since_update_s = np.zeros(craft)
+        self._rejections = np.zeros(craft, dtype=np.int64)
+        self._independent_noise_rad = settings.angle_noise_rad * float(np.sqrt(1 - settings.rotor_correlation))
+
+    def step(self, angles: SweepAngles) -> Estimate:
+        """Advance every craft by one lighthouse period; the result refers to the epoch of `angles`."""
+        s, bank = self.settings, self._filter
+        theta = correct(angles.theta, (s.fan_x, s.fan_y))
+        lit = angles.lit & np.isfinite(theta).all(axis=-1)
+        enough = np.count_nonzero(lit, axis=1) >= MIN_LIT
+
+        bank.predict(s.frame_s, bank.active)
+        found, start_rotation, start_position = self._acquire(theta, lit, angles.offset_s, enough)
+        known = enough & (bank.active | found)
+
+        # The motion within the period, as each craft believes it; a craft that has only just found itself knows none.
+        moves = bank.active[:, None] & np.full((1, 1), s.motion_compensation)
+        angular_rate = np.where(moves, bank.angular_rate, 0.0)
+        velocity = np.where(moves, bank.velocity, 0.0)
+        pnp = refine(
+            theta,
+            lit & known[:, None],
+            self._point_m,
+            start_rotation,
+            start_position,
+            angles.offset_s,
+            angular_rate,
+            velocity,
+        )
+        solved = pnp.solved & (pnp.residual_rad < s.residual_limit_rad)
+        pnp = pnp._replace(solved=solved)
+        precision = dilution(
+            pnp.rotation,
+            pnp.position,
+            lit,
+            self._point_m,
+            angles.offset_s,
+            angular_rate,
+            velocity,
+            s.rotor_correlation,
+            solved,
+        )
+        nis = self._filter_poses(pnp, precision, found)
+        return self._estimate(angles, lit, pnp, precision, nis)
+
+    def _acquire(self, theta: Floats, lit: Bools, offset_s: Floats, enough: Bools) -> tuple[Bools, Floats, Floats]:
+        """Start poses for this period's LM: the prediction, or for a craft without one what a search decided on.
+
+        Returns found (C,), the craft that have just found themselves, and rotation (C, 3, 3), position (C, 3).
+        """
+        bank = self._filter
+        rotation, position = bank.rotation.copy(), bank.position.copy()
+        found = np.zeros(len(enough), dtype=np.bool_)
+        lost = bank.active & enough & (self._since_update_s > self.settings.search_again_s)
+        for i in np.flatnonzero(enough & (lost | ~bank.active)):
+            sighting = Sighting(theta[i], lit[i], self._point_m[i], offset_s[i])
+            noise = self._independent_noise_rad
+            hypotheses = follow(self._hypotheses[i], sighting, noise) if len(self._hypotheses[i].evidence) else NONE
+            if len(hypotheses.evidence) == 0:
+                hypotheses = search(sighting, noise)
+            if hypotheses.decided:
+                rotation[i], position[i] = hypotheses.rotation[0], hypotheses.position[0]
+                found[i] = not bank.active[i]
+                hypotheses = NONE
+            elif bank.active[i] and len(hypotheses.evidence):
+                # After a long coast the prediction itself tells mirror poses apart; the gate has the last word.
+                nearest = int(np.argmin(rot.angle_between(hypotheses.rotation, bank.rotation[i])))
+                rotation[i], position[i] = hypotheses.rotation[nearest], hypotheses.position[nearest]
+                hypotheses = NONE
+            self._hypotheses[i] = hypotheses
+        return found, rotation, position
+
+    def _filter_poses(self, pnp: PoseSolution, precision: Dilution, found: Bools) -> Floats:
+        """Feed this period's poses to the filters, start and stop filters, and return the NIS (C,)."""
+        s, bank = self.settings, self._filter
+        usable = pnp.solved & np.isfinite(precision.pdop_m_per_rad)
+        covariance = s.angle_noise_rad**2 * precision.covariance
+        coupling = precision.rate_coupling if s.motion_compensation else np.zeros_like(precision.rate_coupling)
+
+        update = usable & bank.active
+        result = bank.update(update, pnp.rotation, pnp.position, covariance, coupling)
+
+        start = usable & found
+        bank.start(start, pnp.rotation, pnp.position, covariance, UNKNOWN_RATE, precision.rate_coupling)
+
+        fresh = start | result.accepted
+        self._since_update_s = np.where(fresh, 0.0, self._since_update_s + s.frame_s)
+        self._rejections = np.where(fresh, 0, self._rejections + (update & ~result.accepted))
+        bank.stop(bank.active & ((self._since_update_s > s.coast_limit_s) | (self._rejections >= s.rejections_limit)))
+        nis: Floats = np.where(update, result.nis, np.nan)
+        return nis
+
+    def _estimate(
+        self, angles: SweepAngles, lit: Bools, pnp: PoseSolution, precision: Dilution, nis: Floats
+    ) -> Estimate:
+        bank = self._filter
+        active = bank.active
+        undecided = np.array([len(h.evidence) > 0 for h in self._hypotheses], dtype=np.bool_)
+        status = np.where(undecided, Status.AMBIGUOUS, Status.SEARCHING)
+        status = np.where(active, np.where(self._since_update_s == 0.0, Status.TRACKING, Status.COASTING), status)
+        return Estimate(
+            status=status.astype(np.int64),
+            visible=np.count_nonzero(lit, axis=1),
+            pnp=pnp,
+            dilution=precision,
+            rotation=np.where(active[:, None, None], bank.rotation, np.nan),
+            position=np.where(active[:, None], bank.position, np.nan),
+            angular_rate=np.where(active[:, None], bank.angular_rate, np.nan),
+            velocity=np.where(active[:, None], bank.velocity, np.nan),
+            covariance=np.where(active[:, None, None], bank.covariance, np.nan),
+            nis=nis,
+            missed_sync=angles.missed_sync,
+            rejected=angles.rejected,
+        )

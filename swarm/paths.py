@@ -1,0 +1,153 @@
+"""Paths in space as functions of time, with velocity and acceleration, evaluated for many craft at once.
+
+Two kinds serve every motion. A circle with centre c, unit vectors e1, e2 in its plane, phase a and rate w:
+
+    p = c + r (cos(a + w t) e1 + sin(a + w t) e2)
+
+and pieces of polynomials of degree 5, p = sum_n c_n (t - t_i)^n for t_i <= t < t_(i+1), the first also before t_0.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from scipy.interpolate import PPoly, make_interp_spline
+
+from estimators.arrays import Floats
+
+DEGREE = 5
+RAMP_SHARE = 0.25
+"""Time of a corridor's speeding up, and of its slowing down, as a share of length / cruising speed."""
+
+Vector = tuple[float, float, float]
+
+
+class Motion(NamedTuple):
+    """Position, velocity and acceleration, (C, 3) each [m, m/s, m/s^2]."""
+
+    position: Floats
+    velocity: Floats
+    acceleration: Floats
+
+
+class Path(Protocol):
+    """The paths of C craft."""
+
+    def at(self, time_s: float) -> Motion:
+        """Where they are at `time_s` [s]."""
+
+
+class Circle(NamedTuple):
+    """One circle: centre (3,) [m], first and second (3,) unit vectors of its plane, radius [m], phase [rad], rate."""
+
+    centre: Floats
+    first: Floats
+    second: Floats
+    radius: float
+    phase: float
+    rate: float
+
+
+class Pieces(NamedTuple):
+    """One piecewise polynomial: start (N,) [s], coefficient (N, 6, 3), ascending, of the time since `start`."""
+
+    start: Floats
+    coefficient: Floats
+
+
+class Circles:
+    """Circles of C craft."""
+
+    def __init__(self, singles: list[Circle]) -> None:
+        self._centre, self._first, self._second = (np.array([s[i] for s in singles]) for i in range(3))
+        self._radius, self._phase, self._rate = (np.array([[s[i]] for s in singles]) for i in range(3, 6))
+
+    def at(self, time_s: float) -> Motion:
+        """Where the craft are at `time_s` [s]."""
+        angle = self._phase + self._rate * time_s
+        cosine, sine = self._radius * np.cos(angle), self._radius * np.sin(angle)
+        arm = cosine * self._first + sine * self._second
+        along = cosine * self._second - sine * self._first
+        return Motion(self._centre + arm, self._rate * along, -(self._rate**2) * arm)
+
+
+class Polynomials:
+    """Piecewise polynomials of C craft, padded to the largest number of pieces."""
+
+    def __init__(self, singles: list[Pieces]) -> None:
+        most = max(len(single.start) for single in singles)
+        self._start = np.full((len(singles), most), np.inf)
+        self._coefficient = np.zeros((len(singles), most, DEGREE + 1, 3))
+        for i, single in enumerate(singles):
+            self._start[i, : len(single.start)] = single.start
+            self._coefficient[i, : len(single.start)] = single.coefficient
+
+    def at(self, time_s: float) -> Motion:
+        """Where the craft are at `time_s` [s]."""
+        craft = np.arange(len(self._start))
+        piece = np.sum(time_s >= self._start[:, 1:], axis=1)
+        since = (time_s - self._start[craft, piece])[:, None]
+        coefficient = self._coefficient[craft, piece]
+        position, velocity, acceleration = (np.zeros((len(craft), 3)) for _ in range(3))
+        # Horner's scheme for the polynomial and, along with it, for its derivatives over 1! and 2!.
+        for n in range(DEGREE, -1, -1):
+            acceleration = acceleration * since + velocity
+            velocity = velocity * since + position
+            position = position * since + coefficient[:, n]
+        return Motion(position, velocity, 2 * acceleration)
+
+
+def line(origin: Vector, velocity: Vector) -> Pieces:
+    """A point [m] at time 0 that moves steadily [m/s]."""
+    return Pieces(np.zeros(1), _coefficients([[origin, velocity]]))
+
+
+def circle(centre: Vector, radius: float, rate: float, tilt: float, phase: float) -> Circle:
+    """A circle [m], right-handed at `rate` [rad/s] about z turned by `tilt` [rad] about x; at `phase` [rad] from x."""
+    second = np.array([0.0, np.cos(tilt), np.sin(tilt)])
+    return Circle(np.array(centre), np.array([1.0, 0.0, 0.0]), second, radius, phase, rate)
+
+
+def smooth_through(points: tuple[Vector, ...], times: tuple[float, ...]) -> Pieces:
+    """Through points [m] at increasing times [s], at rest before the first and after the last.
+
+    A quintic spline with zero velocity and acceleration at both ends, hence with continuous acceleration everywhere;
+    through two points it is the minimum-jerk motion. It passes beyond its points where they turn sharply.
+    """
+    first, last = _coefficients([[points[0]]]), _coefficients([[points[-1]]])
+    if len(points) == 1:
+        return Pieces(np.zeros(1), first)
+    still = [(1, np.zeros(3)), (2, np.zeros(3))]
+    spline = make_interp_spline(np.array(times), np.array(points, dtype=np.float64), k=DEGREE, bc_type=(still, still))
+    pieces = PPoly.from_spline(spline)
+    # The spline's end knots are repeated: pieces without length.
+    real = np.flatnonzero(np.diff(pieces.x) > 0)
+    ascending = np.moveaxis(pieces.c[::-1, real], 1, 0)
+    start = np.concatenate([[times[0] - 1.0], pieces.x[real], [times[-1]]])
+    return Pieces(start, np.concatenate([first, ascending, last]))
+
+
+def corridor(origin: Vector, target: Vector, start_s: float, speed: float) -> Pieces:
+    """Straight from `origin` to `target` [m], starting at `start_s` [s], cruising at `speed` [m/s].
+
+    The speed rises and falls as 3 s^2 - 2 s^3 over a quarter of length / speed each, so that the acceleration is
+    continuous; the whole takes 1.25 length / speed.
+    """
+    a, b = np.array(origin, dtype=np.float64), np.array(target, dtype=np.float64)
+    length = float(np.linalg.norm(b - a))
+    v = speed * (b - a) / length
+    ramp = RAMP_SHARE * length / speed
+    cruise = length / speed - ramp
+    zero = np.zeros(3)
+    up = [zero, zero, zero, v / ramp**2, -v / (2 * ramp**3)]
+    down = [zero, v, zero, -v / ramp**2, v / (2 * ramp**3)]
+    starts = start_s + np.array([-1.0, 0.0, ramp, ramp + cruise, 2 * ramp + cruise])
+    pieces = [[a], [a + up[0], *up[1:]], [a + v * ramp / 2, v], [b - v * ramp / 2, *down[1:]], [b]]
+    return Pieces(starts, _coefficients(pieces))
+
+
+def _coefficients(pieces: Sequence[Sequence[Vector | Floats]]) -> Floats:
+    out = np.zeros((len(pieces), DEGREE + 1, 3))
+    for i, piece in enumerate(pieces):
+        out[i, : len(piece)] = piece
+    return out

@@ -1,0 +1,41 @@
+"""Writing to disk so that a kill leaves the old file or the new one, and so that a full disk is one clear message."""
+
+import errno
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from swarm.errors import SwarmError
+
+_ADVICE = {
+    errno.ENOSPC: "the disk is full; what was written before stays readable",
+    errno.EDQUOT: "the disk quota is used up; what was written before stays readable",
+    errno.EROFS: "the file system is read-only; choose another place with --out",
+    errno.EACCES: "no permission to write there; choose another place with --out",
+    errno.EPERM: "no permission to write there; choose another place with --out",
+    errno.ENOTDIR: "a part of the path is a file, not a folder",
+    errno.EEXIST: "a file or a broken link is in its place",
+    errno.ENAMETOOLONG: "the name is too long",
+}
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Turn an OSError of the block, which writes `path`, into a SwarmError that says what failed and where."""
+    try:
+        yield
+    except OSError as error:
+        reason = _ADVICE.get(error.errno or 0) or error.strerror or str(error)
+        raise SwarmError(f"cannot write {path}: {reason}") from error
+
+
+def write_text(path: Path, text: str) -> None:
+    """Replace the file `path` by `text` in one step. Raises SwarmError where it cannot be written."""
+    temporary = path.with_name(path.name + ".tmp")
+    with writing(path):
+        try:
+            temporary.write_text(text, encoding="utf-8")
+            temporary.replace(path)
+        except OSError:
+            temporary.unlink(missing_ok=True)
+            raise

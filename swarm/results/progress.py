@@ -1,0 +1,91 @@
+"""How far a run is: a bar on a terminal, a plain line every few seconds where there is none (a log, a pipe)."""
+
+import time
+from types import TracebackType
+from typing import NamedTuple
+
+from rich.console import Console
+from rich.progress import BarColumn, ProgressColumn, Task, TextColumn, TimeRemainingColumn
+from rich.progress import Progress as RichProgress
+from rich.text import Text
+
+PLAIN_EVERY_S = 5.0
+"""Wall time between two plain lines."""
+WIDE = 76
+"""Columns from which the bar spells its units out."""
+
+
+class Progress(NamedTuple):
+    """Where a run is. time_s of duration_s [s] are simulated; `tracking` of `craft` craft have their pose."""
+
+    time_s: float
+    duration_s: float
+    real_time_factor: float
+    tracking: int
+    craft: int
+
+
+class _Figures(ProgressColumn):
+    """Simulated time, speed and craft tracking, shorter on a narrow terminal."""
+
+    def __init__(self, wide: bool) -> None:
+        super().__init__()
+        self._wide = wide
+
+    def render(self, task: Task) -> Text:
+        p: Progress | None = task.fields["figures"]
+        if p is None:
+            return Text("starting; the first run compiles, ~15 s" if self._wide else "starting (compiles once)")
+        time_s = f"{p.time_s:.1f}/{p.duration_s:g} s"
+        tracking = f"{p.tracking}/{p.craft} tracking"
+        if not self._wide:
+            return Text(f"{time_s} {p.real_time_factor:.1f}x {tracking}")
+        return Text(f"{time_s}  {p.real_time_factor:.1f}x real time  {tracking}")
+
+
+class ProgressDisplay:
+    """Call it with every `Progress`; as a context manager it draws and cleans up."""
+
+    def __init__(self, console: Console, title: str) -> None:
+        """console: where to draw (a terminal's standard error, say). title: what runs."""
+        self._console = console
+        self._title = title
+        self._bar: RichProgress | None = None
+        self._last_line = 0.0
+        if console.is_terminal and not console.is_dumb_terminal:
+            wide = console.width >= WIDE
+            columns: list[ProgressColumn] = [TextColumn("{task.description}", markup=False)] if wide else []
+            columns += [BarColumn(None), _Figures(wide), *([TimeRemainingColumn(compact=True)] if wide else [])]
+            self._bar = RichProgress(*columns, console=console, expand=True, refresh_per_second=5)
+            self._task = self._bar.add_task(title, total=None, figures=None)
+
+    def __enter__(self) -> "ProgressDisplay":
+        if self._bar:
+            self._bar.start()
+        else:
+            self._line("starting; the first run on a machine compiles for about 15 s")
+        return self
+
+    def __call__(self, progress: Progress) -> None:
+        """Show how far the run is."""
+        done = progress.time_s >= progress.duration_s
+        if self._bar:
+            self._bar.update(
+                self._task, completed=progress.time_s, total=progress.duration_s, figures=progress, refresh=done
+            )
+        elif done or time.monotonic() - self._last_line >= PLAIN_EVERY_S:
+            p = progress
+            self._line(
+                f"{p.time_s:.1f} of {p.duration_s:g} s, {p.real_time_factor:.1f} times real time, "
+                f"{p.tracking} of {p.craft} craft tracking"
+            )
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._bar:
+            self._bar.stop()
+
+    def _line(self, text: str) -> None:
+        self._last_line = time.monotonic()
+        self._console.print(f"{self._title}: {text}", markup=False, highlight=False, soft_wrap=True)

@@ -1,0 +1,78 @@
+"""What a run needs of a recording: the scene once, every period as it comes, and a null object for runs without one.
+
+`swarm.results.recording` draws it with rerun, which is imported only by those who record.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.arrays import Floats
+from swarm.layout import Photodiodes
+from swarm.results.telemetry import Errors, Estimate, Peer, Truth
+from swarm.shapes import Mesh
+
+OUTSIDE, BLOCKED, LIT = 0, 1, 2
+"""What a photodiode sees of the lighthouse; the numbers are those of `swarm.sensors.visibility.Sight`."""
+
+Visual = tuple[Mesh, Floats]
+"""One coloured part of a thing: its mesh [m] in the thing's own frame, and rgba (4,) in 0..1."""
+
+
+class Scene(NamedTuple):
+    """What does not change during a run.
+
+    craft: names of the C craft. visuals: parts of each craft in its body frame (none: only its photodiodes are drawn).
+    photodiodes: their layout. lighthouse: parts in the lighthouse frame. field_deg: full width of its field [deg].
+    detail: names of the craft with plots of their own and, in a large swarm, the only ones drawn in detail; if empty,
+    the first.
+    """
+
+    craft: Sequence[str]
+    visuals: Sequence[Sequence[Visual]]
+    photodiodes: Photodiodes
+    lighthouse: Sequence[Visual]
+    field_deg: float
+    detail: Sequence[str] = ()
+
+
+class Period(NamedTuple):
+    """One lighthouse period of C craft at its epoch.
+
+    time_s: the epoch [s]. truth: None in a replay, where craft are drawn at their estimates. sight: (C, K) of OUTSIDE,
+    BLOCKED, LIT. errors: as telemetry computed them. peer: the recorded pose, in a replay.
+    """
+
+    time_s: float
+    frame: int
+    truth: Truth | None
+    estimate: Estimate
+    sight: NDArray[np.integer]
+    errors: Errors
+    peer: Peer | None = None
+
+
+class Recorder(Protocol):
+    """Takes a run's periods in order. notice: what the user should know of it, for instance why there is no viewer."""
+
+    notice: str | None
+
+    def append(self, period: Period) -> None:
+        """Take one period."""
+
+    def close(self) -> None:
+        """Write what is left; the recording can then be opened."""
+
+
+class NullRecording:
+    """Records nothing."""
+
+    notice: str | None = None
+
+    def append(self, period: Period) -> None:
+        """Do nothing."""
+
+    def close(self) -> None:
+        """Do nothing."""

@@ -1,0 +1,113 @@
+"""Everything that a run writes, behind one `append` per period: folder, scenario, telemetry, recording, summary."""
+
+import platform
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarm import __version__
+from swarm.errors import SwarmError
+from swarm.results.progress import Progress
+from swarm.results.recorder import NullRecording, Period, Recorder, Scene
+from swarm.results.run_folder import Run, RunFolder, open_run
+from swarm.results.summary import summarise
+from swarm.results.telemetry import STATUS, Estimate, Peer, Telemetry, Truth, read_telemetry
+from swarm.scenario import Scenario, to_toml
+
+VERSIONS = ("mujoco", "numpy", "scipy", "numba", "filterpy", "rerun-sdk")
+"""What a run's numbers depend on."""
+TRACKING = STATUS.index("tracking")
+
+
+class RunWriter:
+    """Takes the periods of one run. run: that run, opened, once `writing_run` has closed it."""
+
+    run: Run
+
+    def __init__(self, telemetry: Telemetry, recording: Recorder, craft_count: int, duration_s: float) -> None:
+        self.notice = recording.notice
+        self._telemetry, self._recording = telemetry, recording
+        self._craft_count, self._duration_s = craft_count, duration_s
+        self._started_s = time.perf_counter()
+        self._time_s, self._tracking = 0.0, 0
+
+    def append(
+        self,
+        frame: int,
+        time_s: float,
+        truth: Truth | None,
+        sight: NDArray[np.integer],
+        estimate: Estimate,
+        peer: Peer | None = None,
+    ) -> None:
+        """Take one period of all craft at its epoch `time_s` [s]; sight: (C, K), what each photodiode saw."""
+        errors = self._telemetry.append(time_s, frame, truth, estimate, peer)
+        self._recording.append(Period(time_s, frame, truth, estimate, sight, errors, peer))
+        self._time_s, self._tracking = time_s, int(np.count_nonzero(estimate.status == TRACKING))
+
+    @property
+    def progress(self) -> Progress:
+        """How far the run is."""
+        wall_s = time.perf_counter() - self._started_s
+        return Progress(self._time_s, self._duration_s, self._time_s / wall_s, self._tracking, self._craft_count)
+
+
+@contextmanager
+def writing_run(
+    scenario: Scenario,
+    out: str | Path | None,
+    scene: Scene,
+    *,
+    force: bool,
+    duration_s: float,
+    record: bool = True,
+    live: bool = False,
+    replay: bool = False,
+) -> Iterator[RunWriter]:
+    """A run's folder, `runs/<scenario>-<seed>` or `out`, open for the block; closed however the block ends.
+
+    force: replace a run that is there. record: write recording.rrd of `scene`; live: show it meanwhile. replay: there
+    is a peer instead of the truth. A run that is stopped, by Ctrl-C or an error, is summarised as far as it went, marked
+    as interrupted, and what stopped it is raised on. Raises SwarmError where nothing can be written.
+    """
+    with RunFolder.create(scenario.name, scenario.seed, None if out is None else Path(out), force) as folder:
+        folder.write_scenario(to_toml(scenario, versions()))
+        telemetry = Telemetry(folder.path, scene.craft, replay)
+        recording: Recorder = NullRecording()
+        if (record and scenario.recording.enabled) or live:
+            # rerun takes most of a second to import: only who records pays for it.
+            from swarm.results.recording import Recording
+
+            recording = Recording(folder.recording, scene, live=live)
+        writer = RunWriter(telemetry, recording, len(scene.craft), duration_s)
+        try:
+            yield writer
+        except BaseException as stop:
+            # A second failure (the disk is still full) must not hide the first.
+            with suppress(SwarmError, OSError):
+                recording.close()
+                telemetry.close()
+                folder.interrupt(_reason(stop), summarise(read_telemetry(folder.path)))
+            raise
+        recording.close()
+        telemetry.close()
+        folder.finish(summarise(read_telemetry(folder.path)))
+        writer.run = open_run(folder.path)
+
+
+def versions() -> list[str]:
+    """The versions that a run's numbers depend on, a line each."""
+    return [
+        f"lighthouse-swarm {__version__}",
+        f"Python {platform.python_version()}",
+        *(f"{name} {version(name)}" for name in VERSIONS),
+    ]
+
+
+def _reason(stop: BaseException) -> str:
+    return "stopped by the user" if isinstance(stop, KeyboardInterrupt) else str(stop) or type(stop).__name__

@@ -1,0 +1,428 @@
+"""Telemetry: one row per craft and lighthouse period, in columns, on disk while the run is still going.
+
+All poses are body poses in the lighthouse frame at the period's epoch. The errors are active and left,
+R_true = Exp([d]x) R_est and p_true = p_est + dp, and with the 6x6 pose part P of the EKF's covariance
+
+    NEES = e^T P^-1 e,   e = (d, dp),
+
+which has a mean of 6 where the filter is consistent. What is not known is null: never NaN, zero or a default pose.
+
+Rows gather in memory for about two seconds of flight and then become a part of the folder `telemetry.parquet.partial`,
+written under another name and renamed: whatever is there can be opened, however the run ended. `close` streams the
+parts into one `telemetry.parquet`. `read_telemetry` reads either form.
+"""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from estimators.arrays import Bools, Floats, Ints
+from estimators.kernel import kernel
+from estimators.linear import cholesky_into
+from estimators.rotation import quaternion_from_matrix
+from swarm.errors import SwarmError
+from swarm.results.disk import writing
+
+if TYPE_CHECKING:
+    from estimators.dop import Dilution
+    from estimators.pnp import PoseSolution
+
+FILE = "telemetry.parquet"
+PARTS = FILE + ".partial"
+STATUS = ("searching", "tracking", "coasting", "ambiguous")
+"""Names of the status codes 0 to 3."""
+PERIODS_PER_PART = 120
+ROWS_PER_GROUP = 65_536
+"""Rows of a part at most, and of a row group of the final file: about 35 MB."""
+
+
+class Truth(NamedTuple):
+    """The true state of C craft at the epoch, in the lighthouse frame.
+
+    position: (C, 3) [m]. quaternion: (C, 4) wxyz of R_l_b. velocity: (C, 3) [m/s]. angular_rate: (C, 3) [rad/s].
+    contact: (C,), touched something during the period.
+    """
+
+    position: Floats
+    quaternion: Floats
+    velocity: Floats
+    angular_rate: Floats
+    contact: Bools
+
+
+class Peer(NamedTuple):
+    """Somebody else's answer for the same epoch, in a replay; not the truth. NaN where there is none.
+
+    position: (C, 3) [m]. quaternion: (C, 4) wxyz.
+    """
+
+    position: Floats
+    quaternion: Floats
+
+
+class Errors(NamedTuple):
+    """Errors and the EKF's own opinion of them at one epoch, each (C,); NaN where truth or estimate is missing."""
+
+    pnp_position_error_m: Floats
+    pnp_attitude_error_deg: Floats
+    position_error_m: Floats
+    attitude_error_deg: Floats
+    position_sigma_m: Floats
+    attitude_sigma_deg: Floats
+    nees: Floats
+
+
+class Estimate(Protocol):
+    """What telemetry reads of the navigation's estimate at one epoch, lighthouse frame; NaN where unknown."""
+
+    @property
+    def status(self) -> Ints:
+        """(C,) index into STATUS."""
+
+    @property
+    def visible(self) -> Ints:
+        """(C,) photodiodes seen by both fans."""
+
+    @property
+    def pnp(self) -> "PoseSolution":
+        """The PnP solution of this period."""
+
+    @property
+    def dilution(self) -> "Dilution":
+        """Its dilution of precision."""
+
+    @property
+    def rotation(self) -> Floats:
+        """(C, 3, 3) R_l_b."""
+
+    @property
+    def position(self) -> Floats:
+        """(C, 3) [m]."""
+
+    @property
+    def angular_rate(self) -> Floats:
+        """(C, 3) [rad/s]."""
+
+    @property
+    def velocity(self) -> Floats:
+        """(C, 3) [m/s]."""
+
+    @property
+    def covariance(self) -> Floats:
+        """(C, 12, 12) of attitude, angular rate, position, velocity."""
+
+    @property
+    def nis(self) -> Floats:
+        """(C,)."""
+
+    @property
+    def missed_sync(self) -> Ints:
+        """(C,)."""
+
+    @property
+    def rejected(self) -> Ints:
+        """(C,) pulses."""
+
+
+def _column(name: str, kind: pa.DataType, unit: str, meaning: str) -> pa.Field:
+    required = name in ("time_s", "frame", "craft", "status", "visible")
+    return pa.field(name, kind, nullable=not required, metadata={"unit": unit, "meaning": meaning})
+
+
+def _pose(prefix: str, whose: str) -> list[pa.Field]:
+    return [
+        *(_column(f"{prefix}_p{a}_m", pa.float64(), "m", f"{whose}: position, {a}") for a in "xyz"),
+        *(_column(f"{prefix}_q{a}", pa.float64(), "1", f"{whose}: attitude quaternion, {a} (w >= 0)") for a in "wxyz"),
+    ]
+
+
+def _rates(prefix: str, whose: str) -> list[pa.Field]:
+    return [
+        *(_column(f"{prefix}_v{a}_m_s", pa.float64(), "m/s", f"{whose}: velocity, {a}") for a in "xyz"),
+        *(_column(f"{prefix}_w{a}_rad_s", pa.float64(), "rad/s", f"{whose}: angular rate, {a}") for a in "xyz"),
+    ]
+
+
+def schema(replay: bool = False) -> pa.Schema:
+    """Columns in order, each with its `unit` and `meaning` as field metadata; a replay has the peer's pose too."""
+    f64, i16, i32 = pa.float64(), pa.int16(), pa.int32()
+    fields = [
+        _column("time_s", f64, "s", "the epoch: middle of the lighthouse period"),
+        _column("frame", i32, "1", "number of the lighthouse period"),
+        _column("craft", pa.dictionary(i32, pa.string()), "", "name of the craft"),
+        _column("status", pa.dictionary(pa.int8(), pa.string()), "", ", ".join(STATUS)),
+        _column("visible", i16, "1", "photodiodes seen by both fans"),
+        *_pose("true", "truth"),
+        *_pose("pnp", "PnP solution of this period alone"),
+        *_pose("ekf", "filter's estimate"),
+        _column("adop_deg_per_rad", f64, "deg/rad", "attitude dilution of precision, per radian of angle noise (22)"),
+        _column("pdop_m_per_rad", f64, "m/rad", "position dilution of precision, per radian of angle noise (22)"),
+        _column("pnp_iterations", i16, "1", "Levenberg-Marquardt iterations; null where PnP was not attempted"),
+        _column("residual_rad", f64, "rad", "RMS of the PnP solution's angle residuals"),
+        _column("pnp_position_error_m", f64, "m", "distance of the PnP solution from the truth"),
+        _column("pnp_attitude_error_deg", f64, "deg", "angle of the PnP solution from the truth (25)"),
+        _column("position_error_m", f64, "m", "distance of the filter's estimate from the truth"),
+        _column("attitude_error_deg", f64, "deg", "angle of the filter's estimate from the truth (25)"),
+        _column("position_sigma_m", f64, "m", "root of the trace of the filter's position covariance"),
+        _column("attitude_sigma_deg", f64, "deg", "root of the trace of the filter's attitude covariance"),
+        _column("nees", f64, "1", "squared pose error normalised by the filter's covariance, 6 degrees of freedom"),
+        _column("nis", f64, "1", "squared innovation normalised by its covariance, 6 degrees of freedom"),
+        _column("missed_sync", i16, "1", "sync flashes of the period that were predicted instead of seen"),
+        _column("rejected_pulses", i32, "1", "pulses of the period that belonged to nothing"),
+        _column("contact", pa.bool_(), "", "touched something during the period"),
+        *_rates("true", "truth"),
+        *_rates("ekf", "filter's estimate"),
+    ]
+    return pa.schema(fields + (_pose("peer", "pose that came with the recording, not the truth") if replay else []))
+
+
+def column_reference() -> str:
+    """The text of docs/telemetry.md: every column with type, unit and meaning."""
+    lines = [
+        "# telemetry.parquet",
+        "",
+        "One row per craft and lighthouse period, ordered by frame, then craft. Poses are of the craft's body in the",
+        "lighthouse frame (x right, y down, z forward) at the epoch, quaternions wxyz; rates and velocities are in the",
+        "lighthouse frame. What is not known is null, never zero. Numbers in brackets are equations of source 1",
+        "(DOI 10.19650/j.cnki.cjsi.J2311957). In a replay all `true_*` and error columns are null. The file itself has",
+        "`unit` and `meaning` as metadata of each field.",
+        "",
+        "This page is made from the schema (`swarm.results.telemetry.column_reference`).",
+        "",
+        "| column | type | unit | meaning |",
+        "|---|---|---|---|",
+    ]
+    ordinary = len(schema())
+    for i, field in enumerate(schema(replay=True)):
+        kind = "string" if pa.types.is_dictionary(field.type) else str(field.type)
+        unit, meaning = field.metadata[b"unit"].decode(), field.metadata[b"meaning"].decode()
+        lines.append(f"| `{field.name}` | {kind} | {unit} | {meaning}{'; only in a replay' if i >= ordinary else ''} |")
+    return "\n".join(lines) + "\n"
+
+
+@kernel
+def _compare_into(
+    true_quaternion: Floats,
+    true_position: Floats,
+    quaternion: Floats,
+    position: Floats,
+    covariance: Floats,
+    out: Floats,
+) -> None:
+    """Write distance [m], angle [rad] and NEES of C estimates, with covariances (C, 12, 12), into `out` (C, 3)."""
+    state = (0, 1, 2, 6, 7, 8)
+    pose, lower = np.empty((6, 6)), np.zeros((6, 6))
+    e = np.empty(6)
+    for c in range(len(out)):
+        # Exp([d]x) = R_true R_est^T as quaternions: q_true times the conjugate of q_est.
+        aw, ax, ay, az = true_quaternion[c]
+        bw, bx, by, bz = quaternion[c]
+        w = aw * bw + ax * bx + ay * by + az * bz
+        x = -aw * bx + ax * bw - ay * bz + az * by
+        y = -aw * by + ay * bw - az * bx + ax * bz
+        z = -aw * bz + az * bw - ax * by + ay * bx
+        sine = np.sqrt(x * x + y * y + z * z)
+        angle = 2 * np.arctan2(sine, abs(w))
+        scale = (angle / sine if sine > 0 else 2.0) * (-1 if w < 0 else 1)
+        e[0], e[1], e[2] = scale * x, scale * y, scale * z
+        for i in range(3):
+            e[3 + i] = true_position[c, i] - position[c, i]
+        out[c, 0] = np.sqrt(e[3] * e[3] + e[4] * e[4] + e[5] * e[5])
+        out[c, 1] = angle
+        for i in range(6):
+            for j in range(6):
+                pose[i, j] = covariance[c, state[i], state[j]]
+        out[c, 2] = np.nan
+        if cholesky_into(pose, lower):
+            nees = 0.0
+            for i in range(6):
+                for j in range(i):
+                    e[i] -= lower[i, j] * e[j]
+                e[i] /= lower[i, i]
+                nees += e[i] * e[i]
+            out[c, 2] = nees
+
+
+def _errors(truth: Truth | None, estimate: Estimate, pnp_quaternion: Floats, quaternion: Floats) -> Errors:
+    variance = np.diagonal(estimate.covariance, axis1=1, axis2=2)
+    attitude_sigma = np.degrees(np.sqrt(variance[:, 0:3].sum(axis=1)))
+    position_sigma = np.sqrt(variance[:, 6:9].sum(axis=1))
+    pnp, ekf = np.full((2, len(variance), 3), np.nan)
+    if truth is not None:
+        args = truth.quaternion, truth.position
+        _compare_into(*args, pnp_quaternion, estimate.pnp.position, np.full_like(estimate.covariance, np.nan), pnp)
+        _compare_into(*args, quaternion, estimate.position, estimate.covariance, ekf)
+    return Errors(
+        pnp[:, 0], np.degrees(pnp[:, 1]), ekf[:, 0], np.degrees(ekf[:, 1]), position_sigma, attitude_sigma, ekf[:, 2]
+    )
+
+
+_FLOATS = [field.name for field in schema(replay=True) if field.type == pa.float64()]
+_INTS = ["frame", "status", "visible", "pnp_iterations", "missed_sync", "rejected_pulses", "contact"]
+
+
+class Telemetry:
+    """Writes the telemetry of one run into its folder: `append` every period, `close` at the end.
+
+    rows wait in one (columns, rows) block, so that a period is a few slice assignments for all craft at once.
+    """
+
+    def __init__(self, folder: Path, craft: Sequence[str], replay: bool = False) -> None:
+        self._folder, self._craft, self._schema = folder, list(craft), schema(replay)
+        periods = max(1, min(PERIODS_PER_PART, ROWS_PER_GROUP // max(1, len(craft))))
+        self._capacity = periods * len(craft)
+        self._floats = np.full((len(_FLOATS), self._capacity), np.nan)
+        self._ints = np.zeros((len(_INTS), self._capacity), dtype=np.int64)
+        self._rows = self._parts = 0
+        with writing(folder / PARTS):
+            (folder / PARTS).mkdir()
+
+    def append(
+        self, time_s: float, frame: int, truth: Truth | None, estimate: Estimate, peer: Peer | None = None
+    ) -> Errors:
+        """Add one period of all craft (epoch `time_s` [s]) and return its errors. Raises SwarmError on a full disk."""
+        quaternion = quaternion_from_matrix(np.stack([estimate.pnp.rotation, estimate.rotation]))
+        errors = _errors(truth, estimate, quaternion[0], quaternion[1])
+        at = slice(self._rows, self._rows + len(self._craft))
+        missing = np.full((len(self._craft), 7), np.nan)
+
+        def pose(of: Truth | Peer | None) -> Floats:
+            if of is None:
+                return missing
+            return np.concatenate([of.position, np.where(of.quaternion[:, :1] < 0, -1, 1) * of.quaternion], axis=1)
+
+        self._floats[:, at] = np.concatenate(
+            [
+                np.full((len(self._craft), 1), time_s),
+                pose(truth),
+                estimate.pnp.position,
+                quaternion[0],
+                estimate.position,
+                quaternion[1],
+                np.stack(
+                    [
+                        estimate.dilution.adop_deg_per_rad,
+                        estimate.dilution.pdop_m_per_rad,
+                        estimate.pnp.residual_rad,
+                        *errors,
+                        estimate.nis,
+                    ],
+                    axis=1,
+                ),
+                missing[:, :6] if truth is None else np.concatenate([truth.velocity, truth.angular_rate], axis=1),
+                estimate.velocity,
+                estimate.angular_rate,
+                pose(peer),
+            ],
+            axis=1,
+        ).T
+        contact = -1 if truth is None else truth.contact
+        counts = (estimate.status, estimate.visible, estimate.pnp.iterations, estimate.missed_sync, estimate.rejected)
+        for row, value in enumerate((frame, *counts, contact)):
+            self._ints[row, at] = value
+        self._rows += len(self._craft)
+        if self._rows == self._capacity:
+            self._flush()
+        return errors
+
+    def _table(self) -> pa.Table:
+        rows = self._rows
+        floats, ints = dict(zip(_FLOATS, self._floats, strict=True)), dict(zip(_INTS, self._ints, strict=True))
+        names = np.tile(np.arange(len(self._craft), dtype=np.int32), rows // max(1, len(self._craft)))
+        columns: list[pa.Array] = []
+        for field in self._schema:
+            if field.name == "craft":
+                columns.append(pa.DictionaryArray.from_arrays(names, pa.array(self._craft, pa.string())))
+            elif field.name == "status":
+                code = ints["status"][:rows].astype(np.int8)
+                columns.append(pa.DictionaryArray.from_arrays(code, pa.array(STATUS)))
+            elif field.name in ints:
+                value = ints[field.name][:rows]
+                null = {"pnp_iterations": value == 0, "contact": value < 0}.get(field.name)
+                columns.append(pa.array(value.astype(field.type.to_pandas_dtype()), field.type, mask=null))
+            else:
+                value = floats[field.name][:rows]
+                columns.append(pa.array(value, field.type, mask=~np.isfinite(value)))
+        return pa.Table.from_arrays(columns, schema=self._schema)
+
+    def _flush(self) -> None:
+        if not self._rows:
+            return
+        part = self._folder / PARTS / f"part-{self._parts:05d}.parquet"
+        temporary = part.with_suffix(".tmp")
+        with writing(part):
+            pq.write_table(
+                self._table(), temporary, compression="none", use_dictionary=["craft", "status"], write_statistics=False
+            )
+            temporary.replace(part)
+        self._parts += 1
+        self._rows = 0
+
+    def close(self) -> None:
+        """Write what is left and join the parts into one file. Raises SwarmError on a full disk: the parts stay."""
+        self._flush()
+        folder, final = self._folder / PARTS, self._folder / FILE
+        temporary = folder / "joined.tmp"
+        doubles = [field.name for field in self._schema if field.type == pa.float64()]
+        with (
+            writing(final),
+            pq.ParquetWriter(
+                temporary,
+                self._schema,
+                compression="snappy",
+                use_dictionary=["craft", "status"],
+                use_byte_stream_split=doubles,
+                write_statistics=["time_s", "frame"],
+            ) as writer,
+        ):
+            for group in _groups(_part_files(self._folder)):
+                writer.write_table(group, row_group_size=ROWS_PER_GROUP)
+        with writing(final):
+            temporary.replace(final)
+            for part in _part_files(self._folder):
+                part.unlink()
+            folder.rmdir()
+
+
+def _part_files(folder: Path) -> list[Path]:
+    return sorted((folder / PARTS).glob("part-*.parquet"))
+
+
+def _groups(parts: list[Path]) -> Iterator[pa.Table]:
+    """Tables of about one row group each, from parts that may be much smaller."""
+    waiting: list[pa.Table] = []
+    for part in parts:
+        waiting.append(pq.read_table(part))
+        if sum(len(table) for table in waiting) >= ROWS_PER_GROUP:
+            yield pa.concat_tables(waiting)
+            waiting = []
+    if waiting:
+        yield pa.concat_tables(waiting)
+
+
+def read_telemetry(folder: Path, columns: Sequence[str] | None = None) -> pa.Table:
+    """The telemetry of the run in `folder`: the whole, or what a stopped run has left (perhaps no row at all).
+
+    columns: only these, if given. Raises SwarmError where a file is damaged.
+    """
+    file, parts = folder / FILE, _part_files(folder)
+    try:
+        if file.exists():
+            return pq.read_table(file, columns=columns)
+        if parts:
+            return pa.concat_tables([pq.read_table(part, columns=columns) for part in parts])
+    except (OSError, pa.ArrowException) as error:
+        raise SwarmError(f"cannot read the telemetry in {folder}: {error}") from error
+    empty = schema().empty_table()
+    return empty.select(columns) if columns is not None else empty
+
+
+def values(table: pa.Table, name: str) -> NDArray[np.float64]:
+    """A numeric column as doubles, NaN where null."""
+    out: NDArray[np.float64] = table.column(name).cast(pa.float64()).to_numpy()
+    return out

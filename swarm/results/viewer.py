@@ -1,0 +1,71 @@
+"""The rerun viewer as a program beside ours: it listens on 127.0.0.1 only (its own default is every interface)."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from swarm.errors import SwarmError
+
+HOST = "127.0.0.1"
+START_LIMIT_S = 20.0
+
+
+def _command(*arguments: str) -> list[str]:
+    return [sys.executable, "-m", "rerun_cli", *arguments, "--bind", HOST]
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind((HOST, 0))
+        return int(probe.getsockname()[1])
+
+
+def has_display() -> bool:
+    """Whether a window can be opened here."""
+    return not sys.platform.startswith("linux") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def view(path: Path, web: bool = False) -> int:
+    """Show a recording until its viewer is closed, in a window or (`web`) in a browser; the viewer's exit code.
+
+    Raises SwarmError where there is no recording, or no display for a window.
+    """
+    if not path.is_file():
+        raise SwarmError(f"there is no recording {path}; was the run made with the recording off?")
+    if web:
+        ports = "--port", str(_free_port()), "--web-viewer-port", str(_free_port())
+        return subprocess.call(_command(str(path), "--web-viewer", *ports))
+    if not has_display():
+        raise SwarmError(f"no display to open a window on; `swarm view --web {path.parent}` serves it to a browser")
+    return subprocess.call(_command(str(path), "--port", str(_free_port())))
+
+
+def start_live() -> str:
+    """Open an empty viewer and return the address that a recording can stream to. Raises SwarmError where it cannot."""
+    if not has_display():
+        raise SwarmError("no display to open a window on")
+    port = _free_port()
+    # In a session of its own, a Ctrl-C at the terminal stops the run, not the viewer.
+    viewer = subprocess.Popen(
+        _command("--port", str(port), "--expect-data-soon"),
+        start_new_session=True,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    limit = time.monotonic() + START_LIMIT_S
+    while time.monotonic() < limit:
+        if viewer.poll() is not None:
+            raise SwarmError(f"the viewer ended at once, with code {viewer.returncode}")
+        with socket.socket() as probe:
+            if probe.connect_ex((HOST, port)) == 0:
+                return f"rerun+http://{HOST}:{port}/proxy"
+        time.sleep(0.1)
+    if sys.platform == "win32":
+        viewer.kill()
+    else:
+        os.killpg(viewer.pid, signal.SIGTERM)
+    raise SwarmError(f"the viewer did not answer within {START_LIMIT_S:.0f} s")

@@ -1,0 +1,30 @@
+"""The scenario: what a run's file may say, loading it with every mistake named, and writing it out again."""
+
+from swarm.scenario.load import Craft, craft, for_replay, load, validate
+from swarm.scenario.motions import AnyMotion, Approach, Attitude, Drift, Hold, Ring, Tumble, Waypoints
+from swarm.scenario.reference import json_schema, markdown_reference
+from swarm.scenario.schema import Fan, Lighthouse, Navigation, Scenario
+from swarm.scenario.text import to_toml
+
+__all__ = [
+    "AnyMotion",
+    "Approach",
+    "Attitude",
+    "Craft",
+    "Drift",
+    "Fan",
+    "Hold",
+    "Lighthouse",
+    "Navigation",
+    "Ring",
+    "Scenario",
+    "Tumble",
+    "Waypoints",
+    "craft",
+    "for_replay",
+    "json_schema",
+    "load",
+    "markdown_reference",
+    "to_toml",
+    "validate",
+]

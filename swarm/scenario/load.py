@@ -1,0 +1,179 @@
+"""From a file or a shipped name, and `--set key=value`, to a validated scenario with every path made absolute.
+
+All mistakes are collected and told at once, in one `SwarmError`: a line each with file, key, value and limit.
+"""
+
+import re
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from swarm.assets import find_model, find_scenario, lighthouses, models
+from swarm.errors import SwarmError
+from swarm.scenario import mistakes
+from swarm.scenario.mistakes import Problem, dotted, parse_path
+from swarm.scenario.motions import AnyMotion
+from swarm.scenario.schema import Scenario
+
+
+@dataclass(frozen=True)
+class Craft:
+    """One craft of a scenario. index, count: its place among the craft that share its motion."""
+
+    name: str
+    model: Path
+    feedback: str
+    motion: AnyMotion
+    index: int
+    count: int
+
+
+def load(name_or_path: str | Path, overrides: Iterable[str] = (), seed: int | None = None) -> Scenario:
+    """The validated scenario of a file, or of a shipped one by its name.
+
+    overrides: "key=value" with a dotted key and a value as TOML writes it, quotes around plain words left out:
+    "swarm.count=16", "craft[1].motion.from_m=[0, 0, 8]". seed: replaces the file's. Raises SwarmError.
+    """
+    path = find_scenario(str(name_or_path))
+    data = {"name": _name(path.stem), **_read(path)}
+    return validate(data, overrides, seed, file=_shown(path), folder=path.parent)
+
+
+def validate(
+    data: dict[str, Any], overrides: Iterable[str] = (), seed: int | None = None, *, file: str, folder: Path
+) -> Scenario:
+    """The scenario that `data` (as TOML gives it) says. file: its name in messages; folder: where its paths begin."""
+    sources: dict[mistakes.Path, str] = {}
+    for override in overrides:
+        sources[_override(data, override)] = "--set"
+    if seed is not None:
+        data["seed"] = seed
+        sources[("seed",)] = "--seed"
+    problems = list(_resolve_paths(data, folder, sources))
+    try:
+        scenario = Scenario.model_validate(data)
+    except ValidationError as error:
+        problems += mistakes.problems_of(error, data)
+    if problems:
+        raise SwarmError(mistakes.report(problems, data, sources, file))
+    return scenario
+
+
+def for_replay(recording: Path, overrides: Iterable[str] = (), seed: int | None = None) -> Scenario:
+    """The settings of a replay of `recording`: only name, seed, [navigation] and [recording] mean something.
+
+    overrides, seed: as in `load`. Raises SwarmError, also for a key that a replay would ignore.
+    """
+    overrides = list(overrides)
+    for override in overrides:
+        table = parse_path(override.partition("=")[0].strip())[:1]
+        if table not in (("navigation",), ("recording",), ("name",), ("description",)):
+            raise SwarmError(f"--set: {override}: a replay takes only navigation.*, recording.*, name and description")
+    name = _name(recording.name.partition(".")[0])
+    data = {"name": name, "description": f"Replay of {recording.name}"[:200], "swarm": {"count": 1}}
+    return validate(data, overrides, seed, file=_shown(recording), folder=Path.cwd())
+
+
+def craft(scenario: Scenario) -> list[Craft]:
+    """Every craft, the swarm's first, with its model's file."""
+    swarm = scenario.swarm
+    names = scenario.craft_names
+    here = Path()
+    model = find_model(swarm.model, here) if swarm.count else here
+    group = [Craft(names[i], model, swarm.feedback, swarm.motion, i, swarm.count) for i in range(swarm.count)]
+    return group + [
+        Craft(name, find_model(single.model, here), single.feedback, single.motion, 0, 1)
+        for name, single in zip(names[swarm.count :], scenario.craft, strict=True)
+    ]
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except tomllib.TOMLDecodeError as error:
+        where = re.search(r" \(at (?:line (\d+), column (\d+)|end of document)\)$", str(error))
+        what = str(error)[: where.start()] if where else str(error)
+        place = f"line {where[1]}, column {where[2]}" if where and where[1] else "at the end"
+        raise SwarmError(f"{_shown(path)}, {place}: not TOML: {what[:1].lower()}{what[1:]}") from None
+    except UnicodeDecodeError as error:
+        raise SwarmError(f"{_shown(path)}, byte {error.start}: not UTF-8 text, so not a scenario file") from None
+    except OSError as error:
+        raise SwarmError(f"{_shown(path)}: cannot be read: {error.strerror}") from None
+
+
+def _override(data: dict[str, Any], override: str) -> mistakes.Path:
+    """Put "key=value" into `data`; returns where."""
+    key, equals, text = override.partition("=")
+    path = parse_path(key.strip())
+    if not equals or not path:
+        raise SwarmError(f"--set: {override!r} is not key=value, such as swarm.count=16")
+    inner: Any = data
+    for depth, part in enumerate(path):
+        last = depth == len(path) - 1
+        so_far = dotted(path[: depth + 1])
+        if isinstance(part, int):
+            if not isinstance(inner, list) or part >= len(inner):
+                entries = f"has {len(inner)} entries, counted from 0" if isinstance(inner, list) else "is not a list"
+                raise SwarmError(f"--set: {override}: {so_far} does not exist: {dotted(path[:depth])} {entries}")
+        elif not isinstance(inner, dict):
+            index = f"; say which, as in {dotted(path[:depth])}[0].{part}" if isinstance(inner, list) else ""
+            raise SwarmError(f"--set: {override}: {dotted(path[:depth])} is not a table{index}")
+        if last:
+            inner[part] = _value(override, text.strip())
+        else:
+            # Copies on the way down: a default table of the schema or of the caller is never written to.
+            below = inner.get(part, {}) if isinstance(inner, dict) else inner[part]
+            inner[part] = below = below.copy() if isinstance(below, dict | list) else below
+            inner = below
+    return path
+
+
+def _value(override: str, text: str) -> Any:
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        if text and text[0] not in "\"'[{":
+            return text
+        raise SwarmError(f"--set: {override}: the value is not TOML: write a number, true, a word or a list") from None
+
+
+def _resolve_paths(data: dict[str, Any], folder: Path, sources: Mapping[mistakes.Path, str]) -> Iterator[Problem]:
+    """Make the paths of files in `data` absolute, so that a copy of the scenario elsewhere means the same.
+
+    They begin at the scenario's folder; those given with `--set`, where the user types, at the working directory.
+    """
+    single = data.get("craft")
+    indices = range(len(single)) if isinstance(single, list) else ()
+    for path in (("swarm", "model"), *(("craft", i, "model") for i in indices), ("lighthouse", "model")):
+        value = mistakes.value_at(data, path)
+        if isinstance(value, str) and value not in (lighthouses() if path[0] == "lighthouse" else models()):
+            try:
+                found = find_model(value, Path.cwd() if path in sources else folder)
+            except SwarmError as error:
+                yield Problem(2, (path,), str(error))
+            else:
+                mistakes.value_at(data, path[:-1])["model"] = str(found.resolve())
+    path = ("navigation", "calibration")
+    value = mistakes.value_at(data, path)
+    if isinstance(value, str):
+        file = ((Path.cwd() if path in sources else folder) / value).resolve()
+        data["navigation"] = {**data["navigation"], "calibration": str(file)}
+        if not file.is_file():
+            yield Problem(2, (path,), "no such file")
+
+
+def _name(stem: str) -> str:
+    """A file's name as the name of a run: what a folder's or an entity's name may not have becomes a hyphen."""
+    return re.sub(r"[^A-Za-z0-9_.-]+", "-", stem).lstrip("_.-")[:64] or "scenario"
+
+
+def _shown(path: Path) -> str:
+    """The path as its user would type it: relative where it lies below the working directory."""
+    try:
+        return str(path.resolve().relative_to(Path.cwd()))
+    except ValueError:
+        return str(path)

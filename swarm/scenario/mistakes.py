@@ -1,0 +1,236 @@
+"""What is wrong in a scenario, one line per mistake: where, which key, which value, the limit, the nearest right name.
+
+pydantic finds the mistakes; here they are worded for somebody who wrote the file and has never heard of pydantic.
+"""
+
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from difflib import get_close_matches
+from typing import Any, NamedTuple, get_args
+
+from pydantic import ValidationError
+from pydantic_core import ErrorDetails
+
+from swarm.errors import did_you_mean
+from swarm.scenario.motions import Table
+from swarm.scenario.schema import Scenario
+from swarm.scenario.text import toml_value
+
+Path = tuple[str | int, ...]
+"""Where a value sits: ("craft", 1, "motion", "from_m", 0) is craft[1].motion.from_m[0]."""
+
+UNITS = {
+    "deg_s2": "deg/s²",
+    "m_s2": "m/s²",
+    "deg_s": "deg/s",
+    "rad_s": "rad/s",
+    "m_s": "m/s",
+    "hz": "Hz",
+    **{unit: unit for unit in ("arcsec", "arcmin", "deg", "rad", "mm", "cm", "km", "ms", "us", "ns", "m", "s")},
+}
+"""Suffixes of keys, the longer first where one ends with another, and how the unit is written."""
+
+TYPES = {"float": "a number", "int": "a whole number", "bool": "true or false", "string": "a string", "tuple": "a list"}
+LIMITS = {
+    "greater_than": ("above", "gt"),
+    "greater_than_equal": ("at least", "ge"),
+    "less_than": ("below", "lt"),
+    "less_than_equal": ("at most", "le"),
+    "multiple_of": ("a multiple of", "multiple_of"),
+    "string_too_long": ("at most this many letters:", "max_length"),
+}
+
+
+class Problem(NamedTuple):
+    """One mistake. keys: the place, and other places that could be changed instead."""
+
+    rank: int
+    keys: tuple[Path, ...]
+    text: str
+
+
+class Place(NamedTuple):
+    """A path, without pydantic's tags, and the table that its last key belongs to."""
+
+    path: Path
+    table: type[Table]
+
+
+def dotted(path: Path) -> str:
+    """`craft[1].motion.from_m`, as `--set` and the messages write it."""
+    return "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in path).removeprefix(".")
+
+
+def parse_path(key: str) -> Path:
+    """The path that `dotted` writes; `craft.1.motion` is understood too. Empty if `key` is no key."""
+    if not re.fullmatch(r"[\w-]+(\[\d+\]|\.[\w-]+)*", key):
+        return ()
+    return tuple(int(part) if part.isdecimal() else part for part in re.findall(r"[\w-]+", key))
+
+
+def split_unit(key: str) -> tuple[str, str]:
+    """The key without its unit, and the unit as written to a reader (empty if there is none)."""
+    for suffix, unit in UNITS.items():
+        if key.endswith(f"_{suffix}"):
+            return key.removesuffix(f"_{suffix}"), unit
+    return key, ""
+
+
+def tables_of(annotation: Any) -> tuple[type[Table], ...]:
+    """The tables that a field may hold: one, several kinds, or none if it is a value."""
+    if isinstance(annotation, type) and issubclass(annotation, Table):
+        return (annotation,)
+    return tuple(table for part in get_args(annotation) for table in tables_of(part))
+
+
+def kind_of(table: type[Table]) -> str:
+    """The `kind` of a motion, empty for any other table."""
+    kind = table.model_fields.get("kind")
+    return str(get_args(kind.annotation)[0]) if kind else ""
+
+
+def value_at(data: Any, path: Path) -> Any:
+    """What the file says there, or None."""
+    for part in path:
+        try:
+            data = data[part]
+        except (KeyError, IndexError, TypeError):
+            return None
+    return data
+
+
+def report(problems: Iterable[Problem], data: Mapping[str, Any], sources: Mapping[Path, str], file: str) -> str:
+    """One line per mistake, the most telling first. sources: who else than `file` set a path (`--set`)."""
+    lines = []
+    for _, keys, text in sorted(problems, key=lambda p: p.rank):
+        changed = {key: _source(key, sources) for key in keys}
+        path = next((key for key in keys if changed[key]), keys[0])
+        value = value_at(data, path)
+        shown = "" if value is None or isinstance(value, dict) else f" = {_short(toml_value(value))}"
+        lines.append(f"{changed[path] or file}: {dotted(path)}{shown}: {text}")
+    return "\n".join(dict.fromkeys(lines))
+
+
+def problems_of(error: ValidationError, data: Mapping[str, Any]) -> list[Problem]:
+    """Every mistake that pydantic found in `data`, worded."""
+    problems = [p for detail in error.errors(include_url=False) for p in _problems(detail, data)]
+    # A misspelt key is one mistake, not two: the right one is not also "missing".
+    meant = {(*p.keys[0][:-1], name) for p in problems if p.rank == 0 for name in re.findall(r"'(\w+)'", p.text)}
+    return [p for p in problems if not (p.rank == 1 and p.keys[0] in meant)]
+
+
+def _problems(detail: ErrorDetails, data: Mapping[str, Any]) -> Iterator[Problem]:
+    place = _place(detail["loc"])
+    path, kind, context = place.path, detail["type"], detail.get("ctx", {})
+    key = next((p for p in reversed(path) if isinstance(p, str)), "")
+    unit = split_unit(key)[1]
+    inside = isinstance(path[-1], int) if path else False
+    if kind == "between_keys":
+        for text, *keys in context["mistakes"]:
+            yield Problem(4, tuple(path + parse_path(k) for k in keys), text)
+    elif kind == "extra_forbidden":
+        yield Problem(0, (path,), f"unknown key{_meant(str(path[-1]), place.table)}")
+    elif kind == "missing" and not inside:
+        field = place.table.model_fields[key]
+        yield Problem(1, (path,), f"missing{f' (in {unit})' if unit else ''}: {field.description}")
+    elif kind.startswith("union_tag"):
+        kinds = [kind_of(t) for t in tables_of(place.table.model_fields[key].annotation)]
+        guess = did_you_mean(str(context["tag"]), kinds) if "tag" in context else ""
+        must = "must be" if "tag" in context else "missing:"
+        yield Problem(2, ((*path, "kind"),), f"{must} one of {', '.join(map(repr, kinds))}{guess}")
+    elif kind == "literal_error":
+        choices = get_args(place.table.model_fields[key].annotation)
+        guess = did_you_mean(str(detail["input"]), choices) if len(choices) > 1 else ""
+        yield Problem(2, (path,), f"must be {' or '.join(map(repr, choices))}{guess}")
+    elif kind in LIMITS:
+        word, limit = LIMITS[kind]
+        number = f"{context[limit]:g}" if isinstance(context[limit], int | float) else context[limit]
+        yield Problem(3, (path,), f"must be {word} {number}{f' {unit}' if unit else ''}")
+    elif not (kind == "too_short" and detail["input"]):  # otherwise its entries are wrong, and have been told
+        yield Problem(2, (path[:-1] if kind == "missing" else path,), _expected(detail, place, unit))
+
+
+def _expected(detail: ErrorDetails, place: Place, unit: str) -> str:
+    """What should stand there instead of a value of the wrong type."""
+    value, kind, context = detail["input"], detail["type"], detail.get("ctx", {})
+    of_unit = f" in {unit}" if unit else ""
+    if kind == "missing" or (kind in ("too_long", "too_short") and context.get("max_length") == 3):
+        return f"expected a list of three numbers{of_unit}"
+    if kind == "too_short":
+        return "must not be empty"
+    if kind == "finite_number":
+        return f"must be a finite number{of_unit}"
+    if kind == "string_pattern_mismatch":
+        return "must be letters, digits, '-', '_' and '.' only, and begin with a letter or digit"
+    if kind.startswith(("model", "dataclass")):
+        return 'expected a table, such as { kind = "hold" }' if place.path[-1] == "motion" else "expected a table"
+    if kind == "tuple_type" and place.path == ("craft",):
+        return "expected a list of tables: begin each with [[craft]]"
+    name = TYPES.get(kind.partition("_")[0])
+    if name is None:
+        return f"{detail['msg'][:1].lower()}{detail['msg'][1:]}"
+    hint = ""
+    if isinstance(value, str) and (number := re.match(r"\s*[-+]?[\d.]+(e[-+]?\d+)?", value)):
+        same_unit = value[number.end() :].strip() in ("", unit)
+        hint = f"; write {number[0].strip()}" if same_unit else f"; convert it to {unit}"
+    what = "of strings" if place.path[-1] == "detail" else f"of numbers{of_unit}" if name == "a list" else ""
+    return f"expected {name}{f' {what}' if what else of_unit}, not {_type_name(value)}{hint if of_unit else ''}"
+
+
+def _meant(key: str, table: type[Table]) -> str:
+    """A question with the right key: the same name with another unit, a key of another table, or a near name."""
+    fields = table.model_fields
+    stem = split_unit(key)[0]
+    same = [k for k in fields if split_unit(k)[0] == stem] or [k for k in fields if k.startswith(f"{stem}_")]
+    if not same and (elsewhere := _owners(key)):
+        own = f" of kind {kind_of(table)!r}" if kind_of(table) else " here"
+        return f"{own}; it belongs to {' or '.join(elsewhere)}"
+    near = same or get_close_matches(key, fields, n=1, cutoff=0.5)
+    if not near:
+        return did_you_mean(key, fields)
+    unit = split_unit(near[0])[1]
+    return f"; did you mean {near[0]!r}{f' (in {unit})' if unit else ''}?"
+
+
+def _owners(key: str) -> list[str]:
+    """The tables that have this key."""
+    found: list[str] = []
+    waiting: list[tuple[str, type[Table]]] = [("", Scenario)]
+    while waiting:
+        name, table = waiting.pop(0)
+        if key in table.model_fields:
+            found.append(
+                f"kind {kind_of(table)!r}" if kind_of(table) else f"[{name}]" if name else "the top of the file"
+            )
+        waiting += [(k, t) for k, f in table.model_fields.items() for t in tables_of(f.annotation)]
+    return list(dict.fromkeys(found))
+
+
+def _place(loc: Path) -> Place:
+    """Walk down the schema along `loc`, and leave out the tags that pydantic adds for kinds of motion."""
+    table: type[Table] = Scenario
+    inner: tuple[type[Table], ...] = (Scenario,)
+    path: list[str | int] = []
+    for part in loc:
+        if len(inner) > 1:
+            inner = tuple(t for t in inner if kind_of(t) == part)
+            continue
+        path.append(part)
+        if isinstance(part, str) and inner:
+            table = inner[0]
+            field = table.model_fields.get(part)
+            inner = tables_of(field.annotation) if field else ()
+    return Place(tuple(path), table)
+
+
+def _source(path: Path, sources: Mapping[Path, str]) -> str:
+    return next((who for key, who in sources.items() if path[: len(key)] == key), "")
+
+
+def _type_name(value: Any) -> str:
+    names = {bool: "true or false", str: "a string", int: "a number", float: "a decimal", dict: "a table"}
+    return names.get(type(value), "a list" if isinstance(value, list | tuple) else "a date or time")
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= 60 else f"{text[:57]}..."

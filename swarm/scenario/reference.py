@@ -1,0 +1,124 @@
+"""The scenario reference (docs/scenario.md) and the JSON schema for editors, both generated from the models.
+
+`python -m swarm.scenario docs` writes both files; a test asserts that they are up to date.
+"""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, get_args
+
+from annotated_types import Ge, Gt, Le, Lt, MultipleOf
+from pydantic.fields import FieldInfo
+from pydantic_core import PydanticUndefined
+
+from swarm.scenario.mistakes import kind_of, split_unit, tables_of
+from swarm.scenario.motions import Attitude, Table, Vector
+from swarm.scenario.schema import Scenario
+from swarm.scenario.text import toml_value
+
+HEAD = """# The scenario file
+
+A scenario is a TOML file; `swarm list` names those that are shipped, `swarm check FILE` validates one and prints it
+with every default. All keys are optional unless the default says *required*; an unknown key is an error.
+A key carries its unit as a suffix. Positions are metres in the lighthouse frame: x right, y down, z forward, away
+from the lighthouse, which sits at the origin. Every key can be changed for one run, as in
+`--set lighthouse.angle_noise_arcsec=20 --set craft[0].motion.speed_m_s=0.1`.
+
+The shortest useful one:
+
+```toml
+duration_s = 10.0
+
+[swarm]
+count = 4
+motion = { kind = "ring", radius_m = 1.0, rate_deg_s = 5.0 }
+```
+
+Editors complete and check a scenario with `scenario.schema.json`, from which this page comes too: with Taplo
+("Even Better TOML"), begin the file with `#:schema PATH/scenario.schema.json`.
+"""
+
+VECTOR = get_args(Vector)[0]
+
+
+def json_schema() -> dict[str, Any]:
+    """The JSON schema (draft 2020-12) of a scenario file."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **Scenario.model_json_schema()}
+
+
+def markdown_reference() -> str:
+    """The page of every table and key: unit or type, default, limits, meaning."""
+    return "\n".join([HEAD, *_sections()]).rstrip() + "\n"
+
+
+def _sections() -> Iterator[str]:
+    yield from _section("Top of the file", "", Scenario)
+    for key, field in Scenario.model_fields.items():
+        for table in tables_of(field.annotation):
+            yield from _section(f"`[[{key}]]`" if key == "craft" else f"`[{key}]`", key, table)
+            for inner, below in table.model_fields.items():
+                for fan in tables_of(below.annotation) if key == "lighthouse" else ():
+                    yield from _section(f"`[{key}.{inner}]`", key, fan)
+    motions = tables_of(Scenario.model_fields["craft"].annotation)[0].model_fields["motion"]
+    yield "## `motion`\n\nA table of `[swarm]` and of every `[[craft]]`; its `kind` says which of these it is.\n"
+    for table in tables_of(motions.annotation):
+        yield from _section(f'`kind = "{kind_of(table)}"`', "motion", table, level="###")
+    yield from _section("`attitude`", "motion", Attitude, level="###")
+
+
+def _section(title: str, name: str, table: type[Table], level: str = "##") -> Iterator[str]:
+    yield f"{level} {title}\n\n{(table.__doc__ or '').strip()}\n"
+    yield "| key | unit or type | default | limits | meaning |\n|---|---|---|---|---|"
+    for key, field in table.model_fields.items():
+        if key != "kind" and not (name == "" and tables_of(field.annotation)):
+            yield f"| `{key}` | {_type(key, field)} | {_default(field)} | {_limits(field)} | {field.description} |"
+    yield ""
+
+
+def _type(key: str, field: FieldInfo) -> str:
+    unit = split_unit(key)[1]
+    kinds = tables_of(field.annotation)
+    text = str(field.annotation)
+    if kinds:
+        return "table, see [motion](#motion)" if len(kinds) > 1 else "table"
+    if "Literal" in text:
+        return " or ".join(f"`{toml_value(choice)}`" for choice in get_args(field.annotation))
+    if field.annotation == VECTOR:
+        return f"list of x, y, z, {unit}"
+    if "tuple" in text:
+        return f"list of {f'lists of x, y, z, {unit}' if text.count('tuple') > 1 else unit or 'strings'}"
+    for name, word in (("bool", "true or false"), ("str", "string"), ("int", "whole number")):
+        if name in text:
+            return word
+    return unit or "number"
+
+
+def _default(field: FieldInfo) -> str:
+    if field.default is PydanticUndefined:
+        return "*required*"
+    if field.default is None:
+        return "unset"
+    kind = getattr(field.default, "kind", None)
+    return f'kind `"{kind}"`' if kind else "" if isinstance(field.default, Table) else f"`{toml_value(field.default)}`"
+
+
+def _limits(field: FieldInfo) -> str:
+    words = []
+    for limit in field.metadata:
+        for kind, word, name in (
+            (Ge, "≥", "ge"),
+            (Gt, ">", "gt"),
+            (Le, "≤", "le"),
+            (Lt, "<", "lt"),
+            (MultipleOf, "multiple of", "multiple_of"),
+        ):
+            if isinstance(limit, kind):
+                words.append(f"{word} {getattr(limit, name):g}")
+    return ", ".join(words)
+
+
+def write(folder: Path) -> None:
+    """Write scenario.md and scenario.schema.json into `folder`."""
+    (folder / "scenario.md").write_text(markdown_reference(), encoding="utf-8")
+    (folder / "scenario.schema.json").write_text(json.dumps(json_schema(), indent=2) + "\n", encoding="utf-8")

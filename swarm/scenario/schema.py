@@ -1,0 +1,229 @@
+"""What a scenario file may say: one frozen pydantic model per table, extra keys forbidden.
+
+A key carries its unit as a suffix. The description of every field is what the scenario reference, the JSON schema
+for editors and the error messages say about it. Nothing here computes: `swarm.build` turns it into SI settings.
+"""
+
+from collections.abc import Iterator
+from itertools import chain
+from typing import Annotated, Literal
+
+from pydantic import Field, Strict
+
+from swarm.errors import did_you_mean
+from swarm.scenario.motions import AnyMotion, Hold, Mistake, Table
+
+NAME_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_.-]*$"
+
+
+class Craft(Table):
+    """A craft, or what all craft of the swarm share."""
+
+    model: str = Field(default="mockup", description="A model's name (`swarm list`), or the path of an MJCF file.")
+    feedback: Literal["truth", "estimate"] = Field(
+        default="truth", description="What the controller steers by: the true pose, or the craft's own estimate."
+    )
+    motion: AnyMotion = Field(default=Hold(kind="hold"), description="How it moves: a table with a `kind`.")
+
+
+class Swarm(Craft):
+    """Equal craft that share one motion, named craft-0, craft-1, ..."""
+
+    count: int = Field(default=0, ge=0, le=10000, description="How many craft.")
+
+    def between_keys(self) -> Iterator[Mistake]:
+        """No motion that would put all craft at one place."""
+        if self.count > 1 and self.motion.kind in ("waypoints", "approach"):
+            yield (
+                f'must be 0 or 1 where motion.kind = "{self.motion.kind}", which would put all craft at one place; '
+                "give each its own [[craft]] entry",
+                "count",
+                "motion.kind",
+            )
+
+
+class SingleCraft(Craft):
+    """One craft with its own name and motion, beside the swarm."""
+
+    name: str | None = Field(
+        default=None, pattern=NAME_PATTERN, max_length=64, description="Unset: craft-N, counted after the swarm."
+    )
+
+
+class Physics(Table):
+    """The simulation of the craft's bodies."""
+
+    steps_per_period: int = Field(
+        default=8, ge=4, le=256, multiple_of=4, description="MuJoCo steps per lighthouse period; a multiple of 4."
+    )
+
+
+class Fan(Table):
+    """Systematic errors of one fan, all zero for a perfect one: equation (E) of `estimators.sweep` has the signs."""
+
+    phase_rad: float = Field(default=0.0, ge=-0.5, le=0.5, description="Constant error; positive lowers the angle.")
+    tilt_rad: float = Field(
+        default=0.0,
+        ge=-0.5,
+        le=0.5,
+        description="Skew of the fan; positive lowers the angle where the other coordinate is > 0.",
+    )
+    curve: float = Field(
+        default=0.0, ge=-0.5, le=0.5, description="Bend; positive raises the angle at both ends of the fan."
+    )
+    gibbous_phase_rad: float = Field(default=0.0, ge=-6.3, le=6.3, description="Phase of the once-per-turn error.")
+    gibbous_magnitude: float = Field(default=0.0, ge=-0.5, le=0.5, description="Size of the once-per-turn error.")
+
+
+class Lighthouse(Table):
+    """The emitter, and how the photodiodes and timing circuits see it."""
+
+    model: str = Field(
+        default="lighthouse", description="The model that is drawn: a name, or the path of an MJCF file."
+    )
+    rate_hz: float = Field(
+        default=60.0, gt=0, le=1000, description="Turns per second: one period is one sweep of each fan."
+    )
+    angle_noise_arcsec: float = Field(
+        default=8.8, ge=0, le=3600, description="Random error of one sweep angle, 1 sigma."
+    )
+    rotor_correlation: float = Field(
+        default=0.8717,
+        ge=0,
+        le=1,
+        description="Share of the noise's variance that comes from the rotor: common to all photodiodes of a sweep.",
+    )
+    sync_jitter_ns: float = Field(
+        default=0.0, ge=0, le=1e5, description="Jitter of the flash that announces a sweep, 1 sigma."
+    )
+    tick_ns: float = Field(default=20.0, gt=0, le=1e4, description="Resolution of the craft's timing circuit.")
+    field_deg: float = Field(default=120.0, gt=0, le=170, description="Full width of the field in each axis.")
+    range_min_m: float = Field(default=0.3, ge=0, le=1000, description="Photodiodes nearer than this see nothing.")
+    range_max_m: float = Field(default=20.0, gt=0, le=1000, description="Photodiodes farther than this see nothing.")
+    incidence_max_deg: float = Field(
+        default=80.0, gt=0, le=90, description="Largest angle between a photodiode's normal and the light."
+    )
+    photodiode_diameter_mm: float = Field(default=3.0, gt=0, le=50, description="Sets the width of the sweep pulses.")
+    mounting_error_mm: float = Field(
+        default=0.0, ge=0, le=50, description="Photodiodes off their place, 1 sigma per axis, drawn once."
+    )
+    missed_sync_probability: float = Field(default=0.0, ge=0, le=1, description="A craft misses a flash, per flash.")
+    lost_pulse_probability: float = Field(
+        default=0.0, ge=0, le=1, description="A photodiode misses a sweep, per sweep."
+    )
+    stray_pulse_rate_hz: float = Field(default=0.0, ge=0, le=1e5, description="Pulses out of nowhere, per craft.")
+    fan_x: Fan = Field(
+        default=Fan(), description="Systematic errors of the fan that turns about the y axis (measures x/z)."
+    )
+    fan_y: Fan = Field(
+        default=Fan(), description="Systematic errors of the fan that turns about the x axis (measures y/z)."
+    )
+
+    def between_keys(self) -> Iterator[Mistake]:
+        """The range is not empty."""
+        if self.range_min_m >= self.range_max_m:
+            yield (
+                f"range_min_m ({self.range_min_m} m) must be below range_max_m ({self.range_max_m} m)",
+                "range_min_m",
+                "range_max_m",
+            )
+
+
+class Navigation(Table):
+    """What every craft computes on board."""
+
+    filter: Literal["filterpy"] = Field(default="filterpy", description="The extended Kalman filter that runs.")
+    motion_compensation: bool = Field(
+        default=True,
+        description="Refer every angle to its own instant; false: one period is one instant, as the paper does.",
+    )
+    angle_noise_arcsec: float | None = Field(
+        default=None,
+        gt=0,
+        le=3600,
+        description="What the craft believe; never less than their ticks' rounding. Unset: the lighthouse's.",
+    )
+    rotor_correlation: float | None = Field(
+        default=None, ge=0, le=1, description="What the craft believe. Unset: the lighthouse's."
+    )
+    acceleration_noise_m_s2: float = Field(
+        default=0.2, gt=0, le=100, description="Process noise: white acceleration, 1 sigma per axis and period."
+    )
+    angular_acceleration_noise_deg_s2: float = Field(
+        default=11.459,
+        gt=0,
+        le=36000,
+        description="Process noise: white angular acceleration, 1 sigma per axis and period.",
+    )
+    gate_probability: float = Field(
+        default=0.99999, gt=0.5, lt=1, description="Share of good measurements that the innovation gate lets pass."
+    )
+    coast_limit_s: float = Field(
+        default=2.0, ge=0, le=3600, description="How long a craft predicts without light before it searches again."
+    )
+    calibration: str | None = Field(
+        default=None,
+        description="File with the fans' systematic errors that the craft remove; relative to this file. Unset: none.",
+    )
+
+
+class Recording(Table):
+    """The recording for the viewer."""
+
+    enabled: bool = Field(default=True, description="Whether a recording is written.")
+    detail: Annotated[tuple[str, ...], Strict(False)] = Field(
+        default=(), description="Craft drawn in full detail in a large swarm, by name. Empty: the first."
+    )
+
+
+class Scenario(Table):
+    """One run: the craft, how they move, the lighthouse that they see, and what they compute on board."""
+
+    name: str = Field(
+        default="scenario",
+        pattern=NAME_PATTERN,
+        max_length=64,
+        description="Names the run's folder. Unset: the file's name.",
+    )
+    description: str = Field(default="", max_length=200, description="One line; `swarm list` shows it.")
+    duration_s: float = Field(default=30.0, gt=0, le=86400, description="Simulated time.")
+    seed: int = Field(default=0, ge=0, lt=10**18, description="Every random draw follows from it.")
+    physics: Physics = Field(default=Physics(), description="The simulation of the bodies.")
+    lighthouse: Lighthouse = Field(
+        default=Lighthouse(), description="The emitter, and what photodiodes make of its light."
+    )
+    navigation: Navigation = Field(default=Navigation(), description="What every craft computes on board.")
+    swarm: Swarm = Field(default=Swarm(), description="Equal craft that share one motion.")
+    craft: Annotated[tuple[SingleCraft, ...], Strict(False)] = Field(
+        default=(), description="Single craft beside the swarm, one [[craft]] each."
+    )
+    recording: Recording = Field(default=Recording(), description="The recording for the viewer.")
+
+    @property
+    def craft_names(self) -> tuple[str, ...]:
+        """All names: the swarm's first, then those of [[craft]]."""
+        swarm = self.swarm.count
+        single = (c.name or f"craft-{i}" for i, c in enumerate(self.craft, start=swarm))
+        return tuple(chain((f"craft-{i}" for i in range(swarm)), single))
+
+    def between_keys(self) -> Iterator[Mistake]:
+        """There is a craft, names are distinct, named craft exist, and waypoints begin before the run ends."""
+        names = self.craft_names
+        if not names:
+            yield "there is no craft at all: set swarm.count, or add a [[craft]] entry", "swarm.count"
+        for i in range(self.swarm.count, len(names)):
+            if names[i] == "lighthouse":
+                yield "is the name of the lighthouse itself", f"craft[{i - self.swarm.count}].name"
+            if names[i] in names[:i]:
+                yield "another craft has this name", f"craft[{i - self.swarm.count}].name"
+        for i, name in enumerate(self.recording.detail):
+            if name not in names:
+                yield f"no craft has this name{did_you_mean(name, names)}", f"recording.detail[{i}]"
+        for key, group in (("swarm", self.swarm), *((f"craft[{i}]", c) for i, c in enumerate(self.craft))):
+            motion = group.motion
+            if motion.kind == "waypoints" and motion.times_s[0] >= self.duration_s:
+                yield (
+                    f"the first time must lie within the run (duration_s = {self.duration_s})",
+                    f"{key}.motion.times_s",
+                    "duration_s",
+                )

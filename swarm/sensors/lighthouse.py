@@ -1,0 +1,243 @@
+"""The lighthouse: two turning fans and two flashes per period, and the pulses that every craft logs of them.
+
+Lighthouse frame: x right, y down, looking along +z. In the period that starts at t_k = frame / rate, fan X passes its
+zero at t_k and fan Y at t_k + T/2. A photodiode, moving with its craft, is hit by a fan at the instant t that solves
+
+    measured(p(t)) + rotor error + own error = w (t - t_0),    w = 2 pi / T            (1), with (E) of estimators.sweep
+
+p(t) interpolated between the physics' knots as MuJoCo moves: a straight line and a turn at constant rate. Errors of
+one standard deviation s per angle: the rotor's part sqrt(rho) s is one draw per fan and sweep for the whole swarm, the
+own part sqrt(1 - rho) s one per photodiode, fan and sweep (19). Jitter shifts the flash, not the rotor.
+
+What a craft logs, in ticks of its own clock (an unknown offset, no drift):
+- flash: rises at t_0 + jitter, as long as its fan's code says; seen by every photodiode in that fan's line of sight;
+- sweep: centred on the crossing, as long as the fan takes to pass the photodiode's face, a disc: diameter times the
+  foreshortening along the fan's motion, over the distance from the rotor's axis, over w. The rise is rounded such that
+  rise + width / 2 is within half a tick of the crossing. Nearer than 0.25 m the sweep over a 3 mm face is longer than
+  half a flash, and a decoder cannot tell it from one.
+Light's travel time (67 ns at 20 m) is left out: it delays flash and sweep alike.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from estimators.arrays import Bools, Floats, Ints
+from estimators.sweep import FanErrors, kernel_errors
+from swarm.layout import Photodiodes
+from swarm.pulses import SYNC_WIDTH_S, SYNC_WIDTH_STEP_S, Pulses
+from swarm.sensors.crossing import cross_into, pack_into
+
+BLOCK = 64
+"""Frames whose random numbers are drawn at once."""
+STRAY_WIDTH_MAX_S = SYNC_WIDTH_S / 10
+"""Longest stray pulse [s]."""
+
+
+@dataclass(frozen=True)
+class LighthouseSettings:
+    """The station and the photodiodes' circuit, in SI units; noise and jitter are standard deviations."""
+
+    rate_hz: float
+    angle_noise_rad: float
+    rotor_correlation: float
+    sync_jitter_s: float
+    tick_s: float
+    field_rad: float
+    range_min_m: float
+    range_max_m: float
+    incidence_max_rad: float
+    photodiode_diameter_m: float
+    mounting_error_m: float
+    missed_sync_probability: float
+    lost_pulse_probability: float
+    stray_pulse_rate_hz: float
+    fan_x: FanErrors
+    fan_y: FanErrors
+
+
+class Motion(Protocol):
+    """What the lighthouse needs of `swarm.world.PeriodTruth`: knots over the period, in the lighthouse frame."""
+
+    @property
+    def time_s(self) -> Floats:
+        """(n + 1,) [s], from the period's start to its end."""
+
+    @property
+    def position(self) -> Floats:
+        """(n + 1, C, 3) [m]."""
+
+    @property
+    def quaternion(self) -> Floats:
+        """(n + 1, C, 4) wxyz."""
+
+
+class Purpose(IntEnum):
+    """What a random stream is for: the second number of its spawn key."""
+
+    MOUNTING = 0
+    CLOCK = 1
+    ROTOR = 2
+    SYNC = 3
+    ANGLE = 4
+    MISSED = 5
+    LOST = 6
+    STRAY = 7
+
+
+_LIGHTHOUSE = 0x4C48
+"""First number of all spawn keys here, so that no other room's stream has the same."""
+
+
+class _Draws(NamedTuple):
+    """Random numbers of one block of B frames; angles are standard normal, strays uniform in [0, 1)."""
+
+    rotor: Floats  # (B, 2)
+    sync: Floats  # (B, 2)
+    angle: Floats  # (B, C, K, 2)
+    missed: Bools  # (B, C, 2)
+    lost: Bools  # (B, C, K, 2)
+    strays: Ints  # (B, C)
+    stray: Floats  # (B, C, S, 3): photodiode, instant, width
+
+
+class Lighthouse:
+    """Pulses of every craft, period by period; the same for the same frame, in whatever order frames are asked.
+
+    A draw depends on the seed, its purpose, the craft's key, its number of photodiodes and the frame: not on what is
+    lit, other craft, their number, padding, or the strength of any error.
+    """
+
+    photodiodes: Photodiodes
+    """Where the photodiodes really are: the drawn layout plus the mounting error."""
+    clock_offset_tick: Floats
+    """(C,) what each craft's clock shows at time zero [ticks]; a craft never learns it."""
+
+    def __init__(
+        self, layout: Photodiodes, settings: LighthouseSettings, seed: int, craft_keys: Sequence[int] | None = None
+    ) -> None:
+        """Take the drawn layout and, if craft may change places, one number >= 0 per craft that names it for good."""
+        self.settings = settings
+        self._seed = seed
+        self._keys = list(range(layout.craft_count)) if craft_keys is None else [int(key) for key in craft_keys]
+        if len(set(self._keys)) != layout.craft_count:
+            raise ValueError(f"{layout.craft_count} different craft keys needed, not {self._keys}")
+        self._count = layout.present.sum(axis=1)
+        self._errors = kernel_errors((settings.fan_x, settings.fan_y))
+        point = layout.point_m.copy()
+        offset = np.empty(layout.craft_count)
+        for i, key in enumerate(self._keys):
+            mounting = self._stream(Purpose.MOUNTING, key).standard_normal((self._count[i], 3))
+            point[i, layout.present[i]] += settings.mounting_error_m * mounting
+            # Up to 20 min of ticks, and never so few that a jitter in frame 0 makes them negative.
+            offset[i] = self._stream(Purpose.CLOCK, key).uniform(1e6, 1e6 + 1200.0 / settings.tick_s)
+        self.photodiodes = layout._replace(point_m=point)
+        self.clock_offset_tick = offset
+        self._block = -1
+        self._draws: _Draws | None = None
+
+    def sweep(self, truth: Motion, frame: int, lit: Bools) -> Pulses:
+        """Pulses of the period `frame` with motion `truth`; `lit` (C, K, 2): in line of sight as fan X, Y sweeps."""
+        settings, true = self.settings, self.photodiodes
+        shape = (*true.present.shape, 2)
+        if lit.shape != shape:
+            raise ValueError(f"lit must have shape {shape}, not {lit.shape}")
+        if truth.position.shape[1:] != (true.craft_count, 3) or truth.quaternion.shape[1:] != (true.craft_count, 4):
+            raise ValueError(f"motion of {true.craft_count} craft needed, not {truth.position.shape}")
+        draws, i = self._drawn(frame)
+        period = 1 / settings.rate_hz
+        rho, noise = settings.rotor_correlation, settings.angle_noise_rad
+        angle_error = noise * (np.sqrt(rho) * draws.rotor[i] + np.sqrt(1 - rho) * draws.angle[i])
+        instant, width = np.full(shape, np.nan), np.full(shape, np.nan)
+        cross_into(
+            np.ascontiguousarray(truth.time_s - truth.time_s[0]),
+            np.ascontiguousarray(truth.position),
+            np.ascontiguousarray(truth.quaternion),
+            true.point_m,
+            true.normal,
+            lit,
+            angle_error,
+            self._errors,
+            period,
+            settings.photodiode_diameter_m,
+            instant,
+            width,
+        )
+        flash = np.array([0.0, period / 2]) + settings.sync_jitter_s * draws.sync[i]
+        flash_width = (SYNC_WIDTH_S + SYNC_WIDTH_STEP_S * np.arange(2)) / settings.tick_s
+        # A stray: which of its photodiodes, which instant of the period, how long.
+        scale = np.stack([self._count, np.full(shape[0], period), np.full(shape[0], STRAY_WIDTH_MAX_S)], axis=-1)
+        stray = draws.stray[i] * scale[:, None, :]
+        most = 4 * shape[1] + stray.shape[1]
+        pulses = Pulses(
+            np.full((shape[0], most), -1, dtype=np.int16),
+            np.zeros((shape[0], most), dtype=np.int64),
+            np.zeros((shape[0], most), dtype=np.int32),
+            np.zeros(shape[0], dtype=np.int32),
+        )
+        pack_into(
+            lit & ~draws.missed[i][:, None, :],
+            instant,
+            width,
+            draws.lost[i],
+            draws.strays[i],
+            stray,
+            flash,
+            np.rint(flash_width).astype(np.int64),
+            self.clock_offset_tick + frame * period / settings.tick_s,
+            settings.tick_s,
+            pulses.photodiode,
+            pulses.rise_tick,
+            pulses.width_tick,
+            pulses.total,
+        )
+        used = int(pulses.total.max(initial=0))
+        photodiode, rise, wide, total = pulses
+        return Pulses(photodiode[:, :used], rise[:, :used], wide[:, :used], total)
+
+    def _stream(self, purpose: Purpose, *key: int) -> np.random.Generator:
+        return np.random.default_rng(np.random.SeedSequence(self._seed, spawn_key=(_LIGHTHOUSE, purpose, *key)))
+
+    def _drawn(self, frame: int) -> tuple[_Draws, int]:
+        """The block of random numbers that `frame` is in, and its place there."""
+        block, place = divmod(frame, BLOCK)
+        if self._draws is None or block != self._block:
+            self._block, self._draws = block, self._draw(block)
+        return self._draws, place
+
+    def _draw(self, block: int) -> _Draws:
+        settings, present = self.settings, self.photodiodes.present
+        craft, most = present.shape
+        angle = np.zeros((BLOCK, craft, most, 2))
+        missed = np.zeros((BLOCK, craft, 2), dtype=np.bool_)
+        lost = np.zeros((BLOCK, craft, most, 2), dtype=np.bool_)
+        strays = np.zeros((BLOCK, craft), dtype=np.int64)
+        stray = []
+        for i, key in enumerate(self._keys):
+            own = (BLOCK, int(self._count[i]), 2)
+            angle[:, i, present[i]] = self._stream(Purpose.ANGLE, key, block).standard_normal(own)
+            if settings.missed_sync_probability > 0:
+                chance = self._stream(Purpose.MISSED, key, block).random((BLOCK, 2))
+                missed[:, i] = chance < settings.missed_sync_probability
+            if settings.lost_pulse_probability > 0:
+                chance = self._stream(Purpose.LOST, key, block).random(own)
+                lost[:, i, present[i]] = chance < settings.lost_pulse_probability
+            if settings.stray_pulse_rate_hz > 0 and self._count[i] > 0:
+                stream = self._stream(Purpose.STRAY, key, block)
+                strays[:, i] = stream.poisson(settings.stray_pulse_rate_hz / settings.rate_hz, BLOCK)
+                stray.append((i, stream.random((BLOCK, int(strays[:, i].max()), 3))))
+        padded = np.zeros((BLOCK, craft, int(strays.max(initial=0)), 3))
+        for i, drawn in stray:
+            padded[:, i, : drawn.shape[1]] = drawn
+        return _Draws(
+            self._stream(Purpose.ROTOR, block).standard_normal((BLOCK, 2)),
+            self._stream(Purpose.SYNC, block).standard_normal((BLOCK, 2)),
+            angle,
+            missed,
+            lost,
+            strays,
+            padded,
+        )

@@ -1,0 +1,90 @@
+"""What a tracked object's own configuration says: where its photodiodes sit, on which channels, and where its head is.
+
+The JSON of a libsurvive recording's CONFIG line, as the manufacturer stored it in the object. Model frame b: that of
+`modelPoints` [m]. Poses that libsurvive gives out are of the head frame h, given either as the quaternion (x, y, z, w)
+and position of `trackref_from_head`, or as the axes and position of `head`; without either, h is b.
+"""
+
+import json
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from estimators import rotation as rot
+from estimators.arrays import Floats
+from swarm.errors import SwarmError, did_you_mean
+
+
+class TrackedObject(NamedTuple):
+    """One object: point_m (K, 3) [m], unit normal (K, 3), channels (K), and the head's pose in the model frame.
+
+    head_rotation (3, 3) R_b_h and head_position (3,) [m].
+    """
+
+    point_m: Floats
+    normal: Floats
+    channels: list[int]
+    head_rotation: Floats
+    head_position: Floats
+
+
+def read_config(text: str, where: str) -> TrackedObject:
+    """Read a CONFIG line's JSON; `where` opens every message. Raises SwarmError naming the key and what is wrong."""
+    try:
+        config = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise SwarmError(f"{where} is damaged at column {error.colno}: {error.msg}") from None
+    table = config.get("lighthouse_config") if isinstance(config, dict) else None
+    if not isinstance(config, dict) or not isinstance(table, dict):
+        near = did_you_mean("lighthouse_config", config) if isinstance(config, dict) else ""
+        raise SwarmError(f"{where} has no table lighthouse_config{near}")
+    point = _numbers(table, "modelPoints", (-1, 3), where)
+    normal = _numbers(table, "modelNormals", (len(point), 3), where)
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    if np.any(length < 0.5):
+        raise SwarmError(f"{where}: modelNormals[{int(np.argmin(length))}] is no direction")
+    channels = table.get("channelMap", list(range(len(point))))
+    whole = isinstance(channels, list) and all(isinstance(c, int) and not isinstance(c, bool) for c in channels)
+    if not whole or len(set(channels)) != len(channels) or len(channels) != len(point):
+        raise SwarmError(f"{where}: channelMap must be {len(point)} different whole numbers, not {channels}")
+    return TrackedObject(point, normal / length, channels, *_head(config, where))
+
+
+def _head(config: dict[str, Any], where: str) -> tuple[Floats, Floats]:
+    """R_b_h (3, 3) and the head's position (3,) [m]."""
+    if "trackref_from_head" in config:
+        values = _numbers(config, "trackref_from_head", (7,), where)
+        quaternion = rot.wxyz_from_xyzw(values[:4])
+        return rot.matrix_from_quaternion(quaternion / _length(quaternion, "trackref_from_head", where)), values[4:]
+    head = config.get("head")
+    if not isinstance(head, dict):
+        return np.eye(3), np.zeros(3)
+    x, z = (_numbers(head, key, (3,), where) for key in ("plus_x", "plus_z"))
+    x, z = x / _length(x, "plus_x", where), z / _length(z, "plus_z", where)
+    if abs(x @ z) > 1e-2:
+        raise SwarmError(f"{where}: head's plus_x and plus_z must be at right angles, their product is {x @ z:.3g}")
+    axes = np.column_stack([x, np.cross(z, x), z])
+    # The nearest rotation: stored axes are at right angles to some 1e-8 only.
+    return rot.mean_rotation(axes[None]), _numbers(head, "position", (3,), where)
+
+
+def _length(vector: Floats, key: str, where: str) -> float:
+    length = float(np.linalg.norm(vector))
+    if abs(length - 1) > 1e-2:
+        raise SwarmError(f"{where}: {key} must have length 1, not {length:.3g}")
+    return length
+
+
+def _numbers(table: dict[str, Any], key: str, shape: tuple[int, ...], where: str) -> Floats:
+    """The finite numbers under a key, of a shape in which -1 stands for any size."""
+    if key not in table:
+        raise SwarmError(f"{where} has no {key}{did_you_mean(key, table)}")
+    try:
+        values = np.array(table[key], dtype=np.float64)
+    except (TypeError, ValueError):
+        values = np.empty(0)
+    fits = values.ndim == len(shape) and all(s in (-1, v) for s, v in zip(shape, values.shape, strict=True))
+    if not fits or not np.isfinite(values).all():
+        wanted = " x ".join("n" if s == -1 else str(s) for s in shape)
+        raise SwarmError(f"{where}: {key} must be {wanted} finite numbers")
+    return values

@@ -1,0 +1,239 @@
+"""MuJoCo's truth: C free craft in front of one lighthouse, without gravity, with real contacts.
+
+MuJoCo's world frame is the lighthouse frame `l`: the lighthouse sits at the origin, looks along +z. Every craft is one
+rigid body with a free joint. A step h of MuJoCo's `implicitfast` integrator is
+
+    v' = v + h a(v'),   p' = p + h v',   R' = Exp([h w']x) R
+
+so the motion between two knots is a straight line and a constant-rate rotation, both at the rates of the LATER knot.
+A craft's position and velocity are those of the origin of its body frame, by convention its centre of mass.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from estimators.arrays import Bools, Floats, Ints
+from estimators.rotation import matrix_from_quaternion, quaternion_multiply
+from swarm import layout
+from swarm.craft import CraftModel, FilePose, Visual, load_craft, load_static, quiet
+from swarm.errors import SwarmError
+
+LIGHTHOUSE = "lighthouse"
+"""The lighthouse's prefix in the MuJoCo model; no craft may have this name."""
+BATCH = 32
+"""Attaching costs time in proportion to what the parent holds already: craft are attached in batches of this size."""
+LARGEST = 1e6
+"""A coordinate [m], velocity [m/s] or rate [rad/s] beyond this is a simulation that has blown up."""
+
+
+class CraftStart(NamedTuple):
+    """One craft at time 0: position (3,) [m], quaternion (4,) wxyz, velocity (3,) [m/s], angular_rate (3,) [rad/s], all
+    in the lighthouse frame. model: its MJCF file.
+    """
+
+    name: str
+    model: Path
+    position: Floats
+    quaternion: Floats
+    velocity: Floats
+    angular_rate: Floats
+
+
+class PeriodTruth(NamedTuple):
+    """The true motion over one lighthouse period, at n + 1 knots from t_k to t_k + T, in the lighthouse frame.
+
+    time_s: (n+1,). position: (n+1, C, 3) [m]. quaternion: (n+1, C, 4) wxyz. velocity: (n+1, C, 3) [m/s].
+    angular_rate: (n+1, C, 3) [rad/s]. contact: (C,), touched something during the period. The rates at a knot are
+    those of the interval that ends there.
+    """
+
+    time_s: Floats
+    position: Floats
+    quaternion: Floats
+    velocity: Floats
+    angular_rate: Floats
+    contact: Bools
+
+
+class World:
+    """The one place that holds MuJoCo's state. Arrays over craft are in the order of the `CraftStart` records."""
+
+    def __init__(
+        self,
+        craft: Sequence[CraftStart],
+        lighthouse: Path,
+        rate_hz: float = 60.0,
+        steps_per_period: int = 8,
+    ) -> None:
+        """Build the world; rate_hz is the lighthouse's.
+
+        Raises SwarmError: two craft of one name, a model that `load_craft` refuses, or a craft that is inside another
+        one or inside the lighthouse.
+        """
+        self.names = tuple(start.name for start in craft)
+        _check_names(self.names)
+        self._models = tuple(load_craft(start.model) for start in craft)
+        self._rate_hz, self._steps, self._frame = rate_hz, steps_per_period, 0
+        position = _table([start.position for start in craft], 3)
+        quaternion = _table([start.quaternion for start in craft], 4)
+        quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
+        velocity, rate = _table([s.velocity for s in craft], 3), _table([s.angular_rate for s in craft], 3)
+        timestep_s = 1 / (rate_hz * steps_per_period)
+        self.model = _compile(self.names, self._models, position, quaternion, lighthouse, timestep_s)
+        self._data = mujoco.MjData(self.model)
+
+        self.lighthouse_body = 1
+        self.craft_bodies: Ints = self.model.jnt_bodyid.astype(np.int64)
+        self._craft_of_geom = np.searchsorted(self.craft_bodies, self.model.geom_bodyid)
+        self._craft_of_geom[self.model.geom_bodyid == self.lighthouse_body] = -1
+        # Nothing but free joints, attached in order: the state is one table of seven and one of six columns per craft.
+        self._pose = self._data.qpos.reshape(-1, 7)
+        self._rate = self._data.qvel.reshape(-1, 6)
+        self._pose[:] = np.concatenate([position, quaternion], axis=1)
+        # MuJoCo keeps a free joint's angular rate in the body frame.
+        body_rate = (np.swapaxes(matrix_from_quaternion(quaternion), -1, -2) @ rate[..., None])[..., 0]
+        self._rate[:] = np.concatenate([velocity, body_rate], axis=1)
+
+        self.mass: Floats = np.array([model.mass for model in self._models])
+        self.com_m: Floats = np.array([model.com_m for model in self._models]).reshape(-1, 3)
+        self.inertia: Floats = np.array([model.inertia for model in self._models]).reshape(-1, 3, 3)
+        self.photodiodes = layout.pad([m.point_m for m in self._models], [m.normal for m in self._models])
+        with quiet():
+            mujoco.mj_forward(self.model, self._data)
+        self._check_overlap()
+
+    def visuals(self, craft: int) -> tuple[Visual, ...]:
+        """What to draw of a craft, in its body frame; the same object for every craft of one model."""
+        return self._models[craft].visuals
+
+    def advance(self, force: Floats, torque: Floats) -> PeriodTruth:
+        """Fly one lighthouse period under a constant wrench on every craft.
+
+        force: (C, 3) [N], through the centre of mass, and torque: (C, 3) [N m] about it, in the lighthouse frame.
+        Raises SwarmError, with the craft and the time, where the simulation becomes unstable.
+        """
+        count, steps = len(self.names), self._steps
+        pose, rate = np.empty((steps + 1, count, 7)), np.empty((steps + 1, count, 6))
+        contact = np.zeros(count, dtype=np.bool_)
+        pose[0], rate[0] = self._pose, self._rate
+        self._data.xfrc_applied[self.craft_bodies, :3] = force
+        self._data.xfrc_applied[self.craft_bodies, 3:] = torque
+        with quiet():
+            for step in range(1, steps + 1):
+                mujoco.mj_step(self.model, self._data)
+                pose[step], rate[step] = self._pose, self._rate
+                if self._data.ncon:
+                    contact[self._touching()] = True
+        time_s = (self._frame + np.arange(steps + 1) / steps) / self._rate_hz
+        self._frame += 1
+        self._check_stable(pose, rate, time_s)
+        rotation = matrix_from_quaternion(pose[..., 3:])
+        angular_rate = (rotation @ rate[..., 3:, None])[..., 0]
+        return PeriodTruth(time_s, pose[..., :3], pose[..., 3:], rate[..., :3], angular_rate, contact)
+
+    def inertial_wrench(self, acceleration: Floats, angular_acceleration: Floats) -> tuple[Floats, Floats]:
+        """Force (C, 3) [N] and torque (C, 3) [N m] that give every craft these accelerations now.
+
+        acceleration: (C, 3) [m/s^2] of the body frame's origin; angular_acceleration: (C, 3) [rad/s^2]; lighthouse
+        frame. F = m a, M = I alpha + w x I w: the rate in the lighthouse frame then changes by alpha T.
+        """
+        rotation = matrix_from_quaternion(self._pose[:, 3:])
+        rate = (rotation @ self._rate[:, 3:, None])[..., 0]
+        arm = (rotation @ self.com_m[..., None])[..., 0]
+        inertia = rotation @ self.inertia @ np.swapaxes(rotation, -1, -2)
+        force = self.mass[:, None] * (
+            acceleration + np.cross(angular_acceleration, arm) + np.cross(rate, np.cross(rate, arm))
+        )
+        momentum = (inertia @ rate[..., None])[..., 0]
+        torque = (inertia @ angular_acceleration[..., None])[..., 0] + np.cross(rate, momentum)
+        return force, torque
+
+    def _touching(self) -> Ints:
+        contact = self._data.contact
+        craft = self._craft_of_geom[contact.geom[contact.dist < 0].ravel()]
+        touching: Ints = craft[craft >= 0]
+        return touching
+
+    def _check_overlap(self) -> None:
+        contact = self._data.contact
+        if not self._data.ncon or contact.dist.min() >= 0:
+            return
+        worst = int(np.argmin(contact.dist))
+        one, other = sorted(self._craft_of_geom[contact.geom[worst]], reverse=True)
+        depth = -1e3 * float(contact.dist[worst])
+        where = f"inside craft {self.names[other]!r}" if other >= 0 else "inside the lighthouse"
+        raise SwarmError(f"craft {self.names[one]!r} starts {where}: they overlap by {depth:.1f} mm; move them apart")
+
+    def _check_stable(self, pose: Floats, rate: Floats, time_s: Floats) -> None:
+        state = np.concatenate([pose, rate], axis=2)
+        good = (np.abs(state) < LARGEST).all(axis=2)
+        if not good.all():
+            step, craft = (int(i) for i in np.argwhere(~good)[0])
+            raise SwarmError(
+                f"craft {self.names[craft]!r}: the simulation became unstable at {time_s[step]:.4f} s; "
+                "more physics.steps_per_period, or a gentler motion, may help"
+            )
+        if any(self._data.warning.number):
+            which = int(np.flatnonzero(self._data.warning.number)[0])
+            raise SwarmError(f"MuJoCo: {mujoco.mju_warningText(which, 0)} at {time_s[-1]:.4f} s")
+
+
+def _check_names(names: tuple[str, ...]) -> None:
+    seen = {LIGHTHOUSE}
+    for name in names:
+        if name in seen:
+            raise SwarmError(f"two things are named {name!r}: give every craft a name of its own")
+        seen.add(name)
+
+
+def _table(rows: list[Floats], columns: int) -> Floats:
+    return np.array(rows, dtype=np.float64).reshape(-1, columns)
+
+
+def _compile(
+    names: Sequence[str],
+    models: Sequence[CraftModel],
+    position: Floats,
+    quaternion: Floats,
+    lighthouse: Path,
+    timestep_s: float,
+) -> mujoco.MjModel:
+    world = _empty(timestep_s)
+    with quiet():
+        station, pose = load_static(lighthouse)
+        _attach(world, station, LIGHTHOUSE, pose, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+        for first in range(0, len(names), BATCH):
+            batch = _empty(timestep_s)
+            for i in range(first, min(first + BATCH, len(names))):
+                _attach(batch, models[i].spec, names[i], models[i].file_pose, position[i], quaternion[i])
+            batch.dedup_assets()
+            world.attach(batch, prefix="", frame=world.worldbody.add_frame())
+        world.dedup_assets()
+        return world.compile()
+
+
+def _empty(timestep_s: float) -> mujoco.MjSpec:
+    spec = mujoco.MjSpec()
+    spec.modelname = "swarm"
+    spec.copy_during_attach = True
+    spec.option.timestep = timestep_s
+    spec.option.gravity = np.zeros(3)
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    # After a reset the run would go on from its start as if nothing had happened.
+    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+    return spec
+
+
+def _attach(
+    parent: mujoco.MjSpec, spec: mujoco.MjSpec, name: str, file_pose: FilePose, position: Floats, quaternion: Floats
+) -> None:
+    """Attach a copy of the root body so that it stands at the given pose, whatever its pose in its own file."""
+    turn = quaternion_multiply(quaternion, file_pose[1] * [1, -1, -1, -1])
+    place = position - matrix_from_quaternion(turn) @ file_pose[0]
+    spec.option = parent.option
+    frame = parent.worldbody.add_frame(pos=place, quat=turn)
+    frame.attach_body(spec.worldbody.bodies[0], f"{name}/", "")
