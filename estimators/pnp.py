@@ -27,6 +27,7 @@ from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
 from estimators.linear import cholesky_into, solve_cholesky
 from estimators.projection import (
+    add_curvature,
     angle_weights,
     arm_into,
     checked,
@@ -47,6 +48,10 @@ STEP_SMALL = 1e-7
 
 DAMPING_FIRST = 1e-3
 """First damping after a step that did not lower the cost, against the normal matrix's diagonal (Marquardt)."""
+
+
+ROUNDING = 1e-15
+"""Rounding of the cost is some 1e-15 of the size of the residuals (each one the difference of numbers near 1)."""
 
 
 class PoseSolution(NamedTuple):
@@ -76,11 +81,18 @@ def _evaluate(
     turn: Floats,
     offset: Floats,
     velocity: Floats,
+    curved: bool,
     normal: Floats,
+    scale: Floats,
     gradient: Floats,
 ) -> float:
-    """F of (6); J^T W^2 J and J^T W^2 f of (11, 12) into `normal` (6, 6), `gradient` (6,); inf if one is behind."""
+    """F of (6), or inf if a photodiode is behind; writes `normal` (6, 6), `scale` (6,) and `gradient` (6,).
+
+    normal: J^T W^2 J of (11, 12), or where `curved` the Hessian of F / 2, which adds sum W^2 f d2f. scale: the diagonal
+    of J^T W^2 J. gradient: J^T W^2 f.
+    """
     normal[:] = 0.0
+    scale[:] = 0.0
     gradient[:] = 0.0
     row, arm = np.empty(6), np.empty(3)
     cost = 0.0
@@ -97,8 +109,11 @@ def _evaluate(
             cost += w * f * f
             for a in range(6):
                 gradient[a] += w * row[a] * f
+                scale[a] += w * row[a] * row[a]
                 for b in range(a + 1):
                     normal[a, b] += w * row[a] * row[b]
+            if curved:
+                add_curvature(fan, arm, turn[i, fan], row, value, z, w * f, normal)
     for a in range(6):
         for b in range(a):
             normal[b, a] = normal[a, b]
@@ -120,21 +135,24 @@ def _refine_one(
 ) -> tuple[bool, int, float]:
     """Levenberg-Marquardt from `rotation` (3, 3), `position` (3,), overwritten; (converged, linear solves, F).
 
-    Undamped (Gauss-Newton) until a step fails to lower the cost or puts a photodiode behind the lighthouse: warm
-    starts then converge quadratically.
+    Gauss-Newton without damping until a step fails to lower the cost or puts a photodiode behind the lighthouse: warm
+    starts then converge quadratically. From there on damped, and with the residuals' curvature (Newton): a plane that
+    faces the lighthouse has its two mirror minima near a ridge, where J alone takes hundreds of steps.
     """
-    normal, gradient = np.empty((6, 6)), np.empty(6)
-    next_normal, next_gradient = np.empty((6, 6)), np.empty(6)
+    normal, scale, gradient = np.empty((6, 6)), np.empty(6), np.empty(6)
+    next_normal, next_scale, next_gradient = np.empty((6, 6)), np.empty(6), np.empty(6)
     damped, lower, step = np.empty((6, 6)), np.empty((6, 6)), np.empty(6)
     turned, next_rotation, next_position = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
-    cost = _evaluate(uv, weight, lit, point, rotation, position, turn, offset, velocity, normal, gradient)
+    seen = (uv, weight, lit, point)
+    motion = (turn, offset, velocity)
+    damping, curved = 0.0, False
+    cost = _evaluate(*seen, rotation, position, *motion, curved, normal, scale, gradient)
     if not np.isfinite(cost):
         return False, 0, np.nan
-    damping = 0.0
     for iteration in range(1, iterations_max + 1):
         damped[:] = normal
         for a in range(6):
-            damped[a, a] += damping * normal[a, a]
+            damped[a, a] += damping * scale[a]
             step[a] = -gradient[a]
         if not cholesky_into(damped, lower):
             damping = max(10 * damping, DAMPING_FIRST)
@@ -148,24 +166,26 @@ def _refine_one(
             step[0] ** 2 + step[1] ** 2 + step[2] ** 2 < STEP_SMALL**2
             and step[3] ** 2 + step[4] ** 2 + step[5] ** 2 < STEP_SMALL**2
         )
-        # A step that damping made small proves nothing; a small free one is taken even where rounding hides its gain.
-        if small and damping < DAMPING_FIRST:
-            rotation[:] = next_rotation
-            position[:] = next_position
-            cost = _evaluate(uv, weight, lit, point, rotation, position, turn, offset, velocity, normal, gradient)
-            return np.isfinite(cost), iteration, cost
         next_cost = _evaluate(
-            uv, weight, lit, point, next_rotation, next_position, turn, offset, velocity, next_normal, next_gradient
+            *seen, next_rotation, next_position, *motion, curved, next_normal, next_scale, next_gradient
         )
-        if next_cost <= cost:
+        # Near the minimum a step's gain drowns in the rounding of the residuals, 1e-16 each: it is taken none the less.
+        if next_cost <= cost + ROUNDING * np.sqrt(cost):
             cost = next_cost
             rotation[:] = next_rotation
             position[:] = next_position
             normal, next_normal = next_normal, normal
+            scale, next_scale = next_scale, scale
             gradient, next_gradient = next_gradient, gradient
-            damping = 0.1 * damping if damping > 1e-6 else 0.0
+            # A step that damping made small proves nothing.
+            if small and damping < DAMPING_FIRST:
+                return True, iteration, cost
+            damping = 0.1 * damping if damping > DAMPING_FIRST**2 else 0.0
         else:
             damping = max(10 * damping, DAMPING_FIRST)
+            if not curved:
+                curved = True
+                _evaluate(*seen, rotation, position, *motion, curved, normal, scale, gradient)
     return False, iterations_max, np.nan
 
 

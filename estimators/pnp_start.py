@@ -25,7 +25,7 @@ from estimators.projection import COLLINEAR, angle_weights, checked, checked_lit
 from estimators.rotation import angle_between
 
 CANDIDATES_MAX = 4
-ITERATIONS_MAX = 40
+ITERATIONS_MAX = 60
 
 DISTINCT_RAD = 1e-3
 """Minima closer than this in attitude are one: LM ends within its last step, 1e-7 rad, of a minimum or, in a flat

@@ -85,6 +85,33 @@ def project_into(
 
 
 @kernel
+def add_curvature(
+    fan: int, arm: Floats, turn: Floats, row: Floats, value: float, z: float, scale: float, normal: Floats
+) -> None:
+    """Add `scale` times the second derivative of x/z (fan 0) or y/z (fan 1) to the lower triangle of `normal` (6, 6).
+
+    From p = turn (I + [d]x + [d]x^2 / 2) r + t with r the arm, a = turn^T g, and the rows of `project_into`, of x/z and z:
+
+        d2(x/z) = -(row row_z^T + row_z row^T) / z,  and for the attitude also  (a r^T + r a^T) / 2 - (a . r) I
+    """
+    depth, pull = np.empty(6), np.empty(3)
+    along = 0.0
+    for k in range(3):
+        i, j = (k + 1) % 3, (k + 2) % 3
+        depth[k] = arm[i] * turn[2, j] - arm[j] * turn[2, i]
+        pull[k] = (turn[fan, k] - value * turn[2, k]) / z
+        along += pull[k] * arm[k]
+    depth[3], depth[4], depth[5] = 0.0, 0.0, 1.0
+    for i in range(6):
+        for j in range(i + 1):
+            normal[i, j] -= scale * (row[i] * depth[j] + depth[i] * row[j]) / z
+    for i in range(3):
+        normal[i, i] -= scale * along
+        for j in range(i + 1):
+            normal[i, j] += scale * (pull[i] * arm[j] + arm[i] * pull[j]) / 2
+
+
+@kernel
 def arm_into(rotation: Floats, point: Floats, out: Floats) -> None:
     """Write R w_p (3,) of one photodiode into `out`."""
     for k in range(3):

@@ -11,6 +11,9 @@ from dataclasses import replace
 from math import pi, radians, sqrt
 from typing import cast
 
+import numpy as np
+
+from estimators.arrays import Bools
 from estimators.rotation import quaternion_from_matrix
 from estimators.sweep import FanErrors
 from swarm import motion, scenario
@@ -35,9 +38,27 @@ def check(settings: Scenario) -> None:
 
 
 def fleet(settings: Scenario) -> Fleet:
-    """The motion of every craft, in the order of `scenario.craft`."""
-    tasks = [Task(_motion(craft.motion, settings), craft.index, craft.count) for craft in scenario.craft(settings)]
-    return Fleet(tasks, settings.seed)
+    """The motion of every craft, in the order of `scenario.craft`.
+
+    Raises SwarmError, naming scenario, key and value, where a motion makes no sense.
+    """
+    craft = scenario.craft(settings)
+    tasks = [Task(_motion(c.motion, settings), c.index, c.count) for c in craft]
+    try:
+        return Fleet(tasks, settings.seed)
+    except SwarmError:
+        with _blame(settings, craft):
+            for c, task in zip(craft, tasks, strict=True):
+                try:
+                    Fleet([task])
+                except SwarmError as error:
+                    raise SwarmError(f"craft {c.name!r}: {error}") from None
+        raise
+
+
+def steers_by_estimate(settings: Scenario) -> Bools:
+    """(C,): the craft whose controller gets their own estimate, not the truth."""
+    return np.array([craft.feedback == "estimate" for craft in scenario.craft(settings)], dtype=np.bool_)
 
 
 def world(settings: Scenario, motions: Fleet) -> World:

@@ -172,9 +172,13 @@ def view(
     swarm view runs/formation-7 --web
     """
     with _mistakes():
+        from swarm.results.run_folder import open_run
         from swarm.results.viewer import view as open_viewer
 
-        open_viewer(run, web=web)
+        recording = run if run.suffix == ".rrd" else open_run(run).recording
+        if recording is None:
+            raise SwarmError(f"{run} has no recording: it was flown with --no-recording, or recording.enabled = false")
+        raise typer.Exit(open_viewer(recording, web=web))
 
 
 @app.command()

@@ -191,6 +191,8 @@ class Fleet:
     def at(self, time_s: float) -> Reference:
         """The reference of every craft at `time_s` [s]."""
         held = self._on_path(time_s, self._facing & ~self._free)
+        if not self._free.any():
+            return held
         free = self._free[:, None]
         carried = rot.exp(self._free_rate * time_s) @ self._start_rotation
         return held._replace(
@@ -233,8 +235,9 @@ class Fleet:
         frame = np.broadcast_to(np.eye(3), (count, 3, 3)).copy()
         rate, change = np.zeros((count, 3)), np.zeros((count, 3))
         frame[turned], rate[turned], change[turned] = facing(position[turned], velocity[turned], acceleration[turned])
-        spin = rot.exp((self._spin * time_s)[:, None] * np.array([0.0, 0.0, 1.0]))
-        rotation = frame @ self._offset @ spin
+        rotation = frame @ self._offset
+        if self._spin.any():
+            rotation = rotation @ rot.exp((self._spin * time_s)[:, None] * np.array([0.0, 0.0, 1.0]))
         spinning = self._spin[:, None] * rotation[:, :, 2]
         held = ~self._free
         return Reference(

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from scipy.interpolate import PPoly, make_interp_spline
 
 from estimators.arrays import Floats
 
@@ -111,20 +110,33 @@ def circle(centre: Vector, radius: float, rate: float, tilt: float, phase: float
 def smooth_through(points: tuple[Vector, ...], times: tuple[float, ...]) -> Pieces:
     """Through points [m] at increasing times [s], at rest before the first and after the last.
 
-    A quintic spline with zero velocity and acceleration at both ends, hence with continuous acceleration everywhere;
-    through two points it is the minimum-jerk motion. It passes beyond its points where they turn sharply.
+    Quintic Hermite pieces with zero acceleration at every point, hence continuous acceleration. The velocity at an
+    inner point is, per coordinate, the harmonic mean of the mean velocities before and after it, and zero where they
+    differ in sign. It is at most twice the smaller of them, which keeps every coordinate monotone between neighbouring
+    points: nothing is overshot. Through two points it is the minimum-jerk motion.
     """
-    first, last = _coefficients([[points[0]]]), _coefficients([[points[-1]]])
+    knot, value = np.array(times, dtype=np.float64), np.array(points, dtype=np.float64)
+    still = _coefficients([[value[0]], [value[-1]]])
     if len(points) == 1:
-        return Pieces(np.zeros(1), first)
-    still = [(1, np.zeros(3)), (2, np.zeros(3))]
-    spline = make_interp_spline(np.array(times), np.array(points, dtype=np.float64), k=DEGREE, bc_type=(still, still))
-    pieces = PPoly.from_spline(spline)
-    # The spline's end knots are repeated: pieces without length.
-    real = np.flatnonzero(np.diff(pieces.x) > 0)
-    ascending = np.moveaxis(pieces.c[::-1, real], 1, 0)
-    start = np.concatenate([[times[0] - 1.0], pieces.x[real], [times[-1]]])
-    return Pieces(start, np.concatenate([first, ascending, last]))
+        return Pieces(np.zeros(1), still[:1])
+    length, way = np.diff(knot)[:, None], np.diff(value, axis=0)
+    mean = way / length
+    before, after = mean[:-1], mean[1:]
+    same = before * after > 0
+    velocity = np.zeros_like(value)
+    velocity[1:-1] = np.where(same, 2 * before * after / np.where(same, before + after, 1.0), 0.0)
+    v0, v1 = velocity[:-1] * length, velocity[1:] * length
+    unscaled = [
+        value[:-1],
+        v0,
+        0 * way,
+        10 * way - 6 * v0 - 4 * v1,
+        -15 * way + 8 * v0 + 7 * v1,
+        6 * way - 3 * (v0 + v1),
+    ]
+    moving = np.stack([c / length**n for n, c in enumerate(unscaled)], axis=1)
+    start = np.concatenate([[knot[0] - 1.0], knot])
+    return Pieces(start, np.concatenate([still[:1], moving, still[1:]]))
 
 
 def corridor(origin: Vector, target: Vector, start_s: float, speed: float) -> Pieces:

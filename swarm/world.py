@@ -114,12 +114,16 @@ class World:
         """Fly one lighthouse period under a constant wrench on every craft.
 
         force: (C, 3) [N], through the centre of mass, and torque: (C, 3) [N m] about it, in the lighthouse frame.
-        Raises SwarmError, with the craft and the time, where the simulation becomes unstable.
+        Raises SwarmError, with the craft and the time, where the wrench is not finite or the simulation unstable.
         """
         count, steps = len(self.names), self._steps
         pose, rate = np.empty((steps + 1, count, 7)), np.empty((steps + 1, count, 6))
         contact = np.zeros(count, dtype=np.bool_)
         pose[0], rate[0] = self._pose, self._rate
+        finite = np.isfinite(force).all(axis=1) & np.isfinite(torque).all(axis=1)
+        if not finite.all():
+            who = self.names[int(np.argmin(finite))]
+            raise SwarmError(f"craft {who!r}: force or torque is not finite at {self._frame / self._rate_hz:.4f} s")
         self._data.xfrc_applied[self.craft_bodies, :3] = force
         self._data.xfrc_applied[self.craft_bodies, 3:] = torque
         with quiet():
@@ -172,10 +176,11 @@ class World:
         state = np.concatenate([pose, rate], axis=2)
         good = (np.abs(state) < LARGEST).all(axis=2)
         if not good.all():
-            step, craft = (int(i) for i in np.argwhere(~good)[0])
+            step = int(np.argmin(good.all(axis=1)))
+            who = ", ".join(repr(self.names[i]) for i in np.flatnonzero(~good[step])[:3])
             raise SwarmError(
-                f"craft {self.names[craft]!r}: the simulation became unstable at {time_s[step]:.4f} s; "
-                "more physics.steps_per_period, or a gentler motion, may help"
+                f"craft {who}: the simulation became unstable at {time_s[step]:.4f} s; more physics.steps_per_period, "
+                "or a gentler motion, may help"
             )
         if any(self._data.warning.number):
             which = int(np.flatnonzero(self._data.warning.number)[0])

@@ -60,7 +60,7 @@ def test_folder_whose_only_model_has_another_name(tmp_path):
     (tmp_path / "scene.xml").write_text("<mujoco/>")
     assert assets.find_model(tmp_path) == tmp_path / "probe.xml"
     (tmp_path / "second.xml").write_text("<mujoco/>")
-    with pytest.raises(SwarmError, match="found probe.xml, scene.xml, second.xml"):
+    with pytest.raises(SwarmError, match=r"found probe\.xml, scene\.xml, second\.xml"):
         assets.find_model(tmp_path)
 
 

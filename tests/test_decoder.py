@@ -148,20 +148,32 @@ def test_a_flash_where_none_should_be_is_rejected() -> None:
 
 
 def test_a_flash_rises_with_its_first_photodiode_and_is_as_long_as_its_longest() -> None:
-    end = round(6500 / 48e6 / TICK_S)
-    # In weak light a photodiode triggers late; the flash ends for all of them at once. Here code 7 looks like 3 to one.
-    weak = [(k, 1000 + late, end - late) for k, late in ((0, 40), (1, 0), (2, 2083), (3, 300), (4, 7))]
-    pulses = [p for p in period(1000) if p[1] != 1000]
-    first = decoder().decode(batch(pulses + [(k, rise, width - 1042) for k, rise, width in weak]))  # Code 5: fan Y.
-    assert first.epoch_tick[0] == -1
-    pulses += [(k, rise, round(width - 3 * 521)) for k, rise, width in weak if width > 4000]  # Code 4: X, skip.
     computer = decoder()
     computer.decode(batch(period(1000 - TURN)))
-    angles = computer.decode(batch(pulses))
+    # In weak light a photodiode triggers late, or lets go early: each alone would say code 0 or none at all.
+    longest = round(5000 / 48e6 / TICK_S)  # Code 4: fan X, and no sweep follows.
+    ragged = [(1, 1000, longest - 2083), (2, 1030, longest - 30), (0, 1040, longest), (3, 3900, 2300)]
+    angles = computer.decode(batch([p for p in period(1000) if p[1] != 1000] + ragged))
+    assert angles.epoch_tick[0] == round(1000 + TURN / 2)
     assert angles.missed_sync[0] == 0
-    assert np.isnan(angles.theta[0, :, 0]).all()  # It says that no sweep X follows.
+    assert np.isnan(angles.theta[0, :, 0]).all()
     np.testing.assert_allclose(angles.theta[0, :, 1], [t[1] for t in THETA], rtol=0, atol=2 * HALF_TICK_RAD)
-    assert angles.rejected[0] == 5
+    assert angles.rejected[0] == 5  # Sweep pulses that no sweep was announced for.
+
+
+def test_a_flash_too_short_for_any_code_is_none() -> None:
+    computer = decoder()
+    computer.decode(batch(period(0)))
+    short = round(2000 / 48e6 / TICK_S)
+    angles = computer.decode(batch([*period(TURN, missing="Y"), (0, round(1.5 * TURN), short)]))
+    assert angles.missed_sync[0] == 1
+    assert angles.rejected[0] == 1
+
+
+def test_flashes_that_announce_no_sweep_are_not_locked_on() -> None:
+    sweeps = [p for p in period(0) if p[2] < 1000]
+    angles = decoder().decode(batch(sweeps + flash(0, X | SKIP) + flash(TURN / 2, Y | SKIP)))
+    assert angles.epoch_tick[0] == -1
 
 
 @pytest.mark.parametrize("code", range(8))

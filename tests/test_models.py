@@ -1,6 +1,7 @@
 """The shipped models: they compile and run without a warning, and are what their READMEs say."""
 
 import re
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -157,3 +158,13 @@ def test_primitive_shapes_enclose_their_volume(mesh, volume, smaller):
     a, b, c = (mesh.vertex[mesh.face[:, i]] for i in range(3))
     enclosed = np.sum(a * np.cross(b, c)) / 6
     assert (1 - smaller) * volume <= enclosed <= volume * (1 + 1e-12)
+
+
+def test_documented_model_loads(tmp_path):
+    text = (Path(__file__).parents[1] / "docs" / "models.md").read_text()
+    path = tmp_path / "my_probe.xml"
+    path.write_text(re.search(r"```xml\n(.*?)```", text, re.DOTALL)[1])
+    craft = load_craft(path)
+    assert craft.mass == 1.5
+    assert np.allclose(craft.normal, [[0, 0, 1]] * 5 + [[1, 0, 0]], atol=1e-12)
+    assert not craft.com_m.any()

@@ -73,7 +73,7 @@ def test_constant_force_gives_the_integrators_parabola():
     acceleration, h = force[0] / built.mass[0], T / 8
     expected = np.array([0.1, 0, 3]) + acceleration * (1 + h) / 2
     assert np.allclose(end.position[-1, 0], expected, atol=1e-12)
-    assert np.allclose(end.velocity[-1, 0], [0.1, 0, 0] + acceleration, atol=1e-12)
+    assert np.allclose(end.velocity[-1, 0], np.array([0.1, 0, 0]) + acceleration, atol=1e-12)
     assert end.time_s[-1] == pytest.approx(1.0, abs=1e-15)
 
 
@@ -113,7 +113,7 @@ def test_motion_between_knots_is_a_line_and_a_constant_turn():
 
 
 def test_collision_conserves_momentum_and_is_reported():
-    """Contact forces come in opposite pairs: total momentum stays to the solver's rounding; a bystander feels nothing."""
+    """Contact forces come in opposite pairs: the total stays to rounding; a bystander feels nothing."""
     built = world(
         start("left", position=(-0.3, 0.01, 3), velocity=(0.5, 0, 0)),
         start("right", "cubesat6u", position=(0.5, 0, 3), velocity=(-0.2, 0, 0)),
@@ -249,7 +249,8 @@ def test_own_options_and_mesh_files_do_no_harm(tmp_path, monkeypatch):
     (folder / "parts" / "tetra.obj").write_text(
         "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
     )
-    head = """<compiler meshdir="parts"/><option gravity="0 0 -9" integrator="RK4" timestep="0.1"/><size nuser_geom="3"/>
+    head = """<compiler meshdir="parts"/><option gravity="0 0 -9" integrator="RK4" timestep="0.1"/>
+        <size nuser_geom="3"/>
         <asset><mesh name="tetra" file="tetra.obj" scale="0.1 0.1 0.1"/></asset>"""
     path = own_model(folder, f'<body><geom type="mesh" mesh="tetra"/>{SITES}</body>', head=head)
     elsewhere = tmp_path / "elsewhere"
@@ -332,7 +333,13 @@ def test_instability_names_the_craft_and_the_time(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     built = world(start("good"), start("bad", position=(1, 0, 3)))
     coast(built, 2)
-    force = np.array([[0, 0, 0], [np.nan, 0, 0]])
     with pytest.raises(SwarmError, match=r"craft 'bad': the simulation became unstable at 0\.03\d\d s"):
-        built.advance(force, np.zeros((2, 3)))
+        built.advance(np.array([[0, 0, 0], [1e12, 0, 0]]), np.zeros((2, 3)))
     assert not list(tmp_path.iterdir()), "MuJoCo wrote its log"
+
+
+def test_wrench_that_is_not_finite_names_the_craft():
+    built = world(start("good"), start("bad", position=(1, 0, 3)))
+    coast(built, 2)
+    with pytest.raises(SwarmError, match=r"craft 'bad': force or torque is not finite at 0\.0333 s"):
+        built.advance(np.zeros((2, 3)), np.array([[0, 0, 0], [0, np.nan, 0]]))

@@ -99,7 +99,7 @@ def nearest(fan: int, expected: float, flashes: Flashes, count: int, tolerance: 
     best, index = tolerance, -1
     for i in range(count):
         error = abs(flashes.rise[i] - expected)
-        if flashes.code[i] >= 0 and flashes.code[i] & FAN_BIT == fan and flashes.mine[i] != 0 and error <= best:
+        if flashes.code[i] >= 0 and flashes.code[i] & FAN_BIT == fan and error <= best:
             best, index = error, i
     return index
 

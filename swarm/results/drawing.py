@@ -84,12 +84,11 @@ def palette(count: int) -> Colours:
 
 
 def fan(field_rad: float, reach_m: float) -> tuple[Floats, Ints]:
-    """A fan's sector in the plane x = 0, vertices (V, 3) [m] and faces (F, 3), both sides."""
+    """A fan's sector in the plane x = 0, vertices (V, 3) [m] and faces (F, 3)."""
     angle = np.linspace(-field_rad / 2, field_rad / 2, 25)
     arc = reach_m * np.stack([np.zeros_like(angle), np.sin(angle), np.cos(angle)], axis=1)
     k = np.arange(1, len(angle))
-    front = np.stack([np.zeros_like(k), k, k + 1], axis=1)
-    return np.concatenate([np.zeros((1, 3)), arc]), np.concatenate([front, front[:, ::-1]])
+    return np.concatenate([np.zeros((1, 3)), arc]), np.stack([np.zeros_like(k), k, k + 1], axis=1)
 
 
 def field(field_rad: float, depth_m: float) -> list[Floats]:

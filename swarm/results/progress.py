@@ -7,6 +7,7 @@ from typing import NamedTuple
 from rich.console import Console
 from rich.progress import BarColumn, ProgressColumn, Task, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as RichProgress
+from rich.table import Column
 from rich.text import Text
 
 PLAIN_EVERY_S = 5.0
@@ -29,14 +30,14 @@ class _Figures(ProgressColumn):
     """Simulated time, speed and craft tracking, shorter on a narrow terminal."""
 
     def __init__(self, wide: bool) -> None:
-        super().__init__()
+        super().__init__(Column(no_wrap=True))
         self._wide = wide
 
     def render(self, task: Task) -> Text:
         p: Progress | None = task.fields["figures"]
         if p is None:
             return Text("starting; the first run compiles, ~15 s" if self._wide else "starting (compiles once)")
-        time_s = f"{p.time_s:.1f}/{p.duration_s:g} s"
+        time_s = f"{p.time_s:.1f}/{p.duration_s:.1f} s"
         tracking = f"{p.tracking}/{p.craft} tracking"
         if not self._wide:
             return Text(f"{time_s} {p.real_time_factor:.1f}x {tracking}")
@@ -52,6 +53,7 @@ class ProgressDisplay:
         self._title = title
         self._bar: RichProgress | None = None
         self._last_line = 0.0
+        self._latest: Progress | None = None
         if console.is_terminal and not console.is_dumb_terminal:
             wide = console.width >= WIDE
             columns: list[ProgressColumn] = [TextColumn("{task.description}", markup=False)] if wide else []
@@ -68,23 +70,27 @@ class ProgressDisplay:
 
     def __call__(self, progress: Progress) -> None:
         """Show how far the run is."""
-        done = progress.time_s >= progress.duration_s
+        self._latest = progress
         if self._bar:
-            self._bar.update(
-                self._task, completed=progress.time_s, total=progress.duration_s, figures=progress, refresh=done
-            )
-        elif done or time.monotonic() - self._last_line >= PLAIN_EVERY_S:
-            p = progress
-            self._line(
-                f"{p.time_s:.1f} of {p.duration_s:g} s, {p.real_time_factor:.1f} times real time, "
-                f"{p.tracking} of {p.craft} craft tracking"
-            )
+            self._bar.update(self._task, completed=progress.time_s, total=progress.duration_s, figures=progress)
+        elif time.monotonic() - self._last_line >= PLAIN_EVERY_S:
+            self._plain(progress)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if self._bar:
+            if kind is None and self._latest:
+                self._bar.update(self._task, completed=self._latest.duration_s)
             self._bar.stop()
+        elif self._latest:
+            self._plain(self._latest)
+
+    def _plain(self, p: Progress) -> None:
+        self._line(
+            f"{p.time_s:.1f} of {p.duration_s:.1f} s, {p.real_time_factor:.1f} times real time, "
+            f"{p.tracking} of {p.craft} craft tracking"
+        )
 
     def _line(self, text: str) -> None:
         self._last_line = time.monotonic()

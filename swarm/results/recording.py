@@ -3,32 +3,34 @@
 Everything is in the lighthouse frame (x right, y down, z forward), on the timelines `sim_time` and `frame`:
 
     world/lighthouse     its body, field and two fans (which turn as the real ones do, slowed down)
-    world/craft/NAME     the craft at its true pose, its photodiodes by state
+    world/craft/NAME     the craft at its true pose, its photodiodes by what they see
     world/estimate/NAME  an outline at the filter's estimate; in a replay the craft itself
     world/covariance     3 sigma ellipsoids of the position, enlarged
-    world/rays           from the lighthouse to every photodiode: lit or blocked
+    world/rays           from the lighthouse to every photodiode in reach: lit or blocked
     world/trails         where the craft have been in the last seconds
-    swarm, detail, status    plots: all craft, single craft, what each knows
+    swarm, detail        plots of all craft, of single craft; status: what each craft knows
 
-Periods are gathered and sent by columns about once per simulated second. In a swarm of more than 32, the craft that are
-not in `detail` are instances of one entity per model, at a reduced rate, and the swarm's plots show its spread.
+Periods are gathered and sent by columns about once per simulated second. In a swarm of more than 32 the craft that are
+not in the scene's `detail` are instances of one entity per model, at a reduced rate, and the plots show their spread.
+Every entity has a row in every period sent, so that any cut of the recording shows everything.
 """
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import rerun as rr
-import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.rotation import matrix_from_quaternion, quaternion_from_matrix, xyzw_from_wxyz
 from swarm.errors import SwarmError
-from swarm.results import drawing, plots
+from swarm.results import drawing
+from swarm.results.blueprint import blueprint
 from swarm.results.disk import writing
+from swarm.results.plots import ABOUT, STATUS_COLOURS, Batch, craft_plots, kept, stacked, swarm_plots
 from swarm.results.recorder import BLOCKED, LIT, Period, Scene
 from swarm.results.telemetry import STATUS
 from swarm.results.viewer import start_live
@@ -37,58 +39,60 @@ MOST_SINGLE = 32
 """A swarm of more craft is drawn as a crowd."""
 SEND_EVERY_S, SEND_EVERY_LIVE_S = 1.0, 0.2
 ENLARGED = 50
-"""Of the ellipsoids: millimetres would not be seen beside metres."""
-FAN_PERIOD_S = 4.0
-"""A turn of the drawn fans; the real ones take 1/60 s."""
-TRAIL_POINTS, TRAIL_STEP_S = 24, 0.25
-SIGHT_COLOURS = np.array([0x5A6472FF, 0xFF5252FF, 0x69F0AEFF], dtype=np.uint32)
-RAY_COLOURS = {LIT: 0x69F0AE50, BLOCKED: 0xFF525290}
-STATUS_COLOURS = [0x616161FF, 0x2E7D32FF, 0xEF6C00FF, 0x8E24AAFF]
-BARE = np.full(3, np.nan)
+"""How much the ellipsoids are: millimetres would not be seen beside metres."""
+FAN_TURN_S, REAL_FAN_TURN_S = 4.0, 1 / 60
+TRAIL_POINTS, TRAIL_STEP_S = 20, 0.2
+SIGHT_COLOURS = np.array([0x78909CFF, 0xFF5252FF, 0x69F0AEFF], dtype=np.uint32)
+RAY_COLOURS = {"lit": (LIT, 0x69F0AE38), "blocked": (BLOCKED, 0xFF525290)}
+
+Send = Callable[[str, Iterable[Any]], None]
 
 
 class Recording:
     """Writes `path`, and with `live` feeds a viewer too: `append` every period, `close` at the end.
 
-    A live viewer that cannot be opened is no error: `notice` says why, the file is written all the same.
+    A live viewer that cannot be opened is no error: `notice` says why, and the file is written all the same.
     """
 
     def __init__(self, path: Path, scene: Scene, live: bool = False) -> None:
         """Raises SwarmError where the file cannot be written."""
         self.notice: str | None = None
-        self._scene, self._live = scene, live
+        self._scene = scene
         craft = len(scene.craft)
         self._crowd = craft > MOST_SINGLE
         self._every = min(6, -(-craft // MOST_SINGLE))
-        chosen = [scene.craft.index(name) for name in scene.detail] or list(range(min(1, craft)))
-        self._detail = np.array(chosen, dtype=np.int64)
-        self._near = self._detail if self._crowd else np.arange(craft)
+        self._detail = [scene.craft.index(name) for name in scene.detail] or list(range(min(1, craft)))
+        self._near = np.array(self._detail if self._crowd else range(craft), dtype=np.int64)
         self._colour = drawing.palette(craft)
-        self._waiting: list[Period] = []
+        self._waiting: list[Batch] = []
         self._trail: deque[Floats] = deque(maxlen=TRAIL_POINTS)
         self._trail_due_s = -np.inf
-        self._started = False
+        self._started = self._replay = False
         with writing(path), path.open("wb"):
             pass
         self._stream = rr.RecordingStream("lighthouse-swarm")
         sinks: list[Any] = [rr.FileSink(path)]
+        self._send_every_s = SEND_EVERY_S
         if live:
             try:
                 sinks.append(rr.GrpcSink(start_live()))
+                self._send_every_s = SEND_EVERY_LIVE_S
             except SwarmError as error:
-                self._live = False
                 self.notice = f"no live view: {error}; the recording is written all the same"
+        self._live = len(sinks) > 1
         self._stream.set_sinks(*sinks)
-        self._stream.send_recording_name(path.parent.name or path.stem)
+        self._stream.send_recording_name(path.absolute().parent.name)
 
     def append(self, period: Period) -> None:
-        """Take one period; sent when enough have gathered."""
+        """Take one period; it is sent when enough have gathered."""
         if not self._started:
             self._start(period)
         if self._crowd and period.frame % self._every:
             return
-        self._waiting.append(_kept(period))
-        if period.time_s - self._waiting[0].time_s >= (SEND_EVERY_LIVE_S if self._live else SEND_EVERY_S):
+        truth = period.truth
+        turn = quaternion_from_matrix(period.estimate.rotation) if truth is None else truth.quaternion
+        self._waiting.append(kept(period, turn))
+        if period.time_s - float(self._waiting[0].time_s) >= self._send_every_s:
             self._send()
 
     def close(self) -> None:
@@ -97,55 +101,79 @@ class Recording:
         self._stream.flush()
         self._stream.disconnect()
 
-    def _static(self, entity: str, *what: Any) -> None:
-        self._stream.log(entity, *what, static=True)
-
     def _start(self, period: Period) -> None:
         """Everything that does not move, once the first period shows where things are."""
-        scene = self._scene
-        replay = period.truth is None
-        start = period.estimate.position if period.truth is None else period.truth.position
-        known = start[np.isfinite(start).all(axis=1)]
-        reach = 1.25 * float(np.linalg.norm(known, axis=1).max()) if len(known) else 3.0
-        self._plots = plots.Plots(scene.craft, [scene.craft[i] for i in self._detail], self._crowd, replay)
-        self._stream.send_blueprint(blueprint(self._plots, known, reach, self._live))
+        self._started, self._replay = True, period.truth is None
+        scene, craft = self._scene, self._scene.craft
+        at = period.estimate.position if period.truth is None else period.truth.position
+        known = at[np.isfinite(at).all(axis=1)]
+        reach_m = 1.25 * float(np.linalg.norm(known, axis=1).max()) if len(known) else 3.0
+        inks = [int.from_bytes(colour.tobytes(), "big") for colour in self._colour]
+        swarm = swarm_plots(craft, inks, self._crowd, self._replay)
+        single = {craft[i]: craft_plots(craft[i], i, self._replay) for i in self._detail}
+        self._plots = [*swarm, *(plot for plots in single.values() for plot in plots)]
+        self._stream.send_blueprint(blueprint(swarm, single, known, self._live))
         self._static("world", rr.ViewCoordinates.RDF)
-        self._static("about", rr.TextDocument(plots.ABOUT.format(enlarged=ENLARGED), media_type="text/markdown"))
-        self._draw_lighthouse(np.radians(scene.field_deg), reach)
-        for i in self._near:
-            self._draw_craft(int(i), replay)
-        self._groups = self._draw_crowd() if self._crowd else {}
-        if not self._crowd:
-            self._static("world/names", rr.Points3D.from_fields(radii=[0.0], labels=list(scene.craft)))
-        for name, lines in self._plots.lines.items():
-            self._static(
-                name, rr.SeriesLines(names=lines.names, colors=lines.colours, widths=lines.widths, **_NO_AGGREGATION)
+        solid = "the craft at its estimate: the truth is not known" if self._replay else "the craft where it truly is"
+        trail_s, slowed = TRAIL_POINTS * TRAIL_STEP_S, FAN_TURN_S / REAL_FAN_TURN_S
+        about = ABOUT.format(craft=solid, enlarged=ENLARGED, slowed=slowed, trail=trail_s)
+        self._static("about", rr.TextDocument(about, media_type="text/markdown"))
+        for plot in self._plots:
+            lines = rr.SeriesLines(
+                names=plot.names,
+                colors=np.array(plot.colours, dtype=np.uint32),
+                widths=plot.widths,
+                aggregation_policy="MinMaxAverage",
             )
-        self._started = True
+            self._static(plot.entity, lines)
+        self._draw_lighthouse(np.radians(scene.field_deg), reach_m)
+        for i in self._near:
+            self._draw_craft(int(i))
+        self._groups = self._draw_crowd() if self._crowd else {}
+        if 0 < period.time_s < 0.1:
+            # The timeline begins with the run, not with the middle of its first period.
+            self._send_fans(self._sender(np.zeros(1), np.zeros(1, dtype=np.int64)), np.zeros(1))
+        inks_near = self._colour[self._near]
+        for name, (_, colour) in RAY_COLOURS.items():
+            ink = np.array([colour], dtype=np.uint32)
+            self._static(f"world/rays/{name}", rr.LineStrips3D.from_fields(colors=ink, radii=[-0.4]))
+        self._static("world/trails", rr.LineStrips3D.from_fields(colors=inks_near, radii=[-0.8]))
+        # The viewer has no text in space: names are the labels of points without size, above the craft.
+        names = [craft[i] for i in self._near]
+        label = rr.Points3D.from_fields(labels=names, colors=inks_near, radii=[0.0], show_labels=True)
+        self._static("world/names", label)
+        self._name_offset_m = np.array([0.0, -_size(scene, self._near) - 0.02 * reach_m, 0.0])
+
+    def _static(self, entity: str, what: Any) -> None:
+        self._stream.log(entity, what, static=True)
 
     def _draw_lighthouse(self, field_rad: float, reach_m: float) -> None:
         if (body := drawing.solid(self._scene.lighthouse)) is not None:
             self._static("world/lighthouse/body", _mesh(body))
-        strips = drawing.field(field_rad, 0.2 * reach_m)
-        self._static("world/lighthouse/field", rr.LineStrips3D(strips, colors=[0x90A4AE60], radii=-0.7))
+        strips = drawing.field(field_rad, 0.12 * reach_m)
+        self._static("world/lighthouse/field", rr.LineStrips3D(strips, colors=[0xB0BEC5A0], radii=-0.8))
         vertex, face = drawing.fan(field_rad, reach_m)
-        for name, colour, turn in (("x", 0xFF8A6530, None), ("y", 0x4FC3F730, np.array([[0, 1, 0], [1, 0, 0]]))):
-            # Fan X is a plane through the Y axis; fan Y is the same with x and y exchanged.
-            points = vertex if turn is None else vertex[:, [1, 0, 2]]
+        for fan, points, colour in (("x", vertex, 0xFF8A6506), ("y", vertex[:, [1, 0, 2]], 0x4FC3F706)):
             mesh = rr.Mesh3D(vertex_positions=points, triangle_indices=face, albedo_factor=colour)
-            self._static(f"world/lighthouse/fan_{name}/light", mesh)
+            self._static(f"world/lighthouse/fan_{fan}/light", mesh)
+            ink = np.array([colour | 0x90], dtype=np.uint32)
+            rim = rr.LineStrips3D([np.roll(points, -1, axis=0).astype(np.float32)], colors=ink, radii=-0.6)
+            self._static(f"world/lighthouse/fan_{fan}/rim", rim)
 
-    def _draw_craft(self, i: int, replay: bool) -> None:
+    def _body(self, i: int) -> str:
+        return f"world/{'estimate' if self._replay else 'craft'}/{self._scene.craft[i]}"
+
+    def _draw_craft(self, i: int) -> None:
         name, visuals = self._scene.craft[i], self._scene.visuals[i]
-        body = f"world/estimate/{name}" if replay else f"world/craft/{name}"
         if (mesh := drawing.solid(visuals)) is not None:
-            self._static(f"{body}/mesh", _mesh(mesh))
-        edges = drawing.outline(visuals)
-        if len(edges) and not replay:
-            lines = rr.LineStrips3D(edges, colors=[self._colour[i]], radii=-1.2)
+            self._static(f"{self._body(i)}/mesh", _mesh(mesh))
+        if not self._replay:
+            lines = rr.LineStrips3D(drawing.outline(visuals).astype(np.float32), colors=[self._colour[i]], radii=-0.6)
             self._static(f"world/estimate/{name}/outline", lines)
         points = self._scene.photodiodes.point_m[i][self._scene.photodiodes.present[i]]
-        self._static(f"{body}/photodiodes", rr.Points3D(points, radii=-3.0))
+        self._static(f"{self._body(i)}/photodiodes", rr.Points3D(points, radii=-2.0))
+        states = rr.StateConfiguration(values=list(STATUS), colors=np.array(STATUS_COLOURS, dtype=np.uint32))
+        self._static(f"status/{name}", states)
 
     def _draw_crowd(self) -> dict[str, Ints]:
         """Entities of the craft without detail, one per model, and who is in each."""
@@ -160,44 +188,120 @@ class Recording:
                 self._static(f"world/crowd/model-{number}", _mesh(body))
         return groups
 
-    def _send(self) -> None:
-        if not self._waiting:
-            return
-        rows, self._waiting = self._waiting, []
-        time = np.array([row.time_s for row in rows])
-        frame = np.array([row.frame for row in rows])
+    def _sender(self, time_s: Floats, frame: Ints) -> Send:
         index = [
-            rr.TimeColumn("sim_time", duration=np.rint(time * 1e9).astype("timedelta64[ns]")),
+            rr.TimeColumn("sim_time", duration=np.rint(time_s * 1e9).astype("timedelta64[ns]")),
             rr.TimeColumn("frame", sequence=frame),
         ]
 
-        def send(entity: str, columns: Any) -> None:
+        def send(entity: str, columns: Iterable[Any]) -> None:
             self._stream.send_columns(entity, index, columns)
 
-        position = np.stack([row.estimate.position for row in rows])
-        rotation = np.stack([row.estimate.rotation for row in rows])
-        quaternion = quaternion_from_matrix(rotation)
-        body_position, body_rotation = position, rotation
-        for row in rows:
-            self._check(row)
-        truths = [row.truth for row in rows if row.truth is not None]
-        if truths:
-            body_position = np.stack([truth.position for truth in truths])
-            body_quaternion = np.stack([truth.quaternion for truth in truths])
-            body_rotation = matrix_from_quaternion(body_quaternion)
-            self._send_poses(send, "world/craft", body_position, body_quaternion)
-            for entity, who in self._groups.items():
-                self._send_crowd(send, entity, body_position[:, who], body_quaternion[:, who])
-        self._send_poses(send, "world/estimate", position, quaternion)
-        self._send_fans(send, time)
-        self._send_sight(send, np.stack([row.sight for row in rows]), body_position, body_rotation, bool(truths))
-        self._send_covariance(send, position, np.stack([row.estimate.covariance for row in rows])[..., 6:9, 6:9])
-        self._send_trails(send, time, body_position)
-        if not self._crowd:
-            send("world/names", _split(rr.Points3D.columns(positions=_flat(body_position)), *body_position.shape[:2]))
-        for name, values in self._plots.values(rows).items():
-            send(name, rr.Scalars.columns(scalars=values))
+        return send
+
+    def _send(self) -> None:
+        if not self._waiting:
+            return
+        batch, self._waiting = stacked(self._waiting), []
+        send = self._sender(batch.time_s, batch.frame)
+        self._send_poses(send, batch)
+        self._send_fans(send, batch.time_s)
+        self._send_sight(send, batch)
+        self._send_covariance(send, batch)
+        self._send_trails(send, batch)
+        for plot in self._plots:
+            send(plot.entity, rr.Scalars.columns(scalars=plot.values(batch)))
         for i in self._near:
-            states = [STATUS[row.estimate.status[i]] for row in rows]
+            states = [STATUS[code] for code in batch.status[:, i]]
             send(f"status/{self._scene.craft[i]}", rr.StateChange.columns(state=states))
-        self._stream.flush(timeout_sec=10.0)
+        # Handed to the operating system now, a batch survives a kill.
+        self._stream.flush()
+
+    def _send_poses(self, send: Send, batch: Batch) -> None:
+        """Transforms; a craft that knows nothing has NaN there, which the viewer does not draw."""
+        turn = xyzw_from_wxyz(quaternion_from_matrix(batch.rotation[:, self._near]))
+        true_turn = xyzw_from_wxyz(batch.body_quaternion)
+        for k, i in enumerate(self._near):
+            estimate = rr.Transform3D.columns(translation=batch.position[:, i], quaternion=turn[:, k])
+            send(f"world/estimate/{self._scene.craft[i]}", estimate)
+            if not self._replay:
+                truth = rr.Transform3D.columns(translation=batch.body_position[:, i], quaternion=true_turn[:, i])
+                send(f"world/craft/{self._scene.craft[i]}", truth)
+        above = (batch.body_position[:, self._near] + self._name_offset_m).reshape(-1, 3)
+        send("world/names", rr.Points3D.columns(positions=above).partition([len(self._near)] * len(batch.time_s)))
+        for entity, who in self._groups.items():
+            at, turns = batch.body_position[:, who].reshape(-1, 3), true_turn[:, who].reshape(-1, 4)
+            poses = rr.InstancePoses3D.columns(translations=at, quaternions=turns)
+            send(entity, poses.partition([len(who)] * len(batch.time_s)))
+
+    def _send_fans(self, send: Send, time_s: Floats) -> None:
+        """Sweep angle a from boresight: x/z = -tan a is a turn of -a about Y, y/z = -tan a one of a about X."""
+        turn = time_s / FAN_TURN_S
+        for fan, offset, axis, sign in (("x", 0.25, 1, -1.0), ("y", 0.75, 0, 1.0)):
+            a = 2 * np.pi * ((turn - offset + 0.5) % 1 - 0.5)
+            quaternion = np.zeros((len(a), 4))
+            quaternion[:, axis], quaternion[:, 3] = np.sin(sign * a / 2), np.cos(a / 2)
+            outside = np.abs(a) > np.radians(self._scene.field_deg) / 2
+            at = np.where(outside[:, None], np.nan, np.zeros((len(a), 3)))
+            send(f"world/lighthouse/fan_{fan}", rr.Transform3D.columns(translation=at, quaternion=quaternion))
+
+    def _send_sight(self, send: Send, batch: Batch) -> None:
+        present = self._scene.photodiodes.present[self._near]
+        sight = batch.sight[:, self._near]
+        for k, i in enumerate(self._near):
+            colours = SIGHT_COLOURS[sight[:, k][:, present[k]]]
+            columns = rr.Points3D.columns(colors=colours.reshape(-1))
+            send(f"{self._body(int(i))}/photodiodes", columns.partition([colours.shape[1]] * len(colours)))
+        rotation = matrix_from_quaternion(batch.body_quaternion[:, self._near])
+        point = np.einsum("ncij,ckj->ncki", rotation, self._scene.photodiodes.point_m[self._near])
+        point += batch.body_position[:, self._near, None]
+        drawable = present & np.isfinite(point).all(axis=-1)
+        for name, (state, _) in RAY_COLOURS.items():
+            _send_segments(send, f"world/rays/{name}", point, drawable & (sight == state))
+
+    def _send_covariance(self, send: Send, batch: Batch) -> None:
+        covariance, position = batch.covariance[:, self._near], batch.position[:, self._near]
+        known = np.isfinite(covariance).all(axis=(-1, -2)) & np.isfinite(position).all(axis=-1)
+        half, quaternion = drawing.ellipsoids(covariance[known], 3.0)
+        colours = np.broadcast_to(self._colour[self._near], (*known.shape, 4))[known]
+        columns = rr.Ellipsoids3D.columns(
+            half_sizes=ENLARGED * half,
+            centers=position[known],
+            quaternions=xyzw_from_wxyz(quaternion),
+            colors=colours,
+        )
+        send("world/covariance", columns.partition(np.count_nonzero(known, axis=1)))
+
+    def _send_trails(self, send: Send, batch: Batch) -> None:
+        strips: list[Floats] = []
+        for time_s, position in zip(batch.time_s, batch.body_position[:, self._near], strict=True):
+            if time_s >= self._trail_due_s:
+                self._trail.append(position)
+                self._trail_due_s = time_s + TRAIL_STEP_S
+            # Padded with the oldest point, so that every strip has the same length.
+            missing = TRAIL_POINTS - len(self._trail)
+            strips.append(np.stack([*[self._trail[0]] * missing, *self._trail, position], axis=1))
+        lines = np.concatenate(strips).astype(np.float32)
+        columns = rr.LineStrips3D.columns(strips=lines)
+        send("world/trails", columns.partition([len(self._near)] * len(strips)))
+
+
+def _size(scene: Scene, craft: Ints) -> float:
+    """Radius [m] about the body's origin of the largest of these craft."""
+    points = [mesh.vertex for i in craft for mesh, _ in scene.visuals[i]] + [
+        scene.photodiodes.point_m[i] for i in craft
+    ]
+    return max((float(np.linalg.norm(p, axis=1).max()) for p in points if len(p)), default=0.0)
+
+
+def _mesh(solid: drawing.Solid) -> rr.Mesh3D:
+    return rr.Mesh3D(vertex_positions=solid.vertex, vertex_normals=solid.normal, vertex_colors=solid.colour)
+
+
+def _send_segments(send: Send, entity: str, end: Floats, drawn: Bools) -> None:
+    """Segments from the origin to the `drawn` (n, C, K) of the points `end` (n, C, K, 3)."""
+    to = end[drawn]
+    count: NDArray[np.int64] = np.count_nonzero(drawn, axis=(1, 2))
+    strips = np.stack([np.zeros_like(to), to], axis=1).astype(np.float32)
+    columns = rr.LineStrips3D.columns(strips=strips)
+    send(entity, columns.partition(count))

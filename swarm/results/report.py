@@ -20,7 +20,7 @@ MOST_ROWS = 16
 """Up to so many craft have a row each; of more, the worst ones are shown."""
 WORST_ROWS = 8
 ARCSEC_PER_RAD = math.degrees(1) * 3600
-NAME_WIDTH = 16
+HEAD, NAME_WIDTH = "craft", 16
 GAP = 2
 """Blanks between two columns."""
 NOTHING = "–"
@@ -85,12 +85,12 @@ REPLAY_COLUMNS = (
 def print_report(console: Console, summary: Mapping[str, Any], folder: Path) -> None:
     """Print the table and the findings of a run's `summary`, and where the run's `folder` is."""
     console.print(results(summary, console.width))
-    if summary.get("status") == "interrupted":
-        reason = summary.get("reason", "stopped")
-        console.print(Text(f"This run is not complete: {reason}. What there is until then:", style="yellow"))
+    if summary.get("status") != "complete":
+        reason = summary.get("reason", "the program was killed")
+        console.print(Text(f"\nThis run is not complete ({reason}); this is what there is until then.", style="yellow"))
     console.print(f"\n{folder}/", highlight=False, markup=False, soft_wrap=True)
     for file, meaning in written(folder):
-        console.print(Text.assemble(f"  {file}", (f"  {meaning}", "dim")), soft_wrap=True)
+        console.print(Text.assemble(f"  {file}", (f"  {meaning}", "dim")))
     if (folder / RECORDING).exists():
         console.print("Look at it: ", end="")
         console.print(f"swarm view {folder}", style="bold", highlight=False, markup=False, soft_wrap=True)
@@ -116,10 +116,11 @@ def findings(figures: Figures) -> list[tuple[str, str]]:
     out = []
     for key, name in (("nees", "NEES"), ("nis", "NIS")):
         if f := figures.get(key):
-            where = "inside" if f["inside_band"] else "outside"
-            band = f"{where} its 95 % band, {f['band_low']:.2f} to {f['band_high']:.2f}"
+            side = "inside" if f["inside_band"] else "below" if f["mean"] < f["band_low"] else "above"
+            meaning = {"inside": "consistent", "below": "cautious", "above": "overconfident"}[side]
+            band = f"{side} the 95 % band {f['band_low']:.2f} to {f['band_high']:.2f}"
             samples = f"{f['effective_samples']:.0f} independent samples"
-            out.append((f"{name} {f['mean']:.2f}: {band} ({samples})", "green" if f["inside_band"] else "yellow"))
+            out.append((f"{name} {f['mean']:.2f}: {meaning}, {band} of {samples}", _colour(f)))
     position, attitude = figures.get("ekf_to_pnp_position_ratio"), figures.get("ekf_to_pnp_attitude_ratio")
     if position is not None and attitude is not None:
         out.append((f"Filter error over raw PnP error: {position:.2f} in position, {attitude:.2f} in attitude", ""))
@@ -160,19 +161,19 @@ def _table(rows: list[tuple[str, Figures]], width: int) -> Table:
     replay = any("peer_samples" in figures for _, figures in rows)
     columns = [(c, _cells(c, rows)) for c in (REPLAY_COLUMNS if replay else COLUMNS)]
     columns = [(c, cells) for c, cells in columns if any(cell != NOTHING for cell in cells)]
-    room = width - min(max(len(name) for name, _ in rows), NAME_WIDTH)
+    room = width - min(max(len(name) for name, _ in [*rows, (HEAD, None)]), NAME_WIDTH)
     while columns and sum(GAP + _width(c, cells) for c, cells in columns) > room:
         columns.remove(max(columns, key=lambda pair: pair[0].rank))
 
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, GAP - 1, 0, 0))
-    table.add_column("craft", no_wrap=True, max_width=NAME_WIDTH, overflow="ellipsis")
+    table.add_column(HEAD, no_wrap=True, max_width=NAME_WIDTH, overflow="ellipsis")
     for column, _ in columns:
         table.add_column(column.head, justify="right", no_wrap=True)
     for i, (name, figures) in enumerate(rows):
         is_swarm = i == len(rows) - 1 > 0
         if is_swarm:
             table.add_section()
-        cells = (Text(texts[i], _colour(figures) if c is NEES else "") for c, texts in columns)
+        cells = (Text(texts[i], _colour(figures.get("nees")) if c is NEES else "") for c, texts in columns)
         table.add_row(Text(name), *cells, style="bold" if is_swarm else "")
     return table
 
@@ -186,14 +187,14 @@ def _cells(column: Column, rows: list[tuple[str, Figures]]) -> list[str]:
         decimals = min(max(2 - math.floor(math.log10(largest)), 0), 5) if largest > 0 else 0
         texts = [NOTHING if v is None else f"{v:.{decimals}f}" for v in numbers]
         parts.append([text.rjust(max(map(len, texts))) for text in texts])
-    joined = [column.between.join(cells) for cells in zip(*parts, strict=True)]
-    return [NOTHING if set(text) <= set(NOTHING + column.between) else text for text in joined]
+    joined = (column.between.join(cells) for cells in zip(*parts, strict=True))
+    known = ([value(figures) is not None for value in column.values] for _, figures in rows)
+    return [text if any(some) else NOTHING for text, some in zip(joined, known, strict=True)]
 
 
 def _width(column: Column, cells: list[str]) -> int:
     return max(len(text) for text in (*column.head.split("\n"), *cells))
 
 
-def _colour(figures: Figures) -> str:
-    nees = figures.get("nees")
-    return "" if not nees else "green" if nees["inside_band"] else "yellow"
+def _colour(consistency: Figures | None) -> str:
+    return "" if not consistency else "green" if consistency["inside_band"] else "yellow"

@@ -3,7 +3,7 @@
 from swarm.scenario.load import Craft, craft, for_replay, load, validate
 from swarm.scenario.motions import AnyMotion, Approach, Attitude, Drift, Hold, Ring, Tumble, Waypoints
 from swarm.scenario.reference import json_schema, markdown_reference
-from swarm.scenario.schema import Fan, Lighthouse, Navigation, Scenario
+from swarm.scenario.schema import Fan, Lighthouse, Navigation, Scenario, Swarm
 from swarm.scenario.text import to_toml
 
 __all__ = [
@@ -18,6 +18,7 @@ __all__ = [
     "Navigation",
     "Ring",
     "Scenario",
+    "Swarm",
     "Tumble",
     "Waypoints",
     "craft",

@@ -161,9 +161,10 @@ def _resolve_paths(data: dict[str, Any], folder: Path, sources: Mapping[mistakes
     value = mistakes.value_at(data, path)
     if isinstance(value, str):
         file = ((Path.cwd() if path in sources else folder) / value).resolve()
-        data["navigation"] = {**data["navigation"], "calibration": str(file)}
-        if not file.is_file():
-            yield Problem(2, (path,), "no such file")
+        if file.is_file():
+            data["navigation"] = {**data["navigation"], "calibration": str(file)}
+        else:
+            yield Problem(2, (path,), f"there is no file {file}")
 
 
 def _name(stem: str) -> str:

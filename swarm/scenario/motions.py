@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
 from pydantic_core import PydanticCustomError
 
 Component = Annotated[float, Field(ge=-1000, le=1000)]
+Time = Annotated[float, Field(ge=0, le=86400)]
 Vector = Annotated[tuple[Component, Component, Component], Strict(False)]
 """Three numbers; a TOML list becomes a tuple (hence not strict), its elements stay strict."""
 
@@ -81,16 +82,14 @@ class Waypoints(Motion):
 
     kind: Literal["waypoints"] = Field(description="Passes through points at given times.")
     points_m: Annotated[tuple[Vector, ...], Strict(False)] = Field(min_length=1, description="The points, in order.")
-    times_s: Annotated[tuple[float, ...], Strict(False)] = Field(
-        min_length=1, description="When to be at each point: as many, strictly increasing, the first not negative."
+    times_s: Annotated[tuple[Time, ...], Strict(False)] = Field(
+        min_length=1, description="When to be at each point: as many, strictly increasing."
     )
 
     def between_keys(self) -> Iterator[Mistake]:
         """As many times as points, in order."""
         if len(self.times_s) != len(self.points_m):
             yield f"has {len(self.times_s)} times for {len(self.points_m)} points_m", "times_s", "points_m"
-        if self.times_s[0] < 0:
-            yield "the first time must be at least 0 s", "times_s"
         for i, (before, after) in enumerate(pairwise(self.times_s), start=1):
             if after <= before:
                 yield f"must increase strictly: times_s[{i}] = {after} follows {before}", "times_s"

@@ -150,7 +150,7 @@ class Navigation(Table):
         default=0.2, gt=0, le=100, description="Process noise: white acceleration, 1 sigma per axis and period."
     )
     angular_acceleration_noise_deg_s2: float = Field(
-        default=11.459,
+        default=12.0,
         gt=0,
         le=36000,
         description="Process noise: white angular acceleration, 1 sigma per axis and period.",

@@ -1,0 +1,103 @@
+"""Feed a real Lighthouse 1.0 recording to the on-board code that simulated craft run: one object, one station at a time.
+
+There is no truth in a recording: the true columns stay null, and the pose that the recording's own software found goes
+into the peer columns. What the station's factory calibration knows is taken off the angles before anything else.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from estimators.arrays import Floats
+from swarm import build
+from swarm.assets import find_model
+from swarm.craft import visuals
+from swarm.errors import SwarmError
+from swarm.layout import Photodiodes
+from swarm.onboard.decoder import PulseDecoder, SweepAngles
+from swarm.onboard.navigation import Navigator
+from swarm.recordings import Recording, read_libsurvive
+from swarm.results.progress import Progress
+from swarm.results.recorder import LIT, OUTSIDE, Scene
+from swarm.results.run_folder import Run
+from swarm.results.run_writer import writing_run
+from swarm.results.telemetry import Peer
+from swarm.scenario import Scenario, for_replay
+from swarm.station_calibration import StationCalibration, read_calibration
+from swarm.windows import Source, Window, Windows
+
+
+def replay(
+    recording: str | Path,
+    *,
+    object_name: str | None = None,
+    lighthouse: int = 0,
+    calibration: str | Path | None = None,
+    source: Source = "pulses",
+    scenario: Scenario | None = None,
+    out: str | Path | None = None,
+    force: bool = False,
+    record: bool = True,
+    progress: Callable[[Progress], None] | None = None,
+) -> Run:
+    """Replay what `object_name` saw of station `lighthouse` in a libsurvive `recording`; the run, opened.
+
+    calibration: the station's known errors, libsurvive's file or ours. source: the raw "pulses", or the "angles" that
+    the recording's own software made of them. scenario: of `for_replay`, for other navigation settings. The rest as in
+    `simulate`. Raises SwarmError, as `read_libsurvive` and `read_calibration` do.
+    """
+    settings = scenario if scenario is not None else for_replay(Path(recording))
+    if object_name is None:
+        raise SwarmError(f"{recording}: which object? Give --object NAME, such as HMD")
+    log = read_libsurvive(recording, object_name)
+    known = read_calibration(calibration, lighthouse) if calibration is not None else None
+    windows = Windows(log, lighthouse, source, known.pose if known else None)
+    layout = _layout(log, known)
+    decoder = PulseDecoder(layout.present, windows.tick_s, frame_s=windows.frame_s, slot=windows.slot)
+    navigation = replace(build.navigation(settings), frame_s=windows.frame_s)
+    if known is not None:
+        navigation = replace(navigation, fan_x=known.fan_x, fan_y=known.fan_y)
+    navigator = Navigator(layout, navigation)
+
+    scene = Scene(
+        craft=(log.device,),
+        visuals=[()],
+        photodiodes=layout,
+        lighthouse=visuals(find_model(settings.lighthouse.model)),
+        field_deg=settings.lighthouse.field_deg,
+    )
+    duration_s = len(windows) * windows.frame_s
+    first_s: float | None = None
+    with writing_run(settings, out, scene, force=force, duration_s=duration_s, record=record, replay=True) as writer:
+        for frame, window in enumerate(windows):
+            first_s = window.time_s if first_s is None else first_s
+            angles = _angles(window, decoder)
+            estimate = navigator.step(angles)
+            peer = Peer(window.peer_position, window.peer_quaternion)
+            sight = np.where(angles.lit, LIT, OUTSIDE)
+            writer.append(frame, window.time_s - first_s, None, sight, estimate, peer)
+            if progress is not None:
+                progress(writer.progress)
+    return writer.run
+
+
+def _angles(window: Window, decoder: PulseDecoder) -> SweepAngles:
+    if window.pulses is not None:
+        return decoder.decode(window.pulses)
+    assert window.angles is not None
+    return window.angles
+
+
+def _layout(log: Recording, known: StationCalibration | None) -> Photodiodes:
+    """The object's photodiodes as its maker says, or as a calibration has found them."""
+    if known is None or known.point_m is None:
+        return log.photodiodes
+    point_m: Floats = known.point_m[None]
+    if point_m.shape != log.photodiodes.point_m.shape:
+        raise SwarmError(
+            f"the calibration places {point_m.shape[1]} photodiodes, but {log.device!r} in {log.path} has "
+            f"{log.photodiodes.point_m.shape[1]}"
+        )
+    return log.photodiodes._replace(point_m=point_m)

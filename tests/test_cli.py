@@ -1,0 +1,337 @@
+"""The command line: help that teaches, mistakes that are one message and exit code 2, runs that end well when stopped."""
+
+import gzip
+import os
+import re
+import signal
+import subprocess
+import sys
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any, NamedTuple
+
+import pytest
+
+import swarm
+from swarm import cli
+from swarm.assets import models, scenarios
+from swarm.results.progress import Progress
+from swarm.results.run_folder import Run, RunFolder, open_run
+from swarm.scenario import Scenario, load, to_toml
+
+HEAVY = {"mujoco", "numba", "numpy", "scipy", "rerun", "pyarrow", "pydantic", "matplotlib", "filterpy", "rich"}
+ROOT = Path(__file__).parent.parent
+
+
+class Result(NamedTuple):
+    """How a command ended."""
+
+    code: int
+    out: str
+    err: str
+
+
+Command = Callable[..., Result]
+
+
+@pytest.fixture
+def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Command:
+    """Runs `swarm ...` in this process, in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "80")
+
+    def run(*arguments: str) -> Result:
+        monkeypatch.setattr(sys, "argv", ["swarm", *arguments])
+        code = cli.main()
+        return Result(code, *capsys.readouterr())
+
+    return run
+
+
+def process(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Runs `swarm ...` as a process of its own, without a terminal."""
+    return subprocess.run(
+        [sys.executable, "-m", "swarm", *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+        env={**os.environ, "PYTHONPATH": str(ROOT), **environment},
+    )
+
+
+def test_nothing_heavy_is_imported_for_help() -> None:
+    """`swarm --help` answers at once because of this; a timed assertion would fail on a busy machine."""
+    code = "import sys, swarm, swarm.cli; print(*{name.partition('.')[0] for name in sys.modules})"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT).stdout
+    assert not HEAVY & set(out.split())
+
+
+def test_help_is_the_tutorial(command: Command) -> None:
+    result = command("--help")
+    assert result.code == 0
+    for line in ("swarm list", "swarm run formation", "swarm view runs/formation-7", "swarm check my.toml", "--set"):
+        assert line in result.out
+    for name in ("list", "run", "view", "check", "replay"):
+        assert re.search(rf"^  {name} +\w", result.out, re.MULTILINE)
+
+
+@pytest.mark.parametrize("name", ["", "list", "run", "view", "check", "replay"])
+@pytest.mark.parametrize("columns", ["60", "80"])
+def test_help_fits_and_shows_no_default_of_python(command: Command, name: str, columns: str) -> None:
+    result = process(*name.split(), "--help", COLUMNS=columns)
+    assert result.returncode == 0
+    assert max(map(len, result.stdout.splitlines())) <= int(columns)
+    assert "\x1b" not in result.stdout
+    assert "None" not in result.stdout
+
+
+def test_commands_that_help_shows_are_understood(command: Command) -> None:
+    """Every example line of the help parses: its options exist."""
+    pages = [command(*page, "--help").out for page in ([], ["run"], ["view"], ["check"], ["replay"])]
+    text = "\n".join(pages).replace("\\\n", " ")
+    examples = [line.strip() for line in text.splitlines() if re.match(r"  +swarm (list|run|view|check|replay) ", line)]
+    assert len(examples) >= 10
+    for example in examples:
+        words = re.split(r"  +(?=[a-z ]{8})| > ", example)[0].split()[1:]
+        options = {word for word in words if word.startswith("-")}
+        assert options <= set(re.findall(r"--[a-z-]+", command(words[0], "--help").out)), example
+
+
+def test_options_mean_the_same_in_every_command_that_writes_a_run(command: Command) -> None:
+    def options(name: str) -> dict[str, str]:
+        lines = command(name, "--help").out.partition("Options:")[2]
+        return dict(re.findall(r"(--(?:out|seed|force|set)\b[^\n]*?)  +([^\n]+(?:\n {10,}[^\n]+)*)", lines))
+
+    run, replay = options("run"), options("replay")
+    assert len(run) == 4
+    # The columns differ in width, the words do not.
+    assert {k: v.split() for k, v in run.items()} == {k: v.split() for k, v in replay.items()}
+
+
+def test_list_shows_every_scenario_and_model_on_one_line(command: Command) -> None:
+    lines = command("list").out.splitlines()
+    for name in [*scenarios(), *models()]:
+        line = next(line for line in lines if line.startswith(f"  {name} "))
+        assert len(line.split()) > 3
+    assert len(lines) == len(scenarios()) + len(models()) + 3
+
+
+def test_version(command: Command) -> None:
+    assert command("--version").out == f"swarm {swarm.__version__}\n"
+
+
+def test_check_prints_the_resolved_scenario(command: Command) -> None:
+    result = command("check", "formation", "--set", "swarm.count=3", "--seed", "5")
+    assert result.code == 0
+    assert result.err == ""
+    assert result.out == to_toml(load("formation", ["swarm.count=3"], 5))
+    assert tomllib.loads(result.out)["swarm"]["count"] == 3
+
+
+FEW = """<mujoco><worldbody><body name="b"><geom size="0.1"/>
+<site name="photodiode0"/><site name="photodiode1"/><site name="photodiode2"/></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("verb", ["run", "check"])
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[swarm]\ncuont = 3", "mine.toml: swarm.cuont = 3: unknown key; did you mean 'count'?"),
+        ("[swarm]\ncount = 1\n[lighthouse]\nangle_noise_deg = 1", "did you mean 'angle_noise_arcsec' (in arcsec)?"),
+        (
+            '[swarm]\ncount = 1\n[lighthouse]\nrange_max_m = "9 m"',
+            'range_max_m = "9 m": expected a number in m, not a string',
+        ),
+        ("[swarm]\ncount = 1\n[lighthouse]\nrange_min_m = -2", "lighthouse.range_min_m = -2: must be at least 0 m"),
+        ('[swarm]\ncount = 1\nmodel = "mokup"', "swarm.model = \"mokup\": no model 'mokup'; did you mean 'mockup'?"),
+        ('[swarm]\ncount = 1\nmodel = "none.xml"', 'swarm.model = "none.xml": model file '),
+        ('[swarm]\ncount = 1\nmodel = "few.xml"', "swarm.model = "),
+        (
+            '[swarm]\ncount = 2\nmotion = {kind = "hold", spacing_m = 0.01}',
+            "swarm.motion.spacing_m = 0.01: craft 'craft-1' starts inside craft 'craft-0'",
+        ),
+        ("[swarm\ncount = 2", "mine.toml, line 1, column 7: not TOML: expected ']'"),
+    ],
+)
+def test_a_mistake_is_one_message_and_exit_code_2_and_writes_nothing(
+    command: Command, tmp_path: Path, verb: str, text: str, message: str
+) -> None:
+    (tmp_path / "mine.toml").write_text(text)
+    (tmp_path / "few.xml").write_text(FEW)
+    before = sorted(tmp_path.rglob("*"))
+    result = command(verb, "mine.toml")
+    assert result.code == 2
+    assert result.out == ""
+    errors = [line for line in result.err.splitlines() if line.startswith("error: ")]
+    assert len(errors) == 1
+    assert message in errors[0]
+    assert "mine" in errors[0]
+    assert "Traceback" not in result.err
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_several_mistakes_are_a_line_each(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text("sede = 1\nduration_s = -1\n[swarm]\ncount = 1")
+    assert command("check", "mine.toml").err.splitlines() == [
+        "error: mine.toml: sede = 1: unknown key; did you mean 'seed'?",
+        "error: mine.toml: duration_s = -1: must be above 0 s",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["run", "formatoin"], "no scenario 'formatoin'; did you mean 'formation'?"),
+        (["run", "none.toml"], "scenario file none.toml does not exist"),
+        (["run", "formation", "--set", "swarm.cuont=3"], "--set: swarm.cuont = 3: unknown key; did you mean 'count'?"),
+        (["run", "formation", "--set", "nonsense"], "--set: 'nonsense' is not key=value"),
+        (["run", "formation", "--seed", "-1"], "--seed: seed = -1: must be at least 0"),
+        (["view", "runs/none"], "runs/none is not a run"),
+        (["view", "none.rrd"], "there is no recording none.rrd"),
+        (["replay", "none.rec.gz", "--object", "HMD"], "none.rec.gz"),
+        (["replay", "torn.rec.gz", "--object", "HMD"], "torn.rec.gz"),
+        (["replay", "noise.rec", "--object", "HMD"], "noise.rec"),
+        (["replay", "none.rec", "--set", "swarm.count=2"], "--set: swarm.count=2: a replay takes only"),
+    ],
+)
+def test_mistakes_on_the_command_line(command: Command, tmp_path: Path, arguments: list[str], message: str) -> None:
+    (tmp_path / "torn.rec.gz").write_bytes(gzip.compress(b"0.1 HMD C 3 1000 60\n" * 1000)[:40])
+    (tmp_path / "noise.rec").write_bytes(bytes(range(256)) * 10)
+    result = command(*arguments)
+    assert result.code == 2
+    errors = [line for line in result.err.splitlines() if line.startswith("error: ")]
+    assert len(errors) == 1
+    assert message in errors[0]
+    assert "Traceback" not in result.err
+    assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["runn", "formation"], ["run"], ["run", "formation", "--sed", "3"], ["run", "formation", "--seed", "x"]],
+)
+def test_what_is_no_command_or_option_exits_with_2_too(command: Command, arguments: list[str]) -> None:
+    result = command(*arguments)
+    assert result.code == 2
+    assert "Error: " in result.err
+    assert "Traceback" not in result.err
+
+
+def test_a_mistake_in_a_process_of_its_own_has_no_control_codes() -> None:
+    result = process("check", "formation", "--set", "swarm.count=0")
+    assert result.returncode == 2
+    assert result.stdout == ""
+    assert result.stderr.startswith("error: --set: swarm.count = 0: there is no craft at all")
+    assert "\x1b" not in result.stderr
+
+
+def test_a_reader_that_goes_away_is_no_error() -> None:
+    """`swarm check formation | head -1`: the pipe closes before everything is written."""
+    program = subprocess.Popen(
+        [sys.executable, "-m", "swarm", "check", "static"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        cwd=ROOT,
+    )
+    assert program.stdout is not None
+    assert program.stderr is not None
+    program.stdout.close()
+    errors = program.stderr.read()
+    program.stderr.close()
+    program.wait(60)
+    assert errors == b""
+
+
+FIGURES = {"status": "complete", "swarm": None, "craft": {}}
+
+
+@pytest.fixture
+def simulator(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """A stand-in for `swarm.simulate`, which notes how it was called and then does what `act` says."""
+    seen: dict[str, Any] = {"act": lambda: None}
+
+    def simulate(
+        scenario: Scenario, *, out: Path, force: bool, progress: Callable[[Progress], None], **more: Any
+    ) -> Run:
+        seen.update(more, scenario=scenario, out=out, force=force)
+        with RunFolder.create(scenario.name, scenario.seed, out, force) as folder:
+            progress(Progress(1.0, 30.0, 2.0, 1, 8))
+            seen["act"]()
+            folder.finish(FIGURES)
+        return open_run(out)
+
+    module = ModuleType("swarm.simulate")
+    module.simulate = simulate  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "swarm.simulate", module)
+    return seen
+
+
+def test_run_passes_its_options_on(command: Command, simulator: dict[str, Any]) -> None:
+    assert command("run", "formation").code == 0
+    assert simulator["out"] == Path("runs/formation-7")
+    assert (simulator["force"], simulator["live"], simulator["record"]) == (False, False, True)
+    result = command(
+        "run", "static", "--seed", "4", "--out", "x", "--force", "--live", "--no-recording", "--set", "duration_s=2"
+    )
+    assert result.code == 0
+    assert (simulator["force"], simulator["live"], simulator["record"]) == (True, True, False)
+    assert simulator["out"] == Path("x")
+    assert (simulator["scenario"].seed, simulator["scenario"].duration_s) == (4, 2.0)
+    assert "1.0 of 30.0 s, 2.0 times real time, 1 of 8 craft tracking" in result.err
+    assert "x/\n" in result.out
+
+
+def test_a_run_is_not_overwritten_without_force(command: Command, simulator: dict[str, Any]) -> None:
+    command("run", "formation")
+    result = command("run", "formation")
+    assert result.code == 2
+    assert "error: runs/formation-7 holds a run already; --force replaces it" in result.err
+    assert command("run", "formation", "--force").code == 0
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_stopped_run_is_closed_says_where_it_is_and_by_its_code_what_stopped_it(
+    command: Command, simulator: dict[str, Any], number: signal.Signals
+) -> None:
+    simulator["act"] = lambda: os.kill(os.getpid(), number)
+    before = signal.getsignal(number)
+    result = command("run", "formation")
+    assert result.code == 128 + number
+    assert "This run is not complete (stopped by the user)" in result.out
+    assert "runs/formation-7/\n" in result.out
+    assert open_run("runs/formation-7").status == "interrupted"
+    assert "Traceback" not in result.err
+    assert signal.getsignal(number) is before
+
+
+def test_stopped_before_anything_was_written_says_so(
+    command: Command, simulator: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def early(*_: Any, **__: Any) -> Run:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(sys.modules["swarm.simulate"], "simulate", early)
+    result = command("run", "formation")
+    assert result.code == 130
+    assert result.err.endswith("error: stopped by SIGINT before anything was written\n")
+
+
+def test_the_package_offers_its_functions_whatever_was_imported_before() -> None:
+    code = """
+import swarm, sys
+assert callable(swarm.load) and not set(sys.modules) & {"mujoco", "rerun"}
+import swarm.simulate, swarm.replay
+assert swarm.simulate.__name__ == "simulate" and callable(swarm.simulate) and callable(swarm.replay)
+from swarm.simulate import simulate
+assert swarm.simulate is simulate
+assert set(swarm.__all__) <= set(dir(swarm))
+try:
+    swarm.simulat
+except AttributeError as error:
+    assert "simulat" in str(error)
+"""
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)

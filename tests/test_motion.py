@@ -1,0 +1,249 @@
+"""References: their rates against finite differences, their places against geometry, their draws against statistics."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from estimators import rotation as rot
+from swarm.errors import SwarmError
+from swarm.motion import Approach, Attitude, Drift, Fleet, Hold, Ring, Task, Tumble, Waypoints
+
+TURNED = Attitude(roll_rad=0.3, pitch_rad=-0.4, yaw_rad=0.2, spin_rad_s=0.7)
+ZIGZAG = ((0.5, 0.2, 3.0), (-0.5, 0.4, 4.0), (-1.0, -0.3, 2.5), (0.0, 0.0, 3.0))
+MOTIONS = {
+    "hold": Hold((0.4, -0.3, 2.0)),
+    "hold, spinning": Hold((0.4, -0.3, 2.0), attitude=TURNED),
+    "ring": Ring((0.1, 0.2, 3.0), 1.0, rate_rad_s=0.5, tilt_rad=0.4),
+    "ring, turned": Ring((0.1, 0.2, 3.0), 1.0, rate_rad_s=-0.5, tilt_rad=1.2, attitude=TURNED),
+    "waypoints": Waypoints(ZIGZAG, (1.0, 4.0, 6.0, 9.0), attitude=TURNED),
+    "one waypoint": Waypoints(ZIGZAG[:1], (1.0,)),
+    "two waypoints": Waypoints(ZIGZAG[:2], (0.0, 5.0)),
+    "approach": Approach((1.0, 0.5, 8.0), (0.0, 0.0, 1.0), start_s=2.0, speed_m_s=1.5, attitude=TURNED),
+    "fixed attitude": Approach((1.0, 0.5, 4.0), (0.0, 0.0, 1.0), 0.0, 0.5, Attitude(False, 0.1, 0.2, 0.3, 0.4)),
+    "tumble": Tumble((0.0, 0.5, 3.0), (0.1, 0.2, -0.1), (0.4, 0.5, 0.6), attitude=TURNED),
+    "drift": Drift((0.0, 0.5, 3.0), 0.02, 0.1, (0.1, 0.2, -0.1), attitude=TURNED),
+}
+
+
+def fleet(*motions, **options):
+    return Fleet([Task(motion) for motion in motions], **options)
+
+
+def swarm_of(motion, count):
+    return Fleet([Task(motion, i, count) for i in range(count)])
+
+
+@pytest.mark.parametrize("time_s", [0.7, 2.3, 3.9, 5.3, 6.8, 20.0])
+def test_rates_and_accelerations_are_the_derivatives(time_s):
+    """Every motion at once, against central differences: error h^2 / 6 times the third derivative, rounding 1e-16 / h.
+
+    The paths' fourth and fifth derivatives reach 10, those of the facing frame near the lighthouse more: 1e-6 holds.
+    """
+    flight, h = fleet(*MOTIONS.values()), 1e-4
+    before, now, after = (flight.at(time_s + step) for step in (-h, 0, h))
+    assert np.allclose(now.velocity, (after.position - before.position) / (2 * h), atol=1e-6)
+    assert np.allclose(now.acceleration, (after.velocity - before.velocity) / (2 * h), atol=1e-6)
+    turn = rot.log(after.rotation @ np.swapaxes(before.rotation, -1, -2)) / (2 * h)
+    assert np.allclose(now.angular_rate, turn, atol=1e-6)
+    change = (after.angular_rate - before.angular_rate) / (2 * h)
+    assert np.allclose(now.angular_acceleration, change, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["waypoints", "two waypoints", "approach"])
+def test_acceleration_has_no_jump(name):
+    """Across the whole motion, its ends included: 4 ms never change it by more than the jerk allows."""
+    flight = fleet(MOTIONS[name])
+    times = np.arange(0, 12, 0.004)
+    acceleration = np.array([flight.at(t).acceleration[0] for t in times])
+    jump = np.linalg.norm(np.diff(acceleration, axis=0), axis=1).max()
+    # Jerk stays below 25 m/s^3 here; a jump would be of the order of the accelerations, 0.3 m/s^2 and more.
+    assert jump < 0.1
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_rotations_are_rotations(name):
+    for time_s in (0.0, 3.0, 50.0):
+        rotation = fleet(MOTIONS[name]).at(time_s).rotation
+        assert np.allclose(rotation @ np.swapaxes(rotation, -1, -2), np.eye(3), atol=1e-12)
+        assert np.allclose(np.linalg.det(rotation), 1)
+
+
+def test_facing_looks_at_the_lighthouse_with_down_below():
+    flight = fleet(*(Hold(p) for p in [(0, 0, 3), (1, 0, 2), (-1, 1, 2), (0, -1.5, 1)]))
+    now = flight.at(1.0)
+    front = now.rotation[:, :, 2]
+    assert np.allclose(front, -now.position / np.linalg.norm(now.position, axis=1, keepdims=True), atol=1e-15)
+    assert np.all(now.rotation[:, 1, 1] > 0), "the body's y axis points down"
+    assert np.allclose(now.rotation[:, 1, 0], 0, atol=1e-15), "the body's x axis is level"
+    # Straight ahead: half a turn about the vertical.
+    assert np.allclose(now.rotation[0], np.diag([-1, 1, -1]), atol=1e-15)
+
+
+def test_offsets_turn_about_body_axes_x_y_z():
+    angles = {"yaw_rad": 0, "pitch_rad": 1, "roll_rad": 2}
+    for name, axis in angles.items():
+        turned = fleet(Hold((0, 0, 3), attitude=Attitude(facing=False, **{name: 0.3}))).at(0.0)
+        assert np.allclose(rot.log(turned.rotation[0]), 0.3 * np.eye(3)[axis], atol=1e-15)
+    spun = fleet(Hold((0, 0, 3), attitude=Attitude(spin_rad_s=0.5))).at(2.0)
+    still = fleet(Hold((0, 0, 3), attitude=Attitude(roll_rad=1.0))).at(2.0)
+    assert np.allclose(spun.rotation, still.rotation, atol=1e-14)
+
+
+def test_ring_spreads_the_craft_evenly_in_its_plane():
+    tilt = 0.4
+    now = swarm_of(Ring((0, 0, 3), 1.5, 0.2, tilt), 8).at(7.0)
+    arm = now.position - [0, 0, 3]
+    normal = rot.exp(np.array([tilt, 0, 0])) @ [0, 0, 1]
+    assert np.allclose(np.linalg.norm(arm, axis=1), 1.5)
+    assert np.allclose(arm @ normal, 0, atol=1e-14)
+    neighbour = np.linalg.norm(arm - np.roll(arm, 1, axis=0), axis=1)
+    assert np.allclose(neighbour, 2 * 1.5 * np.sin(np.pi / 8))
+    # Right-handed about the normal.
+    assert np.allclose(np.cross(0.2 * normal, arm), now.velocity, atol=1e-14)
+
+
+def test_swarm_grid_is_centred_and_square():
+    for count in (1, 2, 4, 7, 9):
+        position = swarm_of(Hold((1, 2, 3), spacing_m=0.5), count).at(0.0).position
+        assert np.allclose((position.max(axis=0) + position.min(axis=0)) / 2, [1, 2, 3])
+        gaps = np.linalg.norm(position[:, None] - position[None], axis=2)[np.triu_indices(count, 1)]
+        assert np.all(gaps > 0.5 - 1e-12)
+        assert np.all(position[:, 2] == 3)
+    assert np.allclose(np.ptp(position, axis=0), [1, 1, 0])
+
+
+def test_waypoints_are_met_at_rest_at_both_ends():
+    flight, times = fleet(MOTIONS["waypoints"]), (1.0, 4.0, 6.0, 9.0)
+    for point, time_s in zip(ZIGZAG, times, strict=True):
+        assert np.allclose(flight.at(time_s).position[0], point, atol=1e-12)
+    for time_s in (0.0, 1.0, 9.0, 30.0):
+        now = flight.at(time_s)
+        assert np.allclose([now.velocity, now.acceleration], 0, atol=1e-11)
+        assert np.allclose(now.position[0], ZIGZAG[0 if time_s <= 1 else -1], atol=1e-12)
+
+
+def test_waypoints_are_never_overshot():
+    """In no coordinate beyond the two neighbouring points, for random points at very uneven times."""
+    random = np.random.default_rng(5)
+    for _ in range(20):
+        points = random.uniform(-2, 2, (6, 3))
+        times = np.cumsum(10 ** random.uniform(-1, 1, 6))
+        flight = fleet(Waypoints(tuple(map(tuple, points)), tuple(times)))
+        for i in range(5):
+            low, high = np.sort(points[i : i + 2], axis=0)
+            for time_s in np.linspace(times[i], times[i + 1], 40):
+                position = flight.at(time_s).position[0]
+                assert np.all(position >= low - 1e-9)
+                assert np.all(position <= high + 1e-9)
+
+
+def test_two_waypoints_make_the_minimum_jerk_motion():
+    """The closed form 10 s^3 - 15 s^4 + 6 s^5 (Flash and Hogan 1985)."""
+    flight = fleet(MOTIONS["two waypoints"])
+    a, b = np.array(ZIGZAG[0]), np.array(ZIGZAG[1])
+    for s in (0.1, 0.5, 0.83):
+        expected = a + (b - a) * (10 * s**3 - 15 * s**4 + 6 * s**5)
+        assert np.allclose(flight.at(5 * s).position[0], expected, atol=1e-12)
+
+
+def test_approach_flies_its_corridor_at_its_speed():
+    motion = MOTIONS["approach"]
+    flight = fleet(motion)
+    a, b = np.array(motion.from_m), np.array(motion.to_m)
+    length = np.linalg.norm(b - a)
+    end_s = motion.start_s + 1.25 * length / motion.speed_m_s
+    now = [flight.at(t) for t in np.linspace(0, end_s + 1, 400)]
+    arm = np.array([n.position[0] for n in now]) - a
+    off = arm - np.outer(arm @ (b - a), b - a) / length**2
+    assert np.allclose(off, 0, atol=1e-12)
+    speed = np.array([np.linalg.norm(n.velocity[0]) for n in now])
+    assert speed.max() == pytest.approx(1.5, abs=1e-12)
+    assert np.allclose(flight.at(motion.start_s).position[0], a, atol=1e-12)
+    assert np.allclose(flight.at(end_s).position[0], b, atol=1e-12)
+    assert np.linalg.norm(flight.at(end_s - 0.05).position[0] - b) > 1e-6, "not there before its time"
+    assert np.all(np.diff(arm @ (b - a)) >= -1e-12), "never backwards"
+
+
+def test_start_is_the_reference_at_time_zero():
+    flight = fleet(*MOTIONS.values())
+    start, first = flight.start(), flight.at(0.0)
+    assert np.array_equal(start.position, first.position)
+    assert np.array_equal(start.velocity, first.velocity)
+    assert np.array_equal(start.angular_rate, first.angular_rate)
+    assert np.allclose(rot.matrix_from_quaternion(start.quaternion), first.rotation, atol=1e-14)
+
+
+def test_free_motions_are_not_held():
+    now = fleet(*MOTIONS.values()).at(1.0)
+    free = np.array([name in ("tumble", "drift") for name in MOTIONS])
+    assert np.array_equal(now.holds_position, ~free)
+    assert np.array_equal(now.holds_attitude, ~free)
+    start = fleet(MOTIONS["tumble"]).start()
+    spin_axis = rot.matrix_from_quaternion(start.quaternion[0])[:, 2]
+    assert np.allclose(start.angular_rate[0], [0.4, 0.5, 0.6] + 0.7 * spin_axis)
+
+
+def test_one_fleet_equals_many():
+    """The batch against one craft at a time, bit for bit."""
+    together = fleet(*MOTIONS.values()).at(3.3)
+    for i, motion in enumerate(MOTIONS.values()):
+        alone = fleet(motion).at(3.3)
+        for batch, single in zip(together, alone, strict=True):
+            assert np.array_equal(batch[i], single[0])
+
+
+def test_no_craft_at_all():
+    assert fleet().at(1.0).position.shape == (0, 3)
+    assert fleet().disturbance(0).acceleration.shape == (0, 3)
+
+
+# Drift
+
+
+def test_drift_draws_do_not_depend_on_company_or_order():
+    drift = MOTIONS["drift"]
+    alone, company = fleet(drift, seed=3), fleet(drift, drift, Hold((0, 0, 3)), seed=3)
+    frames = [0, 1, 255, 256, 700, 5, 256]
+    for frame in frames:
+        assert np.array_equal(alone.disturbance(frame).acceleration[0], company.disturbance(frame).acceleration[0])
+    again = fleet(drift, seed=3)
+    for frame in reversed(frames):
+        one, other = alone.disturbance(frame), again.disturbance(frame)
+        assert np.array_equal(one.angular_acceleration, other.angular_acceleration)
+    assert not np.array_equal(alone.disturbance(1).acceleration, fleet(drift, seed=4).disturbance(1).acceleration)
+    both = company.disturbance(1).acceleration
+    assert not np.array_equal(both[0], both[1])
+    assert not company.disturbance(1).acceleration[2].any()
+
+
+def test_drift_is_white_with_its_sigma():
+    """Chi-square band of the variance and the normal band of the lag-1 correlation, both at 99.99 % two-sided."""
+    flight = fleet(*[MOTIONS["drift"]] * 3, seed=11)
+    draws = [flight.disturbance(frame) for frame in range(2000)]
+    for sigma, sample in (
+        (0.02, np.array([d.acceleration for d in draws])),
+        (0.1, np.array([d.angular_acceleration for d in draws])),
+    ):
+        low, high = stats.chi2.ppf([5e-5, 1 - 5e-5], sample.size)
+        assert low < np.sum((sample / sigma) ** 2) < high
+        correlation = np.mean(sample[1:] * sample[:-1]) / sigma**2
+        assert abs(correlation) < stats.norm.ppf(1 - 5e-5) / np.sqrt(sample[1:].size)
+
+
+# Mistakes
+
+
+@pytest.mark.parametrize(
+    ("motion", "message"),
+    [
+        (Waypoints(ZIGZAG, (0.0, 1.0)), "4 points_m for 2 times_s"),
+        (Waypoints((), ()), "0 points_m for 0 times_s"),
+        (Waypoints(ZIGZAG[:2], (1.0, 1.0)), "increase strictly"),
+        (Approach((0, 0, 3), (0, 0, 3), 0.0, 1.0), "from_m differ from to_m"),
+        (Approach((0, 0, 3), (0, 0, 1), 0.0, 0.0), "speed_m_s must be positive"),
+        (Hold((0.0, 1.0, 0.0)), r"\[0.0, 1.0, 0.0\] m cannot face the lighthouse"),
+    ],
+)
+def test_motions_without_sense(motion, message):
+    with pytest.raises(SwarmError, match=message):
+        fleet(motion)

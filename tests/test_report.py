@@ -1,0 +1,242 @@
+"""What a run's end looks like: a table that fits the terminal, and sentences that say what it means."""
+
+import io
+import random
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.cells import cell_len
+from rich.console import Console
+
+from swarm.results.progress import Progress, ProgressDisplay
+from swarm.results.report import findings, print_report
+
+
+def consistency(mean: float) -> dict[str, Any]:
+    return {
+        "mean": mean,
+        "band_low": 5.1,
+        "band_high": 6.9,
+        "inside_band": 5.1 < mean < 6.9,
+        "samples": 1800,
+        "effective_samples": 130.2,
+        "effective_craft": 1.0,
+        "correlation_time_s": 0.2,
+    }
+
+
+def figures(draw: random.Random, replay: bool = False) -> dict[str, Any]:
+    """As `swarm.results.summary` writes them, with errors of a usual size."""
+    out: dict[str, Any] = {
+        "samples": 1800,
+        "tracking_share": draw.uniform(0.9, 1),
+        "mean_visible": 5.3,
+        "solved_share": 0.99,
+        "solved_share_with_5_photodiodes": 0.98,
+        "residual_median_rad": 4e-5,
+        "mean_iterations": 3.2,
+        "mean_adop_deg_per_rad": draw.uniform(600, 2200),
+        "mean_pdop_m_per_rad": draw.uniform(10, 70),
+        "ekf_to_pnp_position_ratio": None if replay else 0.45,
+        "ekf_to_pnp_attitude_ratio": None if replay else 0.51,
+        "nees": None if replay else consistency(draw.uniform(5, 7.4)),
+        "nis": None if replay else consistency(6.0),
+        "pnp_motion_bias": None if replay else bias(0.0),
+    }
+    for source, share in (("pnp", 1.0), ("ekf", 0.5)):
+        for what, most in (("rms", 1), ("max", 3)):
+            out[f"{source}_position_{what}_m"] = None if replay else share * most * draw.uniform(0.0017, 0.0025)
+            out[f"{source}_attitude_{what}_deg"] = None if replay else share * most * draw.uniform(0.07, 0.1)
+    if replay:
+        out |= {"peer_samples": 300, "peer_position_scatter_mm": 3.1, "peer_attitude_scatter_deg": 0.32}
+    return out
+
+
+def bias(slope_s: float) -> dict[str, Any]:
+    return {
+        "position_slope_s": [-slope_s, slope_s, None],
+        "position_slope_sigma_s": [1e-4, 1e-4, None],
+        "position_rms_m": 0.0012,
+        "along_velocity_m": 0.0,
+        "attitude_slope_s": [1e-5, 0.0, None],
+        "attitude_slope_sigma_s": [1e-4, 1e-4, None],
+        "attitude_rms_deg": 0.02,
+    }
+
+
+def summary(craft: int, replay: bool = False, **more: Any) -> dict[str, Any]:
+    draw = random.Random(1)
+    names = ["HMD"] if replay else [f"craft-{i}" for i in range(craft)]
+    swarm = figures(draw, replay)
+    return {
+        "status": "complete",
+        "periods": 1800,
+        "duration_s": 30.0,
+        "craft_count": craft,
+        "swarm": swarm,
+        "craft": {name: figures(draw, replay) for name in names},
+        **more,
+    }
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    run = Path("runs/formation-7")
+    run.mkdir(parents=True)
+    for name in ("telemetry.parquet", "summary.json", "scenario.toml", "recording.rrd"):
+        (run / name).touch()
+    return run
+
+
+def printed(content: dict[str, Any], folder: Path, width: int, **options: Any) -> list[str]:
+    out = io.StringIO()
+    print_report(Console(file=out, width=width, **options), content, folder)
+    return out.getvalue().splitlines()
+
+
+@pytest.mark.parametrize("width", [40, 60, 80, 120, 200])
+@pytest.mark.parametrize("replay", [False, True])
+def test_it_fits_the_terminal_and_no_figure_is_cut(folder: Path, width: int, replay: bool) -> None:
+    lines = printed(summary(1 if replay else 8, replay), folder, width)
+    assert max(map(cell_len, lines)) <= width
+    assert not any("…" in line for line in lines)
+    rows = [line for line in lines if line.startswith(("craft-", "HMD", "swarm  "))]
+    assert len(rows) == (1 if replay else 9)
+    assert len({len(row.split()) for row in rows}) == 1
+
+
+def test_the_table_has_what_the_issue_asks_for_at_80_columns(folder: Path) -> None:
+    text = "\n".join(printed(summary(8), folder, 80))
+    for head in ("tracking", "position, mm", "attitude, °", "RMS / max", "ADOP", "PDOP", "NEES", "band"):
+        assert head in text, head
+    assert "5.10–6.90" in text
+
+
+def test_figures_are_the_summarys_in_the_units_of_the_head(folder: Path) -> None:
+    content = summary(2)
+    row = next(line for line in printed(content, folder, 200) if line.startswith("craft-1")).split()
+    told = content["craft"]["craft-1"]
+    expected = [
+        100 * told["tracking_share"],
+        1000 * told["ekf_position_rms_m"],
+        1000 * told["ekf_position_max_m"],
+        told["ekf_attitude_rms_deg"],
+        told["ekf_attitude_max_deg"],
+        1000 * told["pnp_position_rms_m"],
+        1000 * told["pnp_position_max_m"],
+        told["pnp_attitude_rms_deg"],
+        told["pnp_attitude_max_deg"],
+        told["mean_adop_deg_per_rad"],
+        told["mean_pdop_m_per_rad"],
+        told["nees"]["mean"],
+    ]
+    shown = [float(cell) for cell in row[1:-1] if cell != "/"]
+    # At least two significant digits are shown, three of a column's largest figure.
+    assert shown == pytest.approx(expected, rel=0.05)
+
+
+def test_of_many_craft_the_worst_are_shown(folder: Path) -> None:
+    content = summary(40)
+    content["craft"]["craft-23"]["tracking_share"] = 0.1
+    lines = printed(content, folder, 80)
+    rows = [line for line in lines if line.startswith("craft-")]
+    assert len(rows) == 8
+    assert rows[0].startswith("craft-23")
+    assert any(line.startswith("swarm ") for line in lines)
+    assert "The 8 worst of 40 craft; summary.json has them all." in lines
+
+
+def test_a_craft_that_never_found_itself_has_no_figures_and_is_the_worst(folder: Path) -> None:
+    content = summary(17)
+    lost = content["craft"]["craft-3"]
+    content["craft"]["craft-3"] = {key: 0.0 if key == "tracking_share" else None for key in lost}
+    rows = [line.split() for line in printed(content, folder, 80) if line.startswith("craft-")]
+    assert rows[0] == ["craft-3", "0.0", *6 * ["–"]]
+
+
+def test_consistency_is_said_with_its_band() -> None:
+    inside, outside = dict(figures(random.Random(0)), nees=consistency(6.2)), dict(figures(random.Random(0)))
+    outside["nees"] = consistency(7.3)
+    assert findings(inside)[0] == (
+        "NEES 6.20: consistent, inside the 95 % band 5.10 to 6.90 of 130 independent samples",
+        "green",
+    )
+    assert findings(outside)[0][0].startswith("NEES 7.30: overconfident, above the 95 % band 5.10")
+    assert findings(outside)[0][1] == "yellow"
+    outside["nees"] = consistency(5.05)
+    assert findings(outside)[0][0].startswith("NEES 5.05: cautious, below the 95 % band 5.10")
+
+
+def test_a_motion_bias_is_told_only_where_it_is_beyond_chance() -> None:
+    told = dict(figures(random.Random(0)), pnp_motion_bias=bias(4.17e-3))
+    assert any(s == "Motion biases PnP's position: 1.2 mm RMS (x -4.17 ms, y +4.17 ms)" for s, _ in findings(told))
+    assert not any("attitude: " in s for s, _ in findings(told))
+    assert not any("biases" in s for s, _ in findings(figures(random.Random(0))))
+
+
+def test_it_says_where_the_run_is_and_how_to_look_at_it(folder: Path) -> None:
+    lines = printed(summary(1), folder, 60)
+    at = lines.index("runs/formation-7/")
+    assert [line.split()[0] for line in lines[at + 1 : at + 5]] == [
+        "telemetry.parquet",
+        "summary.json",
+        "scenario.toml",
+        "recording.rrd",
+    ]
+    assert lines[at + 5] == "Look at it: swarm view runs/formation-7"
+    (folder / "recording.rrd").unlink()
+    assert not any("swarm view" in line for line in printed(summary(1), folder, 60))
+
+
+def test_an_interrupted_run_says_so_and_an_empty_one_too(folder: Path) -> None:
+    content = summary(1, status="interrupted", reason="stopped by the user")
+    empty = {**summary(1), "swarm": None, "craft": {}}
+    assert any("not complete (stopped by the user)" in line for line in printed(content, folder, 80))
+    assert "Not one lighthouse period was recorded." in printed(empty, folder, 80)
+    assert "Not one lighthouse period was recorded." in printed({"status": "interrupted"}, folder, 80)
+
+
+def test_no_control_codes_without_a_terminal_and_no_colour_with_no_color(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert "\x1b" not in "\n".join(printed(summary(8), folder, 80))
+    assert "\x1b[3" in "\n".join(printed(summary(8), folder, 80, force_terminal=True, color_system="standard"))
+    monkeypatch.setenv("NO_COLOR", "1")
+    assert "\x1b[3" not in "\n".join(printed(summary(8), folder, 80, force_terminal=True))
+
+
+HALF = Progress(15.0, 30.0, 3.4, 7, 8)
+DONE = Progress(30.0, 30.0, 3.4, 8, 8)
+
+
+def test_without_a_terminal_progress_is_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = [100.0]
+    monkeypatch.setattr("swarm.results.progress.time.monotonic", lambda: clock[0])
+    out = io.StringIO()
+    with ProgressDisplay(Console(file=out, width=40), "formation") as show:
+        show(HALF)
+        clock[0] += 5.0
+        show(HALF)
+        show(HALF)
+        show(DONE)
+    assert out.getvalue().splitlines() == [
+        "formation: starting; the first run on a machine compiles for about 15 s",
+        "formation: 15.0 of 30.0 s, 3.4 times real time, 7 of 8 craft tracking",
+        "formation: 30.0 of 30.0 s, 3.4 times real time, 8 of 8 craft tracking",
+    ]
+
+
+@pytest.mark.parametrize("width", [50, 60, 80, 120])
+def test_on_a_terminal_progress_is_one_line_with_time_speed_and_tracking(width: int) -> None:
+    out = io.StringIO()
+    console = Console(file=out, width=width, force_terminal=True, legacy_windows=False, color_system=None)
+    with ProgressDisplay(console, "formation") as show:
+        show(HALF)
+        show(DONE)
+    frames = [frame for frame in out.getvalue().replace("\x1b", "\n\x1b").splitlines() if "30.0/30.0 s" in frame]
+    assert frames
+    for part in ("30.0/30.0 s", "3.4x", "8/8 tracking"):
+        assert part in frames[-1]
+    assert "…" not in frames[-1]
