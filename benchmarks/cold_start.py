@@ -1,6 +1,6 @@
 """Cold starts from random poses beside OpenCV's SQPNP: found the truth, flagged, silently wrong, and time. Prints JSON.
 
-    python benchmarks/cold_start.py [--poses 10000] [--seed 0] [--target dome | cloud | plane]
+    PYTHONPATH=. python benchmarks/cold_start.py [--poses 10000] [--seed 0] [--target dome | cloud | plane]
 
 Poses: 1 m to 5 m, anywhere in the 120 x 120 degree field, any attitude, 8.8 arcsec of angle noise with rho = 0.8717.
 `dome`: the 12.5 cm target, 5 or more of its 12 photodiodes lit and not in one plane. `cloud`: 5 random photodiodes in
@@ -25,16 +25,16 @@ from typing import Any
 
 import numpy as np
 
-sys.path[:0] = [str(Path(__file__).resolve().parents[1] / folder) for folder in ("", "tests")]
-
-from convex_target import ANGLE_NOISE, RHO, Draw, angle_errors, angles, draw, random_position, random_rotation
-
 from estimators.arrays import Floats
 from estimators.dop import dilution
-from estimators.pnp import PoseSolution, refine
+from estimators.pnp import PoseSolution, refine_projections
 from estimators.pnp_start import cold_start
-from estimators.projection import projections
+from estimators.projection import angle_weights, projections
 from estimators.rotation import angle_between, log
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+
+from convex_target import ANGLE_NOISE, RHO, Draw, angle_errors, angles, draw, random_position, random_rotation  # noqa: E402
 
 SURE = 25 * (1 - RHO) * ANGLE_NOISE**2
 SAME_RAD = 1e-5
@@ -48,6 +48,13 @@ def drawn(target: str, rng: np.random.Generator, count: int) -> Draw:
     point = 0.0625 * rng.uniform(-1, 1, (count, photodiodes, 3)) * [1, 1, depth]
     lit = np.ones((count, photodiodes), dtype=np.bool_)
     return Draw(random_rotation(rng, count), random_position(rng, count, 1.0, 5.0), lit, point)
+
+
+def finished(d: Draw, theta: Floats, rotation: Floats, position: Floats) -> PoseSolution:
+    """The minima next to the given poses, however many iterations they take."""
+    uv, count = projections(theta), len(theta)
+    still = np.zeros_like(theta), np.zeros((count, 3)), np.zeros((count, 3))
+    return refine_projections(uv, angle_weights(uv), d.lit, d.point, rotation, position, *still, iterations_max=300)
 
 
 def solve_ours(d: Draw, theta: Floats, truth: PoseSolution) -> dict[str, Any]:
@@ -91,9 +98,8 @@ def solve_sqpnp(d: Draw, theta: Floats, truth: PoseSolution) -> dict[str, Any] |
         if ok:
             rotation[c], position[c] = cv2.Rodrigues(turned)[0], moved[:, 0]
     answered = np.isfinite(position).all(axis=1)
-    still = np.zeros_like(theta), np.zeros((len(theta), 3)), np.zeros((len(theta), 3))
-    finished = refine(theta, d.lit, d.point, rotation, position, *still)
-    right = finished.solved & (angle_between(np.nan_to_num(finished.rotation), truth.rotation) < SAME_RAD)
+    end = finished(d, theta, rotation, position)
+    right = end.solved & (angle_between(np.nan_to_num(end.rotation), truth.rotation) < SAME_RAD)
     return {
         "version": version_of("opencv-python-headless", "opencv-python", "opencv-contrib-python"),
         "right": int(right.sum()),
@@ -135,7 +141,7 @@ def main() -> None:
     d = drawn(options.target, rng, options.poses)
     still = np.zeros((*d.lit.shape, 2)), np.zeros((options.poses, 3)), np.zeros((options.poses, 3))
     theta = angles(d.rotation, d.position, d.point, *still) + angle_errors(rng, *d.lit.shape)
-    truth = refine(theta, d.lit, d.point, d.rotation, d.position, *still)
+    truth = finished(d, theta, d.rotation, d.position)
     nees = nees_of_truth(d, truth)
     result = {
         "benchmark": "cold_start",

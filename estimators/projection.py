@@ -141,4 +141,4 @@ def spans_plane(lit: Bools, point: Floats) -> bool:
                 area -= (point[far, b] - point[first, b]) * (point[i, a] - point[first, a])
                 square += area * area
             widest = max(widest, square)
-    return np.sqrt(widest) > COLLINEAR * longest
+    return bool(np.sqrt(widest) > COLLINEAR * longest)

@@ -3,18 +3,16 @@
 Exit codes: 0 done, 2 a mistake of the user (one message, no traceback), 128 + n stopped by signal n (130: Ctrl-C).
 """
 
-import signal
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from swarm.errors import SwarmError
+from swarm.terminal import fly_and_report, mistakes
 
 if TYPE_CHECKING:
     from swarm.results.progress import Progress
@@ -71,14 +69,6 @@ Force = Annotated[bool, typer.Option("--force", help="Replace a run that is ther
 NoRecording = Annotated[bool, typer.Option("--no-recording", help="Write no recording for the viewer.")]
 
 
-class Stopped(KeyboardInterrupt):
-    """A signal that asks the program to end, handled like Ctrl-C."""
-
-    def __init__(self, number: int) -> None:
-        super().__init__(number)
-        self.number = number
-
-
 def main() -> int:
     """Run the command line; the exit code."""
     for stream in (sys.stdout, sys.stderr):
@@ -112,7 +102,7 @@ def _swarm(
 @app.command("list")
 def list_() -> None:
     """Show the scenarios and craft models there are."""
-    with _mistakes():
+    with mistakes():
         import tomllib
         from shutil import get_terminal_size
 
@@ -146,7 +136,7 @@ def run(
         --set lighthouse.angle_noise_arcsec=20 --seed 3
     swarm run my/scenario.toml --live --out runs/mine
     """
-    with _mistakes():
+    with mistakes():
         from swarm.scenario import load
 
         settings = load(scenario, overrides or (), seed)
@@ -157,7 +147,7 @@ def run(
 
             return simulate(settings, out=folder, force=force, live=live, record=not no_recording, progress=progress)
 
-        _fly(settings.name, folder, fly)
+        fly_and_report(settings.name, folder, fly)
 
 
 @app.command()
@@ -171,7 +161,7 @@ def view(
     swarm view runs/formation-7
     swarm view runs/formation-7 --web
     """
-    with _mistakes():
+    with mistakes():
         from swarm.results.run_folder import open_run
         from swarm.results.viewer import view as open_viewer
 
@@ -189,7 +179,7 @@ def check(scenario: Scenario, overrides: Overrides = None, seed: Seed = None) ->
     swarm check my/scenario.toml
     swarm check formation --set swarm.count=16 > mine.toml
     """
-    with _mistakes():
+    with mistakes():
         from swarm import build
         from swarm.scenario import load, to_toml
 
@@ -237,7 +227,7 @@ def replay(
     swarm replay walk.rec.gz --object HMD --from angles \\
         --set navigation.motion_compensation=false
     """
-    with _mistakes():
+    with mistakes():
         from swarm.scenario import for_replay
 
         settings = for_replay(recording, overrides or (), seed)
@@ -259,7 +249,7 @@ def replay(
                 progress=progress,
             )
 
-        _fly(settings.name, folder, fly)
+        fly_and_report(settings.name, folder, fly)
 
 
 def _first_sentence(readme: Path) -> str:
@@ -273,67 +263,3 @@ def _first_sentence(readme: Path) -> str:
 
 def _default_folder(name: str, seed: int) -> Path:
     return Path("runs") / f"{name}-{seed}"
-
-
-def _fly(title: str, folder: Path, fly: Callable[[Callable[["Progress"], None]], "Run"]) -> None:
-    """Run it under a progress bar, then report; stopped on the way, report what there is."""
-    from rich.console import Console
-
-    from swarm.results.progress import ProgressDisplay
-    from swarm.results.report import print_report
-    from swarm.results.run_folder import open_run
-
-    try:
-        with _stoppable(), ProgressDisplay(Console(stderr=True), title) as progress:
-            run = fly(progress)
-    except KeyboardInterrupt as stop:
-        number = stop.number if isinstance(stop, Stopped) else signal.SIGINT
-        try:
-            run = open_run(folder)
-        except SwarmError:
-            _error(f"stopped by {signal.Signals(number).name} before anything was written")
-        else:
-            print_report(Console(), run.summary, run.folder)
-        raise typer.Exit(128 + number) from None
-    print_report(Console(), run.summary, run.folder)
-    if run.status != "complete":
-        raise typer.Exit(128 + signal.SIGINT)
-
-
-@contextmanager
-def _stoppable() -> Iterator[None]:
-    """Let a polite kill, or a terminal that closes, end a run as Ctrl-C does: closed, and readable."""
-
-    def stop(number: int, frame: FrameType | None) -> None:
-        # A second signal of the kind ends the program at once.
-        signal.signal(number, signal.SIG_DFL)
-        raise Stopped(number)
-
-    numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    before = {number: signal.signal(number, stop) for number in numbers}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-@contextmanager
-def _mistakes() -> Iterator[None]:
-    """Print a mistake in the input as one message, without a traceback."""
-    try:
-        yield
-    except SwarmError as error:
-        _error(str(error))
-        raise typer.Exit(2) from None
-    except KeyboardInterrupt:
-        raise typer.Exit(128 + signal.SIGINT) from None
-
-
-def _error(message: str) -> None:
-    from rich.console import Console
-    from rich.text import Text
-
-    for line in message.splitlines():
-        text = Text.assemble(("error: ", "bold red"), line)
-        Console(stderr=True, highlight=False).print(text, soft_wrap=True)

@@ -1,4 +1,4 @@
-"""The command line: help that teaches, mistakes that are one message and exit code 2, runs that end well when stopped."""
+"""The command line: help that teaches, mistakes that are one message and exit code 2, runs that end well if stopped."""
 
 import gzip
 import os
@@ -245,7 +245,7 @@ def test_a_reader_that_goes_away_is_no_error() -> None:
     assert errors == b""
 
 
-FIGURES = {"status": "complete", "swarm": None, "craft": {}}
+FIGURES: dict[str, Any] = {"status": "complete", "swarm": None, "craft": {}}
 
 
 @pytest.fixture
@@ -306,6 +306,16 @@ def test_a_stopped_run_is_closed_says_where_it_is_and_by_its_code_what_stopped_i
     assert open_run("runs/formation-7").status == "interrupted"
     assert "Traceback" not in result.err
     assert signal.getsignal(number) is before
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_under_nohup_a_run_outlives_its_terminal(command: Command, simulator: dict[str, Any]) -> None:
+    simulator["act"] = lambda: os.kill(os.getpid(), signal.SIGHUP)
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        assert command("run", "formation").code == 0
+    finally:
+        signal.signal(signal.SIGHUP, before)
 
 
 def test_stopped_before_anything_was_written_says_so(

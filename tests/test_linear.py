@@ -13,7 +13,7 @@ def positive_definite(n: int, condition: float, seed: int) -> Floats:
     """A random symmetric matrix (n, n) with eigenvalues from 1 down to 1 / condition."""
     basis, _ = np.linalg.qr(np.random.default_rng(seed).standard_normal((n, n)))
     out = basis @ np.diag(np.geomspace(1, 1 / condition, n)) @ basis.T
-    return (out + out.T) / 2
+    return np.asarray((out + out.T) / 2)
 
 
 @pytest.mark.parametrize("n", SIZES)

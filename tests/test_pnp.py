@@ -58,7 +58,7 @@ def test_rows_by_finite_differences() -> None:
 
     numeric = np.stack([(seen(step * e) - seen(-step * e)) / (2 * step) for e in np.eye(6)], axis=-1)
     for c, i, fan in np.ndindex(20, 12, 2):
-        row, tau = np.empty(6), scene.offset[c, i, fan]
+        row, tau = np.empty(6), float(scene.offset[c, i, fan])
         value, z = project_into(fan, arm[c, i], turn[c, i, fan], d.position[c], scene.velocity[c], tau, row)
         assert value == pytest.approx(projections(scene.theta)[c, i, fan], abs=1e-14)
         assert z > 0

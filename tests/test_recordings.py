@@ -331,3 +331,13 @@ def test_our_decoder_reads_the_real_pulses_as_libsurvive_does(device: str, light
         compared += np.count_nonzero(seen)
     assert more <= len(recording.photodiodes.present[0])  # The sweep in the middle of which it locked on.
     assert compared > 0.95 * np.count_nonzero(recording.angles.lighthouse == lighthouse)
+
+
+@pytest.mark.skipif(not REAL.exists(), reason="the real recording (../shared/data/lighthouse-v1) is not here")
+def test_the_documented_snippet_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    text = (Path(__file__).parents[1] / "docs" / "replay.md").read_text()
+    snippet = text.split("```python\n")[1].split("```")[0]
+    monkeypatch.chdir(REAL.parent)
+    names: dict[str, object] = {}
+    exec(snippet, names)
+    assert isinstance(names["angles"], SweepAngles)

@@ -42,16 +42,16 @@ def _eye(position: Floats) -> rrb.EyeControls3D:
     direction = np.array([0.80, -0.42, -0.55])
     return rrb.EyeControls3D(
         kind=rrb.Eye3DKind.Orbital,
-        position=centre + 1.75 * radius * direction / np.linalg.norm(direction),
+        position=centre + 1.9 * radius * direction / np.linalg.norm(direction),
         look_target=centre,
         eye_up=(0, -1, 0),
     )
 
 
 def blueprint(
-    swarm: Sequence[Plot], single: Mapping[str, Sequence[Plot]], position: Floats, live: bool
+    swarm: Sequence[Plot], single: Mapping[str, Sequence[Plot]], position: Floats, lanes: int, live: bool
 ) -> rrb.Blueprint:
-    """The layout. position: (n, 3) [m] of the craft at the start, to aim the camera."""
+    """The layout. position: (n, 3) [m] of the craft at the start, to aim the camera. lanes: craft with a status."""
     low = 1.0 + (float(position[:, 1].max()) if len(position) else 0.0)
     scene = rrb.Spatial3DView(
         origin="world",
@@ -64,11 +64,12 @@ def blueprint(
         overrides={entity: rrb.EntityBehavior(interactive=False) for entity in NOT_TO_POINT_AT},
         spatial_information=rrb.SpatialInformation("tf#/world", show_axes=False),
     )
+    status = rrb.StateTimelineView(origin="status", name="Status")
     about = rrb.TextDocumentView(origin="about", name="What is what")
     columns = [_column(swarm, "Swarm"), *(_column(plots, name) for name, plots in single.items())]
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(scene, rrb.StateTimelineView(origin="status", name="Status"), row_shares=[7, 2]),
+            rrb.Vertical(scene, status, row_shares=[7, 0.5 + 0.4 * min(lanes, 4)]),
             rrb.Tabs(*columns, about, active_tab=0),
             column_shares=[3, 2],
         ),

@@ -128,17 +128,21 @@ def _rms(x: Floats) -> Floats:
     return out
 
 
-def _spread(x: Floats) -> Floats:
-    """Median, 95 % and maximum over the craft that know it, (n, 3)."""
-    out = np.full((len(x), 3), np.nan)
+def _spread(x: Floats, shares: tuple[float, ...]) -> Floats:
+    """Quantiles over the craft that know it, (n, shares)."""
+    out = np.full((len(x), len(shares)), np.nan)
     some = np.isfinite(x).any(axis=1)
     if some.any():
-        out[some] = np.nanquantile(x[some], (0.5, 0.95, 1.0), axis=1).T
+        out[some] = np.nanquantile(x[some], shares, axis=1).T
     return out
 
 
 def _error(index: int, scale: float) -> Callable[[Batch], Floats]:
     return lambda batch: scale * batch.errors[:, :, index]
+
+
+HIGH = {"median": 0.5, "95 %": 0.95, "worst": 1.0}
+"""Quantiles of a crowd where much is bad."""
 
 
 def _swarm(
@@ -149,10 +153,11 @@ def _swarm(
     def plot(
         entity: str, title: str, of: Callable[[Batch], Floats], sigma: Callable[[Batch], Floats] | None = None
     ) -> Plot:
-        names, inks = (["median", "95 %", "worst"], [BLUE, ORANGE, RED]) if crowd else (list(craft), list(colours))
+        spread = {"median": 0.5, "5 %": 0.05, "fewest": 0.0} if entity == "lit" else HIGH
+        names, inks = (list(spread), [BLUE, ORANGE, RED]) if crowd else (list(craft), list(colours))
 
         def values(batch: Batch) -> Floats:
-            lines = _spread(of(batch)) if crowd else of(batch)
+            lines = _spread(of(batch), tuple(spread.values())) if crowd else of(batch)
             if sigma is None:
                 return lines
             return np.concatenate([lines, 3 * _rms(sigma(batch))[:, None]], axis=1)
@@ -198,7 +203,7 @@ def swarm_plots(craft: Sequence[str], colours: Sequence[int], crowd: bool, repla
     nees = Plot(
         "swarm/nees",
         "NEES, mean of the swarm [6 if consistent]",
-        ["NEES", "95 % band, low", "95 % band, high"],
+        ["NEES", "95 % low", "95 % high"],
         [YELLOW, GREY, GREY],
         [THIN, BOLD, BOLD],
         _nees,
@@ -223,7 +228,7 @@ def craft_plots(name: str, i: int, replay: bool) -> list[Plot]:
     def axis(a: int) -> Callable[[Batch], Floats]:
         return lambda b: np.stack([b.pnp_position[:, i, a], b.position[:, i, a], b.peer_position[:, i, a]], axis=1)
 
-    limits = {"95 % band, low": (GREY, BOLD), "95 % band, high": (GREY, BOLD)}
+    limits = {"95 % low": (GREY, BOLD), "95 % high": (GREY, BOLD)}
     if replay:
         three = {"PnP": (ORANGE_DIM, THIN), "EKF": (BLUE, MEDIUM), "recorded pose": (WHITE, THIN)}
         axes = [plot(f"position_{a}", f"{name}: {a} [m]", three, axis(k)) for k, a in enumerate("xyz")]

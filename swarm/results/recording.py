@@ -112,7 +112,7 @@ class Recording:
         swarm = swarm_plots(craft, inks, self._crowd, self._replay)
         single = {craft[i]: craft_plots(craft[i], i, self._replay) for i in self._detail}
         self._plots = [*swarm, *(plot for plots in single.values() for plot in plots)]
-        self._stream.send_blueprint(blueprint(swarm, single, known, self._live))
+        self._stream.send_blueprint(blueprint(swarm, single, known, len(self._near), self._live))
         self._static("world", rr.ViewCoordinates.RDF)
         solid = "the craft at its estimate: the truth is not known" if self._replay else "the craft where it truly is"
         trail_s, slowed = TRAIL_POINTS * TRAIL_STEP_S, FAN_TURN_S / REAL_FAN_TURN_S
@@ -218,9 +218,9 @@ class Recording:
         self._stream.flush()
 
     def _send_poses(self, send: Send, batch: Batch) -> None:
-        """Transforms; a craft that knows nothing has NaN there, which the viewer does not draw."""
-        turn = xyzw_from_wxyz(quaternion_from_matrix(batch.rotation[:, self._near]))
-        true_turn = xyzw_from_wxyz(batch.body_quaternion)
+        """Transforms: one to a place that is not a number hides what it carries, a craft that knows nothing."""
+        turn = _turn(quaternion_from_matrix(batch.rotation[:, self._near]))
+        true_turn = _turn(batch.body_quaternion)
         for k, i in enumerate(self._near):
             estimate = rr.Transform3D.columns(translation=batch.position[:, i], quaternion=turn[:, k])
             send(f"world/estimate/{self._scene.craft[i]}", estimate)
@@ -284,6 +284,12 @@ class Recording:
         lines = np.concatenate(strips).astype(np.float32)
         columns = rr.LineStrips3D.columns(strips=lines)
         send("world/trails", columns.partition([len(self._near)] * len(strips)))
+
+
+def _turn(quaternion: Floats) -> Floats:
+    """xyzw; where not known no turn, since the viewer would ignore the whole transform."""
+    known = np.isfinite(quaternion).all(axis=-1, keepdims=True)
+    return xyzw_from_wxyz(np.where(known, quaternion, np.array([1.0, 0.0, 0.0, 0.0])))
 
 
 def _size(scene: Scene, craft: Ints) -> float:

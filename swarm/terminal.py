@@ -1,0 +1,89 @@
+"""How a command ends: with a report, with one message about a mistake, or stopped by a signal and closed properly."""
+
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING
+
+import typer
+
+from swarm.errors import SwarmError
+
+if TYPE_CHECKING:
+    from swarm.results.progress import Progress
+    from swarm.results.run_folder import Run
+
+
+class Stopped(KeyboardInterrupt):
+    """A signal that asks the program to end, handled like Ctrl-C."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(number)
+        self.number = number
+
+
+def fly_and_report(title: str, folder: Path, fly: Callable[[Callable[["Progress"], None]], "Run"]) -> None:
+    """Run it under a progress bar, then report; stopped on the way, report what there is."""
+    from rich.console import Console
+
+    from swarm.results.progress import ProgressDisplay
+    from swarm.results.report import print_report
+    from swarm.results.run_folder import open_run
+
+    try:
+        with _stoppable(), ProgressDisplay(Console(stderr=True), title) as progress:
+            run = fly(progress)
+    except KeyboardInterrupt as stop:
+        number = stop.number if isinstance(stop, Stopped) else signal.SIGINT
+        try:
+            run = open_run(folder)
+        except SwarmError:
+            _error(f"stopped by {signal.Signals(number).name} before anything was written")
+        else:
+            print_report(Console(), run.summary, run.folder)
+        raise typer.Exit(128 + number) from None
+    print_report(Console(), run.summary, run.folder)
+    if run.status != "complete":
+        raise typer.Exit(128 + signal.SIGINT)
+
+
+@contextmanager
+def _stoppable() -> Iterator[None]:
+    """Let a polite kill, or a terminal that closes, end a run as Ctrl-C does: closed, and readable."""
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        # A second signal of the kind ends the program at once.
+        signal.signal(number, signal.SIG_DFL)
+        raise Stopped(number)
+
+    asked = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    # What is ignored stays so: `nohup swarm run` outlives its terminal.
+    before = {number: signal.signal(number, stop) for number in asked if signal.getsignal(number) != signal.SIG_IGN}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def mistakes() -> Iterator[None]:
+    """Print a mistake in the input as one message, without a traceback."""
+    try:
+        yield
+    except SwarmError as error:
+        _error(str(error))
+        raise typer.Exit(2) from None
+    except KeyboardInterrupt:
+        raise typer.Exit(128 + signal.SIGINT) from None
+
+
+def _error(message: str) -> None:
+    from rich.console import Console
+    from rich.text import Text
+
+    for line in message.splitlines():
+        text = Text.assemble(("error: ", "bold red"), line)
+        Console(stderr=True, highlight=False).print(text, soft_wrap=True)
