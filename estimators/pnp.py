@@ -16,7 +16,7 @@ the photodiode: p_i(tau) = Exp([w]x tau) R w_p_i + t + v tau, w and v in the lig
 The attitude is updated from the left, R <- Exp([d]x) R, so that dp_i/dd = -[p_i - t]x at tau = 0. Source 1 writes the
 same derivative as (8), dp_i/dphi = [p_i - t]x J_r(phi), in its passive vector phi, R = exp(-[phi]x): a change dphi
 turns the craft by d = -J_r(phi) dphi (9, 21), and the chain rule makes the two equal (tested). The local form has
-no singular attitude.
+no singular attitude. Where first derivatives converge too slowly, second ones join in (`_refine_one`).
 """
 
 from typing import NamedTuple
@@ -45,6 +45,9 @@ FEWEST_LIT = 4
 ITERATIONS_MAX = 30
 STEP_SMALL = 1e-7
 """A last step below this in attitude [rad] and in position [m] is convergence."""
+
+STEPS_PLAIN = 4
+"""Undamped Gauss-Newton steps before the residuals' curvature is asked for help."""
 
 DAMPING_FIRST = 1e-3
 """First damping after a step that did not lower the cost, against the normal matrix's diagonal (Marquardt)."""
@@ -135,9 +138,10 @@ def _refine_one(
 ) -> tuple[bool, int, float]:
     """Levenberg-Marquardt from `rotation` (3, 3), `position` (3,), overwritten; (converged, linear solves, F).
 
-    Gauss-Newton without damping until a step fails to lower the cost or puts a photodiode behind the lighthouse: warm
-    starts then converge quadratically. From there on damped, and with the residuals' curvature (Newton): a plane that
-    faces the lighthouse has its two mirror minima near a ridge, where J alone takes hundreds of steps.
+    The first steps are Gauss-Newton without damping: warm starts need no more. Once one fails to lower the cost or puts
+    a photodiode behind the lighthouse, steps are damped; from then on, or after STEPS_PLAIN, the residuals' curvature
+    is used too (Newton): a plane that faces the lighthouse has its mirror minima so near to their ridge that J alone
+    takes hundreds of steps.
     """
     normal, scale, gradient = np.empty((6, 6)), np.empty(6), np.empty(6)
     next_normal, next_scale, next_gradient = np.empty((6, 6)), np.empty(6), np.empty(6)
@@ -183,9 +187,9 @@ def _refine_one(
             damping = 0.1 * damping if damping > DAMPING_FIRST**2 else 0.0
         else:
             damping = max(10 * damping, DAMPING_FIRST)
-            if not curved:
-                curved = True
-                _evaluate(*seen, rotation, position, *motion, curved, normal, scale, gradient)
+        if not curved and (damping > 0 or iteration == STEPS_PLAIN):
+            curved = True
+            _evaluate(*seen, rotation, position, *motion, curved, normal, scale, gradient)
     return False, iterations_max, np.nan
 
 

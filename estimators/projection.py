@@ -90,7 +90,7 @@ def add_curvature(
 ) -> None:
     """Add `scale` times the second derivative of x/z (fan 0) or y/z (fan 1) to the lower triangle of `normal` (6, 6).
 
-    From p = turn (I + [d]x + [d]x^2 / 2) r + t with r the arm, a = turn^T g, and the rows of `project_into`, of x/z and z:
+    From p = turn (I + [d]x + [d]x^2 / 2) r + t, r the arm and a = turn^T g, with row_z the first derivatives of z:
 
         d2(x/z) = -(row row_z^T + row_z row^T) / z,  and for the attitude also  (a r^T + r a^T) / 2 - (a . r) I
     """

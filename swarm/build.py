@@ -16,18 +16,24 @@ import numpy as np
 from estimators.arrays import Bools
 from estimators.rotation import quaternion_from_matrix
 from estimators.sweep import FanErrors
-from swarm import motion, scenario
+from swarm import scenario
 from swarm.assets import find_model
 from swarm.errors import SwarmError
-from swarm.motion import Fleet, Task, Vector
+from swarm.motion import fleet as motion
+from swarm.motion.fleet import Fleet, Task, Vector
+from swarm.onboard.decoder import PulseDecoder
 from swarm.onboard.navigation import NavigationSettings
+from swarm.recordings.station_calibration import read_calibration
 from swarm.scenario import Craft, Scenario
 from swarm.scenario.text import toml_value
 from swarm.sensors.lighthouse import LighthouseSettings
-from swarm.station_calibration import read_calibration
-from swarm.world import CraftStart, World
+from swarm.world.world import CraftStart, World
 
 ARCSEC = radians(1 / 3600)
+FAN_ERROR_MAX_RAD = 0.1
+"""What a fan's systematic errors can add to a sweep angle at most; the decoder believes angles so far outside."""
+WIDEST_HALF_FIELD_RAD = 1.57
+"""Just below pi/2: no fan can be seen from behind."""
 _START_KEYS = {"ring": "radius_m", "waypoints": "points_m", "approach": "from_m"}
 
 
@@ -103,6 +109,13 @@ def lighthouse(settings: Scenario) -> LighthouseSettings:
         fan_x=_fan(table.fan_x),
         fan_y=_fan(table.fan_y),
     )
+
+
+def decoder(settings: Scenario, present: Bools) -> PulseDecoder:
+    """The timing circuits of craft with the photodiodes `present` (C, K)."""
+    station = lighthouse(settings)
+    half = min(station.field_rad / 2 + FAN_ERROR_MAX_RAD, WIDEST_HALF_FIELD_RAD)
+    return PulseDecoder(present, station.tick_s, rate_hz=station.rate_hz, field_half_angle_rad=half)
 
 
 def navigation(settings: Scenario) -> NavigationSettings:

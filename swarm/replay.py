@@ -1,4 +1,4 @@
-"""Feed a real Lighthouse 1.0 recording to the on-board code that simulated craft run: one object, one station at a time.
+"""Feed a real Lighthouse 1.0 recording to the on-board code of simulated craft: one object, one station at a time.
 
 There is no truth in a recording: the true columns stay null, and the pose that the recording's own software found goes
 into the peer columns. What the station's factory calibration knows is taken off the angles before anything else.
@@ -13,20 +13,20 @@ import numpy as np
 from estimators.arrays import Floats
 from swarm import build
 from swarm.assets import find_model
-from swarm.craft import visuals
 from swarm.errors import SwarmError
 from swarm.layout import Photodiodes
 from swarm.onboard.decoder import PulseDecoder, SweepAngles
 from swarm.onboard.navigation import Navigator
-from swarm.recordings import Recording, read_libsurvive
+from swarm.recordings.libsurvive import Recording, read_libsurvive
+from swarm.recordings.station_calibration import StationCalibration, read_calibration
+from swarm.recordings.windows import Source, Window, Windows
 from swarm.results.progress import Progress
 from swarm.results.recorder import LIT, OUTSIDE, Scene
 from swarm.results.run_folder import Run
 from swarm.results.run_writer import writing_run
 from swarm.results.telemetry import Peer
 from swarm.scenario import Scenario, for_replay
-from swarm.station_calibration import StationCalibration, read_calibration
-from swarm.windows import Source, Window, Windows
+from swarm.world.craft import visuals
 
 
 def replay(
@@ -49,9 +49,7 @@ def replay(
     `simulate`. Raises SwarmError, as `read_libsurvive` and `read_calibration` do.
     """
     settings = scenario if scenario is not None else for_replay(Path(recording))
-    if object_name is None:
-        raise SwarmError(f"{recording}: which object? Give --object NAME, such as HMD")
-    log = read_libsurvive(recording, object_name)
+    log = read_libsurvive(recording, object_name or "")
     known = read_calibration(calibration, lighthouse) if calibration is not None else None
     windows = Windows(log, lighthouse, source, known.pose if known else None)
     layout = _layout(log, known)

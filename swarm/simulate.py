@@ -18,10 +18,8 @@ from estimators.arrays import Bools, Floats
 from estimators.rotation import matrix_from_quaternion
 from swarm import build
 from swarm.assets import find_model
-from swarm.craft import visuals
 from swarm.onboard import control
 from swarm.onboard.control import State
-from swarm.onboard.decoder import PulseDecoder
 from swarm.onboard.navigation import Estimate, Navigator
 from swarm.results.progress import Progress
 from swarm.results.recorder import Scene
@@ -31,7 +29,8 @@ from swarm.results.telemetry import Truth
 from swarm.scenario import Scenario, craft
 from swarm.sensors.lighthouse import Lighthouse
 from swarm.sensors.visibility import Sight, Visibility
-from swarm.world import PeriodTruth
+from swarm.world.craft import visuals
+from swarm.world.world import PeriodTruth
 
 
 def simulate(
@@ -76,7 +75,7 @@ class Flight:
         # A craft's random draws go by its name: it keeps them when other craft come or go.
         keys = [crc32(name.encode()) for name in self.world.names]
         self.lighthouse = Lighthouse(layout, settings, scenario.seed, keys)
-        self.decoder = PulseDecoder(layout.present, settings.tick_s, rate_hz=settings.rate_hz)
+        self.decoder = build.decoder(scenario, layout.present)
         self.navigator = Navigator(layout, build.navigation(scenario))
         self.steers_by_estimate = np.array([craft.feedback == "estimate" for craft in craft(scenario)])
         self.period_s = 1 / settings.rate_hz

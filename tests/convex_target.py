@@ -43,7 +43,8 @@ def random_rotation(rng: np.random.Generator, count: int) -> Floats:
 def random_position(rng: np.random.Generator, count: int, near_m: float, far_m: float) -> Floats:
     """Positions (count, 3) [m] at a uniform range, uniform in the two fan angles of the 120 x 120 degree field."""
     ray = np.concatenate([np.tan(rng.uniform(-HALF_FIELD, HALF_FIELD, (count, 2))), np.ones((count, 1))], axis=-1)
-    return ray / np.linalg.norm(ray, axis=-1, keepdims=True) * rng.uniform(near_m, far_m, (count, 1))
+    out: Floats = ray / np.linalg.norm(ray, axis=-1, keepdims=True) * rng.uniform(near_m, far_m, (count, 1))
+    return out
 
 
 def visible(rotation: Floats, position: Floats, point: Floats, normal: Floats) -> Bools:
@@ -53,7 +54,8 @@ def visible(rotation: Floats, position: Floats, point: Floats, normal: Floats) -
     facing = -np.sum(p * n, axis=-1) / np.linalg.norm(p, axis=-1) > np.cos(INCIDENCE_MAX)
     z = p[..., 2]
     limit = np.tan(HALF_FIELD)
-    return facing & (z > 0) & (np.abs(p[..., 0]) < limit * z) & (np.abs(p[..., 1]) < limit * z)
+    out: Bools = facing & (z > 0) & (np.abs(p[..., 0]) < limit * z) & (np.abs(p[..., 1]) < limit * z)
+    return out
 
 
 def angles(
@@ -72,7 +74,8 @@ def angles(
 def angle_errors(rng: np.random.Generator, craft: int, photodiodes: int, sigma: float = ANGLE_NOISE) -> Floats:
     """Angle noise (C, K, 2) [rad] with the correlation (19): one draw per fan and craft, one per angle."""
     shared = rng.standard_normal((craft, 1, 2))
-    return sigma * (np.sqrt(RHO) * shared + np.sqrt(1 - RHO) * rng.standard_normal((craft, photodiodes, 2)))
+    out: Floats = np.sqrt(RHO) * shared + np.sqrt(1 - RHO) * rng.standard_normal((craft, photodiodes, 2))
+    return sigma * out
 
 
 class Draw(NamedTuple):

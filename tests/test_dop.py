@@ -27,12 +27,12 @@ class Scene:
         d, motion = self.truth, (self.offset, self.angular_rate, self.velocity)
         return dilution(d.rotation, d.position, d.lit, d.point, *motion, rho, self.all)
 
-    def theta(self, craft: int, phi: Floats, position: Floats, rates: Floats | None = None) -> Floats:
+    def theta(self, craft: int, phi: Floats, position: Floats) -> Floats:
         """The lit photodiodes' angles (2 n,), fan X first, of a passive vector phi (3,)."""
         d, lit, one = self.truth, self.truth.lit[craft], slice(craft, craft + 1)
-        w, v = (self.angular_rate[one], self.velocity[one]) if rates is None else (rates[None, :3], rates[None, 3:])
+        w, v = self.angular_rate[one], self.velocity[one]
         pose = rot.matrix_from_passive_vector(phi)[None], position[None]
-        return angles(*pose, d.point[one, lit], self.offset[one, lit], w, v)[0].T.ravel()
+        return np.asarray(angles(*pose, d.point[one, lit], self.offset[one, lit], w, v)[0].T.reshape(-1))
 
     def paper_jacobian(self, craft: int) -> Floats:
         """J (14) of the angles by psi = [phi; t], by central differences of (2), (3), (5)."""
@@ -41,12 +41,13 @@ class Scene:
             self.theta(craft, phi + h * e[:3], t + h * e[3:]) - self.theta(craft, phi - h * e[:3], t - h * e[3:])
             for e in np.eye(6)
         ]
-        return np.stack(columns, axis=-1) / (2 * h)
+        return np.asarray(np.stack(columns, axis=-1) / (2 * h))
 
 
 def correlation(n: int, rho: float) -> Floats:
     """R_theta (2 n, 2 n) of (19) in full."""
-    return np.kron(np.eye(2), rho * np.ones((n, n)) + (1 - rho) * np.eye(n))
+    out: Floats = np.kron(np.eye(2), rho * np.ones((n, n)) + (1 - rho) * np.eye(n)).astype(np.float64)
+    return out
 
 
 @pytest.mark.parametrize("rho", [0.0, RHO, 1.0])

@@ -9,9 +9,9 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from estimators.rotation import exp
-from swarm import shapes
 from swarm.assets import lighthouses, models
-from swarm.craft import load_craft, visuals
+from swarm.world import shapes
+from swarm.world.craft import load_craft, visuals
 
 EVERY = models() | lighthouses()
 

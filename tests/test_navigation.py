@@ -1,4 +1,4 @@
-"""What each craft makes of its own pulses: alone as in a swarm, through loss of light, and never a silent wrong pose."""
+"""What a craft makes of its own pulses: alone as in a swarm, through loss of light, never a silent wrong pose."""
 
 from dataclasses import replace
 
@@ -67,7 +67,7 @@ def test_a_craft_knows_the_same_alone_and_in_a_swarm_bit_for_bit(swarm_run):
     tracked = 0
     for craft in range(flight.world.photodiodes.craft_count):
         layout = flight.world.photodiodes.of(craft)
-        decoder = PulseDecoder(layout.present, 20e-9)
+        decoder = build.decoder(load("crossing"), layout.present)
         navigator = Navigator(layout, settings)
         for every, period in zip(together, pulses, strict=True):
             own = navigator.step(decoder.decode(alone(period, craft)))

@@ -18,7 +18,7 @@ from scipy.optimize import least_squares
 from estimators import rotation as rot
 from estimators.arrays import Floats
 from estimators.pnp import PoseSolution, refine, refine_projections
-from estimators.projection import project_into, projections
+from estimators.projection import add_curvature, project_into, projections
 
 RATES = (3, np.deg2rad(30.0), 0.3)
 
@@ -64,6 +64,29 @@ def test_rows_by_finite_differences() -> None:
         assert z > 0
         # Central differences at h = 1e-6: rounding 1e-16 (u up to 2) / h = 2e-10, truncation h^2 / z^3 = 1e-12.
         np.testing.assert_allclose(row, numeric[c, i, fan], atol=2e-9)
+
+
+def test_curvature_by_finite_differences() -> None:
+    scene = Scene(5, seed=17)
+    d, step = scene.draw, 1e-4
+    motion = scene.offset, scene.angular_rate, scene.velocity
+
+    def seen(delta: Floats) -> Floats:
+        return projections(angles(rot.exp(delta[:3]) @ d.rotation, d.position + delta[3:], d.point, *motion))
+
+    basis, numeric = step * np.eye(6), np.empty((5, 12, 2, 6, 6))
+    for a, b in np.ndindex(6, 6):
+        ahead, behind = seen(basis[a] + basis[b]), seen(-basis[a] - basis[b])
+        across = seen(basis[a] - basis[b]) + seen(basis[b] - basis[a])
+        numeric[..., a, b] = (ahead + behind - across) / (4 * step**2)
+    arm = np.einsum("cij,ckj->cki", d.rotation, d.point)
+    turn = rot.exp(scene.angular_rate[:, None, None] * scene.offset[..., None])
+    for c, i, fan in np.ndindex(5, 12, 2):
+        row, out, tau = np.empty(6), np.zeros((6, 6)), float(scene.offset[c, i, fan])
+        value, z = project_into(fan, arm[c, i], turn[c, i, fan], d.position[c], scene.velocity[c], tau, row)
+        add_curvature(fan, arm[c, i], turn[c, i, fan], row, value, z, 1.0, out)
+        # Second differences at h = 1e-4: rounding 1e-16 (u up to 2) / h^2 = 1e-8 some times over, truncation as small.
+        np.testing.assert_allclose(out, np.tril(numeric[c, i, fan]), atol=2e-7)
 
 
 def test_paper_jacobian_and_its_chain_rule() -> None:
@@ -149,7 +172,9 @@ def cramer_rao(scene: Scene, craft: int) -> Floats:
 
     def seen(delta: Floats) -> Floats:
         pose = rot.exp(delta[None, :3]) @ d.rotation[craft], d.position[craft][None] + delta[3:]
-        return angles(*pose, d.point[craft, lit][None], scene.offset[craft, lit][None], *motion)[0].T.ravel()
+        return np.asarray(
+            angles(*pose, d.point[craft, lit][None], scene.offset[craft, lit][None], *motion)[0].T.reshape(-1)
+        )
 
     jacobian = np.stack([(seen(step * e) - seen(-step * e)) / (2 * step) for e in np.eye(6)], axis=-1)
     n = int(lit.sum())
@@ -174,7 +199,7 @@ def precision(scene: Scene, craft: int, samples: int, weighted: bool) -> Floats:
     attitude, position = rot.log(solution.rotation @ d.rotation[craft].T), solution.position - d.position[craft]
     bound = ANGLE_NOISE**2 * cramer_rao(scene, craft)
     square = [np.mean(np.sum(error**2, axis=-1)) for error in (attitude, position)]
-    return np.sqrt(np.array(square) / [np.trace(bound[:3, :3]), np.trace(bound[3:, 3:])])
+    return np.asarray(np.sqrt(np.array(square) / [np.trace(bound[:3, :3]), np.trace(bound[3:, 3:])]))
 
 
 def test_static_precision_is_the_cramer_rao_bound() -> None:
@@ -244,8 +269,24 @@ def test_a_wild_start_is_damped_or_refused() -> None:
     start = rot.exp(np.deg2rad(25) * axis) @ d.rotation, 1.2 * d.position
     solution = refine(scene.theta, d.lit, d.point, *start, scene.offset, scene.angular_rate, scene.velocity)
     right = solution.solved & (rot.angle_between(np.nan_to_num(solution.rotation), d.rotation) < 1e-9)
+    print(f"wild starts: solved {solution.solved.mean():.3f}, right {right.mean():.3f}")
     assert right.mean() > 0.99
     assert (solution.position[solution.solved, 2] > 0).all()
+
+
+def test_a_plane_that_faces_the_lighthouse_converges() -> None:
+    # Its two mirror minima meet there, and the angles change with the tilt to second order only.
+    rng, count = np.random.default_rng(18), 2000
+    point = np.tile(0.0625 * np.array([[1.0, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]]), (count, 1, 1))
+    rotation = rot.exp(np.deg2rad(3) * rng.standard_normal((count, 3))) @ np.diag([1.0, -1.0, -1.0])
+    position = np.tile([0.1, 0.2, 3.0], (count, 1))
+    still = np.zeros((count, 4, 2)), np.zeros((count, 3)), np.zeros((count, 3))
+    theta = angles(rotation, position, point, *still) + angle_errors(rng, count, 4)
+    solution = refine(theta, np.ones((count, 4), dtype=np.bool_), point, rotation, position, *still)
+    print(f"facing plane: solved {solution.solved.mean():.4f}, 99 % within {np.quantile(solution.iterations, 0.99)}")
+    # Measured: all, 99 % within 8 iterations. With Gauss-Newton alone 7 of the 2000 need more than 30.
+    assert solution.solved.all()
+    assert np.quantile(solution.iterations, 0.99) <= 10
 
 
 def test_what_cannot_be_solved_says_so() -> None:

@@ -29,14 +29,14 @@ def start(theta: Floats, point: Floats, lit: Bools | None = None) -> StartCandid
 def seen(rotation: Floats, position: Floats, point: Floats) -> Floats:
     """Noise-free angles (K, 2) of one static craft."""
     offset, *rates = (a[None] for a in still(len(point)))
-    return angles(rotation[None], position[None], point[None], offset, rates[0], rates[1])[0]
+    return np.asarray(angles(rotation[None], position[None], point[None], offset, rates[0], rates[1])[0])
 
 
 def refined_truth(rotation: Floats, position: Floats, point: Floats, theta: Floats) -> Floats:
     """The attitude of the minimum next to the truth."""
     lit = np.ones((1, len(point)), dtype=np.bool_)
     motion = (a[None] for a in still(len(point)))
-    return refine(theta[None], lit, point[None], rotation[None], position[None], *motion).rotation[0]
+    return np.asarray(refine(theta[None], lit, point[None], rotation[None], position[None], *motion).rotation[0])
 
 
 def test_random_poses_of_the_dome_never_silently_wrong() -> None:

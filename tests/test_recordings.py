@@ -23,11 +23,11 @@ from estimators.pnp import PoseSolution, refine
 from estimators.rotation import matrix_from_quaternion
 from estimators.sweep import FanErrors, correct
 from swarm.errors import SwarmError
-from swarm.framing import frame_pulses
 from swarm.onboard.decoder import PulseDecoder, SweepAngles
-from swarm.recordings import PulseLog, Recording, read_libsurvive
-from swarm.station_calibration import StationCalibration, read_calibration
-from swarm.windows import Source, Window, Windows
+from swarm.recordings.framing import frame_pulses
+from swarm.recordings.libsurvive import PulseLog, Recording, read_libsurvive
+from swarm.recordings.station_calibration import StationCalibration, read_calibration
+from swarm.recordings.windows import Source, Window, Windows
 
 REAL = Path(__file__).parents[2] / "shared" / "data" / "lighthouse-v1" / "lh1_test_cal.rec.gz"
 HALF_TICK_RAD = 0.5 * np.pi / 400_000

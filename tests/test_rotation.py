@@ -18,7 +18,7 @@ def vectors(count: int, seed: int = 0) -> Floats:
     """Rotation vectors (angles * count, 3) of every length in ANGLES, in random directions."""
     axis = np.random.default_rng(seed).standard_normal((len(ANGLES), count, 3))
     axis /= np.linalg.norm(axis, axis=-1, keepdims=True)
-    return (axis * np.array(ANGLES)[:, None, None]).reshape(-1, 3)
+    return np.asarray(axis * np.array(ANGLES)[:, None, None]).reshape(-1, 3)
 
 
 def random(shape: tuple[int, ...], seed: int = 0) -> Floats:

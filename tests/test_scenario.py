@@ -13,9 +13,10 @@ from annotated_types import Ge, Gt, Le, Lt
 from pydantic.fields import FieldInfo
 
 from estimators import pose_filter
-from swarm import build, motion, scenario
+from swarm import build, scenario
 from swarm.assets import scenarios
 from swarm.errors import SwarmError
+from swarm.motion import fleet as motion
 from swarm.scenario import Scenario, load, to_toml
 from swarm.scenario.mistakes import split_unit, tables_of
 from swarm.scenario.motions import Table

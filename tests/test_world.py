@@ -6,9 +6,9 @@ import pytest
 
 from estimators import rotation as rot
 from swarm.assets import find_model
-from swarm.craft import load_craft
 from swarm.errors import SwarmError
-from swarm.world import CraftStart, World
+from swarm.world.craft import load_craft
+from swarm.world.world import CraftStart, World
 
 LIGHTHOUSE = find_model("lighthouse")
 T = 1 / 60

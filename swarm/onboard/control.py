@@ -14,7 +14,7 @@ import numpy as np
 
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats
-from swarm.motion import Reference
+from swarm.motion.fleet import Reference
 
 POSITION_FREQUENCY_RAD_S = 1.0
 ATTITUDE_FREQUENCY_RAD_S = 2.0
@@ -40,9 +40,9 @@ class State(NamedTuple):
 
     def where(self, mask: Bools, other: "State") -> "State":
         """This state for the craft in `mask` (C,), `other` for the rest."""
-        flat: Bools = mask.reshape(-1, 1)
+        flat = np.reshape(mask, (-1, 1))
         return State(
-            np.where(flat[..., None], self.rotation, other.rotation),
+            np.where(mask.reshape(-1, 1, 1), self.rotation, other.rotation),
             np.where(flat, self.angular_rate, other.angular_rate),
             np.where(flat, self.position, other.position),
             np.where(flat, self.velocity, other.velocity),
@@ -68,7 +68,7 @@ def wrench(reference: Reference, state: State, mass: Floats, inertia: Floats) ->
     )
     force = np.where(reference.holds_position[:, None], mass[:, None] * acceleration, 0.0)
 
-    known = np.isfinite(state.rotation).all(axis=(1, 2))
+    known = np.isfinite(state.position).all(axis=1)
     rotation = np.where(known[:, None, None], state.rotation, np.eye(3))
     attitude_error = rot.log(reference.rotation @ np.swapaxes(rotation, -1, -2))
     angular_acceleration = (

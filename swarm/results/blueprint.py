@@ -62,7 +62,6 @@ def blueprint(
         ),
         background=[13, 17, 23],
         overrides={entity: rrb.EntityBehavior(interactive=False) for entity in NOT_TO_POINT_AT},
-        spatial_information=rrb.SpatialInformation("tf#/world", show_axes=False),
     )
     status = rrb.StateTimelineView(origin="status", name="Status")
     about = rrb.TextDocumentView(origin="about", name="What is what")

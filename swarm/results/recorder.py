@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from estimators.arrays import Floats
 from swarm.layout import Photodiodes
 from swarm.results.telemetry import Errors, Estimate, Peer, Truth
-from swarm.shapes import Mesh
+from swarm.world.shapes import Mesh
 
 OUTSIDE, BLOCKED, LIT = 0, 1, 2
 """What a photodiode sees of the lighthouse; the numbers are those of `swarm.sensors.visibility.Sight`."""

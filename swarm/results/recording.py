@@ -152,6 +152,9 @@ class Recording:
             self._static("world/lighthouse/body", _mesh(body))
         strips = drawing.field(field_rad, 0.12 * reach_m)
         self._static("world/lighthouse/field", rr.LineStrips3D(strips, colors=[0xB0BEC5A0], radii=-0.8))
+        axes = 0.12 * reach_m * np.eye(3)
+        inks = np.array([0xEF5350FF, 0x66BB6AFF, 0x42A5F5FF], dtype=np.uint32)
+        self._static("world/lighthouse/axes", rr.Arrows3D(vectors=axes, colors=inks, radii=0.003 * reach_m))
         vertex, face = drawing.fan(field_rad, reach_m)
         for fan, points, colour in (("x", vertex, 0xFF8A6506), ("y", vertex[:, [1, 0, 2]], 0x4FC3F706)):
             mesh = rr.Mesh3D(vertex_positions=points, triangle_indices=face, albedo_factor=colour)

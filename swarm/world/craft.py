@@ -18,8 +18,8 @@ import numpy as np
 
 from estimators.arrays import Floats
 from estimators.rotation import matrix_from_quaternion
-from swarm import shapes
 from swarm.errors import SwarmError
+from swarm.world import shapes
 
 LEAST_PHOTODIODES = 4
 """What PnP needs (section 2 of source 1)."""

@@ -22,10 +22,10 @@ import numpy as np
 from estimators import rotation as rot
 from estimators.arrays import Floats
 from swarm.errors import SwarmError, did_you_mean
-from swarm.framing import RATE_HZ, TURN_TICKS, frame_angles, frame_pulses, x_flash
 from swarm.onboard.decoder import SweepAngles
 from swarm.pulses import Pulses
-from swarm.recordings import TICK_S, Recording, WorldPose
+from swarm.recordings.framing import RATE_HZ, TURN_TICKS, frame_angles, frame_pulses, x_flash
+from swarm.recordings.libsurvive import TICK_S, Recording, WorldPose
 
 LEAD_S = 600e-6
 """A window starts this long before its X flash [s]: after the last sweep, before the other station's flash (417 us)."""

@@ -19,8 +19,8 @@ import numpy as np
 from estimators.arrays import Bools, Floats, Ints
 from estimators.rotation import matrix_from_quaternion, quaternion_multiply
 from swarm import layout
-from swarm.craft import CraftModel, FilePose, Visual, load_craft, load_static, quiet
 from swarm.errors import SwarmError
+from swarm.world.craft import CraftModel, FilePose, Visual, load_craft, load_static, quiet
 
 LIGHTHOUSE = "lighthouse"
 """The lighthouse's prefix in the MuJoCo model; no craft may have this name."""

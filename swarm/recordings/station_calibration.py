@@ -29,7 +29,7 @@ import numpy as np
 from estimators.arrays import Floats
 from estimators.sweep import FanErrors, from_libsurvive
 from swarm.errors import SwarmError, did_you_mean
-from swarm.recordings import WorldPose
+from swarm.recordings.libsurvive import WorldPose
 
 _FCAL = ("fcalphase", "fcaltilt", "fcalcurve", "fcalgibpha", "fcalgibmag")
 _TOKEN = re.compile(r'(?P<space>\s*)(?P<token>"(?:[^"\\]|\\.)*"|[{}\[\]:,]|[^\s{}\[\]:,"]+)')

@@ -12,7 +12,7 @@ import numpy as np
 from estimators.arrays import Floats, Ints
 from swarm.onboard.decoder import SLOT_S, SYNC_TOLERANCE_S
 from swarm.pulses import FAN_BIT, SKIP_BIT, SYNC_WIDTH_S, SYNC_WIDTH_STEP_S
-from swarm.recordings import TICK_S, AngleLog, PulseLog
+from swarm.recordings.libsurvive import TICK_S, AngleLog, PulseLog
 
 RATE_HZ = 60.0
 """Turns of a Lighthouse 1.0 rotor per second."""

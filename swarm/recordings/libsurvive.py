@@ -24,7 +24,7 @@ from estimators import rotation as rot
 from estimators.arrays import Floats, Ints
 from swarm.errors import SwarmError, did_you_mean
 from swarm.layout import Photodiodes, pad
-from swarm.tracked_object import TrackedObject, read_config
+from swarm.recordings.tracked_object import TrackedObject, read_config
 
 TICK_S = 1 / 48e6
 """Nominal tick of the objects' clocks [s]."""

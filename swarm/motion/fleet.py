@@ -4,7 +4,8 @@ Everything is in the lighthouse frame, SI units. The attitude of a craft on its 
 
     R_l_b(t) = F(p(t)) Rx(yaw) Ry(pitch) Rz(roll + spin t)
 
-with F the facing frame of `swarm.pointing` (body +z towards the lighthouse), or the identity where `facing` is off.
+with F the facing frame of `swarm.motion.pointing` (body +z towards the lighthouse), or the identity where `facing` is
+off.
 Tumble and drift are free motions: the reference is their start, carried on at their first rates, and not held.
 """
 
@@ -16,9 +17,9 @@ import numpy as np
 
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats
-from swarm import paths
 from swarm.errors import SwarmError
-from swarm.pointing import facing
+from swarm.motion import paths
+from swarm.motion.pointing import facing
 
 Vector = tuple[float, float, float]
 

@@ -1,0 +1,1 @@
+"""Where craft should be: reference motions, and what pushes those that drift."""

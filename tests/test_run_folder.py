@@ -1,0 +1,186 @@
+"""The run's folder: never overwritten unasked, never a foreign file deleted, and always says what it is worth."""
+
+import json
+import os
+import subprocess
+import sys
+from contextlib import nullcontext
+from pathlib import Path
+
+import numpy as np
+import pytest
+from synthetic_run import estimate_of, truth_at
+
+from swarm.errors import SwarmError
+from swarm.results.disk import write_text
+from swarm.results.run_folder import RunFolder, open_run
+from swarm.results.telemetry import PARTS, Telemetry
+
+FULL = Path("/dev/full")
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def fly(path, force=False, finish=True):
+    with RunFolder(path, force) as run:
+        run.write_scenario("seed = 7\n")
+        telemetry = Telemetry(run.path, ["craft-0", "craft-1"])
+        truth = truth_at(0.0, 2)
+        telemetry.append(0.0, 0, truth, estimate_of(truth, np.random.default_rng(0)))
+        run.recording.write_bytes(b"RRF2")
+        if finish:
+            telemetry.close()
+            run.finish({"swarm": {"nees": None}})
+
+
+def status(path):
+    return json.loads((path / "summary.json").read_text())["status"]
+
+
+def test_a_run_is_found_where_it_should_be_and_opens(tmp_path):
+    folder = RunFolder.create("formation", 7)
+    assert folder.path == Path("runs/formation-7")
+    fly(folder.path, force=True)
+    for given in ("runs/formation-7", "formation-7", tmp_path / "runs" / "formation-7"):
+        run = open_run(given)
+        assert run.status == "complete"
+        assert len(run.telemetry) == 2
+        assert run.scenario == "seed = 7\n"
+        assert run.summary["swarm"] == {"nees": None}
+        assert run.recording is not None
+    assert sorted(p.name for p in folder.path.iterdir()) == [
+        "recording.rrd",
+        "scenario.toml",
+        "summary.json",
+        "telemetry.parquet",
+    ]
+
+
+def test_out_is_taken_as_it_is(tmp_path):
+    assert RunFolder.create("formation", 7, tmp_path / "deep" / "mine").path == tmp_path / "deep" / "mine"
+
+
+def test_an_existing_run_needs_force(tmp_path):
+    fly(tmp_path / "a")
+    before = {p.name: p.read_bytes() for p in (tmp_path / "a").iterdir()}
+    with pytest.raises(SwarmError, match=r"a holds a run already; --force"):
+        RunFolder(tmp_path / "a")
+    assert {p.name: p.read_bytes() for p in (tmp_path / "a").iterdir()} == before
+
+
+@pytest.mark.parametrize("finish", [True, False])
+def test_force_replaces_the_run_and_nothing_else(tmp_path, finish):
+    path = tmp_path / "a"
+    with nullcontext() if finish else pytest.raises(RuntimeError, match="without a summary"):
+        fly(path, finish=finish)
+    (path / "notes.txt").write_text("mine")
+    (path / "figures").mkdir()
+    with RunFolder(path, force=True) as run:
+        assert status(path) == "running"
+        assert sorted(p.name for p in path.iterdir()) == ["figures", "notes.txt", "summary.json"]
+        run.finish({})
+
+
+@pytest.mark.parametrize("name", ["telemetry.parquet", "recording.rrd", "scenario.toml", "summary.json"])
+def test_a_foreign_file_is_never_replaced_even_with_force(tmp_path, name):
+    (tmp_path / name).write_text('{"mine": 1}')
+    with pytest.raises(SwarmError, match=f"{name} was not written by lighthouse-swarm"):
+        RunFolder(tmp_path, force=True)
+    assert [p.name for p in tmp_path.iterdir()] == [name]
+    assert (tmp_path / name).read_text() == '{"mine": 1}'
+
+
+def test_foreign_files_among_the_parts_stay(tmp_path):
+    fly(tmp_path / "a")
+    (tmp_path / "a" / PARTS).mkdir()
+    (tmp_path / "a" / PARTS / "mine.txt").write_text("mine")
+    with pytest.raises(SwarmError, match="files that lighthouse-swarm did not write"):
+        RunFolder(tmp_path / "a", force=True)
+    assert (tmp_path / "a" / PARTS / "mine.txt").read_text() == "mine"
+
+
+def test_a_folder_with_other_files_can_hold_a_run(tmp_path):
+    (tmp_path / "notes.txt").write_text("mine")
+    fly(tmp_path)
+    assert status(tmp_path) == "complete"
+
+
+def test_a_stopped_run_says_why(tmp_path):
+    with pytest.raises(KeyboardInterrupt), RunFolder(tmp_path / "a"):
+        raise KeyboardInterrupt
+    run = open_run(tmp_path / "a")
+    assert (run.status, run.summary["reason"]) == ("interrupted", "stopped by the user")
+    with pytest.raises(ValueError, match="boom"), RunFolder(tmp_path / "b"):
+        raise ValueError("boom")
+    assert open_run(tmp_path / "b").summary["reason"] == "ValueError: boom"
+    assert len(open_run(tmp_path / "b").telemetry) == 0
+
+
+def test_a_killed_run_stays_running_and_opens(tmp_path):
+    code = (
+        "import os, signal; from pathlib import Path; from swarm.results.run_folder import RunFolder\n"
+        "with RunFolder(Path('k')) as run:\n"
+        "    run.write_scenario('seed = 1')\n"
+        "    os.kill(os.getpid(), signal.SIGKILL)"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
+    assert subprocess.run([sys.executable, "-c", code], env=environment, check=False).returncode == -9
+    run = open_run(tmp_path / "k")
+    assert (run.status, run.scenario, run.recording) == ("running", "seed = 1", None)
+    with pytest.raises(SwarmError, match="--force"):
+        RunFolder(tmp_path / "k")
+
+
+def test_a_file_in_the_place_or_on_the_way(tmp_path):
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(SwarmError, match="file: a file is in its place"):
+        RunFolder(tmp_path / "file", force=True)
+    with pytest.raises(SwarmError, match="a part of the path is a file"):
+        RunFolder(tmp_path / "file" / "run")
+    (tmp_path / "dangling").symlink_to(tmp_path / "nowhere" / "at all")
+    with pytest.raises(SwarmError, match="dangling"):
+        RunFolder(tmp_path / "dangling")
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_a_place_that_cannot_be_written(tmp_path, monkeypatch):
+    def refuse(*_args, **_kwargs):
+        raise PermissionError(13, "Permission denied")
+
+    # Permission bits do not hold back the user that tests may run as.
+    monkeypatch.setattr(Path, "mkdir", refuse)
+    with pytest.raises(SwarmError, match=r"locked: no permission to write there; choose another place with --out"):
+        RunFolder(tmp_path / "locked")
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="no /dev/full on this system")
+def test_a_full_disk_leaves_the_old_file(tmp_path):
+    write_text(tmp_path / "summary.json", "old")
+    (tmp_path / "summary.json.tmp").symlink_to(FULL)
+    with pytest.raises(SwarmError, match=r"summary\.json: the disk is full"):
+        write_text(tmp_path / "summary.json", "new")
+    assert [p.name for p in tmp_path.iterdir()] == ["summary.json"]
+    assert (tmp_path / "summary.json").read_text() == "old"
+
+
+def test_a_summary_never_holds_nan(tmp_path):
+    run = RunFolder(tmp_path / "a")
+    with pytest.raises(ValueError, match="null"):
+        run.finish({"nees": float("nan")})
+    assert status(tmp_path / "a") == "running"
+
+
+def test_what_is_not_a_run_says_so_and_names_the_nearest(tmp_path):
+    fly(tmp_path / "runs" / "formation-7")
+    with pytest.raises(SwarmError, match=r"runs/formatoin-7 is not a run: there is no such folder.*did you mean"):
+        open_run("runs/formatoin-7")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(SwarmError, match=r"it has no summary\.json"):
+        open_run(tmp_path / "empty")
+    (tmp_path / "bad").mkdir()
+    (tmp_path / "bad" / "summary.json").write_text("{")
+    with pytest.raises(SwarmError, match=r"summary\.json is damaged"):
+        open_run(tmp_path / "bad")
