@@ -52,15 +52,21 @@ def solve_cholesky(lower: Floats, b: Floats) -> None:
 def invert_spd_into(a: Floats, out: Floats) -> bool:
     """Write the inverse of `a` (n, n) into `out` (n, n); False, with `out` untouched, where `a` is singular."""
     n = a.shape[0]
-    lower = np.zeros((n, n))
+    lower = np.empty((n, n))
     if not cholesky_into(a, lower):
         return False
-    column = np.empty(n)
+    # L^-1 in the place of L, column by column; then A^-1 = L^-T L^-1.
     for j in range(n):
-        for i in range(n):
-            column[i] = 0.0
-        column[j] = 1.0
-        solve_cholesky(lower, column)
-        for i in range(n):
-            out[i, j] = column[i]
+        lower[j, j] = 1 / lower[j, j]
+        for i in range(j + 1, n):
+            s = 0.0
+            for k in range(j, i):
+                s -= lower[i, k] * lower[k, j]
+            lower[i, j] = s / lower[i, i]
+    for i in range(n):
+        for j in range(i + 1):
+            s = 0.0
+            for k in range(i, n):
+                s += lower[k, i] * lower[k, j]
+            out[i, j] = out[j, i] = s
     return True

@@ -32,10 +32,10 @@ from estimators.projection import (
     arm_into,
     checked,
     checked_lit,
-    project_into,
+    project,
     projections,
     spans_plane,
-    turns_into,
+    turn_into,
 )
 from estimators.rotation import exp_into, multiply_into
 
@@ -73,68 +73,185 @@ class PoseSolution(NamedTuple):
     cost: Floats
 
 
+class _Seen(NamedTuple):
+    """One craft's lit photodiodes, gathered at the front of arrays (K, ...): nothing else enters the cost.
+
+    uv, square_weight, shift: (K, 2, ...) per angle; shift (K, 2, 2): v tau along the fan's coordinate and along z.
+    """
+
+    uv: Floats
+    square_weight: Floats
+    point: Floats
+    turn: Floats
+    shift: Floats
+
+
+class _Normal(NamedTuple):
+    """What a Newton step needs: matrix (6, 6), gradient (6,), and scale (6,), the diagonal of J^T W^2 J."""
+
+    matrix: Floats
+    gradient: Floats
+    scale: Floats
+
+
 @kernel
-def _evaluate(
+def _gather(
     uv: Floats,
     weight: Floats,
     lit: Bools,
     point: Floats,
-    rotation: Floats,
-    position: Floats,
-    turn: Floats,
     offset: Floats,
+    angular_rate: Floats,
     velocity: Floats,
-    curved: bool,
-    normal: Floats,
-    scale: Floats,
-    gradient: Floats,
-) -> float:
-    """F of (6), or inf if a photodiode is behind; writes `normal` (6, 6), `scale` (6,) and `gradient` (6,).
-
-    normal: J^T W^2 J of (11, 12), or where `curved` the Hessian of F / 2, which adds sum W^2 f d2f. scale: the diagonal
-    of J^T W^2 J. gradient: J^T W^2 f.
-    """
-    normal[:] = 0.0
-    scale[:] = 0.0
-    gradient[:] = 0.0
-    row, arm = np.empty(6), np.empty(3)
-    cost = 0.0
-    for i in range(uv.shape[0]):
+    out: _Seen,
+) -> int:
+    """Fill `out` with one craft's lit photodiodes; their number, -1 where a value is not finite."""
+    n = 0
+    for i in range(lit.shape[0]):
         if not lit[i]:
             continue
-        arm_into(rotation, point[i], arm)
+        for k in range(3):
+            out.point[n, k] = point[i, k]
         for fan in range(2):
-            value, z = project_into(fan, arm, turn[i, fan], position, velocity, offset[i, fan], row)
-            if not z > 0:
+            out.uv[n, fan] = uv[i, fan]
+            out.square_weight[n, fan] = weight[i, fan] * weight[i, fan]
+            if not np.isfinite(weight[i, fan] * uv[i, fan]):
+                return -1
+            tau = offset[i, fan]
+            turn_into(fan, angular_rate, tau, out.turn[n, fan])
+            out.shift[n, fan, 0], out.shift[n, fan, 1] = velocity[fan] * tau, velocity[2] * tau
+        n += 1
+    return n
+
+
+@kernel
+def _cost(seen: _Seen, n: int, rotation: Floats, position: Floats) -> float:
+    """F of (6), or inf if a photodiode is behind."""
+    cost = 0.0
+    for i in range(n):
+        p = seen.point[i]
+        x = rotation[0, 0] * p[0] + rotation[0, 1] * p[1] + rotation[0, 2] * p[2]
+        y = rotation[1, 0] * p[0] + rotation[1, 1] * p[1] + rotation[1, 2] * p[2]
+        z = rotation[2, 0] * p[0] + rotation[2, 1] * p[1] + rotation[2, 2] * p[2]
+        for fan in range(2):
+            place, depth = position[fan] + seen.shift[i, fan, 0], position[2] + seen.shift[i, fan, 1]
+            value, ahead, _, _, _, _, _ = project(fan, x, y, z, seen.turn[i, fan], place, depth)
+            if not ahead > 0:
                 return np.inf
-            w = weight[i, fan] * weight[i, fan]
-            f = value - uv[i, fan]
-            cost += w * f * f
-            for a in range(6):
-                gradient[a] += w * row[a] * f
-                scale[a] += w * row[a] * row[a]
-                for b in range(a + 1):
-                    normal[a, b] += w * row[a] * row[b]
-            if curved:
-                add_curvature(fan, arm, turn[i, fan], row, value, z, w * f, normal)
-    for a in range(6):
-        for b in range(a):
-            normal[b, a] = normal[a, b]
+            f = value - seen.uv[i, fan]
+            cost += seen.square_weight[i, fan] * f * f
     return cost
 
 
 @kernel
+def _evaluate(seen: _Seen, n: int, rotation: Floats, position: Floats, curved: bool, out: _Normal) -> float:
+    """F of (6), or inf if a photodiode is behind; writes `out`.
+
+    out.matrix: J^T W^2 J of (11, 12), or where `curved` the Hessian of F / 2, which adds sum W^2 f d2f. out.gradient:
+    J^T W^2 f. A row of J has no derivative by the other fan's coordinate: what is zero is not added up.
+    """
+    matrix, gradient, scale = out
+    matrix[:] = 0.0
+    gradient[:] = 0.0
+    cost = 0.0
+    for fan in range(2):
+        m00 = m10 = m11 = m20 = m21 = m22 = 0.0
+        across0 = across1 = across2 = ahead0 = ahead1 = ahead2 = 0.0
+        across_across = across_ahead = ahead_ahead = 0.0
+        b0 = b1 = b2 = b_across = b_ahead = 0.0
+        for i in range(n):
+            p = seen.point[i]
+            x = rotation[0, 0] * p[0] + rotation[0, 1] * p[1] + rotation[0, 2] * p[2]
+            y = rotation[1, 0] * p[0] + rotation[1, 1] * p[1] + rotation[1, 2] * p[2]
+            z = rotation[2, 0] * p[0] + rotation[2, 1] * p[1] + rotation[2, 2] * p[2]
+            place, depth = position[fan] + seen.shift[i, fan, 0], position[2] + seen.shift[i, fan, 1]
+            value, ahead, r0, r1, r2, g, gz = project(fan, x, y, z, seen.turn[i, fan], place, depth)
+            if not ahead > 0:
+                return np.inf
+            w = seen.square_weight[i, fan]
+            f = value - seen.uv[i, fan]
+            w0, w1, w2, wg, wz, wf = w * r0, w * r1, w * r2, w * g, w * gz, w * f
+            cost += wf * f
+            m00 += w0 * r0
+            m10 += w1 * r0
+            m11 += w1 * r1
+            m20 += w2 * r0
+            m21 += w2 * r1
+            m22 += w2 * r2
+            across0 += w0 * g
+            across1 += w1 * g
+            across2 += w2 * g
+            ahead0 += w0 * gz
+            ahead1 += w1 * gz
+            ahead2 += w2 * gz
+            across_across += wg * g
+            across_ahead += wg * gz
+            ahead_ahead += wz * gz
+            b0 += wf * r0
+            b1 += wf * r1
+            b2 += wf * r2
+            b_across += wf * g
+            b_ahead += wf * gz
+        a = 3 + fan
+        matrix[0, 0] += m00
+        matrix[1, 0] += m10
+        matrix[1, 1] += m11
+        matrix[2, 0] += m20
+        matrix[2, 1] += m21
+        matrix[2, 2] += m22
+        matrix[a, 0] += across0
+        matrix[a, 1] += across1
+        matrix[a, 2] += across2
+        matrix[a, a] += across_across
+        matrix[5, 0] += ahead0
+        matrix[5, 1] += ahead1
+        matrix[5, 2] += ahead2
+        matrix[5, a] += across_ahead
+        matrix[5, 5] += ahead_ahead
+        gradient[0] += b0
+        gradient[1] += b1
+        gradient[2] += b2
+        gradient[a] += b_across
+        gradient[5] += b_ahead
+    for k in range(6):
+        scale[k] = matrix[k, k]
+    if curved:
+        _add_curvature(seen, n, rotation, position, matrix)
+    return cost
+
+
+@kernel
+def _add_curvature(seen: _Seen, n: int, rotation: Floats, position: Floats, matrix: Floats) -> None:
+    """Add sum W^2 f d2f to the lower triangle of `matrix` (6, 6)."""
+    row, arm = np.empty(6), np.empty(3)
+    for i in range(n):
+        arm_into(rotation, seen.point[i], arm)
+        for fan in range(2):
+            place, depth = position[fan] + seen.shift[i, fan, 0], position[2] + seen.shift[i, fan, 1]
+            turn = seen.turn[i, fan]
+            value, z, row[0], row[1], row[2], g, gz = project(fan, arm[0], arm[1], arm[2], turn, place, depth)
+            row[3], row[4], row[5] = 0.0, 0.0, gz
+            row[3 + fan] = g
+            residual = seen.square_weight[i, fan] * (value - seen.uv[i, fan])
+            add_curvature(fan, arm, turn, row, value, z, residual, matrix)
+
+
+class _Workspace(NamedTuple):
+    """Arrays of `_refine_one`, made once for all craft."""
+
+    here: _Normal
+    there: _Normal
+    damped: Floats
+    lower: Floats
+    step: Floats
+    turned: Floats
+    rotation: Floats
+    position: Floats
+
+
+@kernel
 def _refine_one(
-    uv: Floats,
-    weight: Floats,
-    lit: Bools,
-    point: Floats,
-    rotation: Floats,
-    position: Floats,
-    turn: Floats,
-    offset: Floats,
-    velocity: Floats,
-    iterations_max: int,
+    seen: _Seen, n: int, rotation: Floats, position: Floats, iterations_max: int, work: _Workspace
 ) -> tuple[bool, int, float]:
     """Levenberg-Marquardt from `rotation` (3, 3), `position` (3,), overwritten; (converged, linear solves, F).
 
@@ -143,21 +260,17 @@ def _refine_one(
     is used too (Newton): a plane that faces the lighthouse has its mirror minima so near to their ridge that J alone
     takes hundreds of steps.
     """
-    normal, scale, gradient = np.empty((6, 6)), np.empty(6), np.empty(6)
-    next_normal, next_scale, next_gradient = np.empty((6, 6)), np.empty(6), np.empty(6)
-    damped, lower, step = np.empty((6, 6)), np.empty((6, 6)), np.empty(6)
-    turned, next_rotation, next_position = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
-    seen = (uv, weight, lit, point)
-    motion = (turn, offset, velocity)
+    here, there, damped, lower, step, turned, next_rotation, next_position = work
     damping, curved = 0.0, False
-    cost = _evaluate(*seen, rotation, position, *motion, curved, normal, scale, gradient)
+    cost = _evaluate(seen, n, rotation, position, curved, here)
     if not np.isfinite(cost):
         return False, 0, np.nan
     for iteration in range(1, iterations_max + 1):
-        damped[:] = normal
         for a in range(6):
-            damped[a, a] += damping * scale[a]
-            step[a] = -gradient[a]
+            for b in range(a + 1):
+                damped[a, b] = here.matrix[a, b]
+            damped[a, a] += damping * here.scale[a]
+            step[a] = -here.gradient[a]
         if not cholesky_into(damped, lower):
             damping = max(10 * damping, DAMPING_FIRST)
             continue
@@ -170,27 +283,32 @@ def _refine_one(
             step[0] ** 2 + step[1] ** 2 + step[2] ** 2 < STEP_SMALL**2
             and step[3] ** 2 + step[4] ** 2 + step[5] ** 2 < STEP_SMALL**2
         )
-        next_cost = _evaluate(
-            *seen, next_rotation, next_position, *motion, curved, next_normal, next_scale, next_gradient
-        )
+        # A step that damping made small proves nothing.
+        last = small and damping < DAMPING_FIRST
+        if last:
+            next_cost = _cost(seen, n, next_rotation, next_position)
+        else:
+            next_cost = _evaluate(seen, n, next_rotation, next_position, curved, there)
         # Near the minimum a step's gain drowns in the rounding of the residuals, 1e-16 each: it is taken none the less.
         if next_cost <= cost + ROUNDING * np.sqrt(cost):
             cost = next_cost
             rotation[:] = next_rotation
             position[:] = next_position
-            normal, next_normal = next_normal, normal
-            scale, next_scale = next_scale, scale
-            gradient, next_gradient = next_gradient, gradient
-            # A step that damping made small proves nothing.
-            if small and damping < DAMPING_FIRST:
+            if last:
                 return True, iteration, cost
+            here, there = there, here
             damping = 0.1 * damping if damping > DAMPING_FIRST**2 else 0.0
         else:
             damping = max(10 * damping, DAMPING_FIRST)
         if not curved and (damping > 0 or iteration == STEPS_PLAIN):
             curved = True
-            _evaluate(*seen, rotation, position, *motion, curved, normal, scale, gradient)
+            _evaluate(seen, n, rotation, position, curved, here)
     return False, iterations_max, np.nan
+
+
+@kernel
+def _normal() -> _Normal:
+    return _Normal(np.zeros((6, 6)), np.zeros(6), np.zeros(6))
 
 
 @kernel
@@ -211,35 +329,39 @@ def _refine_all(
     cost: Floats,
 ) -> None:
     """`_refine_one` for every craft: `rotation` and `position` hold the starts, then the answers or NaN."""
-    turn = np.empty((uv.shape[1], 2, 3, 3))
+    photodiodes = uv.shape[1]
+    seen = _Seen(
+        np.empty((photodiodes, 2)),
+        np.empty((photodiodes, 2)),
+        np.empty((photodiodes, 3)),
+        np.empty((photodiodes, 2, 3, 3)),
+        np.empty((photodiodes, 2, 2)),
+    )
+    work = _Workspace(
+        _normal(),
+        _normal(),
+        np.zeros((6, 6)),
+        np.empty((6, 6)),
+        np.empty(6),
+        np.empty((3, 3)),
+        np.empty((3, 3)),
+        np.empty(3),
+    )
     for c in range(uv.shape[0]):
-        count, usable = 0, True
-        for i in range(uv.shape[1]):
-            if lit[c, i]:
-                count += 1
-                for fan in range(2):
-                    usable = usable and np.isfinite(weight[c, i, fan] * uv[c, i, fan])
-        solved[c], iterations[c], cost[c] = False, 0, np.nan
-        if usable and count >= FEWEST_LIT and spans_plane(lit[c], point[c]):
-            turns_into(offset[c], angular_rate[c], turn)
-            solved[c], iterations[c], cost[c] = _refine_one(
-                uv[c],
-                weight[c],
-                lit[c],
-                point[c],
-                rotation[c],
-                position[c],
-                turn,
-                offset[c],
-                velocity[c],
-                iterations_max,
-            )
-        residual[c] = np.sqrt(cost[c] / (2 * count))
-        if not solved[c]:
+        solved[c], iterations[c], cost[c], residual[c] = False, 0, np.nan, np.nan
+        count = 0
+        for i in range(photodiodes):
+            count += lit[c, i]
+        if count >= FEWEST_LIT and spans_plane(lit[c], point[c]):
+            n = _gather(uv[c], weight[c], lit[c], point[c], offset[c], angular_rate[c], velocity[c], seen)
+            if n > 0:
+                solved[c], iterations[c], cost[c] = _refine_one(seen, n, rotation[c], position[c], iterations_max, work)
+        if solved[c]:
+            residual[c] = np.sqrt(cost[c] / (2 * count))
+        else:
             rotation[c] = np.nan
             position[c] = np.nan
             cost[c] = np.nan
-            residual[c] = np.nan
 
 
 def refine_projections(

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimators.arrays import Bools, Floats
 from estimators.kernel import kernel
-from estimators.rotation import exp_into
+from estimators.rotation import sine_cosine
 
 COLLINEAR = 1e-6
 """Photodiodes that all lie nearer to one line than this share of its length are on it: micrometres per metre, far below
@@ -50,35 +50,44 @@ def angle_weights(uv: Floats) -> Floats:
 
 
 @kernel
-def turns_into(offset: Floats, angular_rate: Floats, out: Floats) -> None:
-    """Write Exp([w]x tau) for the instants (K, 2) [s] and the rate (3,) [rad/s] into `out` (K, 2, 3, 3)."""
-    vector = np.empty(3)
-    for i in range(offset.shape[0]):
-        for fan in range(2):
-            for k in range(3):
-                vector[k] = angular_rate[k] * offset[i, fan]
-            exp_into(vector, out[i, fan])
+def turn_into(fan: int, angular_rate: Floats, tau: float, out: Floats) -> None:
+    """Write the rows of Exp([w]x tau) that the fan's projection uses, its own and the third, into `out` (3, 3)."""
+    x, y, z = angular_rate[0] * tau, angular_rate[1] * tau, angular_rate[2] * tau
+    s, c = sine_cosine(x * x + y * y + z * z)
+    if fan == 0:
+        out[0, 0], out[0, 1], out[0, 2] = 1 - c * (y * y + z * z), c * x * y - s * z, c * x * z + s * y
+    else:
+        out[1, 0], out[1, 1], out[1, 2] = c * x * y + s * z, 1 - c * (x * x + z * z), c * y * z - s * x
+    out[2, 0], out[2, 1], out[2, 2] = c * x * z - s * y, c * y * z + s * x, 1 - c * (x * x + y * y)
+
+
+@kernel
+def project(
+    fan: int, x: float, y: float, z: float, turn: Floats, place: float, depth: float
+) -> tuple[float, float, float, float, float, float, float]:
+    """x/z (fan 0) or y/z (fan 1) of one photodiode, its z [m], and its derivatives (10)(8) that are not zero.
+
+    (x, y, z) is the arm R w_p at the epoch, `turn` (3, 3) is Exp([w]x tau), `place` and `depth` the fan's coordinate and
+    the third one of t + v tau. With the gradient g of the projection (10), g^T dp/dd = -g^T turn [arm]x =
+    (arm x (turn^T g))^T. Returns value, z, the three derivatives by attitude, those by the fan's coordinate and by z.
+    """
+    across = turn[fan, 0] * x + turn[fan, 1] * y + turn[fan, 2] * z + place
+    ahead = turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z + depth
+    g = 1 / ahead
+    value = across * g
+    a0 = g * (turn[fan, 0] - value * turn[2, 0])
+    a1 = g * (turn[fan, 1] - value * turn[2, 1])
+    a2 = g * (turn[fan, 2] - value * turn[2, 2])
+    return value, ahead, y * a2 - z * a1, z * a0 - x * a2, x * a1 - y * a0, g, -value * g
 
 
 @kernel
 def project_into(
     fan: int, arm: Floats, turn: Floats, position: Floats, velocity: Floats, tau: float, row: Floats
 ) -> tuple[float, float]:
-    """x/z (fan 0) or y/z (fan 1) of one photodiode and its z [m]; (10)(8), (attitude, position), into `row` (6,).
-
-    `arm` (3,) is R w_p at the epoch, `turn` (3, 3) is Exp([w]x tau). With the gradient g of the projection (10),
-    g^T dp/dd = -g^T turn [arm]x = (arm x (turn^T g))^T.
-    """
-    x = turn[fan, 0] * arm[0] + turn[fan, 1] * arm[1] + turn[fan, 2] * arm[2] + position[fan] + velocity[fan] * tau
-    z = turn[2, 0] * arm[0] + turn[2, 1] * arm[1] + turn[2, 2] * arm[2] + position[2] + velocity[2] * tau
-    value = x / z
-    g, gz = 1 / z, -value / z
-    a0 = turn[fan, 0] * g + turn[2, 0] * gz
-    a1 = turn[fan, 1] * g + turn[2, 1] * gz
-    a2 = turn[fan, 2] * g + turn[2, 2] * gz
-    row[0] = arm[1] * a2 - arm[2] * a1
-    row[1] = arm[2] * a0 - arm[0] * a2
-    row[2] = arm[0] * a1 - arm[1] * a0
+    """`project` of the arm (3,) as value and z, its derivatives by (attitude, position) in `row` (6,)."""
+    place, depth = position[fan] + velocity[fan] * tau, position[2] + velocity[2] * tau
+    value, z, row[0], row[1], row[2], g, gz = project(fan, arm[0], arm[1], arm[2], turn, place, depth)
     row[3], row[4], row[5] = 0.0, 0.0, gz
     row[3 + fan] = g
     return value, z

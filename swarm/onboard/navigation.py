@@ -21,12 +21,9 @@ import numpy as np
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats, Ints
 from estimators.dop import Dilution, dilution
+from estimators.error_state import DEFAULT_ACCELERATION_NOISE_M_S2, DEFAULT_ANGULAR_ACCELERATION_NOISE_RAD_S2
 from estimators.pnp import PoseSolution, refine
-from estimators.pose_filter import (
-    DEFAULT_ACCELERATION_NOISE_M_S2,
-    DEFAULT_ANGULAR_ACCELERATION_NOISE_RAD_S2,
-    PoseFilterBank,
-)
+from estimators.pose_filter import PoseFilterBank
 from estimators.sweep import FanErrors, correct
 from swarm.layout import Photodiodes
 from swarm.onboard.acquisition import NONE, Hypotheses, Sighting, follow, search
