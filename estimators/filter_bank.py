@@ -125,9 +125,9 @@ class FilterBank(ABC):
         cross = -b[craft] * rate_variance
         p = np.zeros((len(craft), STATES, STATES))
         moved = np.einsum("cab,cdb->cad", cross, b[craft])
-        p[np.ix_(range(len(craft)), POSE_COLUMNS, POSE_COLUMNS)] = covariance[craft] - moved
-        p[np.ix_(range(len(craft)), POSE_COLUMNS, RATE_COLUMNS)] = cross
-        p[np.ix_(range(len(craft)), RATE_COLUMNS, POSE_COLUMNS)] = np.swapaxes(cross, 1, 2)
+        p[:, POSE_COLUMNS[:, None], POSE_COLUMNS] = covariance[craft] - moved
+        p[:, POSE_COLUMNS[:, None], RATE_COLUMNS] = cross
+        p[:, RATE_COLUMNS[:, None], POSE_COLUMNS] = np.swapaxes(cross, 1, 2)
         p[:, RATE_COLUMNS, RATE_COLUMNS] = rate_variance
         self._covariance[craft] = p
         self._rotation[craft], self._position[craft] = rotation[craft], position[craft]
