@@ -67,8 +67,8 @@ def project(
 ) -> tuple[float, float, float, float, float, float, float]:
     """x/z (fan 0) or y/z (fan 1) of one photodiode, its z [m], and its derivatives (10)(8) that are not zero.
 
-    (x, y, z) is the arm R w_p at the epoch, `turn` (3, 3) is Exp([w]x tau), `place` and `depth` the fan's coordinate and
-    the third one of t + v tau. With the gradient g of the projection (10), g^T dp/dd = -g^T turn [arm]x =
+    (x, y, z) is the arm R w_p at the epoch, `turn` (3, 3) is Exp([w]x tau), `place` and `depth` the fan's coordinate
+    and the third one of t + v tau. With the gradient g of the projection (10), g^T dp/dd = -g^T turn [arm]x =
     (arm x (turn^T g))^T. Returns value, z, the three derivatives by attitude, those by the fan's coordinate and by z.
     """
     across = turn[fan, 0] * x + turn[fan, 1] * y + turn[fan, 2] * z + place
@@ -103,17 +103,15 @@ def add_curvature(
 
         d2(x/z) = -(row row_z^T + row_z row^T) / z,  and for the attitude also  (a r^T + r a^T) / 2 - (a . r) I
     """
-    depth, pull = np.empty(6), np.empty(3)
-    along = 0.0
-    for k in range(3):
-        i, j = (k + 1) % 3, (k + 2) % 3
-        depth[k] = arm[i] * turn[2, j] - arm[j] * turn[2, i]
-        pull[k] = (turn[fan, k] - value * turn[2, k]) / z
-        along += pull[k] * arm[k]
-    depth[3], depth[4], depth[5] = 0.0, 0.0, 1.0
+    x, y, ahead = turn[2, 0], turn[2, 1], turn[2, 2]
+    # Tuples, not arrays: nothing is allocated for each angle.
+    depth = (arm[1] * ahead - arm[2] * y, arm[2] * x - arm[0] * ahead, arm[0] * y - arm[1] * x, 0.0, 0.0, 1.0)
+    over = 1 / z
+    pull = ((turn[fan, 0] - value * x) * over, (turn[fan, 1] - value * y) * over, (turn[fan, 2] - value * ahead) * over)
+    along = pull[0] * arm[0] + pull[1] * arm[1] + pull[2] * arm[2]
     for i in range(6):
         for j in range(i + 1):
-            normal[i, j] -= scale * (row[i] * depth[j] + depth[i] * row[j]) / z
+            normal[i, j] -= scale * over * (row[i] * depth[j] + depth[i] * row[j])
     for i in range(3):
         normal[i, i] -= scale * along
         for j in range(i + 1):
