@@ -25,7 +25,7 @@ import numpy as np
 from estimators.arrays import Bools, Floats
 from estimators.kernel import kernel
 from estimators.linear import invert_spd_into
-from estimators.projection import checked, checked_lit, project, spans_plane, turn_into
+from estimators.projection import COLUMNS, TAU, checked, checked_lit, gather, project, spans_plane
 
 
 class Dilution(NamedTuple):
@@ -44,17 +44,7 @@ class Dilution(NamedTuple):
 
 @kernel
 def _sums_into(
-    rotation: Floats,
-    position: Floats,
-    lit: Bools,
-    point: Floats,
-    offset: Floats,
-    angular_rate: Floats,
-    velocity: Floats,
-    turn: Floats,
-    normal: Floats,
-    moved: Floats,
-    fan_sum: Floats,
+    table: Floats, n: int, rotation: Floats, position: Floats, normal: Floats, moved: Floats, fan_sum: Floats
 ) -> bool:
     """Write the lower triangles of J^T J and sum tau J^T J (6, 6), and the fans' sums of rows (2, 6), of one craft.
 
@@ -62,34 +52,23 @@ def _sums_into(
     """
     normal[:] = 0.0
     moved[:] = 0.0
-    row = np.empty(6)
+    fan_sum[:] = 0.0
     for fan in range(2):
-        other = 4 - fan
-        for a in range(6):
-            fan_sum[fan, a] = 0.0
-        for i in range(lit.shape[0]):
-            if not lit[i]:
-                continue
-            tau = offset[i, fan]
-            turn_into(fan, angular_rate, tau, turn)
-            p = point[i]
-            x = rotation[0, 0] * p[0] + rotation[0, 1] * p[1] + rotation[0, 2] * p[2]
-            y = rotation[1, 0] * p[0] + rotation[1, 1] * p[1] + rotation[1, 2] * p[2]
-            z = rotation[2, 0] * p[0] + rotation[2, 1] * p[1] + rotation[2, 2] * p[2]
-            place, depth = position[fan] + velocity[fan] * tau, position[2] + velocity[2] * tau
-            value, ahead, r0, r1, r2, g, gz = project(fan, x, y, z, turn, place, depth)
+        place = 3 + fan
+        for i in range(fan * n, fan * n + n):
+            value, ahead, r0, r1, r2, g, gz = project(table, i, rotation, position[fan], position[2])
             if not ahead > 0:
                 return False
             slope = -1 / (1 + value * value)
-            row[0], row[1], row[2], row[3 + fan], row[5] = slope * r0, slope * r1, slope * r2, slope * g, slope * gz
-            row[other] = 0.0
-            for a in range(6):
-                if a != other:
-                    fan_sum[fan, a] += row[a]
-                    for b in range(a + 1):
-                        product = row[a] * row[b]
-                        normal[a, b] += product
-                        moved[a, b] += tau * product
+            row = (slope * r0, slope * r1, slope * r2, slope * g, slope * gz)
+            tau = table[i, TAU]
+            for a in range(5):
+                to = a if a < 3 else (place if a == 3 else 5)
+                fan_sum[fan, to] += row[a]
+                for b in range(a + 1):
+                    by = b if b < 3 else (place if b == 3 else 5)
+                    normal[to, by] += row[a] * row[b]
+                    moved[to, by] += tau * row[a] * row[b]
     return True
 
 
@@ -110,14 +89,14 @@ def _dilution_all(
     coupling: Floats,
 ) -> None:
     """(13) to (22) for every craft; leaves the outputs alone where the pose is not determined."""
-    turn, row = np.empty((3, 3)), np.empty(6)
+    table, row = np.empty((2 * lit.shape[1], COLUMNS)), np.empty(6)
     normal, moved, inverse = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
     fan_sum, spread = np.empty((2, 6)), np.empty((2, 6))
     for c in range(lit.shape[0]):
         if not (mask[c] and spans_plane(lit[c], point[c])):
             continue
-        motion = offset[c], angular_rate[c], velocity[c]
-        if not _sums_into(rotation[c], position[c], lit[c], point[c], *motion, turn, normal, moved, fan_sum):
+        n = gather(lit[c], point[c], offset[c], angular_rate[c], velocity[c], table)
+        if not _sums_into(table, n, rotation[c], position[c], normal, moved, fan_sum):
             continue
         if not invert_spd_into(normal, inverse):
             continue

@@ -25,17 +25,19 @@ import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
-from estimators.linear import cholesky_into, solve_cholesky
+from estimators.linear import solve_spd
 from estimators.projection import (
+    COLUMNS,
+    VALUE,
+    WEIGHT,
     add_curvature,
     angle_weights,
-    arm_into,
     checked,
     checked_lit,
+    gather,
     project,
     projections,
     spans_plane,
-    turn_into,
 )
 from estimators.rotation import exp_into, multiply_into
 
@@ -73,25 +75,8 @@ class PoseSolution(NamedTuple):
     cost: Floats
 
 
-class _Seen(NamedTuple):
-    """One craft's lit photodiodes, gathered at the front of arrays (K, ...): nothing else enters the cost.
-
-    uv, square_weight, shift: (K, 2, ...) per angle; shift (K, 2, 2): v tau along the fan's coordinate and along z.
-    """
-
-    uv: Floats
-    square_weight: Floats
-    point: Floats
-    turn: Floats
-    shift: Floats
-
-
-class _Normal(NamedTuple):
-    """What a Newton step needs: matrix (6, 6), gradient (6,), and scale (6,), the diagonal of J^T W^2 J."""
-
-    matrix: Floats
-    gradient: Floats
-    scale: Floats
+GRADIENT, SCALE = 6, 7
+"""Rows below the matrix, in what a Newton step needs (8, 6): J^T W^2 f, and the diagonal of J^T W^2 J."""
 
 
 @kernel
@@ -103,73 +88,56 @@ def _gather(
     offset: Floats,
     angular_rate: Floats,
     velocity: Floats,
-    out: _Seen,
+    table: Floats,
 ) -> int:
-    """Fill `out` with one craft's lit photodiodes; their number, -1 where a value is not finite."""
-    n = 0
-    for i in range(lit.shape[0]):
-        if not lit[i]:
-            continue
-        for k in range(3):
-            out.point[n, k] = point[i, k]
-        for fan in range(2):
-            out.uv[n, fan] = uv[i, fan]
-            out.square_weight[n, fan] = weight[i, fan] * weight[i, fan]
-            if not np.isfinite(weight[i, fan] * uv[i, fan]):
-                return -1
-            tau = offset[i, fan]
-            turn_into(fan, angular_rate, tau, out.turn[n, fan])
-            out.shift[n, fan, 0], out.shift[n, fan, 1] = velocity[fan] * tau, velocity[2] * tau
-        n += 1
+    """`gather` with each angle's value and squared weight; the number of photodiodes, 0 where a value is not finite."""
+    n = gather(lit, point, offset, angular_rate, velocity, table)
+    i = 0
+    for k in range(lit.shape[0]):
+        if lit[k]:
+            for fan in range(2):
+                if not np.isfinite(weight[k, fan] * uv[k, fan]):
+                    return 0
+                table[fan * n + i, VALUE] = uv[k, fan]
+                table[fan * n + i, WEIGHT] = weight[k, fan] * weight[k, fan]
+            i += 1
     return n
 
 
 @kernel
-def _cost(seen: _Seen, n: int, rotation: Floats, position: Floats) -> float:
+def _cost(table: Floats, n: int, rotation: Floats, position: Floats) -> float:
     """F of (6), or inf if a photodiode is behind."""
     cost = 0.0
-    for i in range(n):
-        p = seen.point[i]
-        x = rotation[0, 0] * p[0] + rotation[0, 1] * p[1] + rotation[0, 2] * p[2]
-        y = rotation[1, 0] * p[0] + rotation[1, 1] * p[1] + rotation[1, 2] * p[2]
-        z = rotation[2, 0] * p[0] + rotation[2, 1] * p[1] + rotation[2, 2] * p[2]
-        for fan in range(2):
-            place, depth = position[fan] + seen.shift[i, fan, 0], position[2] + seen.shift[i, fan, 1]
-            value, ahead, _, _, _, _, _ = project(fan, x, y, z, seen.turn[i, fan], place, depth)
+    for fan in range(2):
+        for row in range(fan * n, fan * n + n):
+            value, ahead, _, _, _, _, _ = project(table, row, rotation, position[fan], position[2])
             if not ahead > 0:
                 return np.inf
-            f = value - seen.uv[i, fan]
-            cost += seen.square_weight[i, fan] * f * f
+            f = value - table[row, VALUE]
+            cost += table[row, WEIGHT] * f * f
     return cost
 
 
 @kernel
-def _evaluate(seen: _Seen, n: int, rotation: Floats, position: Floats, curved: bool, out: _Normal) -> float:
-    """F of (6), or inf if a photodiode is behind; writes `out`.
+def _evaluate(table: Floats, n: int, rotation: Floats, position: Floats, curved: bool, out: Floats) -> float:
+    """F of (6), or inf if a photodiode is behind; writes `out` (8, 6): the lower triangle of a matrix, and two rows.
 
-    out.matrix: J^T W^2 J of (11, 12), or where `curved` the Hessian of F / 2, which adds sum W^2 f d2f. out.gradient:
-    J^T W^2 f. A row of J has no derivative by the other fan's coordinate: what is zero is not added up.
+    The matrix is J^T W^2 J of (11, 12), or where `curved` the Hessian of F / 2, which adds sum W^2 f d2f. A row of J
+    has no derivative by the other fan's coordinate: what is zero is not added up.
     """
-    matrix, gradient, scale = out
-    matrix[:] = 0.0
-    gradient[:] = 0.0
+    out[:] = 0.0
     cost = 0.0
     for fan in range(2):
         m00 = m10 = m11 = m20 = m21 = m22 = 0.0
         across0 = across1 = across2 = ahead0 = ahead1 = ahead2 = 0.0
         across_across = across_ahead = ahead_ahead = 0.0
         b0 = b1 = b2 = b_across = b_ahead = 0.0
-        for i in range(n):
-            p = seen.point[i]
-            x = rotation[0, 0] * p[0] + rotation[0, 1] * p[1] + rotation[0, 2] * p[2]
-            y = rotation[1, 0] * p[0] + rotation[1, 1] * p[1] + rotation[1, 2] * p[2]
-            z = rotation[2, 0] * p[0] + rotation[2, 1] * p[1] + rotation[2, 2] * p[2]
-            place, depth = position[fan] + seen.shift[i, fan, 0], position[2] + seen.shift[i, fan, 1]
-            value, ahead, r0, r1, r2, g, gz = project(fan, x, y, z, seen.turn[i, fan], place, depth)
+        for row in range(fan * n, fan * n + n):
+            value, ahead, r0, r1, r2, g, gz = project(table, row, rotation, position[fan], position[2])
             if not ahead > 0:
                 return np.inf
-            w = seen.square_weight[i, fan]
-            f = value - seen.uv[i, fan]
+            w = table[row, WEIGHT]
+            f = value - table[row, VALUE]
             w0, w1, w2, wg, wz, wf = w * r0, w * r1, w * r2, w * g, w * gz, w * f
             cost += wf * f
             m00 += w0 * r0
@@ -193,88 +161,64 @@ def _evaluate(seen: _Seen, n: int, rotation: Floats, position: Floats, curved: b
             b_across += wf * g
             b_ahead += wf * gz
         a = 3 + fan
-        matrix[0, 0] += m00
-        matrix[1, 0] += m10
-        matrix[1, 1] += m11
-        matrix[2, 0] += m20
-        matrix[2, 1] += m21
-        matrix[2, 2] += m22
-        matrix[a, 0] += across0
-        matrix[a, 1] += across1
-        matrix[a, 2] += across2
-        matrix[a, a] += across_across
-        matrix[5, 0] += ahead0
-        matrix[5, 1] += ahead1
-        matrix[5, 2] += ahead2
-        matrix[5, a] += across_ahead
-        matrix[5, 5] += ahead_ahead
-        gradient[0] += b0
-        gradient[1] += b1
-        gradient[2] += b2
-        gradient[a] += b_across
-        gradient[5] += b_ahead
+        out[0, 0] += m00
+        out[1, 0] += m10
+        out[1, 1] += m11
+        out[2, 0] += m20
+        out[2, 1] += m21
+        out[2, 2] += m22
+        out[a, 0] += across0
+        out[a, 1] += across1
+        out[a, 2] += across2
+        out[a, a] += across_across
+        out[5, 0] += ahead0
+        out[5, 1] += ahead1
+        out[5, 2] += ahead2
+        out[5, a] += across_ahead
+        out[5, 5] += ahead_ahead
+        out[GRADIENT, 0] += b0
+        out[GRADIENT, 1] += b1
+        out[GRADIENT, 2] += b2
+        out[GRADIENT, a] += b_across
+        out[GRADIENT, 5] += b_ahead
     for k in range(6):
-        scale[k] = matrix[k, k]
+        out[SCALE, k] = out[k, k]
     if curved:
-        _add_curvature(seen, n, rotation, position, matrix)
+        for fan in range(2):
+            for row in range(fan * n, fan * n + n):
+                pose = rotation, position[fan], position[2]
+                residual = project(table, row, *pose)[0] - table[row, VALUE]
+                add_curvature(table, row, fan, *pose, table[row, WEIGHT] * residual, out)
     return cost
 
 
 @kernel
-def _add_curvature(seen: _Seen, n: int, rotation: Floats, position: Floats, matrix: Floats) -> None:
-    """Add sum W^2 f d2f to the lower triangle of `matrix` (6, 6)."""
-    row, arm = np.empty(6), np.empty(3)
-    for i in range(n):
-        arm_into(rotation, seen.point[i], arm)
-        for fan in range(2):
-            place, depth = position[fan] + seen.shift[i, fan, 0], position[2] + seen.shift[i, fan, 1]
-            turn = seen.turn[i, fan]
-            value, z, row[0], row[1], row[2], g, gz = project(fan, arm[0], arm[1], arm[2], turn, place, depth)
-            row[3], row[4], row[5] = 0.0, 0.0, gz
-            row[3 + fan] = g
-            residual = seen.square_weight[i, fan] * (value - seen.uv[i, fan])
-            add_curvature(fan, arm, turn, row, value, z, residual, matrix)
-
-
-class _Workspace(NamedTuple):
-    """Arrays of `_refine_one`, made once for all craft."""
-
-    here: _Normal
-    there: _Normal
-    damped: Floats
-    lower: Floats
-    step: Floats
-    turned: Floats
-    rotation: Floats
-    position: Floats
-
-
-@kernel
 def _refine_one(
-    seen: _Seen, n: int, rotation: Floats, position: Floats, iterations_max: int, work: _Workspace
+    table: Floats, n: int, rotation: Floats, position: Floats, iterations_max: int, work: Floats
 ) -> tuple[bool, int, float]:
     """Levenberg-Marquardt from `rotation` (3, 3), `position` (3,), overwritten; (converged, linear solves, F).
 
     The first steps are Gauss-Newton without damping: warm starts need no more. Once one fails to lower the cost or puts
     a photodiode behind the lighthouse, steps are damped; from then on, or after STEPS_PLAIN, the residuals' curvature
     is used too (Newton): a plane that faces the lighthouse has its mirror minima so near to their ridge that J alone
-    takes hundreds of steps.
+    takes hundreds of steps. work: scratch (34, 6).
     """
-    here, there, damped, lower, step, turned, next_rotation, next_position = work
-    damping, curved = 0.0, False
-    cost = _evaluate(seen, n, rotation, position, curved, here)
+    damped, lower, step = work[16:22], work[22:28], work[33]
+    turned, next_rotation, next_position = work[28:31, :3], work[28:31, 3:], work[31, :3]
+    here, damping, curved = 0, 0.0, False
+    cost = _evaluate(table, n, rotation, position, curved, work[:8])
     if not np.isfinite(cost):
         return False, 0, np.nan
     for iteration in range(1, iterations_max + 1):
+        now, there = work[here : here + 8], work[8 - here : 16 - here]
         for a in range(6):
             for b in range(a + 1):
-                damped[a, b] = here.matrix[a, b]
-            damped[a, a] += damping * here.scale[a]
-            step[a] = -here.gradient[a]
-        if not cholesky_into(damped, lower):
+                damped[a, b] = now[a, b]
+            damped[a, a] += damping * now[SCALE, a]
+            step[a] = -now[GRADIENT, a]
+        if not solve_spd(damped, lower, step):
             damping = max(10 * damping, DAMPING_FIRST)
             continue
-        solve_cholesky(lower, step)
         exp_into(step[:3], turned)
         multiply_into(turned, rotation, next_rotation)
         for k in range(3):
@@ -286,9 +230,9 @@ def _refine_one(
         # A step that damping made small proves nothing.
         last = small and damping < DAMPING_FIRST
         if last:
-            next_cost = _cost(seen, n, next_rotation, next_position)
+            next_cost = _cost(table, n, next_rotation, next_position)
         else:
-            next_cost = _evaluate(seen, n, next_rotation, next_position, curved, there)
+            next_cost = _evaluate(table, n, next_rotation, next_position, curved, there)
         # Near the minimum a step's gain drowns in the rounding of the residuals, 1e-16 each: it is taken none the less.
         if next_cost <= cost + ROUNDING * np.sqrt(cost):
             cost = next_cost
@@ -296,19 +240,14 @@ def _refine_one(
             position[:] = next_position
             if last:
                 return True, iteration, cost
-            here, there = there, here
+            here = 8 - here
             damping = 0.1 * damping if damping > DAMPING_FIRST**2 else 0.0
         else:
             damping = max(10 * damping, DAMPING_FIRST)
         if not curved and (damping > 0 or iteration == STEPS_PLAIN):
             curved = True
-            _evaluate(seen, n, rotation, position, curved, here)
+            _evaluate(table, n, rotation, position, curved, work[here : here + 8])
     return False, iterations_max, np.nan
-
-
-@kernel
-def _normal() -> _Normal:
-    return _Normal(np.zeros((6, 6)), np.zeros(6), np.zeros(6))
 
 
 @kernel
@@ -329,35 +268,16 @@ def _refine_all(
     cost: Floats,
 ) -> None:
     """`_refine_one` for every craft: `rotation` and `position` hold the starts, then the answers or NaN."""
-    photodiodes = uv.shape[1]
-    seen = _Seen(
-        np.empty((photodiodes, 2)),
-        np.empty((photodiodes, 2)),
-        np.empty((photodiodes, 3)),
-        np.empty((photodiodes, 2, 3, 3)),
-        np.empty((photodiodes, 2, 2)),
-    )
-    work = _Workspace(
-        _normal(),
-        _normal(),
-        np.zeros((6, 6)),
-        np.empty((6, 6)),
-        np.empty(6),
-        np.empty((3, 3)),
-        np.empty((3, 3)),
-        np.empty(3),
-    )
+    table, work = np.empty((2 * uv.shape[1], COLUMNS)), np.zeros((34, 6))
     for c in range(uv.shape[0]):
         solved[c], iterations[c], cost[c], residual[c] = False, 0, np.nan, np.nan
-        count = 0
-        for i in range(photodiodes):
-            count += lit[c, i]
-        if count >= FEWEST_LIT and spans_plane(lit[c], point[c]):
-            n = _gather(uv[c], weight[c], lit[c], point[c], offset[c], angular_rate[c], velocity[c], seen)
-            if n > 0:
-                solved[c], iterations[c], cost[c] = _refine_one(seen, n, rotation[c], position[c], iterations_max, work)
+        n = 0
+        if spans_plane(lit[c], point[c]):
+            n = _gather(uv[c], weight[c], lit[c], point[c], offset[c], angular_rate[c], velocity[c], table)
+        if n >= FEWEST_LIT:
+            solved[c], iterations[c], cost[c] = _refine_one(table, n, rotation[c], position[c], iterations_max, work)
         if solved[c]:
-            residual[c] = np.sqrt(cost[c] / (2 * count))
+            residual[c] = np.sqrt(cost[c] / (2 * n))
         else:
             rotation[c] = np.nan
             position[c] = np.nan
