@@ -154,9 +154,9 @@ def _start_group(group: _Group) -> tuple[Floats, Floats, Floats]:
     )
     joined = np.concatenate([r for r, _ in starts], axis=1), np.concatenate([p for _, p in starts], axis=1)
     none = rotation[fits][:, :0], position[fits][:, :0]
-    *found, found_cost = _refined(group, joined, none, cost[fits][:, :0])
-    turned_over = mirrored(*found, centre, axes[..., 2])
-    rotation[fits], position[fits], cost[fits] = _refined(group, turned_over, (found[0], found[1]), found_cost)
+    turned, placed, found_cost = _refined(group, joined, none, cost[fits][:, :0])
+    turned_over = mirrored(turned, placed, centre, axes[..., 2])
+    rotation[fits], position[fits], cost[fits] = _refined(group, turned_over, (turned, placed), found_cost)
     return rotation, position, cost
 
 
@@ -196,8 +196,10 @@ def cold_starts(
         members = np.flatnonzero(usable & (count == n))
         for first in range(0, len(members), CHUNK):
             who = members[first : first + CHUNK]
-            seen = [part[who][lit[who]].reshape(len(who), n, -1) for part in (uv, point, offset)]
-            rotation, position, cost = _start_group(_Group(*seen, angular_rate[who], velocity[who]))
+            seen = (part[who][lit[who]].reshape(len(who), n, -1) for part in (uv, point, offset))
+            own_uv, own_point, own_offset = seen
+            group = _Group(own_uv, own_point, own_offset, angular_rate[who], velocity[who])
+            rotation, position, cost = _start_group(group)
             for i, found in zip(who, np.count_nonzero(np.isfinite(cost), axis=1), strict=True):
                 row = int(np.searchsorted(who, i))
                 out[i] = StartCandidates(rotation[row, :found], position[row, :found], cost[row, :found])
@@ -208,5 +210,6 @@ def cold_start(
     theta: Floats, lit: Bools, point_m: Floats, offset_s: Floats, angular_rate: Floats, velocity: Floats
 ) -> StartCandidates:
     """`cold_starts` of one craft: the same arguments without the craft axis. Raises ValueError as it does."""
-    one = [np.asarray(array)[None] for array in (theta, lit, point_m, offset_s, angular_rate, velocity)]
-    return cold_starts(*one)[0]
+    rates = np.asarray(angular_rate)[None], np.asarray(velocity)[None]
+    seen = np.asarray(theta)[None], np.asarray(lit)[None], np.asarray(point_m)[None], np.asarray(offset_s)[None]
+    return cold_starts(*seen, *rates)[0]

@@ -179,7 +179,7 @@ class Fleet:
         self._sigma = np.array(
             [(m.acceleration_m_s2, m.angular_acceleration_rad_s2) if isinstance(m, Drift) else (0, 0) for m in motions]
         ).reshape(-1, 2, 1)
-        self.pushed: Bools = self._sigma.any(axis=(1, 2))
+        self.pushed: Bools = np.asarray(self._sigma.any(axis=(1, 2)))
         """(C,): the craft that `disturbance` pushes."""
         drifting = np.flatnonzero(self.pushed)
         self._seed, self._block, self._draws = seed, -1, np.zeros((BLOCK, len(drifting), 2, 3))

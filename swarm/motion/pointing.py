@@ -32,7 +32,8 @@ def facing(position: Floats, velocity: Floats, acceleration: Floats) -> Facing:
     """The facing frames at positions (N, 3) [m], moving with velocity (N, 3) and acceleration (N, 3)."""
     count = len(position)
     out = Facing(np.empty((count, 3, 3)), np.empty((count, 3)), np.empty((count, 3)))
-    _facing_into(*(np.ascontiguousarray(part) for part in (position, velocity, acceleration)), *out)
+    path = np.ascontiguousarray(position), np.ascontiguousarray(velocity), np.ascontiguousarray(acceleration)
+    _facing_into(*path, *out)
     return out
 
 

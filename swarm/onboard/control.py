@@ -66,11 +66,8 @@ def wrench(reference: Reference, state: State, mass: Floats, inertia: Floats) ->
     """
     count = len(mass)
     force, torque = np.zeros((count, 3)), np.zeros((count, 3))
-    _wrench_into(
-        *(np.ascontiguousarray(part) for part in (*reference, *state, mass, inertia)),
-        force,
-        torque,
-    )
+    believed = State(*(np.ascontiguousarray(part, dtype=np.float64) for part in state))
+    _wrench_into(*reference, *believed, mass, inertia, force, torque)
     return force, torque
 
 

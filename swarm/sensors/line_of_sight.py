@@ -134,4 +134,4 @@ def _clear(o: Floats, d: Floats, reach: float, centre: Floats, radius: float) ->
     x, y, z = centre[0] - o[0], centre[1] - o[1], centre[2] - o[2]
     along = x * d[0] + y * d[1] + z * d[2]
     t = min(max(along, 0.0), reach)
-    return x * x + y * y + z * z - 2 * t * along + t * t > radius * radius
+    return bool(x * x + y * y + z * z - 2 * t * along + t * t > radius * radius)
