@@ -65,15 +65,20 @@ def left_jacobian(v: Floats) -> Floats:
 
 def matrix_from_quaternion(q: Floats) -> Floats:
     """Rotation matrices (..., 3, 3) of unit quaternions (..., 4) wxyz."""
-    w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
     out = np.empty((*q.shape[:-1], 3, 3))
-    out[..., 0, 0] = 1 - 2 * (y * y + z * z)
-    out[..., 1, 1] = 1 - 2 * (x * x + z * z)
-    out[..., 2, 2] = 1 - 2 * (x * x + y * y)
-    out[..., 0, 1], out[..., 1, 0] = 2 * (x * y - w * z), 2 * (x * y + w * z)
-    out[..., 0, 2], out[..., 2, 0] = 2 * (x * z + w * y), 2 * (x * z - w * y)
-    out[..., 1, 2], out[..., 2, 1] = 2 * (y * z - w * x), 2 * (y * z + w * x)
+    _matrices_into(np.ascontiguousarray(q, dtype=np.float64).reshape(-1, 4), out.reshape(-1, 3, 3))
     return out
+
+
+@kernel
+def _matrices_into(q: Floats, out: Floats) -> None:
+    for n in range(len(q)):
+        w, x, y, z = q[n, 0], q[n, 1], q[n, 2], q[n, 3]
+        out[n, 0, 0], out[n, 1, 1] = 1 - 2 * (y * y + z * z), 1 - 2 * (x * x + z * z)
+        out[n, 2, 2] = 1 - 2 * (x * x + y * y)
+        out[n, 0, 1], out[n, 1, 0] = 2 * (x * y - w * z), 2 * (x * y + w * z)
+        out[n, 0, 2], out[n, 2, 0] = 2 * (x * z + w * y), 2 * (x * z - w * y)
+        out[n, 1, 2], out[n, 2, 1] = 2 * (y * z - w * x), 2 * (y * z + w * x)
 
 
 def quaternion_from_matrix(rotation: Floats) -> Floats:

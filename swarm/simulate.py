@@ -120,7 +120,7 @@ class Flight:
             truth.angular_rate[epoch],
             truth.contact,
         )
-        return float(truth.time_s[epoch]), at_epoch, sight.min(axis=-1), estimate
+        return float(truth.time_s[epoch]), at_epoch, np.minimum(sight[..., 0], sight[..., 1]), estimate
 
     def _sight(self, truth: PeriodTruth) -> NDArray[np.int8]:
         """The `Sight` of every photodiode as each fan sweeps, (C, K, 2): taken at the knots in mid-sweep."""

@@ -218,7 +218,9 @@ class Lighthouse:
         stray = []
         for i, key in enumerate(self._keys):
             own = (BLOCK, int(self._count[i]), 2)
-            angle[:, i, present[i]] = self._stream(Purpose.ANGLE, key, block).standard_normal(own)
+            # Photodiodes come before the padding, and a slice is quicker than a mask.
+            which = slice(own[1]) if present[i, : own[1]].all() else present[i]
+            angle[:, i, which] = self._stream(Purpose.ANGLE, key, block).standard_normal(own)
             if settings.missed_sync_probability > 0:
                 chance = self._stream(Purpose.MISSED, key, block).random((BLOCK, 2))
                 missed[:, i] = chance < settings.missed_sync_probability

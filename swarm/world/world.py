@@ -127,8 +127,9 @@ class World:
         if not (np.isfinite(force).all() and np.isfinite(torque).all()):
             who = self.names[int(np.argmin(np.isfinite(force).all(axis=1) & np.isfinite(torque).all(axis=1)))]
             raise SwarmError(f"craft {who!r}: force or torque is not finite at {self._frame / self._rate_hz:.4f} s")
-        self._data.xfrc_applied[self.craft_bodies, :3] = force
-        self._data.xfrc_applied[self.craft_bodies, 3:] = torque
+        # The craft's bodies are the last ones, in order.
+        self._data.xfrc_applied[-count:, :3] = force
+        self._data.xfrc_applied[-count:, 3:] = torque
         self._look_for_contacts(self._neighbourhood.can_touch(self._pose, self._rate, force, 1 / self._rate_hz))
         with quiet():
             for step in range(1, steps + 1):
