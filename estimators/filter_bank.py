@@ -5,6 +5,7 @@ object per craft; `estimators.compiled_filter` one compiled loop over all craft.
 """
 
 from abc import ABC, abstractmethod
+from math import prod
 from typing import NamedTuple
 
 import numpy as np
@@ -110,6 +111,8 @@ class FilterBank(ABC):
         it was solved as if at rest, so that the filter knows that the pose is off by B times the rates.
         """
         mask = self._checked(mask, active=False)
+        if not mask.any():
+            return
         rotation = self._argument("rotation", rotation, (3, 3), mask)
         position = self._argument("position", position, (3,), mask)
         covariance = self._variances(self._argument("covariance", covariance, (POSE, POSE), mask), mask)
@@ -117,8 +120,6 @@ class FilterBank(ABC):
         b = self._argument("rate_coupling", b, (POSE, POSE), mask)
         if np.shape(rate_sigma) != (2,) or not np.all(np.greater_equal(rate_sigma, 0) & np.isfinite(rate_sigma)):
             raise ValueError(f"rate_sigma: expected two finite sigmas (angular rate, velocity), got {rate_sigma!r}")
-        if not mask.any():
-            return
         craft = np.flatnonzero(mask)
         rate_variance = np.repeat(np.square(rate_sigma), 3)
         # Solved as if at rest: true pose + B rates + noise, so truth minus estimate is -B rates - noise.
@@ -208,7 +209,7 @@ class FilterBank(ABC):
         expected = (len(self._active), *shape)
         if array.shape != expected:
             raise ValueError(f"{name}: expected shape {expected}, got {array.shape}")
-        if not _finite(array.reshape(len(mask), int(np.prod(shape, dtype=np.int64))), mask):
+        if not _finite(array.reshape(len(mask), prod(shape)), mask):
             raise ValueError(f"{name}: not finite for a craft of the mask")
         return array
 

@@ -159,7 +159,7 @@ def _motion(table: scenario.AnyMotion, settings: Scenario) -> motion.Motion:
     )
     match table:
         case scenario.Hold():
-            return motion.Hold(table.position_m, table.spacing_m, attitude)
+            return motion.Hold(table.position_m, table.spacing_m, attitude, table.layers)
         case scenario.Ring():
             return motion.Ring(
                 table.centre_m, table.radius_m, radians(table.rate_deg_s), radians(table.tilt_deg), attitude
@@ -170,7 +170,7 @@ def _motion(table: scenario.AnyMotion, settings: Scenario) -> motion.Motion:
             return motion.Approach(table.from_m, table.to_m, table.start_s, table.speed_m_s, attitude)
         case scenario.Tumble():
             rate = cast(Vector, tuple(radians(w) for w in table.angular_rate_deg_s))
-            return motion.Tumble(table.position_m, table.velocity_m_s, rate, table.spacing_m, attitude)
+            return motion.Tumble(table.position_m, table.velocity_m_s, rate, table.spacing_m, attitude, table.layers)
         case scenario.Drift():
             own, turn = table.acceleration_m_s2, table.angular_acceleration_deg_s2
             believed = settings.navigation
@@ -181,6 +181,7 @@ def _motion(table: scenario.AnyMotion, settings: Scenario) -> motion.Motion:
                 table.velocity_m_s,
                 table.spacing_m,
                 attitude,
+                table.layers,
             )
 
 

@@ -125,10 +125,10 @@ class Flight:
     def _sight(self, truth: PeriodTruth) -> NDArray[np.int8]:
         """The `Sight` of every photodiode as each fan sweeps, (C, K, 2): taken at the knots in mid-sweep."""
         steps = len(truth.time_s) - 1
-        return np.stack(
-            [self.visibility.state(truth.position[k], truth.quaternion[k]) for k in (steps // 4, 3 * steps // 4)],
-            axis=-1,
-        )
+        out = np.empty((*self.visibility.shape, 2), dtype=np.int8)
+        for fan, k in enumerate((steps // 4, 3 * steps // 4)):
+            out[..., fan] = self.visibility.state(truth.position[k], truth.quaternion[k])
+        return out
 
     def _wrench(self, frame: int) -> tuple[Floats, Floats]:
         """Force and torque (C, 3) of every craft in period `frame`: its control, and what pushes it at random."""

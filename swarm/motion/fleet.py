@@ -46,11 +46,14 @@ class Attitude:
 
 @dataclass(frozen=True)
 class Hold:
-    """Stay at one place; several craft spread over a square grid perpendicular to z, centred there."""
+    """Stay at one place; several craft spread over square grids perpendicular to z, centred there: `layers` of them,
+    one behind the other.
+    """
 
     position_m: Vector
     spacing_m: float = 0.0
     attitude: Attitude = Attitude()
+    layers: int = 1
 
 
 @dataclass(frozen=True)
@@ -96,6 +99,7 @@ class Tumble:
     angular_rate_rad_s: Vector = (0.0, 0.0, 0.0)
     spacing_m: float = 0.0
     attitude: Attitude = Attitude()
+    layers: int = 1
 
 
 @dataclass(frozen=True)
@@ -108,6 +112,7 @@ class Drift:
     velocity_m_s: Vector = (0.0, 0.0, 0.0)
     spacing_m: float = 0.0
     attitude: Attitude = Attitude()
+    layers: int = 1
 
 
 Motion = Hold | Ring | Waypoints | Approach | Tumble | Drift
@@ -299,9 +304,9 @@ def _path(task: Task) -> paths.Circle | paths.Pieces:
     motion = task.motion
     match motion:
         case Hold():
-            return paths.line(_on_grid(motion.position_m, motion.spacing_m, task), (0, 0, 0))
+            return paths.line(_on_grid(motion, task), (0, 0, 0))
         case Tumble() | Drift():
-            return paths.line(_on_grid(motion.position_m, motion.spacing_m, task), motion.velocity_m_s)
+            return paths.line(_on_grid(motion, task), motion.velocity_m_s)
         case Ring():
             phase = 2 * np.pi * task.index / task.count
             return paths.circle(motion.centre_m, motion.radius_m, motion.rate_rad_s, motion.tilt_rad, phase)
@@ -317,9 +322,16 @@ def _path(task: Task) -> paths.Circle | paths.Pieces:
             return paths.corridor(motion.from_m, motion.to_m, motion.start_s, motion.speed_m_s)
 
 
-def _on_grid(centre_m: Vector, spacing_m: float, task: Task) -> Vector:
-    side = int(np.ceil(np.sqrt(task.count)))
-    rows = -(-task.count // side)
-    row, column = divmod(task.index, side)
-    x, y, z = centre_m
-    return x + (column - (side - 1) / 2) * spacing_m, y + (row - (rows - 1) / 2) * spacing_m, z
+def _on_grid(motion: Hold | Tumble | Drift, task: Task) -> Vector:
+    """The craft's place on the grids, which fill up one after the other, the nearest first."""
+    each = -(-task.count // motion.layers)
+    side = int(np.ceil(np.sqrt(each)))
+    rows = -(-each // side)
+    layer, place = divmod(task.index, each)
+    row, column = divmod(place, side)
+    x, y, z = motion.position_m
+    return (
+        x + (column - (side - 1) / 2) * motion.spacing_m,
+        y + (row - (rows - 1) / 2) * motion.spacing_m,
+        z + (layer - (motion.layers - 1) / 2) * motion.spacing_m,
+    )

@@ -57,12 +57,18 @@ class Motion(Table):
     attitude: Attitude = Field(default=Attitude(), description="How the craft is turned meanwhile.")
 
 
+Layers = Annotated[int, Field(ge=1, le=1000)]
+"""How many grids a swarm makes, one behind the other."""
+_LAYERS = "Grids of equal size, one `spacing_m` behind the other, that share the swarm; centred at the same place."
+
+
 class Hold(Motion):
-    """Stays at one place; a swarm spreads over a square grid that faces the lighthouse, centred there."""
+    """Stays at one place; a swarm spreads over square grids that face the lighthouse, centred there."""
 
     kind: Literal["hold"] = Field(description="Stays at one place.")
     position_m: Vector = Field(default=(0.0, 0.0, 3.0), description="The place; the centre of a swarm's grid.")
     spacing_m: float = Field(default=0.5, gt=0, le=1000, description="Between neighbours in a swarm's grid.")
+    layers: Layers = Field(default=1, description=_LAYERS)
 
 
 class Ring(Motion):
@@ -120,6 +126,7 @@ class Tumble(Motion):
         default=(0.0, 0.0, 0.0), description="Angular rate at the start, lighthouse frame."
     )
     spacing_m: float = Field(default=0.5, gt=0, le=1000, description="Between neighbours in a swarm's grid.")
+    layers: Layers = Field(default=1, description=_LAYERS)
 
 
 class Drift(Motion):
@@ -129,6 +136,7 @@ class Drift(Motion):
     position_m: Vector = Field(default=(0.0, 0.0, 3.0), description="Where it starts; the centre of a swarm's grid.")
     velocity_m_s: Vector = Field(default=(0.0, 0.0, 0.0), description="Velocity at the start.")
     spacing_m: float = Field(default=0.5, gt=0, le=1000, description="Between neighbours in a swarm's grid.")
+    layers: Layers = Field(default=1, description=_LAYERS)
     acceleration_m_s2: float | None = Field(
         default=None, ge=0, le=100, description="1 sigma per axis. Unset: the navigation filter's own value."
     )

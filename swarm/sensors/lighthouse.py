@@ -150,8 +150,9 @@ class Lighthouse:
         draws, i = self._drawn(frame)
         period = 1 / settings.rate_hz
         rho, noise = settings.rotor_correlation, settings.angle_noise_rad
-        angle_error = noise * (np.sqrt(rho) * draws.rotor[i] + np.sqrt(1 - rho) * draws.angle[i])
-        instant, width = np.full(shape, np.nan), np.full(shape, np.nan)
+        angle_error = (noise * np.sqrt(1 - rho)) * draws.angle[i]
+        angle_error += (noise * np.sqrt(rho)) * draws.rotor[i]
+        instant, width = np.empty(shape), np.empty(shape)
         cross_into(
             np.ascontiguousarray(truth.time_s - truth.time_s[0]),
             np.ascontiguousarray(truth.position),

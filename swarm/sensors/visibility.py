@@ -100,6 +100,12 @@ class Visibility:
         self._unsure = np.empty((64, 3), dtype=np.int64)
         self._data: mujoco.MjData | None = None
 
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Craft and photodiodes (C, K)."""
+        craft, photodiodes = self._photodiodes.present.shape
+        return craft, photodiodes
+
     def lit(self, position: Floats, quaternion: Floats) -> Bools:
         """Which photodiodes (C, K) are lit with the craft at `position` (C, 3) [m], `quaternion` (C, 4) wxyz."""
         lit: Bools = self.state(position, quaternion) == Sight.LIT

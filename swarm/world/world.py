@@ -28,6 +28,8 @@ from swarm.world.nearby import Neighbourhood
 LARGEST = 1e6
 """A coordinate [m], velocity [m/s] or rate [rad/s] beyond this is a simulation that has blown up."""
 
+NO_CONTACT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+
 
 class CraftStart(NamedTuple):
     """One craft at time 0: position (3,) [m], quaternion (4,) wxyz, velocity (3,) [m/s], angular_rate (3,) [rad/s], all
@@ -165,9 +167,8 @@ class World:
 
     def _look_for_contacts(self, wanted: bool) -> None:
         """Let MuJoCo look for contacts, or spare it the search where there can be none."""
-        off = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
         flags = int(self.model.opt.disableflags)
-        self.model.opt.disableflags = flags & ~off if wanted else flags | off
+        self.model.opt.disableflags = flags & ~NO_CONTACT if wanted else flags | NO_CONTACT
 
     def _touching(self) -> Ints:
         contact = self._data.contact
