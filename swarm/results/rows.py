@@ -54,6 +54,16 @@ def _error_into(a: Floats, true_position: Floats, b: Floats, position: Floats, o
 
 
 @kernel
+def attitude_errors_into(truth: Floats, estimate: Floats, out: Floats) -> None:
+    """Write d (n, 3) [rad], R_est = Exp([d]x) R_true, of quaternions (n, 4) into `out`."""
+    nowhere, e = np.zeros(3), np.empty(6)
+    for i in range(len(out)):
+        _error_into(truth[i], nowhere, estimate[i], nowhere, e)
+        for k in range(3):
+            out[i, k] = -e[k]
+
+
+@kernel
 def _pose_into(position: Floats, quaternion: Floats, out: Floats, row: int, column: int) -> None:
     """Write a pose into seven rows of a block, with w >= 0."""
     sign = -1.0 if quaternion[0] < 0 else 1.0

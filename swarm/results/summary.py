@@ -27,7 +27,8 @@ import pyarrow as pa
 from scipy.special import gammaincinv
 
 from estimators.arrays import Bools, Floats, Ints
-from estimators.rotation import angle_between, log, matrix_from_quaternion, mean_rotation
+from estimators.rotation import angle_between, matrix_from_quaternion, mean_rotation
+from swarm.results.rows import attitude_errors_into
 from swarm.results.telemetry import STATUS, read_telemetry, telemetry_columns, values
 
 DOF = 6
@@ -138,8 +139,10 @@ class _Slope:
 
     def add(self, frame: Ints, error: Floats, rate: Floats) -> None:
         """Add rows: frame (n,) from zero, error (n, 3) and rate (n, 3)."""
-        np.add.at(self._product, frame, error * rate)
-        np.add.at(self._square, frame, rate**2)
+        for axis in range(3):
+            v = rate[:, axis]
+            self._product[:, axis] += np.bincount(frame, error[:, axis] * v, len(self._product))
+            self._square[:, axis] += np.bincount(frame, v * v, len(self._square))
         self._rows += len(frame)
 
     def solve(self) -> tuple[list[float | None], list[float | None], float | None]:
@@ -161,29 +164,32 @@ def _codes(table: pa.Table, name: str) -> Floats:
 
 
 class _Rows:
-    """Telemetry columns as arrays, NaN where null, of all rows or of one craft's. load: gives one column's table."""
+    """Telemetry columns as arrays, NaN where null, of all rows or of one craft's, which are neighbours.
 
-    def __init__(self, load: Callable[[str], pa.Table], rows: Ints | slice = slice(None)) -> None:
-        self._load, self._rows = load, rows
+    load: gives one column's table. order: of the rows, one craft after the other. rows: first, and one past the last.
+    """
+
+    def __init__(self, load: Callable[[str], pa.Table], order: Ints, rows: tuple[int, int]) -> None:
+        self._load, self._order, self._rows = load, order, rows
         self._cache: dict[str, Floats] = {}
 
-    def of(self, rows: Ints | slice) -> "_Rows":
+    def of(self, first: int, past: int) -> "_Rows":
         """A part of the rows; the columns are loaded once for all parts."""
-        out = _Rows(self._load, rows)
+        out = _Rows(self._load, self._order, (first, past))
         out._cache = self._cache
         return out
 
     def blocks(self) -> "Iterator[_Rows]":
         """These rows in parts of bounded size."""
-        every = np.arange(len(self.frame)) if isinstance(self._rows, slice) else self._rows
-        for start in range(0, len(every), BLOCK):
-            yield self.of(every[start : start + BLOCK])
+        first, past = self._rows
+        for start in range(first, past, BLOCK):
+            yield self.of(start, min(start + BLOCK, past))
 
     def column(self, name: str) -> Floats:
         if name not in self._cache:
             table = self._load(name)
-            self._cache[name] = _codes(table, name) if name in ("status", "craft") else values(table, name)
-        return self._cache[name][self._rows]
+            self._cache[name] = (_codes(table, name) if name == "status" else values(table, name))[self._order]
+        return self._cache[name][slice(*self._rows)]
 
     def columns(self, *names: str) -> Floats:
         return np.stack([self.column(name) for name in names], axis=1)
@@ -210,10 +216,10 @@ def _motion_bias(rows: _Rows) -> dict[str, Any]:
         error, at = (solution - truth)[known], part.frame[known] - first
         velocity = part.columns("true_vx_m_s", "true_vy_m_s", "true_vz_m_s")[known]
         rate = part.columns("true_wx_rad_s", "true_wy_rad_s", "true_wz_rad_s")[known]
-        true_rotation = matrix_from_quaternion(part.quaternion("true")[known])
-        turn = matrix_from_quaternion(part.quaternion("pnp")[known]) @ np.swapaxes(true_rotation, -1, -2)
+        turn = np.empty((len(at), 3))
+        attitude_errors_into(part.quaternion("true")[known], part.quaternion("pnp")[known], turn)
         position.add(at, error, velocity)
-        attitude.add(at, log(turn), rate)
+        attitude.add(at, turn, rate)
         speed = np.linalg.norm(velocity, axis=1)
         moves = speed > MIN_RATE
         along += float(np.sum(np.sum(error * velocity, axis=1)[moves] / speed[moves]))
@@ -309,14 +315,14 @@ def summarise_run(folder: Path) -> dict[str, Any]:
 
 
 def _summary(load: Callable[[str], pa.Table], replay: bool) -> dict[str, Any]:
-    everything = _Rows(load)
+    craft = load("craft")
+    codes = _codes(craft, "craft").astype(np.int64)
+    everything = _Rows(load, np.argsort(codes, kind="stable"), (0, len(codes)))
     frame, time_s = everything.frame, everything.column("time_s")
     if not len(frame):
         return {"periods": 0, "duration_s": 0.0, "craft_count": 0, "swarm": None, "craft": {}, "notes": NOTES}
-    names = load("craft").column("craft").unify_dictionaries().chunk(0).dictionary.to_pylist()
-    codes = everything.column("craft").astype(np.int64)
-    ends = np.cumsum(np.bincount(codes, minlength=len(names)))[:-1]
-    per_craft = np.split(np.argsort(codes, kind="stable"), ends)
+    names = craft.column("craft").unify_dictionaries().chunk(0).dictionary.to_pylist()
+    past = np.cumsum(np.bincount(codes, minlength=len(names))).tolist()
     span = int(frame.max() - frame.min())
     period_s = float(time_s.max() - time_s.min()) / span if span else 0.0
     return {
@@ -325,9 +331,9 @@ def _summary(load: Callable[[str], pa.Table], replay: bool) -> dict[str, Any]:
         "craft_count": len(names),
         "swarm": _figures(everything, period_s, replay),
         "craft": {
-            name: _figures(everything.of(rows), period_s, replay)
-            for name, rows in zip(names, per_craft, strict=True)
-            if len(rows)
+            name: _figures(everything.of(first, last), period_s, replay)
+            for name, first, last in zip(names, [0, *past], past, strict=False)
+            if last > first
         },
         "notes": NOTES,
     }

@@ -96,7 +96,7 @@ class Visibility:
         self._likely = _likely_planes(self._solids, photodiodes)
         # The scene, owner number C, never moves.
         self._placed = Placed(np.tile(np.eye(3), (craft + 1, 1, 1)), *(np.zeros((craft + 1, 3)) for _ in range(3)))
-        self._side = min(2 * int(np.ceil(np.sqrt(craft))) + 2, MOST_CELLS)
+        self._side = min(4 * int(np.ceil(np.sqrt(craft))) + 4, MOST_CELLS)
         self._unsure = np.empty((64, 3), dtype=np.int64)
         self._data: mujoco.MjData | None = None
 
