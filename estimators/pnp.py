@@ -105,20 +105,6 @@ def _gather(
 
 
 @kernel
-def _cost(table: Floats, n: int, rotation: Floats, position: Floats) -> float:
-    """F of (6), or inf if a photodiode is behind."""
-    cost = 0.0
-    for fan in range(2):
-        for row in range(fan * n, fan * n + n):
-            value, ahead, _, _, _, _, _ = project(table, row, rotation, position[fan], position[2])
-            if not ahead > 0:
-                return np.inf
-            f = value - table[row, VALUE]
-            cost += table[row, WEIGHT] * f * f
-    return cost
-
-
-@kernel
 def _evaluate(table: Floats, n: int, rotation: Floats, position: Floats, curved: bool, out: Floats) -> float:
     """F of (6), or inf if a photodiode is behind; writes `out` (8, 6): the lower triangle of a matrix, and two rows.
 
@@ -228,18 +214,19 @@ def _refine_one(
             and step[3] ** 2 + step[4] ** 2 + step[5] ** 2 < STEP_SMALL**2
         )
         # A step that damping made small proves nothing.
-        last = small and damping < DAMPING_FIRST
-        if last:
-            next_cost = _cost(table, n, next_rotation, next_position)
-        else:
-            next_cost = _evaluate(table, n, next_rotation, next_position, curved, there)
+        if small and damping < DAMPING_FIRST:
+            rotation[:] = next_rotation
+            position[:] = next_position
+            # To second order in the step F changes by the product of gradient and step.
+            for a in range(6):
+                cost += now[GRADIENT, a] * step[a]
+            return True, iteration, max(cost, 0.0)
+        next_cost = _evaluate(table, n, next_rotation, next_position, curved, there)
         # Near the minimum a step's gain drowns in the rounding of the residuals, 1e-16 each: it is taken none the less.
         if next_cost <= cost + ROUNDING * np.sqrt(cost):
             cost = next_cost
             rotation[:] = next_rotation
             position[:] = next_position
-            if last:
-                return True, iteration, cost
             here = 8 - here
             damping = 0.1 * damping if damping > DAMPING_FIRST**2 else 0.0
         else:
