@@ -21,7 +21,7 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
     return compiled
 
 
-class _Counter(event.Listener):  # type: ignore[misc]
+class _Counter(event.Listener):
     def __init__(self, tell: Callable[[int], None]) -> None:
         self._tell, self._done = tell, 0
 
@@ -40,8 +40,8 @@ def told_of_compilation(tell: Callable[[int], None]) -> Iterator[None]:
     What comes out of the cache on disk is not compiled, and not told.
     """
     counter = _Counter(tell)
-    event.register("numba:compile", counter)
+    event.register("numba:compile", counter)  # type: ignore[no-untyped-call]
     try:
         yield
     finally:
-        event.unregister("numba:compile", counter)
+        event.unregister("numba:compile", counter)  # type: ignore[no-untyped-call]

@@ -105,13 +105,16 @@ def _gather(
 
 
 @kernel
-def _evaluate(table: Floats, n: int, rotation: Floats, position: Floats, curved: bool, out: Floats) -> float:
-    """F of (6), or inf if a photodiode is behind; writes `out` (8, 6): the lower triangle of a matrix, and two rows.
+def _evaluate(table: Floats, n: int, rotation: Floats, position: Floats, curved: bool, out: Floats, at: int) -> float:
+    """F of (6), or inf if a photodiode is behind; writes 8 rows of `out` (., 6) from `at` on: the lower
+    triangle of a matrix, and two rows.
 
     The matrix is J^T W^2 J of (11, 12), or where `curved` the Hessian of F / 2, which adds sum W^2 f d2f. A row of J
     has no derivative by the other fan's coordinate: what is zero is not added up.
     """
-    out[:] = 0.0
+    for k in range(8):
+        for m in range(6):
+            out[at + k, m] = 0.0
     cost = 0.0
     for fan in range(2):
         m00 = m10 = m11 = m20 = m21 = m22 = 0.0
@@ -147,34 +150,34 @@ def _evaluate(table: Floats, n: int, rotation: Floats, position: Floats, curved:
             b_across += wf * g
             b_ahead += wf * gz
         a = 3 + fan
-        out[0, 0] += m00
-        out[1, 0] += m10
-        out[1, 1] += m11
-        out[2, 0] += m20
-        out[2, 1] += m21
-        out[2, 2] += m22
-        out[a, 0] += across0
-        out[a, 1] += across1
-        out[a, 2] += across2
-        out[a, a] += across_across
-        out[5, 0] += ahead0
-        out[5, 1] += ahead1
-        out[5, 2] += ahead2
-        out[5, a] += across_ahead
-        out[5, 5] += ahead_ahead
-        out[GRADIENT, 0] += b0
-        out[GRADIENT, 1] += b1
-        out[GRADIENT, 2] += b2
-        out[GRADIENT, a] += b_across
-        out[GRADIENT, 5] += b_ahead
+        out[at + 0, 0] += m00
+        out[at + 1, 0] += m10
+        out[at + 1, 1] += m11
+        out[at + 2, 0] += m20
+        out[at + 2, 1] += m21
+        out[at + 2, 2] += m22
+        out[at + a, 0] += across0
+        out[at + a, 1] += across1
+        out[at + a, 2] += across2
+        out[at + a, a] += across_across
+        out[at + 5, 0] += ahead0
+        out[at + 5, 1] += ahead1
+        out[at + 5, 2] += ahead2
+        out[at + 5, a] += across_ahead
+        out[at + 5, 5] += ahead_ahead
+        out[at + GRADIENT, 0] += b0
+        out[at + GRADIENT, 1] += b1
+        out[at + GRADIENT, 2] += b2
+        out[at + GRADIENT, a] += b_across
+        out[at + GRADIENT, 5] += b_ahead
     for k in range(6):
-        out[SCALE, k] = out[k, k]
+        out[at + SCALE, k] = out[at + k, k]
     if curved:
         for fan in range(2):
             for row in range(fan * n, fan * n + n):
                 pose = rotation, position[fan], position[2]
                 residual = project(table, row, *pose)[0] - table[row, VALUE]
-                add_curvature(table, row, fan, *pose, table[row, WEIGHT] * residual, out)
+                add_curvature(table, row, fan, *pose, table[row, WEIGHT] * residual, out[at : at + 6])
     return cost
 
 
@@ -192,16 +195,15 @@ def _refine_one(
     damped, lower, step = work[16:22], work[22:28], work[33]
     turned, next_rotation, next_position = work[28:31, :3], work[28:31, 3:], work[31, :3]
     here, damping, curved = 0, 0.0, False
-    cost = _evaluate(table, n, rotation, position, curved, work[:8])
+    cost = _evaluate(table, n, rotation, position, curved, work, 0)
     if not np.isfinite(cost):
         return False, 0, np.nan
     for iteration in range(1, iterations_max + 1):
-        now, there = work[here : here + 8], work[8 - here : 16 - here]
         for a in range(6):
             for b in range(a + 1):
-                damped[a, b] = now[a, b]
-            damped[a, a] += damping * now[SCALE, a]
-            step[a] = -now[GRADIENT, a]
+                damped[a, b] = work[here + a, b]
+            damped[a, a] += damping * work[here + SCALE, a]
+            step[a] = -work[here + GRADIENT, a]
         if not solve_spd(damped, lower, step):
             damping = max(10 * damping, DAMPING_FIRST)
             continue
@@ -219,9 +221,9 @@ def _refine_one(
             position[:] = next_position
             # To second order in the step F changes by the product of gradient and step.
             for a in range(6):
-                cost += now[GRADIENT, a] * step[a]
+                cost += work[here + GRADIENT, a] * step[a]
             return True, iteration, max(cost, 0.0)
-        next_cost = _evaluate(table, n, next_rotation, next_position, curved, there)
+        next_cost = _evaluate(table, n, next_rotation, next_position, curved, work, 8 - here)
         # Near the minimum a step's gain drowns in the rounding of the residuals, 1e-16 each: it is taken none the less.
         if next_cost <= cost + ROUNDING * np.sqrt(cost):
             cost = next_cost
@@ -233,7 +235,7 @@ def _refine_one(
             damping = max(10 * damping, DAMPING_FIRST)
         if not curved and (damping > 0 or iteration == STEPS_PLAIN):
             curved = True
-            _evaluate(table, n, rotation, position, curved, work[here : here + 8])
+            _evaluate(table, n, rotation, position, curved, work, here)
     return False, iterations_max, np.nan
 
 
