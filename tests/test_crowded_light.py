@@ -33,7 +33,7 @@ def shipped_crowd(count: int, names: list[str]) -> tuple[mujoco.MjModel, Photodi
 
 def crowded(rng: np.random.Generator, count: int, spread_m: float, around: bool) -> tuple[Floats, Floats]:
     """Poses in a cone that is full of craft, some facing the lighthouse, some anyhow, one perhaps around its source."""
-    depth = rng.uniform(0.2, 5.0, count)
+    depth = rng.uniform(0.2, 8.0, count)
     across = rng.normal(0, spread_m, (count, 2)) * depth[:, None]
     position = np.column_stack([across, depth])
     position[0] *= 0.05 if around else 1.0
@@ -53,14 +53,14 @@ def test_equal_to_mujocos_ray_for_the_shipped_models(
     assert OTHER not in visibility._solids.kind, "the shipped models need no ray of MuJoCo's"
     rng = np.random.default_rng(count)
     seen = []
-    for spread_m in (0.1, 0.3):
+    for spread_m in (0.3, 0.8):
         for i in range(6 if count == 10 else 2):
             position, quaternion = crowded(rng, count, spread_m, around=i == 1)
             state = visibility.state(position, quaternion)
             np.testing.assert_array_equal(state, brute_force(model, layout, position, quaternion, limits))
             seen.append(state[layout.present])
     share = np.bincount(np.concatenate(seen), minlength=3) / np.concatenate(seen).size
-    assert share.min() > 0.02, "all three answers must be common"
+    assert share.min() > 0.01, "all three answers must be common"
 
 
 def test_a_scene_that_stands_still_shades_too() -> None:
@@ -68,7 +68,7 @@ def test_a_scene_that_stands_still_shades_too() -> None:
     spec = mujoco.MjSpec()
     spec.worldbody.add_body(name="lighthouse")
     spec.worldbody.add_geom(type=SHAPE.mjGEOM_BOX, size=[0.1, 0.1, 0.01], pos=[0.3, 0, 1])
-    spec.worldbody.add_geom(type=SHAPE.mjGEOM_PLANE, size=[1, 1, 0.1], pos=[0, -1, 0], euler=[np.deg2rad(-90), 0, 0])
+    spec.worldbody.add_geom(type=SHAPE.mjGEOM_PLANE, size=[1, 1, 0.1], pos=[0, -1, 0], euler=[-90, 0, 0])
     spec.worldbody.add_geom(type=SHAPE.mjGEOM_BOX, size=[0.1, 0.1, 0.01], pos=[-0.3, 0, 1], rgba=[1, 1, 1, 0])
     body = spec.worldbody.add_body(name="craft-0")
     body.add_freejoint()

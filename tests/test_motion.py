@@ -112,6 +112,19 @@ def test_swarm_grid_is_centred_and_square():
     assert np.allclose(np.ptp(position, axis=0), [1, 1, 0])
 
 
+def test_layers_are_equal_grids_one_behind_the_other():
+    """Seven craft on three layers: three, three and one, each on a square of two by two, centred together."""
+    count, spacing = 7, 0.5
+    for motion in (Hold((1.0, 0.0, 4.0), spacing, layers=3), Tumble((1.0, 0.0, 4.0), spacing_m=spacing, layers=3)):
+        place = Fleet([Task(motion, i, count) for i in range(count)]).at(0.0).position
+        assert place[:, 2].tolist() == [3.5] * 3 + [4.0] * 3 + [4.5]
+        for first in (0, 3):
+            assert place[first : first + 3, :2].tolist() == [[0.75, -0.25], [1.25, -0.25], [0.75, 0.25]]
+    one = Fleet([Task(Hold((0.1, 0.2, 3.0), 0.3), i, 8) for i in range(8)]).at(0.0).position
+    same = Fleet([Task(Hold((0.1, 0.2, 3.0), 0.3, layers=1), i, 8) for i in range(8)]).at(0.0).position
+    assert np.array_equal(one, same)
+
+
 def test_waypoints_are_met_at_rest_at_both_ends():
     flight, times = fleet(MOTIONS["waypoints"]), (1.0, 4.0, 6.0, 9.0)
     for point, time_s in zip(ZIGZAG, times, strict=True):
