@@ -76,7 +76,7 @@ def flattened(figures, prefix=""):
     out = {}
     for key, value in items:
         name = f"{prefix}.{key}"
-        out |= flattened(value, name) if isinstance(value, dict | list) else {name: value}
+        out |= flattened(value, name) if isinstance(value, dict | list) else {} if value is None else {name: value}
     return out
 
 

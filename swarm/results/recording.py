@@ -80,7 +80,10 @@ class Recording:
             except SwarmError as error:
                 self.notice = f"no live view: {error}; the recording is written all the same"
         self._live = len(sinks) > 1
-        self._stream.set_sinks(*sinks)
+        try:
+            self._stream.set_sinks(*sinks)
+        except RuntimeError as error:
+            raise SwarmError(f"cannot write {path}: {error}") from error
         self._stream.send_recording_name(path.absolute().parent.name)
 
     def append(self, period: Period) -> None:
@@ -108,7 +111,8 @@ class Recording:
         at = period.estimate.position if period.truth is None else period.truth.position
         known = at[np.isfinite(at).all(axis=1)]
         reach_m = 1.25 * float(np.linalg.norm(known, axis=1).max()) if len(known) else 3.0
-        inks = [int.from_bytes(colour.tobytes(), "big") for colour in self._colour]
+        # Translucent, so that the lines of many craft do not hide each other.
+        inks = [int.from_bytes(colour[:3].tobytes() + b"\xb4", "big") for colour in self._colour]
         swarm = swarm_plots(craft, inks, self._crowd, self._replay)
         single = {craft[i]: craft_plots(craft[i], i, self._replay) for i in self._detail}
         self._plots = [*swarm, *(plot for plots in single.values() for plot in plots)]

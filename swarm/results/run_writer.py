@@ -88,9 +88,10 @@ def writing_run(
         try:
             yield writer
         except BaseException as stop:
-            # A second failure (the disk is still full) must not hide the first.
-            with suppress(SwarmError, OSError):
+            # A second failure (the disk is still full) must not hide the first, nor keep the rest from closing.
+            with suppress(SwarmError):
                 recording.close()
+            with suppress(SwarmError):
                 telemetry.close()
                 folder.interrupt(_reason(stop), summarise(read_telemetry(folder.path)))
             raise

@@ -7,9 +7,9 @@ of freedom, divided by n. The values of a run are not independent, so n is an ef
 
     n = (craft_eff) (periods) / tau,   tau = 1 + 2 sum rho_k,   craft_eff = var(NEES) / var(mean over a period's craft)
 
-tau is the autocorrelation time of the mean over a period's craft, in periods, its sum cut at the first lag beyond
-5 tau (Sokal), corrected for the mean being estimated too (Wolff); craft_eff, between 1 and the number of craft, says how much the craft of one period tell independently:
-the rotor error is one draw for all craft that a fan hits in a sweep.
+tau is the autocorrelation time of the mean over a period's craft, in periods: its sum is cut at the first lag beyond
+5 tau (Sokal) and corrected for the mean being estimated too (Wolff 2004). craft_eff, between 1 and the number of craft,
+says how much the craft of one period tell independently: a rotor error is one draw for all that a fan hits in a sweep.
 
 The motion bias is the part of the raw PnP error (solution - truth) that is proportional to the true rate: by least
 squares per axis of the lighthouse frame, position error against velocity and attitude error against angular rate. Its
@@ -80,7 +80,7 @@ def autocorrelation_time(series: Floats) -> float:
     tau = 1 + 2 * np.cumsum(correlation[1:])
     beyond = np.flatnonzero(np.arange(1, len(series)) >= 5 * tau)
     last = int(beyond[0]) if beyond.size else len(tau) - 1
-    # The mean was taken from the same values, which lowers every rho_k by about tau/n (Wolff 2004, eq. 49).
+    # The mean was taken from the same values, which lowers every rho_k by about tau/n (Wolff 2004).
     return float(np.clip(tau[last] * (1 + (2 * last + 3) / n), 1.0, n))
 
 
