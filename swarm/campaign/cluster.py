@@ -38,7 +38,7 @@ def on_this_machine(workers: int | None = None) -> Iterator[Fleet]:
     with (
         dask.config.set(quiet),
         LocalCluster(
-            n_workers=workers or _cores(),
+            n_workers=workers or cores(),
             threads_per_worker=1,
             host="127.0.0.1",
             dashboard_address=None,
@@ -64,7 +64,7 @@ def on_cluster(address: str) -> Iterator[Fleet]:
         yield lambda orders: _fly_on(client, orders)
 
 
-def _cores() -> int:
+def cores() -> int:
     """How many cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 

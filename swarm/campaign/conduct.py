@@ -59,7 +59,7 @@ def conduct(
         "versions": made_with,
         "command": command,
         "machine": f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores",
-        "where": scheduler or ("one process" if serial else f"{study.workers or 'all'} cores of one machine"),
+        "where": scheduler or ("one process" if serial else _workers(study.workers or cluster.cores())),
         "planned": len(runs),
     }
 
@@ -148,6 +148,10 @@ def _row(run: PlannedRun, flown: Flown) -> Row:
 def _work(run: PlannedRun) -> float:
     scenario = run.scenario
     return 0.0 if scenario is None else scenario.duration_s * (OVERHEAD_CRAFT + len(scenario.craft_names))
+
+
+def _workers(count: int) -> str:
+    return "1 worker" if count == 1 else f"{count} workers"
 
 
 def _earlier_s(folder: StudyFolder) -> float:

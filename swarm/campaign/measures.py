@@ -62,7 +62,7 @@ class _Problem(NamedTuple):
 
     def of(self, chosen: Bools) -> "_Problem":
         """The same for some of the craft."""
-        return _Problem(*(part[chosen] for part in self))
+        return _Problem._make(part[chosen] for part in self)
 
 
 class Instruments:
@@ -97,7 +97,7 @@ class Instruments:
         visible = swarm.get("mean_visible")
         out: Metrics = {"lit_share": None if visible is None else visible / self._photodiodes}
         if "first_craft" in self._measure:
-            first = next(iter(summary.get("craft", {}).values()), {})
+            first: Metrics = next(iter(summary.get("craft", {}).values()), {})
             visible = first.get("mean_visible")
             out["first_craft_lit_share"] = None if visible is None else visible / self._photodiodes
             for name in ("tracking_share", "ekf_position_rms_m", "ekf_attitude_rms_deg"):
@@ -115,16 +115,16 @@ class _Onboard:
         self._decoder, self._navigator = flight.decoder, flight.navigator
         layout = flight.world.photodiodes
         self._craft, self._scenario = layout.craft_count, scenario
-        self._one = Photodiodes(*(part[:1] for part in layout))
+        self._one = Photodiodes._make(part[:1] for part in layout)
         self._swarm_s: list[float] = []
         self._pulses: list[Pulses] = []
         self._positions: list[Floats] = []
 
     def decode(self, pulses: Pulses) -> SweepAngles:
         """Stand for the decoder."""
-        photodiode, rise, width, total = (part[:1] for part in pulses)
-        few = int(total[0])
-        self._pulses.append(Pulses(photodiode[:, :few].copy(), rise[:, :few].copy(), width[:, :few].copy(), total.copy()))
+        few = int(pulses.total[0])
+        own = (part[:1, :few] if part.ndim == 2 else part[:1] for part in pulses)
+        self._pulses.append(Pulses._make(part.copy() for part in own))
         began = perf_counter()
         angles = self._decoder.decode(pulses)
         self._swarm_s.append(perf_counter() - began)

@@ -1,14 +1,15 @@
-"""Figures of a report: one look for all, drawn with matplotlib without a display, as SVG for the page and PNG beside it."""
+"""Figures of a report: one look for all, drawn with matplotlib without a display, as SVG and as PNG."""
 
 from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from estimators.arrays import Floats
 from swarm.results.disk import writing
@@ -67,7 +68,7 @@ def picture(
     name: str, caption: str, paint: Callable[[Figure], None], *, height_in: float = 3.4, alt: str = ""
 ) -> Picture:
     """Draw: `paint` gets an empty figure of the page's width."""
-    with mpl.rc_context(STYLE):
+    with mpl.rc_context(cast(Any, STYLE)):
         figure = Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
         paint(figure)
         svg, png = BytesIO(), BytesIO()
@@ -76,7 +77,9 @@ def picture(
     return Picture(name, caption, alt or caption, svg.getvalue(), png.getvalue())
 
 
-def band(axes: Axes, x: Floats, low: Floats, middle: Floats, high: Floats, label: str, colour: str, **style: Any) -> None:
+def band(
+    axes: Axes, x: Floats, low: Floats, middle: Floats, high: Floats, label: str, colour: str, **style: Any
+) -> None:
     """A line with the range between `low` and `high` behind it; gaps where a value is missing."""
     axes.fill_between(x, low, high, color=colour, alpha=0.16, linewidth=0)
     axes.plot(x, middle, color=colour, label=label, **style)
@@ -95,6 +98,15 @@ def thin(x: Floats, y: Floats, peaks: bool = False) -> tuple[Floats, Floats]:
     else:
         merged = np.where(known, padded_y, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
     return np.nanmean(padded_x, axis=1), np.where(known.any(axis=1), merged, np.nan)
+
+
+def plain_log(axes: Axes) -> None:
+    """A logarithmic y axis with plain numbers at 1, 2 and 5 of every decade."""
+    axes.set_yscale("log", subs=[2, 5])
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    low, high = axes.get_ylim()
+    few = np.log10(high / low) < 2.5
+    axes.yaxis.set_minor_formatter(FuncFormatter(lambda value, _: f"{value:g}") if few else NullFormatter())
 
 
 def craft_axis(axes: Axes, counts: Floats) -> None:

@@ -7,8 +7,9 @@ import math
 from base64 import b64encode
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from swarm.report.figures import Picture
@@ -73,27 +74,49 @@ class Page:
 
 def html(page: Page) -> str:
     """The whole page as HTML."""
+    return _environment(autoescape=True).get_template("report.html.j2").render(page=page)
+
+
+def prose(template: str, block: str, **values: Any) -> list[str]:
+    """The paragraphs of one block of a template of plain text."""
+    found = _environment(autoescape=False).get_template(template)
+    text = "".join(found.blocks[block](found.new_context(values)))
+    return [" ".join(paragraph.split()) for paragraph in text.split("\n\n") if paragraph.strip()]
+
+
+def _environment(autoescape: bool) -> Environment:
     environment = Environment(
         loader=PackageLoader("swarm.report"),
-        autoescape=True,
+        autoescape=autoescape,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["data_uri"] = _data_uri
-    return environment.get_template("report.html.j2").render(page=page)
+    environment.filters |= {"data_uri": _data_uri, "number": number, "percent": percent, "count": count}
+    return environment
 
 
-def number(value: float | int | None, digits: int = 3, scale: float = 1.0) -> str:
+def percent(value: float) -> str:
+    """A share that is in percent already."""
+    return "< 0.001 %" if abs(value) < 0.001 else f"{number(value, 2)} %"
+
+
+def count(value: float) -> str:
+    """A whole number, thousands apart."""
+    return f"{value:,.0f}".replace(",", "\u202f")
+
+
+def number(value: float | np.floating[Any] | None, digits: int = 3, scale: float = 1.0) -> str:
     """A figure with so many significant digits and no exponent within reason; a dash where there is none."""
     if value is None or not math.isfinite(value):
         return NOTHING
-    value = value * scale
+    value = float(value) * scale
     if value == 0:
         return "0"
     magnitude = math.floor(math.log10(abs(value)))
     if not -5 <= magnitude < 9:
         return f"{value:.{digits - 1}e}"
+    value = round(value, digits - 1 - magnitude)
     text = f"{value:.{max(digits - 1 - magnitude, 0)}f}"
     return f"{float(text):,.0f}".replace(",", "\u202f") if magnitude >= 4 else text
 

@@ -6,7 +6,7 @@ pydantic finds the mistakes; here they are worded for somebody who wrote the fil
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from difflib import get_close_matches
-from typing import Any, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple, get_args, get_origin
 
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
@@ -89,6 +89,13 @@ def kind_of(table: type[Table]) -> str:
     return str(get_args(kind.annotation)[0]) if kind else ""
 
 
+def _choices(annotation: Any) -> tuple[Any, ...]:
+    """What a field with a fixed choice may say, perhaps inside of a list."""
+    if get_origin(annotation) is Literal:
+        return get_args(annotation)
+    return tuple(choice for part in get_args(annotation) for choice in _choices(part))
+
+
 def value_at(data: Any, path: Path) -> Any:
     """What the file says there, or None."""
     for part in path:
@@ -139,7 +146,7 @@ def _problems(detail: ErrorDetails, root: type[Table]) -> Iterator[Problem]:
         must = "must be" if "tag" in context else "missing:"
         yield Problem(2, ((*path, "kind"),), f"{must} one of {', '.join(map(repr, kinds))}{guess}")
     elif kind == "literal_error":
-        choices = get_args(place.table.model_fields[key].annotation)
+        choices = _choices(place.table.model_fields[key].annotation)
         guess = did_you_mean(str(detail["input"]), choices) if len(choices) > 1 else ""
         yield Problem(2, (path,), f"must be {' or '.join(map(repr, choices))}{guess}")
     elif kind in LIMITS:
