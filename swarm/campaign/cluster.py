@@ -7,6 +7,8 @@ certificates that its configuration names.
 
 import logging
 import os
+import signal
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
@@ -35,18 +37,17 @@ def on_this_machine(workers: int | None = None) -> Iterator[Fleet]:
 
     quiet = {"distributed.logging.distributed": "critical", "distributed.admin.system-monitor.gil.enabled": False}
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
-    with (
-        dask.config.set(quiet),
-        LocalCluster(
-            n_workers=workers or cores(),
-            threads_per_worker=1,
-            host="127.0.0.1",
-            dashboard_address=None,
-            silence_logs=logging.CRITICAL,
-        ) as cluster,
-        Client(cluster) as client,
-    ):
-        yield lambda orders: _fly_on(client, orders)
+    with dask.config.set(quiet):
+        with _workers_deaf_to_ctrl_c():
+            cluster = LocalCluster(
+                n_workers=workers or cores(),
+                threads_per_worker=1,
+                host="127.0.0.1",
+                dashboard_address="127.0.0.1:0",
+                silence_logs=logging.CRITICAL,
+            )
+        with cluster, Client(cluster) as client:
+            yield lambda orders: _fly_on(client, orders)
 
 
 @contextmanager
@@ -62,6 +63,22 @@ def on_cluster(address: str) -> Iterator[Fleet]:
         raise SwarmError(f"--scheduler {address}: no dask scheduler answers there ({reason})") from None
     with client:
         yield lambda orders: _fly_on(client, orders)
+
+
+@contextmanager
+def _workers_deaf_to_ctrl_c() -> Iterator[None]:
+    """What is started in the block never gets the terminal's Ctrl-C: it is for this process to stop the workers.
+
+    Nor does this process, for the few seconds of the block: only what is ignored is inherited.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def cores() -> int:

@@ -72,7 +72,7 @@ def conduct(
     try:
         _fly_missing(study, runs, folder, scheduler, serial, progress)
     except BaseException:
-        folder.write_rows()
+        folder.pause()
         state("interrupted")
         raise
     folder.close()

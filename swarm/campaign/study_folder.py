@@ -129,12 +129,16 @@ class StudyFolder:
         head = {"program": PROGRAM, "kind": "study", "status": status, "parameters": list(self.parameters)}
         write_text(self.path / STATE, json.dumps({**head, **content}, indent=2) + "\n")
 
-    def close(self) -> None:
-        """Nothing more will come: everything is in runs.parquet, and the journal has done its work."""
-        self.write_rows()
+    def pause(self) -> None:
+        """Nothing more comes for now."""
         if "_journal" in self.__dict__:
             self._journal.close()
             del self.__dict__["_journal"]
+        self.write_rows()
+
+    def close(self) -> None:
+        """Nothing more will come: everything is in runs.parquet, and the journal has done its work."""
+        self.pause()
         (self.path / JOURNAL).unlink(missing_ok=True)
 
 

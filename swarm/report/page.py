@@ -117,6 +117,7 @@ def number(value: float | np.floating[Any] | None, digits: int = 3, scale: float
     if not -5 <= magnitude < 9:
         return f"{value:.{digits - 1}e}"
     value = round(value, digits - 1 - magnitude)
+    magnitude = math.floor(math.log10(abs(value)))  # 99.96 has become 100
     text = f"{value:.{max(digits - 1 - magnitude, 0)}f}"
     return f"{float(text):,.0f}".replace(",", "\u202f") if magnitude >= 4 else text
 
