@@ -60,7 +60,7 @@ def find_model(name_or_path: str | Path, relative_to: Path | None = None) -> Pat
         return path.resolve()
     if _is_path(text, ".xml"):
         raise SwarmError(f"model file {path} does not exist")
-    raise SwarmError(f"no model {text!r}{did_you_mean(text, models())}; or give the path of an .xml file")
+    raise SwarmError(f"no model {text!r}{did_you_mean(text, known)}; or give the path of an .xml file")
 
 
 def find_scenario(name_or_path: str | Path) -> Path:
