@@ -41,13 +41,17 @@ Value = float | tuple[float, float] | str | None
 
 
 class Line(NamedTuple):
-    """One line of the comparison. target: what ours must lie in, both ends (None: open); None: only to be looked at."""
+    """One line of the comparison.
+
+    target: what ours must lie in, both ends (None: open); None: only to be looked at. group: a heading that it shares.
+    """
 
     quantity: str
     unit: str
     paper: Value
     ours: Value
     target: tuple[float | None, float | None] | None = None
+    group: str = ""
 
     @property
     def met(self) -> bool | None:
@@ -150,7 +154,12 @@ def print_comparison(console: Console, done: Reproduction) -> None:
         table.add_column(head, justify="right", no_wrap=True)
     if judged:
         table.add_column("")
+    group = ""
     for line in done.comparison:
+        if line.group != group:
+            group = line.group
+            table.add_section()
+            table.add_row(Text(group, "bold"))
         quantity = f"{line.quantity}, {line.unit}" if line.unit else line.quantity
         cells = [quantity, _text(line.paper), _text(line.ours)]
         if judged:
@@ -228,8 +237,8 @@ def _target(target: tuple[float | None, float | None] | None) -> str:
         case None:
             return ""
         case None, high:
-            return f"≤ {_number(high)}" if high is not None else ""
+            return f"≤ {high:g}" if high is not None else ""
         case low, None:
-            return f"≥ {_number(low)}"
+            return f"≥ {low:g}"
         case low, high:
-            return f"{_number(low)} to {_number(high)}"
+            return f"{low:g} to {high:g}"
