@@ -15,8 +15,8 @@ from swarm.errors import SwarmError
 from swarm.results.progress import Progress
 from swarm.results.recorder import NullRecording, Period, Recorder, Scene
 from swarm.results.run_folder import Run, RunFolder, open_run
-from swarm.results.summary import summarise
-from swarm.results.telemetry import STATUS, Estimate, Peer, Telemetry, Truth, read_telemetry
+from swarm.results.summary import summarise_run
+from swarm.results.telemetry import STATUS, Estimate, Peer, Telemetry, Truth
 from swarm.scenario import Scenario, to_toml
 
 VERSIONS = ("mujoco", "numpy", "scipy", "numba", "filterpy", "rerun-sdk")
@@ -54,7 +54,9 @@ class RunWriter:
     def progress(self) -> Progress:
         """How far the run is."""
         wall_s = time.perf_counter() - self._started_s
-        return Progress(self._time_s, self._duration_s, self._time_s / wall_s, self._tracking, self._craft_count)
+        return Progress(
+            self._time_s, self._duration_s, self._time_s / wall_s, self._tracking, self._craft_count, self.notice
+        )
 
 
 @contextmanager
@@ -88,15 +90,20 @@ def writing_run(
         try:
             yield writer
         except BaseException as stop:
-            # A second failure (the disk is still full) must not hide the first.
-            with suppress(SwarmError, OSError):
+            # A second failure (the disk is still full) must not hide the first, nor keep the rest from closing.
+            with suppress(SwarmError):
                 recording.close()
+            with suppress(SwarmError):
                 telemetry.close()
-                folder.interrupt(_reason(stop), summarise(read_telemetry(folder.path)))
+            summary = None
+            with suppress(SwarmError):
+                summary = summarise_run(folder.path)
+            with suppress(SwarmError):
+                folder.interrupt(_reason(stop), summary)
             raise
         recording.close()
         telemetry.close()
-        folder.finish(summarise(read_telemetry(folder.path)))
+        folder.finish(summarise_run(folder.path))
         writer.run = open_run(folder.path)
 
 
