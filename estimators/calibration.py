@@ -110,6 +110,7 @@ def calibrate(survey: Survey, noise: Noise, *, poses_known: bool, hold: Sequence
         if np.array_equal(kept, problem.used):
             break
         problem.used = kept
+        _observe(problem, x)
         x, more = _solve(problem, x)
         evaluations += more
     return _conclude(problem, x, seen, evaluations)
