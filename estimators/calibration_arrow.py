@@ -43,14 +43,15 @@ def arrow(problem: Problem, jacobian: sparse.csr_array, weight: Floats) -> Arrow
     diagonal[blocks.indices] = blocks.data
     empty = np.einsum("bii->bi", diagonal)
     empty[empty == 0] = 1.0
-    lower = np.linalg.cholesky(diagonal)
-    border = np.linalg.solve(lower, (own.T @ shared).reshape(problem.blocks, width, count))
+    lower = np.asarray(np.linalg.cholesky(diagonal), dtype=np.float64)
+    coupling: Floats = (own.T @ shared).reshape(problem.blocks, width, count)
+    border = np.asarray(np.linalg.solve(lower, coupling), dtype=np.float64)
     flat = border.reshape(-1, count)
     return Arrow(lower, border, shared.T @ shared - flat.T @ flat)
 
 
 class Whitening:
-    """x - x_0 = T y with T = U^-1, so that J T is nearly orthonormal. Raises numpy.linalg.LinAlgError if S is singular."""
+    """x - x_0 = T y with T = U^-1, so that J T is nearly orthonormal. Raises LinAlgError if S is singular."""
 
     def __init__(self, problem: Problem, normal: Arrow) -> None:
         self.shape = (problem.size, problem.local + problem.basis.shape[1])

@@ -63,8 +63,8 @@ def solve_poses(
     `refine` does.
     """
     theta = correct(seen.theta, fan_errors(fans))
-    start = np.isfinite(position).all(axis=1) & np.isfinite(seen.velocity).all(axis=1)
-    lit = seen.lit & np.isfinite(theta).all(axis=-1) & start[:, None]
+    start: Bools = np.isfinite(position.sum(axis=1) + seen.velocity.sum(axis=1))
+    lit: Bools = seen.lit & np.isfinite(theta).all(axis=-1) & start[:, None]
     rate, velocity = (np.nan_to_num(rates) for rates in (seen.angular_rate, seen.velocity))
     pose = refine(theta, lit, point_m, rotation, position, seen.offset_s, rate, velocity)
     lit &= pose.solved[:, None]

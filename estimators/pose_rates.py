@@ -11,7 +11,7 @@ with n of them, spaced by T, the rate's error is sqrt(12) / (T n^1.5) times a po
 import numpy as np
 
 from estimators import rotation as rot
-from estimators.arrays import Floats
+from estimators.arrays import Bools, Floats
 
 REACH_S = 0.1
 """How far neighbours count [s]: six periods of a Lighthouse 1.0, within which no craft changes its mind."""
@@ -19,9 +19,7 @@ FEWEST = 3
 """Poses that a rate needs."""
 
 
-def pose_rates(
-    time_s: Floats, rotation: Floats, position: Floats, reach_s: float = REACH_S
-) -> tuple[Floats, Floats]:
+def pose_rates(time_s: Floats, rotation: Floats, position: Floats, reach_s: float = REACH_S) -> tuple[Floats, Floats]:
     """Angular rates (N, 3) [rad/s] and velocities (N, 3) [m/s] of one craft, lighthouse frame.
 
     time_s: (N,), increasing. rotation: (N, 3, 3) R_l_b. position: (N, 3) [m]. A pose that is NaN is no neighbour; NaN
@@ -32,27 +30,26 @@ def pose_rates(
         raise ValueError(f"{count} times, but rotation has shape {rotation.shape} and position {position.shape}")
     if np.any(np.diff(time_s) <= 0):
         raise ValueError("time_s must increase")
-    known = np.isfinite(position).all(axis=1) & np.isfinite(rotation).all(axis=(1, 2))
-    # Sums over the neighbours: how many, of time, time^2, of the six values and time times value.
-    number, first, second = (np.zeros(count) for _ in range(3))
+    known: Bools = np.isfinite(position.sum(axis=1) + rotation.sum(axis=(1, 2)))
+    # Sums over the neighbours: how many, of time and time^2, of the six values, of time times value.
+    number, first, second = known.astype(np.float64), np.zeros(count), np.zeros(count)
     value, product = np.zeros((count, 6)), np.zeros((count, 6))
-    for distance in range(count):
-        here, there = np.arange(count - distance), np.arange(distance, count)
-        near = (time_s[there] - time_s[here] <= reach_s) & known[here] & known[there]
-        if not np.any(time_s[there] - time_s[here] <= reach_s):
+    for distance in range(1, count):
+        earlier = np.flatnonzero(time_s[distance:] - time_s[:-distance] <= reach_s)
+        if not len(earlier):
             break
-        for i, j in ((here[near], there[near]),) if distance == 0 else ((here[near], there[near]), (there[near], here[near])):
-            late = time_s[j] - time_s[i]
-            moved = np.concatenate(
-                [rot.log(rotation[j] @ np.swapaxes(rotation[i], 1, 2)), position[j] - position[i]], axis=1
-            )
-            number[i] += 1
-            first[i] += late
-            second[i] += late**2
-            value[i] += moved
-            product[i] += late[:, None] * moved
+        earlier = earlier[known[earlier] & known[earlier + distance]]
+        for here, there in ((earlier, earlier + distance), (earlier + distance, earlier)):
+            late = time_s[there] - time_s[here]
+            turned = rot.log(rotation[there] @ np.swapaxes(rotation[here], 1, 2))
+            moved = np.concatenate([turned, position[there] - position[here]], axis=1)
+            number[here] += 1
+            first[here] += late
+            second[here] += late**2
+            value[here] += moved
+            product[here] += late[:, None] * moved
     enough = number >= FEWEST
     spread = np.where(enough, number * second - first**2, 1.0)
-    slope = (number[:, None] * product - first[:, None] * value) / spread[:, None]
-    slope[~enough] = np.nan
+    slope = np.where(enough, 1.0, np.nan)[:, None] * (number[:, None] * product - first[:, None] * value)
+    slope /= spread[:, None]
     return slope[:, :3], slope[:, 3:]

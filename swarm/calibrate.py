@@ -88,7 +88,7 @@ def calibrate_survey(seen: Observations, how: Poses | None = None, hold: Sequenc
                 pose = solved.rotation, solved.position
                 rates = line_rates(seen, pose)
     except Unobservable as poor:
-        raise SwarmError(f"{seen.source}: {poor}. {_advice(hold, how)}") from None
+        raise SwarmError(f"{seen.source}: {poor}. {_advice(seen, hold, how)}") from None
     after = fit(seen, result.fans, result.point_m, pose, rates, checked)
     return Calibrated(
         seen,
@@ -120,9 +120,9 @@ def line_rates(seen: Observations, pose: Pose) -> Pose:
 
 def to_survey(seen: Observations, fans: Floats, point_m: Floats, pose: Pose, rates: Pose, take: Bools) -> Survey:
     """The survey of the rows `take` (N,) that have a pose and rates; photodiodes seen by both fans."""
-    complete = np.isfinite(pose[1]).all(axis=1) & np.isfinite(rates[1]).all(axis=1) & take
+    complete: Bools = np.isfinite(pose[1].sum(axis=1) + rates[1].sum(axis=1)) & take
     rows = np.flatnonzero(complete)
-    lit = np.isfinite(seen.theta[rows]).all(axis=2)
+    lit: Bools = np.isfinite(seen.theta[rows].sum(axis=2))
     place, k = np.nonzero(lit)
     place, k, fan = np.repeat(place, 2), np.repeat(k, 2), np.tile([0, 1], len(place))
     begins = np.array([points.start for points in _slices(seen)], dtype=np.int64)
@@ -153,7 +153,7 @@ def fit(seen: Observations, fans: Floats, point_m: Floats, pose: Pose, rates: Po
     padded = np.zeros((len(seen.believed.craft), seen.theta.shape[1], 3))
     for i, points in enumerate(_slices(seen)):
         padded[i, : points.stop - points.start] = point_m[points]
-    lit = np.isfinite(seen.theta).all(axis=2)
+    lit: Bools = np.isfinite(seen.theta.sum(axis=2))
     sightings = Sightings(
         seen.theta[take], lit[take], np.where(lit[..., None], seen.offset_s, 0.0)[take], rates[0][take], rates[1][take]
     )
@@ -165,11 +165,11 @@ def _slices(seen: Observations) -> tuple[slice, ...]:
     return tuple(slice(end - len(p), end) for end, p in zip(ends, seen.believed.point_m, strict=True))
 
 
-def _advice(hold: Sequence[str], how: Poses) -> str:
-    parts = [part for part in ("curve", "gibbous", "photodiodes") if part not in hold]
+def _advice(seen: Observations, hold: Sequence[str], how: Poses) -> str:
     ways = ["Survey anew: move and turn the craft through the whole field, near and far"]
-    if parts:
+    parts = [part for part in ("curve", "gibbous", "photodiodes") if part not in hold]
+    if parts and not {"phase", "tilt"} <= set(hold):
         ways.append(f"leave parts as they are believed to be (--hold {','.join([*hold, *parts])})")
-    if how == "own":
-        ways.append("give known poses (--poses truth)")
+    if how == "own" and seen.truth is not None:
+        ways.append("go by the known poses (--poses truth)")
     return "; or ".join(ways)

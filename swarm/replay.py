@@ -77,8 +77,7 @@ def replay(
 
 
 class Playback:
-    """What one object saw of one station, period by period, through the same on-board code; iterate for (window, angles,
-    estimate).
+    """What one object saw of one station, through the same on-board code; iterate for (window, angles, estimate).
 
     log, windows: the recording. layout: the object's photodiodes as believed. believed: that and the station's errors.
     """

@@ -1,4 +1,4 @@
-"""A survey with known answer: poses strewn over the field, angles by `estimators.sweep.measured_theta`, exact motion."""
+"""Surveys with a known answer: poses strewn over the field, angles by `estimators.sweep.measured_theta`."""
 
 from typing import NamedTuple
 
@@ -16,19 +16,22 @@ REAL: FanPair = (
 )
 NOISE = Noise(own_rad=15.3e-6, rotor_rad=39.8e-6)
 """Source 1's 8.8 arcsec with rho = 0.8717."""
-LAYOUT = np.array(
-    [
-        [18.0, 18.0, 38.0],
-        [-18.0, 18.0, 38.0],
-        [-18.0, -18.0, 38.0],
-        [55.9, 8.0, 8.2],
-        [14.0, 38.9, 25.2],
-        [-47.4, -16.0, 16.7],
-        [6.0, -33.2, 30.9],
-        [41.2, 41.2, 7.7],
-        [-41.2, -41.2, 7.7],
-    ]
-) / 1e3
+LAYOUT = (
+    np.array(
+        [
+            [18.0, 18.0, 38.0],
+            [-18.0, 18.0, 38.0],
+            [-18.0, -18.0, 38.0],
+            [55.9, 8.0, 8.2],
+            [14.0, 38.9, 25.2],
+            [-47.4, -16.0, 16.7],
+            [6.0, -33.2, 30.9],
+            [41.2, 41.2, 7.7],
+            [-41.2, -41.2, 7.7],
+        ]
+    )
+    / 1e3
+)
 
 
 class Truth(NamedTuple):

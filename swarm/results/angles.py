@@ -56,7 +56,7 @@ class Believed(NamedTuple):
 
 
 class AngleTable(NamedTuple):
-    """The angles of a run, M rows: frame, craft (index into Believed.craft), photodiode (M,); theta, offset_s (M, 2)."""
+    """A run's angles, M rows: frame, craft (index into Believed.craft), photodiode (M,); theta, offset_s (M, 2)."""
 
     believed: Believed
     frame: Ints

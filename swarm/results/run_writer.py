@@ -87,8 +87,9 @@ def writing_run(
     """A run's folder, `runs/<scenario>-<seed>` or `out`, open for the block; closed however the block ends.
 
     force: replace a run that is there. record: write recording.rrd of `scene`; live: show it meanwhile. replay: there
-    is a peer instead of the truth. angles: what the craft believe, for a run that writes their sweep angles. A run that is stopped, by Ctrl-C or an error, is summarised as far as it went and
-    marked as interrupted, and what stopped it is raised on. Raises SwarmError where nothing can be written.
+    is a peer instead of the truth. angles: what the craft believe, for a run that writes their sweep angles. A run that
+    is stopped, by Ctrl-C or an error, is summarised as far as it went and marked as interrupted, and what stopped it is
+    raised on. Raises SwarmError where nothing can be written.
     """
     with RunFolder.create(scenario.name, scenario.seed, None if out is None else Path(out), force) as folder:
         folder.write_scenario(to_toml(scenario, versions()))
