@@ -20,7 +20,9 @@ from swarm import build
 from swarm.assets import find_model
 from swarm.onboard import control
 from swarm.onboard.control import State
+from swarm.onboard.decoder import SweepAngles
 from swarm.onboard.navigation import Estimate, Navigator
+from swarm.results.angles import believed
 from swarm.results.progress import Progress
 from swarm.results.recorder import Scene
 from swarm.results.run_folder import Run
@@ -50,11 +52,12 @@ def simulate(
     """
     flight = Flight(scenario)
     duration_s, record = scenario.duration_s, record and scenario.recording.enabled
+    angles = flight.believed if scenario.recording.angles else None
     with writing_run(
-        scenario, out, flight.scene, force=force, duration_s=duration_s, record=record, live=live
+        scenario, out, flight.scene, force=force, duration_s=duration_s, record=record, live=live, angles=angles
     ) as writer:
         for frame in range(max(1, round(duration_s / flight.period_s))):
-            writer.append(frame, *flight.period(frame))
+            writer.append(frame, *flight.period(frame), angles=flight.angles)
             if progress is not None:
                 progress(writer.progress)
     return writer.run
@@ -76,7 +79,12 @@ class Flight:
         keys = [crc32(name.encode()) for name in self.world.names]
         self.lighthouse = Lighthouse(layout, settings, scenario.seed, keys)
         self.decoder = build.decoder(scenario, layout.present)
-        self.navigator = Navigator(layout, build.navigation(scenario))
+        navigation, own_layout = build.navigation(scenario), build.believed_layout(scenario, layout)
+        self.navigator = Navigator(own_layout, navigation)
+        fans, noise = (navigation.fan_x, navigation.fan_y), build.angle_noise(scenario)
+        self.believed = believed(self.world.names, own_layout, fans, noise)
+        self.angles: SweepAngles | None = None
+        """What every craft's decoder made of the last period."""
         self.steers_by_estimate = np.array([craft.feedback == "estimate" for craft in craft(scenario)])
         self.period_s = 1 / settings.rate_hz
         self.scene = Scene(
@@ -98,7 +106,8 @@ class Flight:
         """
         truth, sight = self.move(frame)
         pulses = self.lighthouse.sweep(truth, frame, sight == Sight.LIT)
-        estimate = self.navigator.step(self.decoder.decode(pulses))
+        self.angles = self.decoder.decode(pulses)
+        estimate = self.navigator.step(self.angles)
 
         # The estimate is of the epoch; the next wrench begins half a period later.
         self._estimated = State(estimate.rotation, estimate.angular_rate, estimate.position, estimate.velocity).ahead(
