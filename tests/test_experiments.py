@@ -5,6 +5,7 @@ The full ones are commands (`swarm reproduce`): their figures stand in docs/expe
 
 import json
 from pathlib import Path
+from zlib import crc32
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -16,6 +17,7 @@ from estimators import rotation as rot
 from estimators.dop import dilution
 from estimators.image_dilution import image_dilution, image_jacobian
 from estimators.sweep import FanErrors, ideal_theta, measured_theta
+from swarm import build
 from swarm.errors import SwarmError
 from swarm.experiments import EXPERIMENTS, Experiment, find, reproduce
 from swarm.experiments import lighthouse_dynamic as dynamic
@@ -23,6 +25,9 @@ from swarm.experiments import lighthouse_error_budget as budget
 from swarm.experiments.alignment import align
 from swarm.experiments.bench import Bench, Box, Motion
 from swarm.experiments.results import Grid, Line, Outcome, ResultFolder, column, print_comparison, table_of
+from swarm.layout import Photodiodes
+from swarm.scenario import Scenario
+from swarm.sensors.lighthouse import Lighthouse
 
 FILES = {"data.parquet", "figure.png", "figure.svg", "comparison.json"}
 BOX = Box((0.0, 0.0, 2.5), (2.0, 1.0, 1.5), 0.5)
@@ -91,7 +96,14 @@ def test_the_same_seed_gives_the_same_files(tmp_path):
         assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes(), file
 
 
-def test_the_ladder_rises_with_every_cause_and_falls_with_every_cure(tmp_path):
+def test_the_ladder_rises_with_every_cause_and_falls_with_every_cure(tmp_path, monkeypatch):
+    # Calibrating has its own tests: here the craft simply knows the truth.
+    def true_values(scenario: Scenario, layout: Photodiodes) -> dynamic.Knowledge:
+        station = build.lighthouse(scenario)
+        mounted = Lighthouse(layout, station, scenario.seed, [crc32(b"craft-0")]).photodiodes
+        return dynamic.Knowledge((station.fan_x, station.fan_y), mounted)
+
+    monkeypatch.setattr(dynamic, "calibrated", true_values)
     found = quick("lighthouse-dynamic", tmp_path / "dynamic", runs=2, seconds=3)
     table = pq.read_table(tmp_path / "dynamic" / "data.parquet").to_pydict()
     rung = np.array(table["rung"])
@@ -294,7 +306,7 @@ def test_results_are_written_and_printed(tmp_path, monkeypatch):
 
 def test_an_experiment_is_not_overwritten_without_force(tmp_path):
     ResultFolder(tmp_path).write("some-name", EXPERIMENT, 3, {}, outcome())
-    with pytest.raises(SwarmError, match="holds an experiment already; --force replaces it"):
+    with pytest.raises(SwarmError, match="holds an experiment already; --force "):
         ResultFolder(tmp_path)
     ResultFolder(tmp_path, force=True).write("some-name", EXPERIMENT, 4, {}, outcome())
     assert json.loads((tmp_path / "comparison.json").read_text())["seed"] == 4
