@@ -39,8 +39,8 @@ TYPICAL = np.array([0.05, 0.01, 0.002, 0.01, 0.01])
 TYPICAL_MOUNTING_M = 1e-3
 """Size of a mounting error per axis [m]."""
 _ROUNDS = 30
-_SETTLED = 1e-3
-"""Change [standard deviations, RMS over the unknowns] that ends the rounds."""
+_SETTLED = 0.01
+"""Largest change of a shared unknown [standard deviations] that ends the rounds."""
 
 
 class Unobservable(ValueError):
@@ -177,9 +177,7 @@ def _solve(problem: Problem, x: Floats) -> tuple[Floats, int]:
         )
         x = origin + whitening.forward(step.x)
         evaluations += step.nfev
-        if limit == HUBER * max(1.0, _spread(problem.residuals(x)[:angles][problem.used])) or (
-            np.linalg.norm(step.x) < _SETTLED * np.sqrt(count)
-        ):
+        if np.abs(step.x[problem.local :]).max() < _SETTLED:
             break
     return x, evaluations
 
