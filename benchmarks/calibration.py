@@ -4,9 +4,10 @@
 
 Per seed (of noise: the craft and the station stay the same) and mode: the held-out residual over what noise leaves, how
 many parameters lie outside three of their own standard deviations, all of them together as chi-square with as many
-degrees of freedom as there are parameters, and seconds. Then, for the first seed, errors of another flight of the same
-craft before and after: the filter's, and PnP's alone. Without known poses a craft's size and body frame are not to be
-known, so errors are also given with those taken off: against the truth of a body frame and size such as it believes.
+degrees of freedom as there are parameters, and seconds (OPENBLAS_NUM_THREADS=1, as `swarm calibrate` sets it, makes
+them shorter on a busy machine). Then, for the first seed, errors of another flight of the same craft before and after:
+the filter's, and PnP's alone. Without known poses a craft's size and body frame are not to be known, so errors are also
+given with those taken off: against the truth of a body frame and size such as it believes.
 """
 
 import argparse
@@ -18,9 +19,6 @@ import tempfile
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
-
-for library in ("OPENBLAS", "MKL", "OMP"):
-    os.environ.setdefault(f"{library}_NUM_THREADS", "1")
 
 import numpy as np
 from scipy.stats import chi2
@@ -81,7 +79,7 @@ def compare(found: Calibrated, true_point_m: Floats, settings: Any) -> dict[str,
 def flight(
     folder: Path, name: str, duration_s: float, point: tuple[Floats, Floats] | None, *more: str
 ) -> dict[str, Any]:
-    """RMS errors of another flight; point: the believed and the true photodiodes, to take off what is not to be known."""
+    """RMS errors of another flight; point: believed and true photodiodes, to take off what is not to be known."""
     run = simulate(load("survey", [*more, f"duration_s={duration_s}"], 101), out=folder / name, record=False)
     table = run.telemetry
     out: dict[str, Any] = {}
@@ -137,6 +135,7 @@ def main() -> None:
             file = f"navigation.calibration='{folder / how}.toml'"
             points = (placed["own"], true) if how == "own" else None
             out["flight"][f"calibrated_{how}"] = flight(folder, f"after-{how}", another, points, file, *CALIBRATED)
+    out["blas_threads"] = os.environ.get("OPENBLAS_NUM_THREADS", "unset")
     out["machine"] = platform.processor() or platform.machine()
     out["versions"] = {name: version(name) for name in ("numpy", "scipy", "numba", "mujoco")}
     print(json.dumps(out, indent=2))
