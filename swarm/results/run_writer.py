@@ -16,8 +16,8 @@ from swarm.results.angles import AngleWriter, Believed, SweepAngles
 from swarm.results.progress import Progress
 from swarm.results.recorder import NullRecording, Period, Recorder, Scene
 from swarm.results.run_folder import Run, RunFolder, open_run
-from swarm.results.summary import summarise
-from swarm.results.telemetry import STATUS, Estimate, Peer, Telemetry, Truth, read_telemetry
+from swarm.results.summary import summarise_run
+from swarm.results.telemetry import STATUS, Estimate, Peer, Telemetry, Truth
 from swarm.scenario import Scenario, to_toml
 
 VERSIONS = ("mujoco", "numpy", "scipy", "numba", "filterpy", "rerun-sdk")
@@ -68,7 +68,9 @@ class RunWriter:
     def progress(self) -> Progress:
         """How far the run is."""
         wall_s = time.perf_counter() - self._started_s
-        return Progress(self._time_s, self._duration_s, self._time_s / wall_s, self._tracking, self._craft_count)
+        return Progress(
+            self._time_s, self._duration_s, self._time_s / wall_s, self._tracking, self._craft_count, self.notice
+        )
 
 
 @contextmanager
@@ -105,19 +107,25 @@ def writing_run(
         try:
             yield writer
         except BaseException as stop:
-            # A second failure (the disk is still full) must not hide the first.
-            with suppress(SwarmError, OSError):
+            # A second failure (the disk is still full) must not hide the first, nor keep the rest from closing.
+            with suppress(SwarmError):
                 recording.close()
+            with suppress(SwarmError):
                 telemetry.close()
-                if angle_writer is not None:
+            if angle_writer is not None:
+                with suppress(SwarmError):
                     angle_writer.close()
-                folder.interrupt(_reason(stop), summarise(read_telemetry(folder.path)))
+            summary = None
+            with suppress(SwarmError):
+                summary = summarise_run(folder.path)
+            with suppress(SwarmError):
+                folder.interrupt(_reason(stop), summary)
             raise
         recording.close()
         telemetry.close()
         if angle_writer is not None:
             angle_writer.close()
-        folder.finish(summarise(read_telemetry(folder.path)))
+        folder.finish(summarise_run(folder.path))
         writer.run = open_run(folder.path)
 
 
