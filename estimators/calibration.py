@@ -8,8 +8,8 @@ With known poses (motion capture) only the shared parameters are sought; without
    eigenvalue below 1 along a direction that the survey tells less of than those sizes do. Then nothing is estimated.
 2. Huber's limit starts where the residuals are (a phase error is thousands of standard deviations) and follows them
    down to `HUBER` standard deviations.
-3. Angles beyond `REJECT` robust standard deviations are dropped, poses with fewer than 4 photodiodes left with them,
-   and the rest is solved again.
+3. Angles beyond `REJECT` robust standard deviations are dropped, and the rest is solved again. An unknown pose that
+   loses many of its angles, or fits the others badly, has adapted to wrong ones: all of its angles go.
 4. Standard deviations from S^-1 there, with the noise as it is: times the RMS of the residuals if that is above one.
 """
 
@@ -38,9 +38,11 @@ TYPICAL = np.array([0.05, 0.01, 0.002, 0.01, 0.01])
 """Sizes of a real fan's five numbers (Lighthouse 1.0): who knows them no better had better leave them."""
 TYPICAL_MOUNTING_M = 1e-3
 """Size of a mounting error per axis [m]."""
+_REJECTIONS = 3
+"""How often angles are dropped and looked at again."""
 _ROUNDS = 30
-_SETTLED = 1e-3
-"""Change [standard deviations, RMS over the unknowns] that ends the rounds."""
+_SETTLED = 0.01
+"""Largest change of a shared unknown [standard deviations] that ends the rounds."""
 
 
 class Unobservable(ValueError):
@@ -102,18 +104,22 @@ def calibrate(survey: Survey, noise: Noise, *, poses_known: bool, hold: Sequence
         problem.used = (angles >= FEWEST_ANGLES)[survey.pose]
     if problem.basis.shape[1] == 0:
         raise ValueError("hold: nothing is left to be estimated")
-    x = problem.start()
-    _observe(problem, x)
-    x, evaluations = _solve(problem, x)
-    for _ in range(3):
-        kept = _good(problem, x)
-        if np.array_equal(kept, problem.used):
-            break
-        problem.used = kept
+    try:
+        x = problem.start()
         _observe(problem, x)
-        x, more = _solve(problem, x)
-        evaluations += more
-    return _conclude(problem, x, seen, evaluations)
+        x, evaluations = _solve(problem, x)
+        for _ in range(_REJECTIONS):
+            kept = _good(problem, x)
+            if np.array_equal(kept, problem.used):
+                break
+            problem.used = kept
+            _observe(problem, x)
+            x, more = _solve(problem, x)
+            evaluations += more
+        return _conclude(problem, x, seen, evaluations)
+    except np.linalg.LinAlgError:
+        # A block without an inverse: poses whose photodiodes lie on one line, or angles that contradict each other.
+        raise Unobservable(["a mixture of all"], 1, problem.basis.shape[1]) from None
 
 
 def _spread(residual: Floats) -> float:
@@ -177,9 +183,7 @@ def _solve(problem: Problem, x: Floats) -> tuple[Floats, int]:
         )
         x = origin + whitening.forward(step.x)
         evaluations += step.nfev
-        if limit == HUBER * max(1.0, _spread(problem.residuals(x)[:angles][problem.used])) or (
-            np.linalg.norm(step.x) < _SETTLED * np.sqrt(count)
-        ):
+        if np.abs(step.x[problem.local :]).max() < _SETTLED:
             break
     return x, evaluations
 

@@ -13,8 +13,8 @@ import numpy as np
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats
 
-REACH_S = 0.1
-"""How far neighbours count [s]: six periods of a Lighthouse 1.0, within which no craft changes its mind."""
+REACH_S = 0.105
+"""How far neighbours count [s]: six periods of a Lighthouse 1.0 on either side, the times' rounding allowed for."""
 FEWEST = 3
 """Poses that a rate needs."""
 

@@ -126,9 +126,10 @@ def angle_noise(settings: Scenario) -> Noise:
     station = lighthouse(settings)
     w = 2 * pi * station.rate_hz
     rho, variance = station.rotor_correlation, station.angle_noise_rad**2
-    # Sweep and flash are each rounded to a tick; the flash's jitter is common to all that see it.
-    rounding = (w * station.tick_s) ** 2 / 6
-    return Noise(sqrt((1 - rho) * variance + rounding), sqrt(rho * variance + (w * station.sync_jitter_s) ** 2))
+    # Sweep and flash are each rounded to a tick; a craft's photodiodes share their flash, its rounding and its jitter.
+    rounding = (w * station.tick_s) ** 2 / 12
+    shared = rho * variance + rounding + (w * station.sync_jitter_s) ** 2
+    return Noise(sqrt((1 - rho) * variance + rounding), sqrt(shared))
 
 
 def navigation(settings: Scenario) -> NavigationSettings:

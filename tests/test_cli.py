@@ -24,6 +24,7 @@ from swarm.scenario import Scenario, load, to_toml
 
 HEAVY = {"mujoco", "numba", "numpy", "scipy", "rerun", "pyarrow", "pydantic", "matplotlib", "filterpy", "rich"}
 ROOT = Path(__file__).parent.parent
+COMMANDS = ("list", "run", "view", "check", "replay", "calibrate", "reproduce")
 
 
 class Result(NamedTuple):
@@ -75,11 +76,11 @@ def test_help_is_the_tutorial(command: Command) -> None:
     assert result.code == 0
     for line in ("swarm list", "swarm run formation", "swarm view runs/formation-7", "swarm check my.toml", "--set"):
         assert line in result.out
-    for name in ("list", "run", "view", "check", "replay", "reproduce"):
+    for name in COMMANDS:
         assert re.search(rf"^  {name} +\w", result.out, re.MULTILINE)
 
 
-@pytest.mark.parametrize("name", ["", "list", "run", "view", "check", "replay", "reproduce"])
+@pytest.mark.parametrize("name", ["", *COMMANDS])
 @pytest.mark.parametrize("columns", ["60", "80"])
 def test_help_fits_and_shows_no_default_of_python(command: Command, name: str, columns: str) -> None:
     result = process(*name.split(), "--help", COLUMNS=columns)
@@ -91,13 +92,9 @@ def test_help_fits_and_shows_no_default_of_python(command: Command, name: str, c
 
 def test_commands_that_help_shows_are_understood(command: Command) -> None:
     """Every example line of the help parses: its options exist."""
-    pages = [command(*page, "--help").out for page in ([], ["run"], ["view"], ["check"], ["replay"], ["reproduce"])]
+    pages = [command(*page, "--help").out for page in ([], *([name] for name in COMMANDS))]
     text = "\n".join(pages).replace("\\\n", " ")
-    examples = [
-        line.strip()
-        for line in text.splitlines()
-        if re.match(r"  +swarm (list|run|view|check|replay|reproduce) ", line)
-    ]
+    examples = [line.strip() for line in text.splitlines() if re.match(rf"  +swarm ({'|'.join(COMMANDS)}) ", line)]
     assert len(examples) >= 10
     for example in examples:
         words = re.split(r"  +(?=[a-z ]{8})| > ", example)[0].split()[1:]

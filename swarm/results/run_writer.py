@@ -112,8 +112,8 @@ def writing_run(
                 recording.close()
             with suppress(SwarmError):
                 telemetry.close()
-            with suppress(SwarmError):
-                if angle_writer is not None:
+            if angle_writer is not None:
+                with suppress(SwarmError):
                     angle_writer.close()
             summary = None
             with suppress(SwarmError):
