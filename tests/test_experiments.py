@@ -19,7 +19,7 @@ from estimators.image_dilution import image_dilution, image_jacobian
 from estimators.sweep import FanErrors, ideal_theta, measured_theta
 from swarm import build
 from swarm.errors import SwarmError
-from swarm.experiments import EXPERIMENTS, Experiment, find, reproduce
+from swarm.experiments import EXPERIMENTS, Experiment, find, reproduce, rungs
 from swarm.experiments import lighthouse_dynamic as dynamic
 from swarm.experiments import lighthouse_error_budget as budget
 from swarm.experiments.alignment import align
@@ -98,16 +98,16 @@ def test_the_same_seed_gives_the_same_files(tmp_path):
 
 def test_the_ladder_rises_with_every_cause_and_falls_with_every_cure(tmp_path, monkeypatch):
     # Calibrating has its own tests: here the craft simply knows the truth.
-    def true_values(scenario: Scenario, layout: Photodiodes) -> dynamic.Knowledge:
+    def true_values(scenario: Scenario, layout: Photodiodes) -> rungs.Knowledge:
         station = build.lighthouse(scenario)
         mounted = Lighthouse(layout, station, scenario.seed, [crc32(b"craft-0")]).photodiodes
-        return dynamic.Knowledge((station.fan_x, station.fan_y), mounted)
+        return rungs.Knowledge((station.fan_x, station.fan_y), mounted)
 
     monkeypatch.setattr(dynamic, "calibrated", true_values)
     found = quick("lighthouse-dynamic", tmp_path / "dynamic", runs=2, seconds=3)
     table = pq.read_table(tmp_path / "dynamic" / "data.parquet").to_pydict()
     rung = np.array(table["rung"])
-    assert list(dict.fromkeys(table["rung"])) == [each.name for each in dynamic.LADDER]
+    assert list(dict.fromkeys(table["rung"])) == [each.name for each in rungs.LADDER]
     assert min(table["solved_share"]) == 1.0
     for key in ("pnp_rotation_rms_deg", "pnp_translation_rms_mm"):
         rms = {name: np.array(table[key])[rung == name] for name in dict.fromkeys(table["rung"])}
