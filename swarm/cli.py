@@ -13,7 +13,7 @@ import typer
 
 from swarm import calibrate_command, study_commands
 from swarm.errors import SwarmError
-from swarm.terminal import fly_and_report, mistakes
+from swarm.terminal import experiment_and_report, fly_and_report, mistakes, stoppable
 
 if TYPE_CHECKING:
     from swarm.results.progress import Progress
@@ -31,6 +31,7 @@ Begin with:
   swarm run my.toml --set swarm.count=16 --seed 3
   swarm study scaling          many runs, on all cores
   swarm report runs/scaling    one HTML page of them
+  swarm reproduce              the papers' experiments
 
 A run leaves a folder: recording.rrd for the viewer,
 telemetry.parquet with a row per craft and period,
@@ -69,6 +70,7 @@ Out = Annotated[
     Path | None, typer.Option("--out", metavar="FOLDER", help="Where to write; else runs/<scenario>-<seed>.")
 ]
 Force = Annotated[bool, typer.Option("--force", help="Replace a run that is there already.")]
+Size = Annotated[int | None, typer.Option(metavar="N", help="A smaller, quicker form; see the list.")]
 NoRecording = Annotated[bool, typer.Option("--no-recording", help="Write no recording for the viewer.")]
 
 
@@ -179,7 +181,9 @@ def view(
         recording = run if run.suffix == ".rrd" else open_run(run).recording
         if recording is None:
             raise SwarmError(f"{run} has no recording: it was flown with --no-recording, or recording.enabled = false")
-        raise typer.Exit(open_viewer(recording, web=web))
+        with stoppable():
+            code = open_viewer(recording, web=web)
+        raise typer.Exit(code)
 
 
 @app.command()
@@ -261,6 +265,47 @@ def replay(
             )
 
         fly_and_report(settings.name, folder, fly)
+
+
+@app.command()
+def reproduce(
+    experiment: Annotated[
+        str | None, typer.Argument(metavar="EXPERIMENT", help="One of those that are listed without it.")
+    ] = None,
+    poses: Size = None,
+    frames: Size = None,
+    runs: Size = None,
+    seconds: Size = None,
+    draws: Size = None,
+    seed: Annotated[int | None, typer.Option("--seed", metavar="N", help="Replace the experiment's seed.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FOLDER", help="Where to write; else runs/<experiment>-<seed>.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace an experiment that is there already.")] = False,
+) -> None:
+    """Do a paper's experiment again: its table beside ours.
+
+    \b
+    swarm reproduce
+    swarm reproduce lighthouse-static
+    swarm reproduce lighthouse-static --poses 5 --frames 300
+
+    Without EXPERIMENT, list them, with what makes each smaller.
+    It leaves data.parquet, figure.png, figure.svg, comparison.json.
+    """
+    with mistakes():
+        from swarm.experiments import EXPERIMENTS
+
+        if experiment is None:
+            for name, known in EXPERIMENTS.items():
+                sizes = " ".join(f"--{size} {value}" for size, value in known.sizes.items())
+                typer.echo(f"swarm reproduce {name}")
+                typer.echo(f"  {known.source}, {known.figure}: {known.about}")
+                typer.echo(f"  {sizes}")
+            return
+        asked = {"poses": poses, "frames": frames, "runs": runs, "seconds": seconds, "draws": draws}
+        sizes_asked = {size: value for size, value in asked.items() if value is not None}
+        experiment_and_report(experiment, out=out, force=force, seed=seed, sizes=sizes_asked)
 
 
 app.command()(calibrate_command.calibrate)
