@@ -143,16 +143,23 @@ def passive_jacobian(phi: Floats) -> Floats:
 
 
 @kernel
+def sine_cosine(square: float) -> tuple[float, float]:
+    """sin(a)/a and (1 - cos a)/a^2 of Rodrigues' formula, from a^2."""
+    if square < 1e-2:
+        # Taylor: the first neglected terms are below 1e-17, and no sine has to be called for a turn within a period.
+        s = 1 - square * (1 / 6) * (1 - square * (1 / 20) * (1 - square * (1 / 42) * (1 - square * (1 / 72))))
+        c = 0.5 - square * (1 / 24) * (1 - square * (1 / 30) * (1 - square * (1 / 56) * (1 - square * (1 / 90))))
+        return s, c
+    angle = np.sqrt(square)
+    half = np.sin(angle / 2)
+    return np.sin(angle) / angle, 2 * half * half / square
+
+
+@kernel
 def exp_into(v: Floats, out: Floats) -> None:
     """Write Exp([v]x) of one rotation vector (3,) [rad] into `out` (3, 3)."""
     x, y, z = v[0], v[1], v[2]
-    square = x * x + y * y + z * z
-    angle = np.sqrt(square)
-    if angle < SMALL_ANGLE:
-        s, c = 1 - square / 6, 0.5 - square / 24
-    else:
-        half = np.sin(angle / 2)
-        s, c = np.sin(angle) / angle, 2 * half * half / square
+    s, c = sine_cosine(x * x + y * y + z * z)
     out[0, 0], out[0, 1], out[0, 2] = 1 - c * (y * y + z * z), c * x * y - s * z, c * x * z + s * y
     out[1, 0], out[1, 1], out[1, 2] = c * x * y + s * z, 1 - c * (x * x + z * z), c * y * z - s * x
     out[2, 0], out[2, 1], out[2, 2] = c * x * z - s * y, c * y * z + s * x, 1 - c * (x * x + y * y)

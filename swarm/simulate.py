@@ -15,7 +15,7 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.arrays import Bools, Floats
+from estimators.arrays import Floats
 from estimators.rotation import matrix_from_quaternion
 from swarm import build
 from swarm.assets import find_model
@@ -127,10 +127,11 @@ class Flight:
         self.angles = self.decoder.decode(pulses)
         estimate = self.navigator.step(self.angles)
 
-        # The estimate is of the epoch; the next wrench begins half a period later.
-        self._estimated = State(estimate.rotation, estimate.angular_rate, estimate.position, estimate.velocity).ahead(
-            self.period_s / 2
-        )
+        if self.steers_by_estimate.any():
+            # The estimate is of the epoch; the next wrench begins half a period later.
+            self._estimated = State(
+                estimate.rotation, estimate.angular_rate, estimate.position, estimate.velocity
+            ).ahead(self.period_s / 2)
         epoch = len(truth.time_s) // 2
         at_epoch = Truth(
             truth.position[epoch],
@@ -166,13 +167,13 @@ class Flight:
 
     def _wrench(self, frame: int) -> tuple[Floats, Floats]:
         """Force and torque (C, 3) of every craft in period `frame`: its control, and what pushes it at random."""
-        believed = self._true.where(~self.steers_by_estimate, self._estimated)
+        believed = self._true
+        if self.steers_by_estimate.any():
+            believed = self._true.where(~self.steers_by_estimate, self._estimated)
         reference = self.motions.at(frame * self.period_s)
         force, torque = control.wrench(reference, believed, self.world.mass, self.world.inertia)
-        push = self.motions.disturbance(frame)
-        pushed: Bools = (push.acceleration.any(axis=1) | push.angular_acceleration.any(axis=1)).reshape(-1, 1)
-        pushed_force, pushed_torque = self.world.inertial_wrench(*push)
-        return (
-            np.where(pushed, pushed_force, force),
-            np.where(pushed, pushed_torque, torque),
-        )
+        pushed = self.motions.pushed
+        if pushed.any():
+            pushed_force, pushed_torque = self.world.inertial_wrench(*self.motions.disturbance(frame))
+            force[pushed], torque[pushed] = pushed_force[pushed], pushed_torque[pushed]
+        return force, torque

@@ -14,6 +14,9 @@ import numpy as np
 
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats
+from estimators.error_state import log_into
+from estimators.kernel import kernel
+from estimators.rotation import multiply_into
 from swarm.motion.fleet import Reference
 
 POSITION_FREQUENCY_RAD_S = 1.0
@@ -61,22 +64,65 @@ def wrench(reference: Reference, state: State, mass: Floats, inertia: Floats) ->
     mass: (C,) [kg]. inertia: (C, 3, 3) [kg m^2] in the body frame. A craft that does not know its state does nothing:
     zero where `state` is NaN, as where the reference holds neither position nor attitude.
     """
-    acceleration = (
-        reference.acceleration
-        + POSITION_FREQUENCY_RAD_S**2 * (reference.position - state.position)
-        + 2 * DAMPING * POSITION_FREQUENCY_RAD_S * (reference.velocity - state.velocity)
-    )
-    force = np.where(reference.holds_position[:, None], mass[:, None] * acceleration, 0.0)
+    count = len(mass)
+    force, torque = np.zeros((count, 3)), np.zeros((count, 3))
+    believed = State(*(np.ascontiguousarray(part, dtype=np.float64) for part in state))
+    _wrench_into(*reference, *believed, mass, inertia, force, torque)
+    return force, torque
 
-    rotation = np.where(np.isnan(state.rotation), np.eye(3), state.rotation)
-    attitude_error = rot.log(reference.rotation @ np.swapaxes(rotation, -1, -2))
-    angular_acceleration = (
-        reference.angular_acceleration
-        + ATTITUDE_FREQUENCY_RAD_S**2 * attitude_error
-        + 2 * DAMPING * ATTITUDE_FREQUENCY_RAD_S * (reference.angular_rate - state.angular_rate)
-    )
-    turned = rotation @ inertia @ np.swapaxes(rotation, -1, -2)
-    momentum = (turned @ state.angular_rate[..., None])[..., 0]
-    torque = (turned @ angular_acceleration[..., None])[..., 0] + np.cross(state.angular_rate, momentum)
-    torque = np.where(reference.holds_attitude[:, None], torque, 0.0)
-    return np.where(np.isfinite(force), force, 0.0), np.where(np.isfinite(torque), torque, 0.0)
+
+@kernel
+def _wrench_into(
+    to_position: Floats,
+    to_velocity: Floats,
+    with_acceleration: Floats,
+    to_rotation: Floats,
+    to_rate: Floats,
+    with_angular_acceleration: Floats,
+    holds_position: Bools,
+    holds_attitude: Bools,
+    rotation: Floats,
+    rate: Floats,
+    position: Floats,
+    velocity: Floats,
+    mass: Floats,
+    inertia: Floats,
+    force: Floats,
+    torque: Floats,
+) -> None:
+    """`wrench` of every craft, into force and torque (C, 3), which are zero."""
+    difference, half, turned = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    error, change = np.empty(3), np.empty(3)
+    stiffness, damping = POSITION_FREQUENCY_RAD_S**2, 2 * DAMPING * POSITION_FREQUENCY_RAD_S
+    turn_stiffness, turn_damping = ATTITUDE_FREQUENCY_RAD_S**2, 2 * DAMPING * ATTITUDE_FREQUENCY_RAD_S
+    for c in range(len(mass)):
+        if holds_position[c]:
+            for i in range(3):
+                f = mass[c] * (
+                    with_acceleration[c, i]
+                    + stiffness * (to_position[c, i] - position[c, i])
+                    + damping * (to_velocity[c, i] - velocity[c, i])
+                )
+                force[c, i] = f if np.isfinite(f) else 0.0
+        r, w = rotation[c], rate[c]
+        known = np.isfinite(w[0] + w[1] + w[2])
+        for i in range(3):
+            for j in range(3):
+                known = known and np.isfinite(r[i, j])
+        if not (holds_attitude[c] and known):
+            continue
+        multiply_into(to_rotation[c], r.T, difference)
+        log_into(difference, error)
+        for i in range(3):
+            change[i] = (
+                with_angular_acceleration[c, i] + turn_stiffness * error[i] + turn_damping * (to_rate[c, i] - w[i])
+            )
+        multiply_into(r, inertia[c], half)
+        multiply_into(half, r.T, turned)
+        h0 = turned[0, 0] * w[0] + turned[0, 1] * w[1] + turned[0, 2] * w[2]
+        h1 = turned[1, 0] * w[0] + turned[1, 1] * w[1] + turned[1, 2] * w[2]
+        h2 = turned[2, 0] * w[0] + turned[2, 1] * w[1] + turned[2, 2] * w[2]
+        torque[c, 0], torque[c, 1], torque[c, 2] = w[1] * h2 - w[2] * h1, w[2] * h0 - w[0] * h2, w[0] * h1 - w[1] * h0
+        for i in range(3):
+            for j in range(3):
+                torque[c, i] += turned[i, j] * change[j]
