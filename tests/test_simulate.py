@@ -35,7 +35,8 @@ def column(run: Run, name: str, craft: str | None = None) -> np.ndarray:
     return table[name].to_numpy()
 
 
-@pytest.mark.parametrize("name", sorted(set(scenarios()) - {"drift", "swarm1000"}))
+# The survey's craft is uncalibrated on purpose: its errors are not the noise that a filter can know of.
+@pytest.mark.parametrize("name", sorted(set(scenarios()) - {"drift", "survey", "swarm1000"}))
 def test_the_filter_is_neither_vain_nor_timid_in_any_scenario_with_one_set_of_process_noise(flown, name):
     # 6 is what the filter promises on motion like its own model; a smooth motion lies between the 4.5 of a filter that
     # expects accelerations which never come (alpha-beta theory at low tracking index) and 7.5.
@@ -165,7 +166,7 @@ def test_a_run_is_never_overwritten_without_force(tmp_path):
 
 
 def test_a_swarm_fills_the_field_and_nearly_all_of_it_tracks(flown):
-    """A tenth of swarm1000, in a tenth of its time: the shadows of ten layers are in it, and nobody touches."""
+    """A tenth of swarm1000, in a tenth of its time: some stand in another's light, and nobody touches."""
     run = flown("swarm1000", "swarm.count=100", "duration_s=1")
     figures = run.summary["swarm"]
     assert run.telemetry.num_rows == 100 * 60
@@ -174,7 +175,6 @@ def test_a_swarm_fills_the_field_and_nearly_all_of_it_tracks(flown):
     assert not column(run, "contact").any()
     settings = swarm.load("swarm1000")
     first = build.fleet(settings).start().position
-    assert len(np.unique(first[:, 2].round(6))) == 10
     field = np.tan(np.radians(settings.lighthouse.field_deg / 2))
     assert np.all(np.abs(first[:, :2]) < field * first[:, 2:])
     assert np.linalg.norm(first, axis=1).max() < settings.lighthouse.range_max_m
