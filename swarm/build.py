@@ -4,28 +4,35 @@ Everything that a scenario alone cannot show is wrong, a craft inside another on
 found here, before anything is written.
 """
 
+import math
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from math import pi, radians, sqrt
 from typing import cast
+from zlib import crc32
 
 import numpy as np
 
 from estimators.arrays import Bools
 from estimators.rotation import quaternion_from_matrix
+from estimators.stereo import FEWEST_COMMON
 from estimators.sweep import FanErrors
 from swarm import scenario
 from swarm.assets import find_model
 from swarm.errors import SwarmError
+from swarm.layout import Photodiodes
 from swarm.motion import fleet as motion
+from swarm.motion.disturbance import Pushes
 from swarm.motion.fleet import Fleet, Task, Vector
 from swarm.onboard.decoder import PulseDecoder
+from swarm.onboard.ccd import CcdCalibration
 from swarm.onboard.navigation import NavigationSettings
 from swarm.recordings.station_calibration import read_calibration
-from swarm.scenario import Craft, Scenario
+from swarm.scenario import Ccd, Craft, Scenario
 from swarm.scenario.text import toml_value
+from swarm.sensors.ccd import CcdSettings, Outage
 from swarm.sensors.lighthouse import LighthouseSettings
 from swarm.world.world import CraftStart, World
 
@@ -38,8 +45,8 @@ _START_KEYS = {"ring": "radius_m", "waypoints": "points_m", "approach": "from_m"
 
 
 def check(settings: Scenario) -> None:
-    """Build everything once. Raises SwarmError as `fleet`, `world` and `navigation` do."""
-    world(settings, fleet(settings))
+    """Build everything once. Raises SwarmError as `fleet`, `world`, `navigation` and `cameras` do."""
+    cameras(settings, world(settings, fleet(settings)))
     navigation(settings)
 
 
@@ -145,6 +152,85 @@ def navigation(settings: Scenario) -> NavigationSettings:
             f"{table.calibration}: [photodiodes] belongs to one object of a replay, not to simulated craft"
         )
     return replace(made, fan_x=calibration.fan_x, fan_y=calibration.fan_y)
+
+
+def craft_keys(settings: Scenario) -> list[int]:
+    """A number per craft that follows from its name: it keeps its random draws when other craft come or go."""
+    return [crc32(name.encode()) for name in settings.craft_names]
+
+
+def photodiodes(settings: Scenario, world: World) -> Photodiodes:
+    """The photodiodes that are on board: none of a craft with `lighthouse = false`."""
+    on_board = np.array([c.lighthouse for c in scenario.craft(settings)], dtype=np.bool_)
+    return world.photodiodes._replace(present=world.photodiodes.present & on_board[:, None])
+
+
+def pushes(settings: Scenario) -> Pushes:
+    """What pushes the craft beside their control."""
+    tables = [c.disturbance for c in scenario.craft(settings)]
+    sigma = np.array([(t.acceleration_m_s2, radians(t.angular_acceleration_deg_s2)) for t in tables], dtype=np.float64)
+    return Pushes(sigma, craft_keys(settings), settings.seed)
+
+
+def cameras(settings: Scenario, world: World) -> list[tuple[CcdSettings, CcdCalibration]]:
+    """Every pair of cameras, as it is and as its craft knows it.
+
+    Raises SwarmError, naming scenario, key and value, where a model lacks the cameras or the lights.
+    """
+    craft, names = scenario.craft(settings), list(settings.craft_names)
+    station = fleet(settings).at(0.0)
+    found = []
+    for i, (c, key) in enumerate(zip(craft, craft_keys(settings), strict=True)):
+        if c.ccd is None:
+            continue
+        target = names.index(c.ccd.target)
+        where = f"scenario {settings.name}: craft[{i - settings.swarm.count}].ccd"
+        if len(world.cameras[i].position_m) == 0:
+            raise SwarmError(f"{where}: {c.model} has no cameras (two whose name starts with 'ccd')")
+        if len(world.lights[target].point_m) < FEWEST_COMMON:
+            raise SwarmError(
+                f"{where}.target = {c.ccd.target!r}: {craft[target].model} has {len(world.lights[target].point_m)} "
+                f"lights (sites whose name starts with 'light'), at least {FEWEST_COMMON} are needed"
+            )
+        true = _ccd(c.ccd, i, key, target, world)
+        rounding_um = c.ccd.resolution_um / sqrt(12)
+        believed_um = c.ccd.believed_noise_um or math.hypot(c.ccd.image_noise_um, rounding_um)
+        known = CcdCalibration(
+            i,
+            true.cameras,
+            true.lights.point_m,
+            station.rotation[target],
+            station.position[target],
+            true.focal_length_m,
+            believed_um * 1e-6,
+            c.ccd.solution == "closed-form",
+        )
+        found.append((true, known))
+    return found
+
+
+def _ccd(table: Ccd, craft: int, key: int, target: int, world: World) -> CcdSettings:
+    """The sensor's settings in SI units."""
+    random = None if table.failure_every_s is None else (table.failure_every_s, table.failure_length_s)
+    return CcdSettings(
+        craft,
+        key,
+        target,
+        world.cameras[craft],
+        world.lights[target],
+        focal_length_m=table.focal_length_mm * 1e-3,
+        field_rad=radians(table.field_deg),
+        range_min_m=table.range_min_m,
+        range_max_m=table.range_max_m,
+        cone_rad=radians(table.light_cone_deg),
+        image_noise_m=table.image_noise_um * 1e-6,
+        resolution_m=table.resolution_um * 1e-6,
+        mounting_error_m=table.mounting_error_mm * 1e-3,
+        mounting_error_rad=table.mounting_error_arcsec * ARCSEC,
+        lost_image_probability=table.lost_image_probability,
+        outages=tuple(Outage(int(o.camera == "backup"), o.from_s, o.to_s, o.from_m, o.to_m) for o in table.outages),
+        random_outage=random,
+    )
 
 
 def _fan(table: scenario.Fan) -> FanErrors:

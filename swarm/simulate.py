@@ -9,7 +9,6 @@ craft's own, but never navigates by it.
 
 from collections.abc import Callable
 from pathlib import Path
-from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,14 +18,15 @@ from estimators.rotation import matrix_from_quaternion
 from swarm import build
 from swarm.assets import find_model
 from swarm.onboard import control
-from swarm.onboard.control import State
+from swarm.onboard.control import Command, State
 from swarm.onboard.navigation import Estimate, Navigator
 from swarm.results.progress import Progress
-from swarm.results.recorder import Scene
+from swarm.results.recorder import CcdScene, Scene
 from swarm.results.run_folder import Run
 from swarm.results.run_writer import writing_run
 from swarm.results.telemetry import Truth
 from swarm.scenario import Scenario, craft
+from swarm.sensors.ccd import Ccd
 from swarm.sensors.lighthouse import Lighthouse
 from swarm.sensors.visibility import Sight, Visibility
 from swarm.world.craft import visuals
@@ -68,15 +68,17 @@ class Flight:
         settings = build.lighthouse(scenario)
         self.motions = build.fleet(scenario)
         self.world = build.world(scenario, self.motions)
-        layout = self.world.photodiodes
+        layout = build.photodiodes(scenario, self.world)
         self.visibility = Visibility(
             self.world.model, layout, self.world.craft_bodies, self.world.lighthouse_body, settings
         )
-        # A craft's random draws go by its name: it keeps them when other craft come or go.
-        keys = [crc32(name.encode()) for name in self.world.names]
-        self.lighthouse = Lighthouse(layout, settings, scenario.seed, keys)
+        self.lighthouse = Lighthouse(layout, settings, scenario.seed, build.craft_keys(scenario))
+        cameras = build.cameras(scenario, self.world)
+        pairs = [true for true, _ in cameras]
+        self.ccd = Ccd(pairs, self.visibility, scenario.seed, scenario.duration_s) if cameras else None
+        self.pushes = build.pushes(scenario)
         self.decoder = build.decoder(scenario, layout.present)
-        self.navigator = Navigator(layout, build.navigation(scenario))
+        self.navigator = Navigator(layout, build.navigation(scenario), [known for _, known in cameras])
         self.steers_by_estimate = np.array([craft.feedback == "estimate" for craft in craft(scenario)])
         self.period_s = 1 / settings.rate_hz
         self.scene = Scene(
@@ -86,6 +88,17 @@ class Flight:
             lighthouse=visuals(find_model(scenario.lighthouse.model)),
             field_deg=scenario.lighthouse.field_deg,
             detail=scenario.recording.detail,
+            ccd=[
+                CcdScene(
+                    pair.craft,
+                    pair.target,
+                    pair.cameras.position_m,
+                    pair.cameras.rotation,
+                    pair.lights.point_m,
+                    pair.field_rad,
+                )
+                for pair in pairs
+            ],
         )
         start = self.motions.start()
         self._true = State(matrix_from_quaternion(start.quaternion), start.angular_rate, start.position, start.velocity)
@@ -96,10 +109,12 @@ class Flight:
 
         Returns its epoch [s], the truth at the epoch, the `Sight` of every photodiode (C, K), what each craft knows.
         """
-        truth = self.world.advance(*self._wrench(frame))
+        force, torque, command = self._wrench(frame)
+        truth = self.world.advance(force, torque)
         sight = self._sight(truth)
         pulses = self.lighthouse.sweep(truth, frame, sight == Sight.LIT)
-        estimate = self.navigator.step(self.decoder.decode(pulses))
+        images = self.ccd.expose(truth, frame) if self.ccd is not None else None
+        estimate = self.navigator.step(self.decoder.decode(pulses), images, command)
 
         last, epoch = -1, len(truth.time_s) // 2
         self._true = State(
@@ -129,15 +144,27 @@ class Flight:
             axis=-1,
         )
 
-    def _wrench(self, frame: int) -> tuple[Floats, Floats]:
-        """Force and torque (C, 3) of every craft in period `frame`: its control, and what pushes it at random."""
+    def _wrench(self, frame: int) -> tuple[Floats, Floats, Command]:
+        """Force and torque (C, 3) of every craft in period `frame`: its control, and what pushes it at random.
+
+        With the command that its navigation knows: none of a craft that is steered by the truth, which must not reach
+        its filter that way.
+        """
         believed = self._true.where(~self.steers_by_estimate, self._estimated)
         reference = self.motions.at(frame * self.period_s)
-        force, torque = control.wrench(reference, believed, self.world.mass, self.world.inertia)
+        command = control.command(reference, believed)
+        force, torque = control.wrench(command, reference, believed, self.world.mass, self.world.inertia)
+        if self.pushes.pushed.any():
+            more = self.world.inertial_wrench(*self.pushes.at(frame))
+            # What the spin asks for anyway is in the control's own wrench already.
+            still = np.zeros_like(force)
+            spin = self.world.inertial_wrench(still, still)
+            force, torque = force + more[0] - spin[0], torque + more[1] - spin[1]
         push = self.motions.disturbance(frame)
         pushed: Bools = (push.acceleration.any(axis=1) | push.angular_acceleration.any(axis=1)).reshape(-1, 1)
         pushed_force, pushed_torque = self.world.inertial_wrench(*push)
         return (
             np.where(pushed, pushed_force, force),
             np.where(pushed, pushed_torque, torque),
+            command.only(self.steers_by_estimate),
         )

@@ -15,9 +15,10 @@ from pydantic import ValidationError
 from swarm.assets import find_model, find_scenario, lighthouses, models
 from swarm.errors import SwarmError
 from swarm.scenario import mistakes
+from swarm.scenario.cameras import Ccd
 from swarm.scenario.mistakes import Problem, dotted, parse_path
 from swarm.scenario.motions import AnyMotion
-from swarm.scenario.schema import Scenario
+from swarm.scenario.schema import Disturbance, Scenario
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,9 @@ class Craft:
     motion: AnyMotion
     index: int
     count: int
+    lighthouse: bool = True
+    disturbance: Disturbance = Disturbance()
+    ccd: Ccd | None = None
 
 
 def load(name_or_path: str | Path, overrides: Iterable[str] = (), seed: int | None = None) -> Scenario:
@@ -90,9 +94,20 @@ def craft(scenario: Scenario) -> list[Craft]:
     names = scenario.craft_names
     here = Path()
     model = find_model(swarm.model, here) if swarm.count else here
-    group = [Craft(names[i], model, swarm.feedback, swarm.motion, i, swarm.count) for i in range(swarm.count)]
+    shared = swarm.lighthouse, swarm.disturbance
+    group = [Craft(names[i], model, swarm.feedback, swarm.motion, i, swarm.count, *shared) for i in range(swarm.count)]
     return group + [
-        Craft(name, find_model(single.model, here), single.feedback, single.motion, 0, 1)
+        Craft(
+            name,
+            find_model(single.model, here),
+            single.feedback,
+            single.motion,
+            0,
+            1,
+            single.lighthouse,
+            single.disturbance,
+            single.ccd,
+        )
         for name, single in zip(names[swarm.count :], scenario.craft, strict=True)
     ]
 
