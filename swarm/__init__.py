@@ -2,8 +2,8 @@
 
     import swarm
     run = swarm.simulate(swarm.load("formation"))
-    run.telemetry.to_pandas()   # one row per craft and lighthouse period
-    run.summary                 # the figures that `swarm run` prints
+    run.telemetry   # a pyarrow.Table, one row per craft and lighthouse period; .to_pandas() where pandas is installed
+    run.summary     # the figures that `swarm run` prints
 
 What is named here is imported when it is first used, so that `import swarm` and `swarm --help` cost nothing.
 """

@@ -54,7 +54,7 @@ def find_model(name_or_path: str | Path, relative_to: Path | None = None) -> Pat
         return path.resolve()
     if _is_path(text, ".xml"):
         raise SwarmError(f"model file {path} does not exist")
-    raise SwarmError(f"no model {text!r}{did_you_mean(text, known)}; or give the path of an .xml file")
+    raise SwarmError(f"no model {text!r}{did_you_mean(text, models())}; or give the path of an .xml file")
 
 
 def find_scenario(name_or_path: str | Path) -> Path:
@@ -66,6 +66,8 @@ def find_scenario(name_or_path: str | Path) -> Path:
     path = Path(text).expanduser()
     if path.is_file():
         return path.resolve()
+    if path.exists():
+        raise SwarmError(f"{path} is not a scenario file{' but a folder' if path.is_dir() else ''}")
     if _is_path(text, ".toml"):
         raise SwarmError(f"scenario file {path} does not exist{did_you_mean(path.stem, known)}")
     raise SwarmError(f"no scenario {text!r}{did_you_mean(text, known)}; or give the path of a .toml file")

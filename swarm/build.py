@@ -26,8 +26,8 @@ from swarm.layout import Photodiodes
 from swarm.motion import fleet as motion
 from swarm.motion.disturbance import Pushes
 from swarm.motion.fleet import Fleet, Task, Vector
-from swarm.onboard.decoder import PulseDecoder
 from swarm.onboard.ccd import CcdCalibration
+from swarm.onboard.decoder import PulseDecoder
 from swarm.onboard.navigation import NavigationSettings
 from swarm.recordings.station_calibration import read_calibration
 from swarm.scenario import Ccd, Craft, Scenario

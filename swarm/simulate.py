@@ -103,30 +103,23 @@ class Flight:
         start = self.motions.start()
         self._true = State(matrix_from_quaternion(start.quaternion), start.angular_rate, start.position, start.velocity)
         self._estimated = control.unknown(layout.craft_count)
+        self._command = Command(*np.zeros((2, layout.craft_count, 3)))
 
     def period(self, frame: int) -> tuple[float, Truth, NDArray[np.int8], Estimate]:
         """Fly one lighthouse period.
 
         Returns its epoch [s], the truth at the epoch, the `Sight` of every photodiode (C, K), what each craft knows.
         """
-        force, torque, command = self._wrench(frame)
-        truth = self.world.advance(force, torque)
-        sight = self._sight(truth)
+        truth, sight = self.move(frame)
         pulses = self.lighthouse.sweep(truth, frame, sight == Sight.LIT)
         images = self.ccd.expose(truth, frame) if self.ccd is not None else None
-        estimate = self.navigator.step(self.decoder.decode(pulses), images, command)
+        estimate = self.navigator.step(self.decoder.decode(pulses), images, self._command)
 
-        last, epoch = -1, len(truth.time_s) // 2
-        self._true = State(
-            matrix_from_quaternion(truth.quaternion[last]),
-            truth.angular_rate[last],
-            truth.position[last],
-            truth.velocity[last],
-        )
         # The estimate is of the epoch; the next wrench begins half a period later.
         self._estimated = State(estimate.rotation, estimate.angular_rate, estimate.position, estimate.velocity).ahead(
             self.period_s / 2
         )
+        epoch = len(truth.time_s) // 2
         at_epoch = Truth(
             truth.position[epoch],
             truth.quaternion[epoch],
@@ -135,6 +128,22 @@ class Flight:
             truth.contact,
         )
         return float(truth.time_s[epoch]), at_epoch, sight.min(axis=-1), estimate
+
+    def move(self, frame: int) -> tuple[PeriodTruth, NDArray[np.int8]]:
+        """Move every craft through one lighthouse period, and no more: nobody measures, nobody navigates.
+
+        Returns the truth, and the `Sight` of every photodiode as each fan sweeps, (C, K, 2).
+        """
+        force, torque, self._command = self._wrench(frame)
+        truth = self.world.advance(force, torque)
+        last = -1
+        self._true = State(
+            matrix_from_quaternion(truth.quaternion[last]),
+            truth.angular_rate[last],
+            truth.position[last],
+            truth.velocity[last],
+        )
+        return truth, self._sight(truth)
 
     def _sight(self, truth: PeriodTruth) -> NDArray[np.int8]:
         """The `Sight` of every photodiode as each fan sweeps, (C, K, 2): taken at the knots in mid-sweep."""

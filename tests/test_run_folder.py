@@ -71,6 +71,14 @@ def test_an_existing_run_needs_force(tmp_path):
     assert {p.name: p.read_bytes() for p in (tmp_path / "a").iterdir()} == before
 
 
+def test_not_even_force_takes_a_folder_from_a_run_that_is_alive(tmp_path):
+    with RunFolder(tmp_path / "a") as run:
+        with pytest.raises(SwarmError, match="being written there now"):
+            RunFolder(tmp_path / "a", force=True)
+        run.finish({})
+    fly(tmp_path / "a", force=True)
+
+
 @pytest.mark.parametrize("finish", [True, False])
 def test_force_replaces_the_run_and_nothing_else(tmp_path, finish):
     path = tmp_path / "a"

@@ -177,9 +177,7 @@ def fix(craft: int, pairs: Sequence[CcdCalibration], images: LightImages, rotati
     return out
 
 
-def target_pose(
-    pair: CcdCalibration, uv: Floats, seen: Bools, predicted: tuple[Floats, Floats] | None
-) -> CcdPose:
+def target_pose(pair: CcdCalibration, uv: Floats, seen: Bools, predicted: tuple[Floats, Floats] | None) -> CcdPose:
     """The target by the images uv (2, L, 2), seen (2, L): stereo while it can, else by the main camera alone."""
     if np.count_nonzero(seen.all(axis=0)) >= FEWEST_COMMON:
         found = _stereo(pair, uv, seen)
@@ -202,9 +200,7 @@ def _stereo(pair: CcdCalibration, uv: Floats, seen: Bools) -> CcdPose:
     )
 
 
-def _main_alone(
-    pair: CcdCalibration, uv: Floats, seen: Bools, predicted: tuple[Floats, Floats] | None
-) -> CcdPose:
+def _main_alone(pair: CcdCalibration, uv: Floats, seen: Bools, predicted: tuple[Floats, Floats] | None) -> CcdPose:
     alone = np.stack([seen[0], np.zeros_like(seen[0])])
     if np.count_nonzero(alone) < FEWEST_ALONE:
         return _none(CcdState.TOO_FEW)

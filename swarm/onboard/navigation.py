@@ -139,9 +139,7 @@ class Navigator:
         self._rejections = np.zeros(craft, dtype=np.int64)
         self._independent_noise_rad = settings.angle_noise_rad * float(np.sqrt(1 - settings.rotor_correlation))
 
-    def step(
-        self, angles: SweepAngles, images: LightImages | None = None, command: Command | None = None
-    ) -> Estimate:
+    def step(self, angles: SweepAngles, images: LightImages | None = None, command: Command | None = None) -> Estimate:
         """Advance every craft by one lighthouse period; the result refers to the epoch of `angles`.
 
         images: what the cameras saw at the epoch; craft with cameras need them. command: what the craft have ordered

@@ -17,7 +17,7 @@ from typing import Any, Literal
 import pyarrow as pa
 
 from swarm.errors import SwarmError, did_you_mean
-from swarm.results.disk import write_text, writing
+from swarm.results.disk import FolderLock, write_text, writing
 from swarm.results.telemetry import FILE, PARTS, read_telemetry
 
 PROGRAM = "lighthouse-swarm"
@@ -65,9 +65,20 @@ class RunFolder:
             if path.exists() and not path.is_dir():
                 raise SwarmError(f"cannot write {path}: a file is in its place; choose another --out")
             path.mkdir(parents=True, exist_ok=True)
+        self._lock = FolderLock(path)
+        try:
+            self._claim(force)
+        except BaseException:
+            self._lock.release()
+            raise
+
+    def _claim(self, force: bool) -> None:
+        path = self.path
         ours = _summary_of(path) is not None
         if ours and not force:
-            raise SwarmError(f"{path} holds a run already; --force replaces it, --out writes elsewhere")
+            raise SwarmError(
+                f"{path} holds a run already; --force (force=True) replaces it, --out (out=...) writes elsewhere"
+            )
         if not ours:
             for name in (SUMMARY, SCENARIO, FILE, PARTS, RECORDING):
                 if (path / name).exists():
@@ -116,6 +127,7 @@ class RunFolder:
         """The run is complete: replace the marker by its summary (JSON-able, no NaN)."""
         self._write_summary("complete", summary)
         self._finished = True
+        self._lock.release()
 
     def interrupt(self, reason: str, summary: Mapping[str, Any] | None = None) -> None:
         """The run ended early because of `reason`: say so, with a summary of what there is."""
@@ -128,6 +140,7 @@ class RunFolder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self._lock.release()
         if self._finished:
             return
         if kind is None:

@@ -54,7 +54,9 @@ class RunWriter:
     def progress(self) -> Progress:
         """How far the run is."""
         wall_s = time.perf_counter() - self._started_s
-        return Progress(self._time_s, self._duration_s, self._time_s / wall_s, self._tracking, self._craft_count)
+        return Progress(
+            self._time_s, self._duration_s, self._time_s / wall_s, self._tracking, self._craft_count, self.notice
+        )
 
 
 @contextmanager
@@ -93,7 +95,11 @@ def writing_run(
                 recording.close()
             with suppress(SwarmError):
                 telemetry.close()
-                folder.interrupt(_reason(stop), summarise_run(folder.path))
+            summary = None
+            with suppress(SwarmError):
+                summary = summarise_run(folder.path)
+            with suppress(SwarmError):
+                folder.interrupt(_reason(stop), summary)
             raise
         recording.close()
         telemetry.close()

@@ -173,7 +173,12 @@ def schema(replay: bool = False, ccd: bool = False) -> pa.Schema:
         _column("frame", i32, "1", "number of the lighthouse period"),
         _column("craft", pa.dictionary(i32, pa.string()), "", "name of the craft"),
         _column("status", pa.dictionary(pa.int8(), pa.string()), "", ", ".join(STATUS)),
-        _column("sensor", pa.dictionary(pa.int8(), pa.string()), "", f"whose pose went into the filter: {', '.join(SENSORS)}"),
+        _column(
+            "sensor",
+            pa.dictionary(pa.int8(), pa.string()),
+            "",
+            f"whose pose went into the filter: {', '.join(SENSORS)}",
+        ),
         _column("visible", i16, "1", "photodiodes seen by both fans"),
         *_pose("true", "truth"),
         *_pose("pnp", "PnP solution of this period alone"),

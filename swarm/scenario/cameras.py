@@ -63,9 +63,14 @@ class Ccd(Table):
     mounting_error_arcsec: float = Field(
         default=0.0, ge=0, le=36000, description="Cameras turned off their axes, 1 sigma per axis, drawn once."
     )
-    lost_image_probability: float = Field(default=0.0, ge=0, le=1, description="An image is lost, per camera and image.")
+    lost_image_probability: float = Field(
+        default=0.0, ge=0, le=1, description="An image is lost, per camera and image."
+    )
     failure_every_s: float | None = Field(
-        default=None, gt=0, le=86400, description="Mean time between random failures of a camera. Unset: it never fails."
+        default=None,
+        gt=0,
+        le=86400,
+        description="Mean time between random failures of a camera. Unset: it never fails.",
     )
     failure_length_s: float = Field(default=5.0, gt=0, le=86400, description="Mean length of a random failure.")
     outages: Annotated[tuple[Outage, ...], Strict(False)] = Field(

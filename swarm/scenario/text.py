@@ -47,7 +47,11 @@ def _table(name: str, table: BaseModel) -> Iterator[str]:
         yield from ("", f"[{inner}]", *_table(inner, value))
     for key, entries in lists.items():
         for entry in entries:
-            yield from ("", f"[[{f'{name}.{key}'.removeprefix('.')}]]", *_table(f"{name}.{key}".removeprefix("."), entry))
+            yield from (
+                "",
+                f"[[{f'{name}.{key}'.removeprefix('.')}]]",
+                *_table(f"{name}.{key}".removeprefix("."), entry),
+            )
 
 
 def _unset(table: BaseModel, key: str) -> str:

@@ -145,9 +145,7 @@ class Ccd:
 
     def _dark(self, p: int, camera: int, time_s: float, range_m: float) -> bool:
         return any(
-            outage.camera == camera
-            and outage.from_s <= time_s < outage.to_s
-            and outage.to_m < range_m <= outage.from_m
+            outage.camera == camera and outage.from_s <= time_s < outage.to_s and outage.to_m < range_m <= outage.from_m
             for outage in self._outages[p]
         )
 
