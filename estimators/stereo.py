@@ -98,7 +98,7 @@ def _mirror(a: Floats) -> None:
 
 @kernel
 def _misfit(uv: Floats, x: float, y: float, z: float) -> float:
-    return (x / z - uv[0]) ** 2 + (y / z - uv[1]) ** 2
+    return float((x / z - uv[0]) ** 2 + (y / z - uv[1]) ** 2)
 
 
 @kernel

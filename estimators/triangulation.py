@@ -122,9 +122,9 @@ def _triangulate_all(
 
 
 def checked_rig(rig: Rig) -> tuple[Floats, Floats]:
-    """The rig's arrays for a kernel. Raises ValueError where a shape is wrong or camera 2 is not turned by a rotation."""
+    """The rig's arrays for a kernel. Raises ValueError where a shape is wrong, or the turn is no rotation."""
     rotation, origin = checked("rig.rotation", rig.rotation, (3, 3)), checked("rig.origin_m", rig.origin_m, (3,))
-    if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-9) or np.linalg.det(rotation) < 0:
+    if not (np.abs(rotation @ rotation.T - np.eye(3)).max() < 1e-9 and np.linalg.det(rotation) > 0):
         raise ValueError("rig.rotation is not a rotation")
     if not (np.isfinite(origin).all() and origin.any()):
         raise ValueError(f"rig.origin_m is {origin}: two cameras need two places")
@@ -144,7 +144,7 @@ def triangulate(uv1: Floats, uv2: Floats, rig: Rig) -> Triangulation:
     flat1, flat2 = np.ascontiguousarray(uv1).reshape(-1, 2), uv2.reshape(-1, 2)
     point, covariance = np.empty((len(flat1), 3)), np.empty((len(flat1), 3, 3))
     _triangulate_all(flat1, flat2, rotation, origin, point, covariance)
-    finite: Bools = np.isfinite(point).all(axis=1)
+    finite: Bools = np.all(np.isfinite(point), axis=1)
     point[~finite], covariance[~finite] = np.nan, np.nan
     shape = uv1.shape[:-1]
     return Triangulation(point.reshape(*shape, 3), covariance.reshape(*shape, 3, 3))

@@ -171,9 +171,7 @@ class Flight:
             force, torque = force + more[0] - spin[0], torque + more[1] - spin[1]
         push = self.motions.disturbance(frame)
         pushed: Bools = (push.acceleration.any(axis=1) | push.angular_acceleration.any(axis=1)).reshape(-1, 1)
-        pushed_force, pushed_torque = self.world.inertial_wrench(*push)
-        return (
-            np.where(pushed, pushed_force, force),
-            np.where(pushed, pushed_torque, torque),
-            command.only(self.steers_by_estimate),
-        )
+        if pushed.any():
+            pushed_force, pushed_torque = self.world.inertial_wrench(*push)
+            force, torque = np.where(pushed, pushed_force, force), np.where(pushed, pushed_torque, torque)
+        return force, torque, command.only(self.steers_by_estimate)

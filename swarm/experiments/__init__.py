@@ -95,7 +95,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         "section 2",
         "the backup camera fails and comes back: jumps and consistency of the filter",
         "swarm.experiments.stereo_fallback",
-        {"runs": 16},
+        {"runs": 8},
     ),
 }
 

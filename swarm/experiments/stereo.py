@@ -1,13 +1,13 @@
 """Source 2's simulation, section 3: the cameras, the marker, the poses, and errors gathered by distance.
 
 The distance d is between the docking points, the tips of the two docking booms. The cameras stand 1 m behind the one,
-the marker 1 m behind the other (`models/craft/chaser`, `models/craft/marker-target`), so that the lights are d + 2 m away:
-at less than 1.8 m a marker 0.6 m wide does not fit into both fields of 24 deg, and at d = 0 there must be a pose too.
+the marker 1 m behind the other (`models/craft/chaser`, `models/craft/marker-target`), so that the lights are d + 2 m
+away: at less than 1.8 m a marker 0.6 m wide does not fit into both fields of 24 deg, and at d = 0 there must be a pose.
 The rig's middle frame has its origin halfway between the pinholes and its z axis along the approach; results are in the
 main camera's frame {C1}, as source 2 has them.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -62,7 +62,7 @@ def random_poses(distance_m: Floats, rng: np.random.Generator, baseline_m: float
     aside = (ASIDE_M + ASIDE * distance_m[:, None]) * rng.uniform(-1, 1, (count, 2))
     middle = np.column_stack([aside, distance_m + SET_BACK_M])
     to_main = rot.exp(np.array([0.0, -TOE_IN_RAD, 0.0]))
-    return Poses(distance_m, to_main @ turned, (middle + [baseline_m / 2, 0, 0]) @ to_main.T)
+    return Poses(distance_m, to_main @ turned, (middle + np.array([baseline_m / 2, 0.0, 0.0])) @ to_main.T)
 
 
 def images(poses: Poses, marker_m: Floats, cameras: Rig) -> Floats:
@@ -89,7 +89,7 @@ def errors(poses: Poses, rotation: Floats, position: Floats) -> Floats:
     return np.concatenate([turn, poses.position - position], axis=1)
 
 
-def sigmas(solved: StereoPose | Any) -> Floats:
+def sigmas(solved: StereoPose) -> Floats:
     """(N, 6), the roots of a covariance's diagonal."""
     out: Floats = np.sqrt(np.diagonal(solved.covariance, axis1=-1, axis2=-2))
     return out

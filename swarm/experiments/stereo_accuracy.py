@@ -63,8 +63,8 @@ def run(request: Request) -> Outcome:
         Line("(11) from orthogonal, largest", "", None, float(skewed), None, "Attitude"),
     ]
     notes = (
-        f"Distance is between the docking points; the lights are {stereo.SET_BACK_M:g} m farther from the cameras, up to "
-        f"{stereo.RANGE_M + stereo.SET_BACK_M:g} m.",
+        f"Distance is between the docking points; the lights are {stereo.SET_BACK_M:g} m farther from the cameras, "
+        f"up to {stereo.RANGE_M + stereo.SET_BACK_M:g} m.",
     )
     return Outcome(comparison, _data(poses, error, size), _draw(poses, size), notes)
 
@@ -87,7 +87,7 @@ def _system(uv: Floats, rig: Rig) -> tuple[Floats, Floats]:
 
 def _lstsq(uv: Floats, rig: Rig) -> Floats:
     a, b = _system(uv, rig)
-    out: Floats = (np.linalg.pinv(a) @ b[..., None])[..., 0]
+    out: Floats = np.asarray(np.linalg.pinv(a) @ b[..., None], dtype=np.float64)[..., 0]
     return out
 
 

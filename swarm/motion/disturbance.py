@@ -28,7 +28,7 @@ class Pushes:
     @property
     def pushed(self) -> Bools:
         """(C,), who is pushed at all."""
-        pushed: Bools = self._sigma.any(axis=(1, 2))
+        pushed: Bools = np.any(self._sigma, axis=(1, 2))
         return pushed
 
     def at(self, frame: int) -> Disturbance:

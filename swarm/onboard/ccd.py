@@ -109,10 +109,10 @@ class CcdCalibration:
 class CcdFix(NamedTuple):
     """What C craft found in this period's images; NaN where there is no pose.
 
-    state: (C,) of `CcdState`. lights: (C, 2), how many the main and the backup camera saw. seen: (P, 2, L), which, pair by
-    pair. rotation (C, 3, 3) R_l_b,
-    position (C, 3) [m], covariance (C, 6, 6), lighthouse frame, at the epoch. adop_deg_per_rad, pdop_m_per_rad: (C,), of
-    that pose, per radian of image noise x/f. residual_rad: (C,), RMS. nis: (C,), filled in by the filter.
+    state: (C,) of `CcdState`. lights: (C, 2), how many the main and the backup camera saw. seen: (P, 2, L), which, pair
+    by pair. rotation (C, 3, 3) R_l_b, position (C, 3) [m], covariance (C, 6, 6): lighthouse frame, at the epoch.
+    adop_deg_per_rad, pdop_m_per_rad: (C,), of that pose, per radian of image noise x/f. residual_rad: (C,), RMS. nis:
+    (C,), filled in by the filter.
     """
 
     state: Ints

@@ -76,7 +76,7 @@ def command(reference: Reference, state: State) -> Command:
         + POSITION_FREQUENCY_RAD_S**2 * (reference.position - state.position)
         + 2 * DAMPING * POSITION_FREQUENCY_RAD_S * (reference.velocity - state.velocity)
     )
-    known = np.isfinite(state.position).all(axis=1)
+    known = np.all(np.isfinite(state.position), axis=1)
     rotation = np.where(known[:, None, None], state.rotation, np.eye(3))
     attitude_error = rot.log(reference.rotation @ np.swapaxes(rotation, -1, -2))
     angular_acceleration = (
@@ -91,11 +91,11 @@ def command(reference: Reference, state: State) -> Command:
 
 
 def wrench(order: Command, reference: Reference, state: State, mass: Floats, inertia: Floats) -> tuple[Floats, Floats]:
-    """Force (C, 3) [N] and torque (C, 3) [N m] about the centre of mass, in the lighthouse frame, that do what is ordered.
+    """Force (C, 3) [N] and torque (C, 3) [N m] about the centre of mass, lighthouse frame, that do what is ordered.
 
     mass: (C,) [kg]. inertia: (C, 3, 3) [kg m^2] in the body frame. A craft that does not know its state does nothing.
     """
-    known = np.isfinite(state.position).all(axis=1)
+    known = np.all(np.isfinite(state.position), axis=1)
     rotation = np.where(known[:, None, None], state.rotation, np.eye(3))
     turned = rotation @ inertia @ np.swapaxes(rotation, -1, -2)
     momentum = (turned @ state.angular_rate[..., None])[..., 0]

@@ -55,7 +55,7 @@ class CcdFix(Protocol):
 
 def floats(fix: CcdFix, true_position: Floats, true_quaternion: Floats) -> Floats:
     """The columns of numbers, (C, len(FLOATS)); true_position (C, 3) [m], true_quaternion (C, 4)."""
-    known = np.isfinite(fix.position).all(axis=1)
+    known = np.all(np.isfinite(fix.position), axis=1)
     distance = np.linalg.norm(fix.position - true_position, axis=1)
     angle = np.full(len(known), np.nan)
     true_rotation = matrix_from_quaternion(true_quaternion[known])

@@ -22,8 +22,8 @@ Visual = tuple[Mesh, Floats]
 
 
 class CcdScene(NamedTuple):
-    """One pair of cameras, as drawn: craft and target by index, pinhole_m (2, 3) in the craft's body frame, light_m (L, 3)
-    in the target's, field_rad the full width of their field, rotation (2, 3, 3) R_b_c.
+    """One pair of cameras, as drawn: craft and target by index, pinhole_m (2, 3) and rotation (2, 3, 3) R_b_c in the
+    craft's body frame, light_m (L, 3) in the target's; field_rad: full width of their field.
     """
 
     craft: int

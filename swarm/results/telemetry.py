@@ -39,7 +39,7 @@ PARTS = FILE + ".partial"
 STATUS = ("searching", "tracking", "coasting", "ambiguous")
 """Names of the status codes 0 to 3."""
 SENSORS = ("none", "lighthouse", "stereo", "lighthouse+stereo", "camera", "lighthouse+camera")
-"""Names of the sensor codes 0 to 5: whose pose the filter took in, both cameras being "stereo", the main one "camera"."""
+"""Names of the sensor codes 0 to 5: whose pose the filter took in; both cameras are "stereo", the main one "camera"."""
 NAMES = {"status": STATUS, "sensor": SENSORS, "ccd": CCD_STATES}
 """The columns of names: their codes are kept, with null for a code beyond the names."""
 PERIODS_PER_PART = 120
@@ -177,7 +177,7 @@ def schema(replay: bool = False, ccd: bool = False) -> pa.Schema:
             "sensor",
             pa.dictionary(pa.int8(), pa.string()),
             "",
-            f"whose pose went into the filter: {', '.join(SENSORS)}",
+            f"the filter took in: {', '.join(SENSORS)}",
         ),
         _column("visible", i16, "1", "photodiodes seen by both fans"),
         *_pose("true", "truth"),

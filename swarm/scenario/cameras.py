@@ -39,7 +39,7 @@ class Ccd(Table):
     target: str = Field(description="Name of the craft with the lights; it must hold its place.")
     solution: Literal["refined", "closed-form"] = Field(
         default="refined",
-        description="What is made of both cameras' images: the closed form, refined by a fit to all images; or as it is.",
+        description="What both cameras' images give: the closed form refined by a fit to all images, or as it is.",
     )
     focal_length_mm: float = Field(default=28.0, gt=0, le=10000, description="Of both cameras.")
     field_deg: float = Field(default=24.0, gt=0, le=170, description="Full width of the field in each axis.")
@@ -63,14 +63,12 @@ class Ccd(Table):
     mounting_error_arcsec: float = Field(
         default=0.0, ge=0, le=36000, description="Cameras turned off their axes, 1 sigma per axis, drawn once."
     )
-    lost_image_probability: float = Field(
-        default=0.0, ge=0, le=1, description="An image is lost, per camera and image."
-    )
+    lost_image_probability: float = Field(default=0.0, ge=0, le=1, description="A camera loses an image, per image.")
     failure_every_s: float | None = Field(
         default=None,
         gt=0,
         le=86400,
-        description="Mean time between random failures of a camera. Unset: it never fails.",
+        description="Mean time to a camera's next random failure. Unset: never.",
     )
     failure_length_s: float = Field(default=5.0, gt=0, le=86400, description="Mean length of a random failure.")
     outages: Annotated[tuple[Outage, ...], Strict(False)] = Field(

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from swarm.assets import find_model, find_scenario, lighthouses, models
 from swarm.errors import SwarmError
-from swarm.scenario import mistakes
+from swarm.scenario import mistakes, schema
 from swarm.scenario.cameras import Ccd
 from swarm.scenario.mistakes import Problem, dotted, parse_path
 from swarm.scenario.motions import AnyMotion
@@ -31,9 +31,9 @@ class Craft:
     motion: AnyMotion
     index: int
     count: int
-    lighthouse: bool = True
-    disturbance: Disturbance = Disturbance()
-    ccd: Ccd | None = None
+    lighthouse: bool
+    disturbance: Disturbance
+    ccd: Ccd | None
 
 
 def load(name_or_path: str | Path, overrides: Iterable[str] = (), seed: int | None = None) -> Scenario:
@@ -94,21 +94,16 @@ def craft(scenario: Scenario) -> list[Craft]:
     names = scenario.craft_names
     here = Path()
     model = find_model(swarm.model, here) if swarm.count else here
-    shared = swarm.lighthouse, swarm.disturbance
-    group = [Craft(names[i], model, swarm.feedback, swarm.motion, i, swarm.count, *shared) for i in range(swarm.count)]
-    return group + [
-        Craft(
-            name,
-            find_model(single.model, here),
-            single.feedback,
-            single.motion,
-            0,
-            1,
-            single.lighthouse,
-            single.disturbance,
-            single.ccd,
-        )
+    group: list[tuple[str, Path, schema.Craft, int, int, Ccd | None]] = [
+        (names[i], model, swarm, i, swarm.count, None) for i in range(swarm.count)
+    ]
+    group += [
+        (name, find_model(single.model, here), single, 0, 1, single.ccd)
         for name, single in zip(names[swarm.count :], scenario.craft, strict=True)
+    ]
+    return [
+        Craft(name, file, of.feedback, of.motion, index, count, of.lighthouse, of.disturbance, ccd)
+        for name, file, of, index, count, ccd in group
     ]
 
 

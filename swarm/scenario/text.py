@@ -46,12 +46,9 @@ def _table(name: str, table: BaseModel) -> Iterator[str]:
         inner = f"{name}.{key}".removeprefix(".")
         yield from ("", f"[{inner}]", *_table(inner, value))
     for key, entries in lists.items():
+        inner = f"{name}.{key}".removeprefix(".")
         for entry in entries:
-            yield from (
-                "",
-                f"[[{f'{name}.{key}'.removeprefix('.')}]]",
-                *_table(f"{name}.{key}".removeprefix("."), entry),
-            )
+            yield from ("", f"[[{inner}]]", *_table(inner, entry))
 
 
 def _unset(table: BaseModel, key: str) -> str:
