@@ -94,7 +94,7 @@ def _lstsq(uv: Floats, rig: Rig) -> Floats:
 def _normal_equations(uv: Floats, rig: Rig) -> Floats:
     a, b = _system(uv, rig)
     at = np.swapaxes(a, -1, -2)
-    out: Floats = np.linalg.solve(at @ a, at @ b[..., None])[..., 0]
+    out: Floats = np.asarray(np.linalg.solve(at @ a, at @ b[..., None]), dtype=np.float64)[..., 0]
     return out
 
 

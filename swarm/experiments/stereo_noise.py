@@ -135,9 +135,9 @@ def _notes(rows: list[Metre]) -> tuple[str, ...]:
     ratio = (_poses(rows, "closed")[:, 0] / _poses(rows, "both")[:, 0])[[0, -1]]
     gain = np.linalg.norm(ratio[:, :3], axis=1) / np.sqrt(3)
     return (
-        f"The closed form's attitude is {gain[0]:.0f} times as uncertain as that of the fit at 0 m to 1 m, {gain[1]:.0f} "
-        "times at 29 m to 30 m: it trusts triangulated depths as it trusts directions, and the tilt of the marker then "
-        "hangs on depths. The raised light shows the tilt sideways, which the fit to the images uses.",
+        f"The closed form's attitude is {gain[0]:.0f} times as uncertain as that of the fit at 0 m to 1 m, "
+        f"{gain[1]:.0f} times at 29 m to 30 m: it trusts depths as it trusts directions, and the "
+        "marker's tilt then hangs on depths. The raised light shows it sideways, which the fit to the images uses.",
     )
 
 
@@ -168,12 +168,13 @@ def _data(rows: list[Metre]) -> pa.Table:
 
 def _draw(rows: list[Metre]) -> Figure:
     page, axes = figures.page(2, 2, 5.4)
+    places = [axes[r, c] for r in range(2) for c in range(2)]
     middle = np.arange(stereo.RANGE_M) + 0.5
     inks = (figures.BLUE, figures.ORANGE, figures.GREEN)
 
     def line(place: int, values: Floats, ink: str, label: str) -> None:
-        axes.flat[place].semilogy(middle, values[:, 0], "o", ms=2.5, color=ink, label=label)
-        axes.flat[place].semilogy(middle, values[:, 1], "-", lw=0.9, color=ink)
+        places[place].semilogy(middle, values[:, 0], "o", ms=2.5, color=ink, label=label)
+        places[place].semilogy(middle, values[:, 1], "-", lw=0.9, color=ink)
 
     for i, (axis, ink) in enumerate(zip("XYZ", inks, strict=True)):
         line(0, 1e3 * _points(rows, "triangulated")[:, :, i], ink, f"$\\sigma_{axis}$, (7)")
@@ -183,7 +184,7 @@ def _draw(rows: list[Metre]) -> Figure:
         line(2, 1e3 * np.linalg.norm(values[:, :, 3:], axis=2), ink, POSES[name])
         line(3, np.rad2deg(np.linalg.norm(values[:, :, :3], axis=2)), ink, POSES[name])
     labels = ("a light, mm", "a light, mm", "position of the target, mm", "attitude, deg")
-    for place, label in zip(axes.flat, labels, strict=True):
+    for place, label in zip(places, labels, strict=True):
         place.set_ylabel(label)
         place.set_xlim(0, stereo.RANGE_M)
         figures.legend(place)

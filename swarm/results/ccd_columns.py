@@ -53,12 +53,18 @@ class CcdFix(Protocol):
     def nis(self) -> Floats: ...  # noqa: D102
 
 
-def floats(fix: CcdFix, true_position: Floats, true_quaternion: Floats) -> Floats:
-    """The columns of numbers, (C, len(FLOATS)); true_position (C, 3) [m], true_quaternion (C, 4)."""
+def errors(fix: CcdFix, true_position: Floats, true_quaternion: Floats) -> Floats:
+    """Distance [m] and angle [deg] from the truth, (C, 2); NaN without a pose."""
     known = np.all(np.isfinite(fix.position), axis=1)
     distance = np.linalg.norm(fix.position - true_position, axis=1)
     angle = np.full(len(known), np.nan)
     true_rotation = matrix_from_quaternion(true_quaternion[known])
     angle[known] = np.degrees(angle_between(fix.rotation[known], true_rotation))
-    single = (fix.adop_deg_per_rad, fix.pdop_m_per_rad, fix.residual_rad, distance, angle, fix.nis)
+    return np.stack([distance, angle], axis=1)
+
+
+def floats(fix: CcdFix, true_position: Floats, true_quaternion: Floats) -> Floats:
+    """The columns of numbers, (C, len(FLOATS)); true_position (C, 3) [m], true_quaternion (C, 4)."""
+    error = errors(fix, true_position, true_quaternion)
+    single = (fix.adop_deg_per_rad, fix.pdop_m_per_rad, fix.residual_rad, *error.T, fix.nis)
     return np.concatenate([fix.position, quaternion_from_matrix(fix.rotation), np.stack(single, axis=1)], axis=1)

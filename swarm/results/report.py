@@ -150,7 +150,7 @@ def findings(figures: Figures) -> list[tuple[str, str]]:
 
 def warnings(craft: Mapping[str, Figures]) -> list[tuple[str, str]]:
     """What is wrong with single craft that the swarm's figures hide, and what to do about it."""
-    dark = [name for name, f in craft.items() if not f["mean_visible"]]
+    dark = [name for name, f in craft.items() if not (f["mean_visible"] or f.get("ccd"))]
     refused = {name: f["refused_share"] or 0.0 for name, f in craft.items() if f.get("refused_share")}
     refused = {name: share for name, share in refused.items() if share > REFUSED_MUCH}
     vain = [
