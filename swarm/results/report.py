@@ -136,6 +136,9 @@ def findings(figures: Figures) -> list[tuple[str, str]]:
     position, attitude = figures.get("ekf_to_pnp_position_ratio"), figures.get("ekf_to_pnp_attitude_ratio")
     if position is not None and attitude is not None:
         out.append((f"Filter error over raw PnP error: {position:.2f} in position, {attitude:.2f} in attitude", ""))
+    if ccd := figures.get("ccd"):
+        shares = f"stereo {ccd['stereo_share']:.0%}, the main camera alone {ccd['camera_share']:.0%} of the images"
+        out.append((f"Cameras: {shares}; the sensor in use changed {ccd['sensor_switches']} times", ""))
     bias = figures.get("pnp_motion_bias") or {}
     for name, size, unit in (("position", "position_rms_m", "mm"), ("attitude", "attitude_rms_deg", "°")):
         slopes, sigmas = bias.get(f"{name}_slope_s", ()), bias.get(f"{name}_slope_sigma_s", ())

@@ -255,7 +255,10 @@ def _ccd(rows: _Rows, period_s: float) -> dict[str, Any]:
     """What the cameras did for craft that carry them."""
     state = rows.column("ccd")
     sensor, on_board = rows.column("sensor"), np.isfinite(state)
-    switched = np.count_nonzero(np.diff(sensor[on_board]))
+    # Craft by craft, in the order of time.
+    order = np.lexsort((rows.frame[on_board], rows.column("craft")[on_board]))
+    who, used = rows.column("craft")[on_board][order], sensor[on_board][order]
+    switched = np.count_nonzero((np.diff(used) != 0) & (np.diff(who) == 0))
     return {
         "ccd": {
             "samples": int(np.count_nonzero(on_board)),
