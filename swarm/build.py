@@ -244,7 +244,7 @@ def _motion(table: scenario.AnyMotion, settings: Scenario) -> motion.Motion:
     )
     match table:
         case scenario.Hold():
-            return motion.Hold(table.position_m, table.spacing_m, attitude)
+            return motion.Hold(table.position_m, table.spacing_m, attitude, table.box_m)
         case scenario.Ring():
             return motion.Ring(
                 table.centre_m, table.radius_m, radians(table.rate_deg_s), radians(table.tilt_deg), attitude
@@ -255,7 +255,7 @@ def _motion(table: scenario.AnyMotion, settings: Scenario) -> motion.Motion:
             return motion.Approach(table.from_m, table.to_m, table.start_s, table.speed_m_s, attitude)
         case scenario.Tumble():
             rate = cast(Vector, tuple(radians(w) for w in table.angular_rate_deg_s))
-            return motion.Tumble(table.position_m, table.velocity_m_s, rate, table.spacing_m, attitude)
+            return motion.Tumble(table.position_m, table.velocity_m_s, rate, table.spacing_m, attitude, table.box_m)
         case scenario.Drift():
             own, turn = table.acceleration_m_s2, table.angular_acceleration_deg_s2
             believed = settings.navigation
@@ -266,6 +266,7 @@ def _motion(table: scenario.AnyMotion, settings: Scenario) -> motion.Motion:
                 table.velocity_m_s,
                 table.spacing_m,
                 attitude,
+                table.box_m,
             )
         case scenario.Wander():
             return motion.Wander(
@@ -295,7 +296,8 @@ def _blame(settings: Scenario, craft: list[Craft]) -> Iterator[None]:
                 group = settings.craft[single] if single >= 0 else settings.swarm
                 keys.append(f"{table}.model = {toml_value(group.model)}")
             elif c.name in named:
-                place = _START_KEYS.get(c.motion.kind, "spacing_m" if c.count > 1 else "position_m")
+                spread = "spacing_m" if getattr(c.motion, "box_m", None) is None else "box_m"
+                place = _START_KEYS.get(c.motion.kind, spread if c.count > 1 else "position_m")
                 keys.append(f"{table}.motion.{place} = {toml_value(getattr(c.motion, place))}")
         where = ", ".join(dict.fromkeys(keys))
         raise SwarmError(f"scenario {settings.name}: {where}{': ' if where else ''}{text}") from None

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from swarm import study_commands
 from swarm.errors import SwarmError
 from swarm.terminal import experiment_and_report, fly_and_report, mistakes
 
@@ -29,6 +30,8 @@ Begin with:
   swarm check my.toml          is my own scenario right?
   swarm run my.toml --set swarm.count=16 --seed 3
   swarm reproduce              the papers' experiments
+  swarm study scaling          many runs, on all cores
+  swarm report runs/scaling    one HTML page of them
 
 A run leaves a folder: recording.rrd for the viewer,
 telemetry.parquet with a row per craft and period,
@@ -103,16 +106,18 @@ def _swarm(
 
 @app.command("list")
 def list_() -> None:
-    """Show the scenarios and craft models there are."""
+    """Show the scenarios, studies and craft models there are."""
     with mistakes():
         import tomllib
         from shutil import get_terminal_size
 
-        from swarm.assets import models, scenarios
+        from swarm.assets import models, scenarios, studies
 
-        about = {name: tomllib.loads(path.read_text(encoding="utf-8")) for name, path in scenarios().items()}
-        lines = ["Scenarios: swarm run NAME"]
-        lines += [f"  {name:<12} {table.get('description', '')}" for name, table in about.items()]
+        lines: list[str] = []
+        for head, files in (("Scenarios: swarm run NAME", scenarios()), ("Studies: swarm study NAME", studies())):
+            about = {name: tomllib.loads(path.read_text(encoding="utf-8")) for name, path in files.items()}
+            lines += [*([""] if lines else []), head]
+            lines += [f"  {name:<12} {table.get('description', '')}" for name, table in about.items()]
         lines += ["", 'Craft: model = "NAME" in a scenario']
         lines += [f"  {name:<12} {_first_sentence(path.with_name('README.md'))}" for name, path in models().items()]
         width = get_terminal_size().columns if sys.stdout.isatty() else 1000
@@ -293,6 +298,10 @@ def reproduce(
         asked = {"poses": poses, "frames": frames, "runs": runs, "seconds": seconds, "draws": draws}
         sizes_asked = {size: value for size, value in asked.items() if value is not None}
         experiment_and_report(experiment, out=out, force=force, seed=seed, sizes=sizes_asked)
+
+
+app.command()(study_commands.study)
+app.command()(study_commands.report)
 
 
 def _first_sentence(readme: Path) -> str:

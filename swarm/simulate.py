@@ -9,6 +9,7 @@ craft's own, but never navigates by it.
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +34,16 @@ from swarm.world.craft import visuals
 from swarm.world.world import PeriodTruth
 
 
+class Observer(Protocol):
+    """Watches a flight from outside, for instance to time its computers; it changes nothing."""
+
+    def begin(self, flight: "Flight") -> None:
+        """See the flight before its first period."""
+
+    def period(self, frame: int, truth: Truth, estimate: Estimate) -> None:
+        """See one period at its epoch."""
+
+
 def simulate(
     scenario: Scenario,
     *,
@@ -41,20 +52,27 @@ def simulate(
     live: bool = False,
     record: bool = True,
     progress: Callable[[Progress], None] | None = None,
+    observer: Observer | None = None,
 ) -> Run:
     """Fly `scenario` and write the run to `out` (default `runs/<scenario>-<seed>`); the run, opened.
 
     force: replace a run that is there. live: open the viewer. record: write recording.rrd. progress: told now and then.
+    observer: sees the flight and every period.
     Raises SwarmError: a scenario that cannot fly, a folder that cannot be written; KeyboardInterrupt closes the run,
     marks it as interrupted, and is raised again.
     """
     flight = Flight(scenario)
+    if observer is not None:
+        observer.begin(flight)
     duration_s, record = scenario.duration_s, record and scenario.recording.enabled
     with writing_run(
         scenario, out, flight.scene, force=force, duration_s=duration_s, record=record, live=live
     ) as writer:
         for frame in range(max(1, round(duration_s / flight.period_s))):
-            writer.append(frame, *flight.period(frame))
+            time_s, truth, sight, estimate = flight.period(frame)
+            writer.append(frame, time_s, truth, sight, estimate)
+            if observer is not None:
+                observer.period(frame, truth, estimate)
             if progress is not None:
                 progress(writer.progress)
     return writer.run

@@ -33,10 +33,10 @@ def fly_and_report(title: str, folder: Path, fly: Callable[[Callable[["Progress"
     from swarm.results.run_folder import open_run
 
     try:
-        with _stoppable(), ProgressDisplay(Console(stderr=True), title) as progress:
+        with stoppable(), ProgressDisplay(Console(stderr=True), title) as progress:
             run = fly(progress)
     except KeyboardInterrupt as stop:
-        number = stop.number if isinstance(stop, Stopped) else signal.SIGINT
+        number = stopped_by(stop)
         try:
             run = open_run(folder)
         except SwarmError:
@@ -76,8 +76,13 @@ def experiment_and_report(
     print_comparison(Console(), done)
 
 
+def stopped_by(stop: KeyboardInterrupt) -> int:
+    """The signal that stopped it."""
+    return stop.number if isinstance(stop, Stopped) else signal.SIGINT
+
+
 @contextmanager
-def _stoppable() -> Iterator[None]:
+def stoppable() -> Iterator[None]:
     """Let a polite kill, or a terminal that closes, end a run as Ctrl-C does: closed, and readable."""
 
     def stop(number: int, frame: FrameType | None) -> None:

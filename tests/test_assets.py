@@ -68,7 +68,7 @@ def test_folder_whose_only_model_has_another_name(tmp_path):
     ("name", "message"),
     [
         ("mokcup", "no model 'mokcup'; did you mean 'mockup'"),
-        ("qqqq", "known: cubesat6u, mockup"),
+        ("qqqq", "known: cubesat6u, lighthouse, mockup"),
         ("craft/mokcup.xml", "mokcup.xml does not exist"),
     ],
 )
@@ -88,3 +88,10 @@ def test_scenario_by_path(tmp_path):
     own = tmp_path / "own.toml"
     own.write_text("")
     assert assets.find_scenario(str(own)) == own
+
+
+def test_studies_are_shipped_and_found():
+    assert assets.find_study("scaling") == assets.studies()["scaling"]
+    assert "scaling" not in assets.scenarios()
+    with pytest.raises(SwarmError, match="no study 'scalin'; did you mean 'scaling'"):
+        assets.find_study("scalin")

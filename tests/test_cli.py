@@ -16,13 +16,27 @@ import pytest
 
 import swarm
 from swarm import cli
-from swarm.assets import models, scenarios
+from swarm.assets import models, scenarios, studies
 from swarm.experiments import EXPERIMENTS
 from swarm.results.progress import Progress
 from swarm.results.run_folder import Run, RunFolder, open_run
 from swarm.scenario import Scenario, load, to_toml
 
-HEAVY = {"mujoco", "numba", "numpy", "scipy", "rerun", "pyarrow", "pydantic", "matplotlib", "filterpy", "rich"}
+HEAVY = {
+    "mujoco",
+    "numba",
+    "numpy",
+    "scipy",
+    "rerun",
+    "pyarrow",
+    "pydantic",
+    "matplotlib",
+    "filterpy",
+    "rich",
+    "dask",
+    "distributed",
+    "jinja2",
+}
 ROOT = Path(__file__).parent.parent
 
 
@@ -75,11 +89,11 @@ def test_help_is_the_tutorial(command: Command) -> None:
     assert result.code == 0
     for line in ("swarm list", "swarm run formation", "swarm view runs/formation-7", "swarm check my.toml", "--set"):
         assert line in result.out
-    for name in ("list", "run", "view", "check", "replay", "reproduce"):
+    for name in ("list", "run", "view", "check", "replay", "reproduce", "study", "report"):
         assert re.search(rf"^  {name} +\w", result.out, re.MULTILINE)
 
 
-@pytest.mark.parametrize("name", ["", "list", "run", "view", "check", "replay", "reproduce"])
+@pytest.mark.parametrize("name", ["", "list", "run", "view", "check", "replay", "reproduce", "study", "report"])
 @pytest.mark.parametrize("columns", ["60", "80"])
 def test_help_fits_and_shows_no_default_of_python(command: Command, name: str, columns: str) -> None:
     result = process(*name.split(), "--help", COLUMNS=columns)
@@ -91,12 +105,13 @@ def test_help_fits_and_shows_no_default_of_python(command: Command, name: str, c
 
 def test_commands_that_help_shows_are_understood(command: Command) -> None:
     """Every example line of the help parses: its options exist."""
-    pages = [command(*page, "--help").out for page in ([], ["run"], ["view"], ["check"], ["replay"], ["reproduce"])]
+    commands = ([], ["run"], ["view"], ["check"], ["replay"], ["reproduce"], ["study"], ["report"])
+    pages = [command(*page, "--help").out for page in commands]
     text = "\n".join(pages).replace("\\\n", " ")
     examples = [
         line.strip()
         for line in text.splitlines()
-        if re.match(r"  +swarm (list|run|view|check|replay|reproduce) ", line)
+        if re.match(r"  +swarm (list|run|view|check|replay|reproduce|study|report) ", line)
     ]
     assert len(examples) >= 10
     for example in examples:
@@ -118,10 +133,10 @@ def test_options_mean_the_same_in_every_command_that_writes_a_run(command: Comma
 
 def test_list_shows_every_scenario_and_model_on_one_line(command: Command) -> None:
     lines = command("list").out.splitlines()
-    for name in [*scenarios(), *models()]:
+    for name in [*scenarios(), *studies(), *models()]:
         line = next(line for line in lines if line.startswith(f"  {name} "))
         assert len(line.split()) > 3
-    assert len(lines) == len(scenarios()) + len(models()) + 3
+    assert len(lines) == len(scenarios()) + len(studies()) + len(models()) + 5
 
 
 def test_version(command: Command) -> None:

@@ -41,7 +41,8 @@ def status(path):
 
 
 def test_a_run_is_found_where_it_should_be_and_opens(tmp_path):
-    folder = RunFolder.create("formation", 7)
+    with RunFolder.create("formation", 7) as folder:
+        folder.finish({})
     assert folder.path == Path("runs/formation-7")
     fly(folder.path, force=True)
     for given in ("runs/formation-7", "formation-7", tmp_path / "runs" / "formation-7"):
