@@ -61,7 +61,7 @@ def experiment_and_report(
 
     find(name)
     try:
-        with _stoppable(), Bar(console=Console(stderr=True), transient=True) as bar:
+        with stoppable(), Bar(console=Console(stderr=True), transient=True) as bar:
             task = bar.add_task(name, total=1.0)
 
             def tell(share: float, what: str) -> None:
@@ -70,7 +70,7 @@ def experiment_and_report(
             done = reproduce(name, out=out, force=force, seed=seed, sizes=sizes, progress=tell)
             tell(1.0, "done")
     except KeyboardInterrupt as stop:
-        number = stop.number if isinstance(stop, Stopped) else signal.SIGINT
+        number = stopped_by(stop)
         _error(f"stopped by {signal.Signals(number).name} before anything was written")
         raise typer.Exit(128 + number) from None
     print_comparison(Console(), done)
