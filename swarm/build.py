@@ -4,35 +4,32 @@ Everything that a scenario alone cannot show is wrong, a craft inside another on
 found here, before anything is written.
 """
 
-import math
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from math import pi, radians, sqrt
 from typing import cast
-from zlib import crc32
 
 import numpy as np
 
 from estimators.arrays import Bools
+from estimators.calibration_problem import Noise
 from estimators.rotation import quaternion_from_matrix
-from estimators.stereo import FEWEST_COMMON
 from estimators.sweep import FanErrors
 from swarm import scenario
 from swarm.assets import find_model
-from swarm.errors import SwarmError
+from swarm.build_cameras import cameras, craft_keys
+from swarm.errors import SwarmError, did_you_mean
 from swarm.layout import Photodiodes
 from swarm.motion import fleet as motion
 from swarm.motion.disturbance import Pushes
 from swarm.motion.fleet import Fleet, Task, Vector
-from swarm.onboard.ccd import CcdCalibration
 from swarm.onboard.decoder import PulseDecoder
 from swarm.onboard.navigation import NavigationSettings
 from swarm.recordings.station_calibration import read_calibration
-from swarm.scenario import Ccd, Craft, Scenario
+from swarm.scenario import Craft, Scenario
 from swarm.scenario.text import toml_value
-from swarm.sensors.ccd import CcdSettings, Outage
 from swarm.sensors.lighthouse import LighthouseSettings
 from swarm.world.world import CraftStart, World
 
@@ -45,8 +42,11 @@ _START_KEYS = {"ring": "radius_m", "waypoints": "points_m", "approach": "from_m"
 
 
 def check(settings: Scenario) -> None:
-    """Build everything once. Raises SwarmError as `fleet`, `world`, `navigation` and `cameras` do."""
-    cameras(settings, world(settings, fleet(settings)))
+    """Build everything once. Raises SwarmError as `fleet`, `world`, `believed_layout`, `navigation`, `cameras` do."""
+    motions = fleet(settings)
+    made = world(settings, motions)
+    believed_layout(settings, made.photodiodes)
+    cameras(settings, made, motions.at(0.0))
     navigation(settings)
 
 
@@ -110,6 +110,7 @@ def lighthouse(settings: Scenario) -> LighthouseSettings:
         incidence_max_rad=radians(table.incidence_max_deg),
         photodiode_diameter_m=table.photodiode_diameter_mm * 1e-3,
         mounting_error_m=table.mounting_error_mm * 1e-3,
+        mounting_seed=table.mounting_seed,
         missed_sync_probability=table.missed_sync_probability,
         lost_pulse_probability=table.lost_pulse_probability,
         stray_pulse_rate_hz=table.stray_pulse_rate_hz,
@@ -123,6 +124,17 @@ def decoder(settings: Scenario, present: Bools) -> PulseDecoder:
     station = lighthouse(settings)
     half = min(station.field_rad / 2 + FAN_ERROR_MAX_RAD, WIDEST_HALF_FIELD_RAD)
     return PulseDecoder(present, station.tick_s, rate_hz=station.rate_hz, field_half_angle_rad=half)
+
+
+def angle_noise(settings: Scenario) -> Noise:
+    """The random error of one sweep angle, its own and the sweep's, as the lighthouse and the circuits make it (19)."""
+    station = lighthouse(settings)
+    w = 2 * pi * station.rate_hz
+    rho, variance = station.rotor_correlation, station.angle_noise_rad**2
+    # Sweep and flash are each rounded to a tick; a craft's photodiodes share their flash, its rounding and its jitter.
+    rounding = (w * station.tick_s) ** 2 / 12
+    shared = rho * variance + rounding + (w * station.sync_jitter_s) ** 2
+    return Noise(sqrt((1 - rho) * variance + rounding), sqrt(shared))
 
 
 def navigation(settings: Scenario) -> NavigationSettings:
@@ -147,16 +159,39 @@ def navigation(settings: Scenario) -> NavigationSettings:
     if table.calibration is None:
         return made
     calibration = read_calibration(table.calibration)
-    if calibration.point_m is not None:
-        raise SwarmError(
-            f"{table.calibration}: [photodiodes] belongs to one object of a replay, not to simulated craft"
-        )
     return replace(made, fan_x=calibration.fan_x, fan_y=calibration.fan_y)
 
 
-def craft_keys(settings: Scenario) -> list[int]:
-    """A number per craft that follows from its name: it keeps its random draws when other craft come or go."""
-    return [crc32(name.encode()) for name in settings.craft_names]
+def believed_layout(settings: Scenario, drawn: Photodiodes) -> Photodiodes:
+    """Where every craft believes its photodiodes to be: as drawn, or as its calibration has found them.
+
+    A calibration's [photodiodes.NAME] is for the craft or the model of that name, the craft's going first. Raises
+    SwarmError where it fits no craft, or has another number of photodiodes.
+    """
+    file = settings.navigation.calibration
+    if file is None:
+        return drawn
+    calibration = read_calibration(file)
+    if calibration.point_m is not None:
+        raise SwarmError(
+            f"{file}: [photodiodes] without a name belongs to one object of a replay; for simulated craft it is "
+            "[photodiodes.NAME], with the name of a craft or a model"
+        )
+    craft = scenario.craft(settings)
+    point_m = drawn.point_m.copy()
+    placed = {i: name for i, c in enumerate(craft) for name in (c.model.stem, c.name) if name in calibration.by_name}
+    if calibration.by_name and not placed:
+        known = {name for c in craft for name in (c.model.stem, c.name)}
+        name = next(iter(calibration.by_name))
+        raise SwarmError(f"{file}: [photodiodes.{name}]: no craft or model has this name{did_you_mean(name, known)}")
+    for i, name in placed.items():
+        found, count = calibration.by_name[name], int(drawn.present[i].sum())
+        if len(found) != count:
+            raise SwarmError(
+                f"{file}: [photodiodes.{name}] places {len(found)} photodiodes, but craft {craft[i].name!r} has {count}"
+            )
+        point_m[i, drawn.present[i]] = found
+    return drawn._replace(point_m=point_m)
 
 
 def photodiodes(settings: Scenario, world: World) -> Photodiodes:
@@ -170,67 +205,6 @@ def pushes(settings: Scenario) -> Pushes:
     tables = [c.disturbance for c in scenario.craft(settings)]
     sigma = np.array([(t.acceleration_m_s2, radians(t.angular_acceleration_deg_s2)) for t in tables], dtype=np.float64)
     return Pushes(sigma, craft_keys(settings), settings.seed)
-
-
-def cameras(settings: Scenario, world: World) -> list[tuple[CcdSettings, CcdCalibration]]:
-    """Every pair of cameras, as it is and as its craft knows it.
-
-    Raises SwarmError, naming scenario, key and value, where a model lacks the cameras or the lights.
-    """
-    craft, names = scenario.craft(settings), list(settings.craft_names)
-    station = fleet(settings).at(0.0)
-    found = []
-    for i, (c, key) in enumerate(zip(craft, craft_keys(settings), strict=True)):
-        if c.ccd is None:
-            continue
-        target = names.index(c.ccd.target)
-        where = f"scenario {settings.name}: craft[{i - settings.swarm.count}].ccd"
-        if len(world.cameras[i].position_m) == 0:
-            raise SwarmError(f"{where}: {c.model} has no cameras (two whose name starts with 'ccd')")
-        if len(world.lights[target].point_m) < FEWEST_COMMON:
-            raise SwarmError(
-                f"{where}.target = {c.ccd.target!r}: {craft[target].model} has {len(world.lights[target].point_m)} "
-                f"lights (sites whose name starts with 'light'), at least {FEWEST_COMMON} are needed"
-            )
-        true = _ccd(c.ccd, i, key, target, world)
-        rounding_um = c.ccd.resolution_um / sqrt(12)
-        believed_um = c.ccd.believed_noise_um or math.hypot(c.ccd.image_noise_um, rounding_um)
-        known = CcdCalibration(
-            i,
-            true.cameras,
-            true.lights.point_m,
-            station.rotation[target],
-            station.position[target],
-            true.focal_length_m,
-            believed_um * 1e-6,
-            c.ccd.solution == "closed-form",
-        )
-        found.append((true, known))
-    return found
-
-
-def _ccd(table: Ccd, craft: int, key: int, target: int, world: World) -> CcdSettings:
-    """The sensor's settings in SI units."""
-    random = None if table.failure_every_s is None else (table.failure_every_s, table.failure_length_s)
-    return CcdSettings(
-        craft,
-        key,
-        target,
-        world.cameras[craft],
-        world.lights[target],
-        focal_length_m=table.focal_length_mm * 1e-3,
-        field_rad=radians(table.field_deg),
-        range_min_m=table.range_min_m,
-        range_max_m=table.range_max_m,
-        cone_rad=radians(table.light_cone_deg),
-        image_noise_m=table.image_noise_um * 1e-6,
-        resolution_m=table.resolution_um * 1e-6,
-        mounting_error_m=table.mounting_error_mm * 1e-3,
-        mounting_error_rad=table.mounting_error_arcsec * ARCSEC,
-        lost_image_probability=table.lost_image_probability,
-        outages=tuple(Outage(int(o.camera == "backup"), o.from_s, o.to_s, o.from_m, o.to_m) for o in table.outages),
-        random_outage=random,
-    )
 
 
 def _fan(table: scenario.Fan) -> FanErrors:

@@ -16,11 +16,13 @@ from numpy.typing import NDArray
 
 from estimators.arrays import Bools, Floats
 from estimators.rotation import matrix_from_quaternion
-from swarm import build
+from swarm import build, build_cameras
 from swarm.assets import find_model
 from swarm.onboard import control
 from swarm.onboard.control import Command, State
+from swarm.onboard.decoder import SweepAngles
 from swarm.onboard.navigation import Estimate, Navigator
+from swarm.results.angles import believed
 from swarm.results.progress import Progress
 from swarm.results.recorder import CcdScene, Scene
 from swarm.results.run_folder import Run
@@ -65,12 +67,13 @@ def simulate(
     if observer is not None:
         observer.begin(flight)
     duration_s, record = scenario.duration_s, record and scenario.recording.enabled
+    angles = flight.believed if scenario.recording.angles else None
     with writing_run(
-        scenario, out, flight.scene, force=force, duration_s=duration_s, record=record, live=live
+        scenario, out, flight.scene, force=force, duration_s=duration_s, record=record, live=live, angles=angles
     ) as writer:
         for frame in range(max(1, round(duration_s / flight.period_s))):
             time_s, truth, sight, estimate = flight.period(frame)
-            writer.append(frame, time_s, truth, sight, estimate)
+            writer.append(frame, time_s, truth, sight, estimate, angles=flight.angles)
             if observer is not None:
                 observer.period(frame, truth, estimate)
             if progress is not None:
@@ -90,13 +93,19 @@ class Flight:
         self.visibility = Visibility(
             self.world.model, layout, self.world.craft_bodies, self.world.lighthouse_body, settings
         )
-        self.lighthouse = Lighthouse(layout, settings, scenario.seed, build.craft_keys(scenario))
-        cameras = build.cameras(scenario, self.world)
+        self.lighthouse = Lighthouse(layout, settings, scenario.seed, build_cameras.craft_keys(scenario))
+        cameras = build_cameras.cameras(scenario, self.world, self.motions.at(0.0))
         pairs = [true for true, _ in cameras]
         self.ccd = Ccd(pairs, self.visibility, scenario.seed, scenario.duration_s) if cameras else None
         self.pushes = build.pushes(scenario)
         self.decoder = build.decoder(scenario, layout.present)
-        self.navigator = Navigator(layout, build.navigation(scenario), [known for _, known in cameras])
+        navigation, own_layout = build.navigation(scenario), build.believed_layout(scenario, self.world.photodiodes)
+        own_layout = own_layout._replace(present=layout.present)
+        self.navigator = Navigator(own_layout, navigation, [known for _, known in cameras])
+        fans, noise = (navigation.fan_x, navigation.fan_y), build.angle_noise(scenario)
+        self.believed = believed(self.world.names, own_layout, fans, noise)
+        self.angles: SweepAngles | None = None
+        """What every craft's decoder made of the last period."""
         self.steers_by_estimate = np.array([craft.feedback == "estimate" for craft in craft(scenario)])
         self.period_s = 1 / settings.rate_hz
         self.scene = Scene(
@@ -130,8 +139,9 @@ class Flight:
         """
         truth, sight = self.move(frame)
         pulses = self.lighthouse.sweep(truth, frame, sight == Sight.LIT)
+        self.angles = self.decoder.decode(pulses)
         images = self.ccd.expose(truth, frame) if self.ccd is not None else None
-        estimate = self.navigator.step(self.decoder.decode(pulses), images, self._command)
+        estimate = self.navigator.step(self.angles, images, self._command)
 
         # The estimate is of the epoch; the next wrench begins half a period later.
         self._estimated = State(estimate.rotation, estimate.angular_rate, estimate.position, estimate.velocity).ahead(

@@ -79,7 +79,7 @@ EXPERIMENTS: dict[str, Experiment] = {
     "stereo-noise": Experiment(
         STEREO,
         "figure 5",
-        "image noise of 1 um (3 sigma): measured against propagated (poses: per metre)",
+        "1 um (3 sigma): measured against propagated error (poses: per metre)",
         "swarm.experiments.stereo_noise",
         {"poses": 512, "draws": 20},
     ),
@@ -93,7 +93,7 @@ EXPERIMENTS: dict[str, Experiment] = {
     "stereo-fallback": Experiment(
         STEREO,
         "section 2",
-        "the backup camera fails and comes back: jumps and consistency of the filter",
+        "the backup camera fails and comes back: jumps, and the filter's NEES",
         "swarm.experiments.stereo_fallback",
         {"runs": 8},
     ),

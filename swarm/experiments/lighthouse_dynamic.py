@@ -7,16 +7,15 @@ computers, a rung each, that see the very same motion and draw the very same noi
     + motion          it moves as it moves; the solver takes a period for an instant, as the paper's does
     + fan errors      of a real Lighthouse 1.0
     + mounting        photodiodes 0.5 mm off: all of the paper's errors, nothing done about them
-    compensation      the last, with motion compensation;  calibration: the last, calibrated;  both
+    compensation      the last, with motion compensation;  calibration: the last, calibrated from a survey;  both
 
 Errors (25): e_rot = angle of R_l R_m^T, e_trans = |t_l - t_m|, of PnP, as the paper has no filter. Beforehand the frame
 of the truth ("motion capture") is aligned with each rung's own lighthouse, from poses at rest all over the volume
 (`swarm.experiments.alignment`).
 """
 
-from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import NamedTuple
 from zlib import crc32
 
 import numpy as np
@@ -25,25 +24,15 @@ from matplotlib.figure import Figure
 
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats
-from estimators.sweep import FanPair, correct
-from swarm import build
 from swarm.experiments import figures
-from swarm.experiments.alignment import Alignment, align
-from swarm.experiments.bench import PERFECT, Bench, Box, Motion
+from swarm.experiments.alignment import Alignment
 from swarm.experiments.results import Grid, Line, Outcome, Request, column, table_of
-from swarm.layout import Photodiodes
-from swarm.onboard.navigation import NavigationSettings, Navigator
-from swarm.scenario import Scenario, Wander, load
-from swarm.sensors.lighthouse import Lighthouse, LighthouseSettings
+from swarm.experiments.rungs import BOTH, FULL, LADDER, NOISE, Computer, Track, alignment, calibrated
+from swarm.scenario import load
 from swarm.sensors.visibility import Sight
 from swarm.simulate import Flight
-from swarm.world.world import PeriodTruth
 
 SCENARIO = Path(__file__).with_name("handheld.toml")
-UNCALIBRATED_NOISE = 4.0
-"""An uncalibrated craft believes its angles so many times less: else its filter would refuse its own poses."""
-ALIGNMENT_POSES, ALIGNMENT_FRAMES = 40, 30
-"""The alignment: so many poses at rest, and periods at each."""
 PAPER = {
     "rotation_rms_deg": (0.18, 1.07),
     "rotation_max_deg": (0.82, 5.76),
@@ -55,43 +44,6 @@ TARGET = {"rotation_rms_deg": (0.2, 1.1), "translation_rms_mm": (3.0, 20.0)}
 REDUCTION, NEAR_STATIC = (5.0, None), (None, 1.2)
 
 
-class Rung(NamedTuple):
-    """Which causes are at work, and what is done about them."""
-
-    name: str
-    moving: bool = True
-    fans: bool = True
-    mounting: bool = True
-    compensated: bool = False
-    calibrated: bool = False
-
-
-NOISE, FULL, BOTH = "noise only", "+ mounting", "both"
-LADDER = (
-    Rung(NOISE, moving=False, fans=False, mounting=False),
-    Rung("+ motion", fans=False, mounting=False),
-    Rung("+ fan errors", mounting=False),
-    Rung(FULL),
-    Rung("compensation", compensated=True),
-    Rung("calibration", calibrated=True),
-    Rung(BOTH, compensated=True, calibrated=True),
-)
-
-
-class Knowledge(NamedTuple):
-    """What a calibrated craft knows of the station's fans, and of its photodiodes (1, K, 3) [m]."""
-
-    fans: FanPair
-    photodiodes: Photodiodes
-
-
-class Track(NamedTuple):
-    """Poses over N periods: rotation (N, 3, 3), position (N, 3) [m]; NaN where there is none."""
-
-    rotation: Floats
-    position: Floats
-
-
 class Errors(NamedTuple):
     """Of each run (N,): RMS and largest of (25); NaN for a run without a pose."""
 
@@ -101,42 +53,13 @@ class Errors(NamedTuple):
     translation_max_mm: Floats
 
 
-class Computer:
-    """One rung: its own lighthouse and its own on-board computer, beside the flight's."""
-
-    def __init__(self, rung: Rung, scenario: Scenario, layout: Photodiodes, key: int, known: Knowledge) -> None:
-        """layout: as drawn. key: the craft's. known: what it knows if it is calibrated."""
-        self._moving = rung.moving
-        self._lighthouse = Lighthouse(layout, station(scenario, rung), scenario.seed, [key])
-        self._decoder = build.decoder(scenario, layout.present)
-        self._navigator = Navigator(known.photodiodes if rung.calibrated else layout, settings(scenario, rung, known))
-        self._pnp: list[tuple[Floats, Floats]] = []
-        self._filter: list[tuple[Floats, Floats]] = []
-
-    def step(self, truth: PeriodTruth, frame: int, lit: Bools) -> None:
-        """Measure and navigate through one period."""
-        pulses = self._lighthouse.sweep(truth if self._moving else halted(truth), frame, lit)
-        estimate = self._navigator.step(self._decoder.decode(pulses))
-        self._pnp.append((estimate.pnp.rotation[0], estimate.pnp.position[0]))
-        self._filter.append((estimate.rotation[0], estimate.position[0]))
-
-    @property
-    def pnp(self) -> Track:
-        """What PnP found."""
-        return _track(self._pnp)
-
-    @property
-    def filtered(self) -> Track:
-        """What the filter made of it."""
-        return _track(self._filter)
-
-
 def run(request: Request) -> Outcome:
     """Fly, measure on every rung, compare."""
     runs, seconds = request.sizes["runs"], request.sizes["seconds"]
     scenario = load(SCENARIO, [f"duration_s={float(runs * seconds)}"], request.seed)
     flight = Flight(scenario)
-    known = true_errors(flight, scenario)
+    request.progress(0.0, "the survey, and the calibration from it")
+    known = calibrated(scenario, flight.world.photodiodes)
     key = crc32(flight.world.names[0].encode())
     computers = [Computer(rung, scenario, flight.world.photodiodes, key, known) for rung in LADDER]
     request.progress(0.0, "aligning the frames")
@@ -166,8 +89,8 @@ def run(request: Request) -> Outcome:
     notes = (
         f"{runs} runs of {seconds} s at {_span(motion[:, 0], 2)} m/s and {_span(motion[:, 1], 0)} deg/s RMS, "
         f"{100 * min(float(share.min()) for share in solved):.1f} % of the periods solved or more.",
-        "Poses are PnP's, as the paper's: it has no filter. Calibrated: the craft knows the true fan errors and "
-        "photodiode positions.",
+        "Poses are PnP's, as the paper's: it has no filter. Calibrated: by `swarm calibrate` "
+        "from a survey of 60 s with known poses.",
     )
     return Outcome(
         compare(pnp),
@@ -176,69 +99,6 @@ def run(request: Request) -> Outcome:
         notes,
         (ladder(pnp, filtered[-1]),),
     )
-
-
-def true_errors(flight: Flight, scenario: Scenario) -> Knowledge:
-    """What a perfect calibration would know."""
-    truth = build.lighthouse(scenario)
-    return Knowledge((truth.fan_x, truth.fan_y), flight.lighthouse.photodiodes)
-
-
-def station(scenario: Scenario, rung: Rung) -> LighthouseSettings:
-    """The station and the mounting, with the rung's errors only."""
-    out = build.lighthouse(scenario)
-    if not rung.fans:
-        out = replace(out, fan_x=PERFECT[0], fan_y=PERFECT[1])
-    return out if rung.mounting else replace(out, mounting_error_m=0.0)
-
-
-def settings(scenario: Scenario, rung: Rung, known: Knowledge) -> NavigationSettings:
-    """The on-board computer's settings on a rung."""
-    out = replace(build.navigation(scenario), motion_compensation=rung.compensated)
-    if rung.calibrated:
-        out = replace(out, fan_x=known.fans[0], fan_y=known.fans[1])
-    trusted = (rung.calibrated and rung.compensated) or not rung.moving
-    return out if trusted else replace(out, angle_noise_rad=UNCALIBRATED_NOISE * out.angle_noise_rad)
-
-
-def halted(truth: PeriodTruth) -> PeriodTruth:
-    """The same period, with everything at rest where it is at the epoch."""
-    epoch = len(truth.time_s) // 2
-    position, quaternion = (np.repeat(part[epoch][None], len(part), axis=0) for part in truth[1:3])
-    still = np.zeros_like(truth.velocity)
-    return PeriodTruth(truth.time_s, position, quaternion, still, still, truth.contact)
-
-
-def alignment(rung: Rung, scenario: Scenario, mounted: Photodiodes, known: Knowledge) -> Alignment:
-    """Of a rung, from its own PnP at poses at rest: the paper's prior calibration."""
-    bench, rng = (
-        Bench(scenario.swarm.model),
-        np.random.default_rng(np.random.SeedSequence(scenario.seed, spawn_key=(0,))),
-    )
-    motion = cast(Wander, scenario.swarm.motion)
-    box = Box(motion.centre_m, motion.size_m, np.radians(motion.turn_deg))
-    noise, correlation = bench.settings.angle_noise_rad, bench.settings.rotor_correlation
-    errors_of = station(scenario, rung)
-    fans = (errors_of.fan_x, errors_of.fan_y)
-    believed = known.photodiodes.point_m[0] if rung.calibrated else bench.point_m
-    measured: list[Floats] = []
-    true: list[Floats] = []
-    while len(true) < ALIGNMENT_POSES:
-        pose, lit = bench.random_pose(rng, box)
-        points = np.repeat(mounted.point_m if rung.mounting else bench.layout.point_m, ALIGNMENT_FRAMES, axis=0)
-        random = bench.noise(ALIGNMENT_FRAMES, rng, noise, correlation)
-        lit = np.repeat(lit, ALIGNMENT_FRAMES, axis=0)
-        angles = bench.angles(pose.repeat(ALIGNMENT_FRAMES), lit, random, rng, fans=fans, point_m=points)
-        if rung.calibrated:
-            angles = angles._replace(theta=correct(angles.theta, known.fans))
-        first = bench.first_pose(angles, noise, believed)
-        if first is None:
-            continue
-        start = Motion.rest(first[0][None], first[1][None]).repeat(ALIGNMENT_FRAMES)
-        solution = bench.solve(angles, start, point_m=believed)
-        measured.append(solution.position[solution.solved].mean(axis=0))
-        true.append(pose.position[0])
-    return align(np.array(measured), np.array(true))
 
 
 def errors(measured: Track, true: Track, length: int, frame: Alignment) -> Errors:
@@ -319,10 +179,6 @@ def draw(pnp: list[Errors], filtered: Errors) -> Figure:
         place.set_xticks(number, [rung.name for rung in LADDER], rotation=40, ha="right")
     figures.legend(axes[0, 0], place="lower center")
     return page
-
-
-def _track(poses: list[tuple[Floats, Floats]]) -> Track:
-    return Track(np.array([pose[0] for pose in poses]), np.array([pose[1] for pose in poses]))
 
 
 def _rms(values: Floats, length: int) -> Floats:

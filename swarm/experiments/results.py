@@ -114,7 +114,10 @@ class ResultFolder:
             raise SwarmError(f"cannot write {path}: a file is in its place; choose another --out")
         ours = _is_ours(path / COMPARISON)
         if ours and not force:
-            raise SwarmError(f"{path} holds an experiment already; --force replaces it, --out writes elsewhere")
+            raise SwarmError(
+                f"{path} holds an experiment already; --force (force=True) replaces it, --out (out=...) writes "
+                "elsewhere"
+            )
         for name in () if ours else (DATA, COMPARISON, PNG, SVG):
             if (path / name).exists():
                 raise SwarmError(

@@ -187,6 +187,7 @@ def written(folder: Path) -> list[tuple[str, str]]:
     """The files of a run that exist, and what each is."""
     files = (
         ("telemetry.parquet", "a row per craft and period"),
+        ("angles.parquet", "every sweep angle, for swarm calibrate"),
         ("summary.json", "these figures, and more"),
         ("scenario.toml", "all that was set; run it again"),
         (RECORDING, "for the viewer"),
