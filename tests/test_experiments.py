@@ -320,3 +320,44 @@ def test_files_of_others_are_not_touched(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(SwarmError, match="a file is in its place"):
         ResultFolder(tmp_path / "file")
+
+
+@pytest.mark.parametrize(
+    ("name", "sizes"),
+    [
+        ("stereo-accuracy", {"poses": 8}),
+        ("stereo-mounting", {"poses": 16}),
+        ("stereo-baseline", {"draws": 4000}),
+    ],
+)
+def test_source_2_in_small_meets_its_targets(name, sizes, tmp_path):
+    found = quick(name, tmp_path / name, **sizes)
+    judged = [row for row in found["comparison"] if row["target"] is not None]
+    assert len(judged) >= 3
+    missed = [row for row in judged if not row["met"]]
+    assert not missed
+
+
+def test_noise_in_small_is_what_is_propagated(tmp_path):
+    """1200 samples per metre: 2 % (1 sigma) for each of 360 numbers; 10 % is 5 sigma. The full one is held to 5 %."""
+    quick("stereo-noise", tmp_path / "n", poses=40, draws=30)
+    table = pq.read_table(tmp_path / "n" / "data.parquet").to_pydict()
+    measured = [name for name in table if "_measured_" in name and "dop" not in name]
+    assert len(measured) == 24
+    for name in measured:
+        ratio = np.array(table[name]) / np.array(table[name.replace("measured", "propagated")])
+        assert np.abs(ratio - 1).max() < 0.1, name
+
+
+def test_too_few_samples_for_a_standard_deviation_are_refused(tmp_path):
+    for name, sizes in (("stereo-noise", {"poses": 4, "draws": 20}), ("stereo-baseline", {"draws": 100})):
+        with pytest.raises(SwarmError, match="a standard deviation needs"):
+            quick(name, tmp_path / name, **sizes)
+
+
+def test_the_noise_experiment_in_numbers_of_its_own(tmp_path):
+    """sqrt(2) Z^2 sigma / (f b) near the axis (24): within the few percent that 5 degrees and 3 m aside make."""
+    quick("stereo-baseline", tmp_path / "b", draws=4000)
+    table = pq.read_table(tmp_path / "b" / "data.parquet").to_pydict()
+    for b, f, sigma in zip(table["baseline_m"], table["focal_length_m"], table["plane_measured_z_m"], strict=True):
+        assert sigma == pytest.approx(np.sqrt(2) * 12.0**2 * 1e-6 / 3 / (f * b), rel=0.05)
