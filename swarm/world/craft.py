@@ -3,6 +3,7 @@
 The body frame `b` is the frame of the file's one root body. Bodies below it that no joint moves are fused into it
 (geoms, photodiodes and inertia included), its pose in the file and its free joint are dropped: the world places it.
 The photodiodes are the sites whose name starts with `photodiode`; a site's z axis is the photodiode's outward normal.
+Cameras and lights of the CCD sensor: `swarm.world.optics`.
 """
 
 import re
@@ -19,7 +20,9 @@ import numpy as np
 from estimators.arrays import Floats
 from estimators.rotation import matrix_from_quaternion
 from swarm.errors import SwarmError
+from swarm.layout import Cameras, Lights
 from swarm.world import shapes
+from swarm.world.optics import cameras_of, lights_of
 
 LEAST_PHOTODIODES = 4
 """What PnP needs (section 2 of source 1)."""
@@ -58,6 +61,8 @@ class CraftModel(NamedTuple):
     point_m: Floats
     normal: Floats
     visuals: tuple[Visual, ...]
+    cameras: Cameras
+    lights: Lights
 
 
 @lru_cache(maxsize=64)
@@ -80,6 +85,8 @@ def _load_version(path: Path, modified_ns: int) -> CraftModel:
         model.site_pos[sites].copy(),
         matrix_from_quaternion(model.site_quat[sites])[:, :, 2],
         _visuals(model),
+        cameras_of(model, path),
+        lights_of(model),
     )
 
 
