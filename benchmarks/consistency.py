@@ -48,7 +48,7 @@ def samples(seed: int) -> tuple[list[float], list[float]]:
 
 
 def verdict(values: list[float]) -> dict[str, float | bool | int]:
-    """The mean of the samples against the 95 % band of a mean of as many chi-square values with 6 degrees of freedom."""
+    """The samples' mean against the 95 % band of the mean of as many chi-square values, 6 degrees of freedom each."""
     known = np.array(values)[np.isfinite(values)]
     low, high = chi2.ppf([0.025, 0.975], DOF * len(known)) / len(known)
     mean = float(known.mean())

@@ -9,7 +9,7 @@ from scipy.stats import chi2
 from synthetic_run import PERIOD_S, estimate_of, lost, truth_at
 
 from estimators.rotation import exp, matrix_from_quaternion, quaternion_from_matrix
-from swarm.results.summary import autocorrelation_time, consistency, summarise
+from swarm.results.summary import autocorrelation_time, consistency, summarise, summarise_run
 from swarm.results.telemetry import Peer, Telemetry, read_telemetry, schema
 
 
@@ -70,13 +70,27 @@ def test_rms_maxima_and_shares_are_those_of_a_plain_loop(tmp_path):
     assert json.loads(json.dumps(summary, allow_nan=False)) == summary
 
 
+@pytest.mark.parametrize("replay", [False, True])
+def test_a_folder_says_what_its_table_says(tmp_path, replay, monkeypatch):
+    table = table_of(tmp_path, 40, replay=replay)
+    whole = summarise(table)
+    assert summarise_run(tmp_path) == whole
+    # In small blocks only the order of some sums differs.
+    monkeypatch.setattr("swarm.results.summary.BLOCK", 7)
+    assert flattened(summarise(table)) == pytest.approx(flattened(whole), rel=1e-9)
+    assert summarise_run(tmp_path / "nothing")["swarm"] is None
+
+
 def flattened(figures, prefix=""):
     """Nested figures as one dictionary of numbers."""
     items = figures.items() if isinstance(figures, dict) else enumerate(figures)
     out = {}
     for key, value in items:
         name = f"{prefix}.{key}"
-        out |= flattened(value, name) if isinstance(value, dict | list) else {} if value is None else {name: value}
+        if isinstance(value, dict | list):
+            out |= flattened(value, name)
+        elif value is not None and not isinstance(value, str):
+            out[name] = value
     return out
 
 

@@ -68,8 +68,7 @@ def wrench(reference: Reference, state: State, mass: Floats, inertia: Floats) ->
     )
     force = np.where(reference.holds_position[:, None], mass[:, None] * acceleration, 0.0)
 
-    known = np.isfinite(state.position).all(axis=1)
-    rotation = np.where(known[:, None, None], state.rotation, np.eye(3))
+    rotation = np.where(np.isnan(state.rotation), np.eye(3), state.rotation)
     attitude_error = rot.log(reference.rotation @ np.swapaxes(rotation, -1, -2))
     angular_acceleration = (
         reference.angular_acceleration

@@ -27,7 +27,7 @@ ABOUT = """# What is drawn
 |---|---|
 | solid craft | {craft} |
 | outline | where its filter believes it is |
-| ellipsoid | the filter's 3 sigma of position, **enlarged {enlarged} times** |
+| ellipsoid | the filter's 3 sigma of position, **enlarged {enlarged} times**, to half a metre at most |
 | green ray, point | photodiode lit by the lighthouse |
 | red ray, point | photodiode in reach, but something stands in between |
 | grey point | photodiode outside field or range, or turned away |

@@ -5,7 +5,7 @@ Everything is in the lighthouse frame (x right, y down, z forward), on the timel
     world/lighthouse     its body, field and two fans (which turn as the real ones do, slowed down)
     world/craft/NAME     the craft at its true pose, its photodiodes by what they see
     world/estimate/NAME  an outline at the filter's estimate; in a replay the craft itself
-    world/covariance     3 sigma ellipsoids of the position, enlarged
+    world/covariance     3 sigma ellipsoids of the position, enlarged, up to half a metre
     world/rays           from the lighthouse to every photodiode in reach: lit or blocked
     world/trails         where the craft have been in the last seconds
     swarm, detail        plots of all craft, of single craft; status: what each craft knows
@@ -37,9 +37,13 @@ from swarm.results.viewer import start_live
 
 MOST_SINGLE = 32
 """A swarm of more craft is drawn as a crowd."""
+WAIT_FOR_POSE_S = 1.0
+"""So long a recording waits for the first pose before it draws without."""
 SEND_EVERY_S, SEND_EVERY_LIVE_S = 1.0, 0.2
 ENLARGED = 50
 """How much the ellipsoids are: millimetres would not be seen beside metres."""
+LARGEST_ELLIPSOID_M = 0.5
+"""Half the longest axis of an ellipsoid as drawn, at most: that of a craft long in the dark would hide the scene."""
 FAN_TURN_S, REAL_FAN_TURN_S = 4.0, 1 / 60
 TRAIL_POINTS, TRAIL_STEP_S = 20, 0.2
 SIGHT_COLOURS = np.array([0x78909CFF, 0xFF5252FF, 0x69F0AEFF], dtype=np.uint32)
@@ -57,6 +61,7 @@ class Recording:
     def __init__(self, path: Path, scene: Scene, live: bool = False) -> None:
         """Raises SwarmError where the file cannot be written."""
         self.notice: str | None = None
+        self._path = path
         self._scene = scene
         craft = len(scene.craft)
         self._crowd = craft > MOST_SINGLE
@@ -64,6 +69,7 @@ class Recording:
         self._detail = [scene.craft.index(name) for name in scene.detail] or list(range(min(1, craft)))
         self._near = np.array(self._detail if self._crowd else range(craft), dtype=np.int64)
         self._colour = drawing.palette(craft)
+        self._early: list[Period] = []
         self._waiting: list[Batch] = []
         self._trail: deque[Floats] = deque(maxlen=TRAIL_POINTS)
         self._trail_due_s = -np.inf
@@ -80,13 +86,29 @@ class Recording:
             except SwarmError as error:
                 self.notice = f"no live view: {error}; the recording is written all the same"
         self._live = len(sinks) > 1
-        self._stream.set_sinks(*sinks)
+        try:
+            self._stream.set_sinks(*sinks)
+        except RuntimeError as error:
+            raise SwarmError(f"cannot write {path}: {error}") from error
         self._stream.send_recording_name(path.absolute().parent.name)
 
     def append(self, period: Period) -> None:
         """Take one period; it is sent when enough have gathered."""
-        if not self._started:
-            self._start(period)
+        if self._started:
+            self._take(period)
+            return
+        # The camera is aimed at the craft: in a replay, some periods pass before it is known where that is.
+        self._early.append(period)
+        if len(_known(period)) or period.time_s - self._early[0].time_s >= WAIT_FOR_POSE_S:
+            self._begin()
+
+    def _begin(self) -> None:
+        self._start(self._early[-1])
+        for period in self._early:
+            self._take(period)
+        self._early.clear()
+
+    def _take(self, period: Period) -> None:
         if self._crowd and period.frame % self._every:
             return
         truth = period.truth
@@ -97,18 +119,22 @@ class Recording:
 
     def close(self) -> None:
         """Send what is left and complete the file."""
-        self._send()
-        self._stream.flush()
-        self._stream.disconnect()
+        try:
+            if self._early:
+                self._begin()
+            self._send()
+            self._flush()
+        finally:
+            self._stream.disconnect()
 
     def _start(self, period: Period) -> None:
         """Everything that does not move, once the first period shows where things are."""
         self._started, self._replay = True, period.truth is None
         scene, craft = self._scene, self._scene.craft
-        at = period.estimate.position if period.truth is None else period.truth.position
-        known = at[np.isfinite(at).all(axis=1)]
+        known = _known(period)
         reach_m = 1.25 * float(np.linalg.norm(known, axis=1).max()) if len(known) else 3.0
-        inks = [int.from_bytes(colour.tobytes(), "big") for colour in self._colour]
+        # Translucent, so that the lines of many craft do not hide each other.
+        inks = [int.from_bytes(colour[:3].tobytes() + b"\xb4", "big") for colour in self._colour]
         swarm = swarm_plots(craft, inks, self._crowd, self._replay)
         single = {craft[i]: craft_plots(craft[i], i, self._replay) for i in self._detail}
         self._plots = [*swarm, *(plot for plots in single.values() for plot in plots)]
@@ -142,7 +168,7 @@ class Recording:
         names = [craft[i] for i in self._near]
         label = rr.Points3D.from_fields(labels=names, colors=inks_near, radii=[0.0], show_labels=True)
         self._static("world/names", label)
-        self._name_offset_m = np.array([0.0, -_size(scene, self._near) - 0.02 * reach_m, 0.0])
+        self._name_offset_m = np.array([0.0, -_size(scene, self._near) - 0.045 * reach_m, 0.0])
 
     def _static(self, entity: str, what: Any) -> None:
         self._stream.log(entity, what, static=True)
@@ -217,8 +243,14 @@ class Recording:
         for i in self._near:
             states = [STATUS[code] for code in batch.status[:, i]]
             send(f"status/{self._scene.craft[i]}", rr.StateChange.columns(state=states))
-        # Handed to the operating system now, a batch survives a kill.
-        self._stream.flush()
+        self._flush()
+
+    def _flush(self) -> None:
+        """Hand everything to the operating system, so that it survives a kill."""
+        try:
+            self._stream.flush()
+        except RuntimeError as error:
+            raise SwarmError(f"cannot write {self._path}: the disk is full, or gone ({error})") from error
 
     def _send_poses(self, send: Send, batch: Batch) -> None:
         """Transforms: one to a place that is not a number hides what it carries, a craft that knows nothing."""
@@ -268,7 +300,7 @@ class Recording:
         half, quaternion = drawing.ellipsoids(covariance[known], 3.0)
         colours = np.broadcast_to(self._colour[self._near], (*known.shape, 4))[known]
         columns = rr.Ellipsoids3D.columns(
-            half_sizes=ENLARGED * half,
+            half_sizes=half * np.minimum(ENLARGED, LARGEST_ELLIPSOID_M / half.max(axis=1, keepdims=True)),
             centers=position[known],
             quaternions=xyzw_from_wxyz(quaternion),
             colors=colours,
@@ -287,6 +319,13 @@ class Recording:
         lines = np.concatenate(strips).astype(np.float32)
         columns = rr.LineStrips3D.columns(strips=lines)
         send("world/trails", columns.partition([len(self._near)] * len(strips)))
+
+
+def _known(period: Period) -> Floats:
+    """Where craft are, (n, 3) [m], of those of which it is known."""
+    at = period.estimate.position if period.truth is None else period.truth.position
+    known: Floats = at[np.isfinite(at).all(axis=1)]
+    return known
 
 
 def _turn(quaternion: Floats) -> Floats:

@@ -15,8 +15,8 @@ from swarm.errors import SwarmError
 from swarm.results.progress import Progress
 from swarm.results.recorder import NullRecording, Period, Recorder, Scene
 from swarm.results.run_folder import Run, RunFolder, open_run
-from swarm.results.summary import summarise
-from swarm.results.telemetry import STATUS, Estimate, Peer, Telemetry, Truth, read_telemetry
+from swarm.results.summary import summarise_run
+from swarm.results.telemetry import STATUS, Estimate, Peer, Telemetry, Truth
 from swarm.scenario import Scenario, to_toml
 
 VERSIONS = ("mujoco", "numpy", "scipy", "numba", "filterpy", "rerun-sdk")
@@ -88,15 +88,16 @@ def writing_run(
         try:
             yield writer
         except BaseException as stop:
-            # A second failure (the disk is still full) must not hide the first.
-            with suppress(SwarmError, OSError):
+            # A second failure (the disk is still full) must not hide the first, nor keep the rest from closing.
+            with suppress(SwarmError):
                 recording.close()
+            with suppress(SwarmError):
                 telemetry.close()
-                folder.interrupt(_reason(stop), summarise(read_telemetry(folder.path)))
+                folder.interrupt(_reason(stop), summarise_run(folder.path))
             raise
         recording.close()
         telemetry.close()
-        folder.finish(summarise(read_telemetry(folder.path)))
+        folder.finish(summarise_run(folder.path))
         writer.run = open_run(folder.path)
 
 

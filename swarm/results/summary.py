@@ -18,6 +18,8 @@ T/2 apart, leave about -T/4 in x and +T/4 in y, which along the velocity of a tu
 1 sigma counts the craft of a period as one sample (errors summed per period before squaring).
 """
 
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,11 +28,14 @@ from scipy.special import gammaincinv
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.rotation import angle_between, log, matrix_from_quaternion, mean_rotation
-from swarm.results.telemetry import STATUS, values
+from swarm.results.telemetry import STATUS, read_telemetry, telemetry_columns, values
 
 DOF = 6
 MIN_RATE = 1e-4
 """Below this RMS rate [m/s], [rad/s] an axis is at rest, and no bias can be told from it."""
+
+BLOCK = 65_536
+"""Rows whose rotations are compared at a time."""
 
 NOTES = {
     "nees": (
@@ -121,45 +126,63 @@ def consistency(frame: Ints, value: Floats, period_s: float) -> dict[str, Any] |
     }
 
 
-def _slopes(frame: Ints, error: Floats, rate: Floats) -> tuple[list[float | None], list[float | None]]:
-    """Slope [s] of error (rows, 3) against rate (rows, 3) per axis and its 1 sigma, the rows of a frame as one."""
-    slope: list[float | None] = []
-    sigma: list[float | None] = []
-    for axis in range(3):
-        e, v = error[:, axis], rate[:, axis]
-        square = float(v @ v)
-        if not len(v) or square < len(v) * MIN_RATE**2:
-            slope.append(None)
-            sigma.append(None)
-            continue
-        b = float(e @ v) / square
-        score, _ = _per_frame(frame, v * (e - b * v))
-        slope.append(b)
-        sigma.append(float(np.sqrt(score @ score)) / square)
-    return slope, sigma
+class _Slope:
+    """Least squares of an error against a rate through the origin, per axis, from sums over rows that come in blocks.
+
+    The 1 sigma of the slope b is that of sum v (e - b v) / sum v^2, with the rows of a frame summed before squaring.
+    """
+
+    def __init__(self, frames: int) -> None:
+        self._product, self._square = np.zeros((frames, 3)), np.zeros((frames, 3))
+        self._rows = 0
+
+    def add(self, frame: Ints, error: Floats, rate: Floats) -> None:
+        """Add rows: frame (n,) from zero, error (n, 3) and rate (n, 3)."""
+        np.add.at(self._product, frame, error * rate)
+        np.add.at(self._square, frame, rate**2)
+        self._rows += len(frame)
+
+    def solve(self) -> tuple[list[float | None], list[float | None], float | None]:
+        """Slope [s] and its 1 sigma [s] per axis, None where at rest; RMS of the error that the slopes explain."""
+        product, square = self._product.sum(axis=0), self._square.sum(axis=0)
+        moving = square > self._rows * MIN_RATE**2
+        slope = np.divide(product, square, out=np.full(3, np.nan), where=moving)
+        score = np.sqrt(np.sum((self._product - slope * self._square) ** 2, axis=0))
+        sigma = np.divide(score, square, out=np.full(3, np.nan), where=moving)
+        explained = float(np.sqrt(np.nansum(slope**2 * square) / self._rows)) if self._rows else None
+        return [_number(b) for b in slope], [_number(b) for b in sigma], explained
 
 
 def _codes(table: pa.Table, name: str) -> Floats:
     """The codes of a dictionary column."""
     chunks = table.column(name).unify_dictionaries().chunks
-    return np.concatenate([chunk.indices.to_numpy() for chunk in chunks]).astype(np.float64)
+    codes = [chunk.indices.to_numpy() for chunk in chunks] or [np.zeros(0)]
+    return np.concatenate(codes).astype(np.float64)
 
 
 class _Rows:
-    """Telemetry columns as arrays, NaN where null, of all rows or of one craft's."""
+    """Telemetry columns as arrays, NaN where null, of all rows or of one craft's. load: gives one column's table."""
 
-    def __init__(self, table: pa.Table) -> None:
-        self._table, self._cache, self._rows = table, dict[str, Floats](), np.arange(len(table))
+    def __init__(self, load: Callable[[str], pa.Table], rows: Ints | slice = slice(None)) -> None:
+        self._load, self._rows = load, rows
+        self._cache: dict[str, Floats] = {}
 
-    def of(self, rows: Ints) -> "_Rows":
-        """A part of the rows; the columns are converted once for all parts."""
-        out = _Rows(self._table)
-        out._cache, out._rows = self._cache, rows
+    def of(self, rows: Ints | slice) -> "_Rows":
+        """A part of the rows; the columns are loaded once for all parts."""
+        out = _Rows(self._load, rows)
+        out._cache = self._cache
         return out
+
+    def blocks(self) -> "Iterator[_Rows]":
+        """These rows in parts of bounded size."""
+        every = np.arange(len(self.frame)) if isinstance(self._rows, slice) else self._rows
+        for start in range(0, len(every), BLOCK):
+            yield self.of(every[start : start + BLOCK])
 
     def column(self, name: str) -> Floats:
         if name not in self._cache:
-            self._cache[name] = _codes(self._table, name) if name == "status" else values(self._table, name)
+            table = self._load(name)
+            self._cache[name] = _codes(table, name) if name in ("status", "craft") else values(table, name)
         return self._cache[name][self._rows]
 
     def columns(self, *names: str) -> Floats:
@@ -177,30 +200,34 @@ class _Rows:
 
 
 def _motion_bias(rows: _Rows) -> dict[str, Any]:
-    position_error = rows.position("pnp") - rows.position("true")
-    velocity = rows.columns("true_vx_m_s", "true_vy_m_s", "true_vz_m_s")
-    angular_rate = rows.columns("true_wx_rad_s", "true_wy_rad_s", "true_wz_rad_s")
-    known = np.isfinite(position_error).all(axis=1) & np.isfinite(velocity).all(axis=1)
-    frame, position_error = rows.frame[known], position_error[known]
-    velocity, angular_rate = velocity[known], angular_rate[known]
-    solution = matrix_from_quaternion(rows.quaternion("pnp")[known])
-    truth = matrix_from_quaternion(rows.quaternion("true")[known])
-    attitude_error = log(solution @ np.swapaxes(truth, -1, -2))
-    slope, sigma = _slopes(frame, position_error, velocity)
-    turn_slope, turn_sigma = _slopes(frame, attitude_error, angular_rate)
-    speed = np.linalg.norm(velocity, axis=1)
-    moving = speed > MIN_RATE
-    along = np.sum(position_error * velocity, axis=1)[moving] / speed[moving]
-    explained = np.array([b or 0.0 for b in slope]) * velocity
-    turn_explained = np.array([b or 0.0 for b in turn_slope]) * angular_rate
+    frame = rows.frame
+    first, frames = int(frame.min()), int(frame.max() - frame.min()) + 1
+    position, attitude = _Slope(frames), _Slope(frames)
+    along, moving = 0.0, 0
+    for part in rows.blocks():
+        solution, truth = part.position("pnp"), part.position("true")
+        known = np.isfinite(solution).all(axis=1) & np.isfinite(truth).all(axis=1)
+        error, at = (solution - truth)[known], part.frame[known] - first
+        velocity = part.columns("true_vx_m_s", "true_vy_m_s", "true_vz_m_s")[known]
+        rate = part.columns("true_wx_rad_s", "true_wy_rad_s", "true_wz_rad_s")[known]
+        true_rotation = matrix_from_quaternion(part.quaternion("true")[known])
+        turn = matrix_from_quaternion(part.quaternion("pnp")[known]) @ np.swapaxes(true_rotation, -1, -2)
+        position.add(at, error, velocity)
+        attitude.add(at, log(turn), rate)
+        speed = np.linalg.norm(velocity, axis=1)
+        moves = speed > MIN_RATE
+        along += float(np.sum(np.sum(error * velocity, axis=1)[moves] / speed[moves]))
+        moving += int(np.count_nonzero(moves))
+    slope, sigma, explained = position.solve()
+    turn_slope, turn_sigma, turn_explained = attitude.solve()
     return {
         "position_slope_s": slope,
         "position_slope_sigma_s": sigma,
-        "position_rms_m": _rms(np.linalg.norm(explained, axis=1)),
-        "along_velocity_m": _mean(along),
+        "position_rms_m": explained,
+        "along_velocity_m": along / moving if moving else None,
         "attitude_slope_s": turn_slope,
         "attitude_slope_sigma_s": turn_sigma,
-        "attitude_rms_deg": _rms(np.degrees(np.linalg.norm(turn_explained, axis=1))),
+        "attitude_rms_deg": None if turn_explained is None else float(np.degrees(turn_explained)),
     }
 
 
@@ -270,15 +297,23 @@ def summarise(table: pa.Table) -> dict[str, Any]:
     `swarm` is over all craft, `craft` has the same figures per craft. A replay (a table with peer columns) has no
     truth: its errors are null, and it says how far the peer's poses scatter about the solutions.
     """
-    replay = "peer_px_m" in table.column_names
-    if not len(table):
+    return _summary(lambda name: table.select([name]), "peer_px_m" in table.column_names)
+
+
+def summarise_run(folder: Path) -> dict[str, Any]:
+    """`summarise` of the telemetry in a run's folder, column by column: half of it never is in memory."""
+    return _summary(lambda name: read_telemetry(folder, [name]), "peer_px_m" in telemetry_columns(folder))
+
+
+def _summary(load: Callable[[str], pa.Table], replay: bool) -> dict[str, Any]:
+    everything = _Rows(load)
+    frame, time_s = everything.frame, everything.column("time_s")
+    if not len(frame):
         return {"periods": 0, "duration_s": 0.0, "craft_count": 0, "swarm": None, "craft": {}, "notes": NOTES}
-    names = table.column("craft").unify_dictionaries().chunk(0).dictionary.to_pylist()
-    codes = _codes(table, "craft").astype(np.int64)
+    names = load("craft").column("craft").unify_dictionaries().chunk(0).dictionary.to_pylist()
+    codes = everything.column("craft").astype(np.int64)
     ends = np.cumsum(np.bincount(codes, minlength=len(names)))[:-1]
     per_craft = np.split(np.argsort(codes, kind="stable"), ends)
-    everything = _Rows(table)
-    frame, time_s = everything.frame, everything.column("time_s")
     span = int(frame.max() - frame.min())
     period_s = float(time_s.max() - time_s.min()) / span if span else 0.0
     return {

@@ -422,6 +422,14 @@ def read_telemetry(folder: Path, columns: Sequence[str] | None = None) -> pa.Tab
     return empty.select(columns) if columns is not None else empty
 
 
+def telemetry_columns(folder: Path) -> list[str]:
+    """The columns that the run in `folder` has."""
+    file, parts = folder / FILE, _part_files(folder)
+    first = file if file.exists() else parts[0] if parts else None
+    names: list[str] = schema().names if first is None else pq.read_schema(first).names
+    return names
+
+
 def values(table: pa.Table, name: str) -> NDArray[np.float64]:
     """A numeric column as doubles, NaN where null."""
     out: NDArray[np.float64] = table.column(name).cast(pa.float64()).to_numpy()
