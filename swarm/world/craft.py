@@ -63,7 +63,7 @@ class CraftModel(NamedTuple):
 @lru_cache(maxsize=64)
 def _load_version(path: Path, modified_ns: int) -> CraftModel:
     spec, model = rigid(path)
-    sites = _photodiode_sites(model)
+    sites = photodiode_sites(model)
     if len(sites) < LEAST_PHOTODIODES:
         raise SwarmError(
             f"{path}: {len(sites)} photodiodes (sites whose name starts with 'photodiode'), at least "
@@ -133,7 +133,10 @@ def _modified_ns(path: Path) -> int:
 
 
 def rigid(path: Path, free: bool = True) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
-    """The file's one root body with everything fused into it, and it compiled."""
+    """The file's one root body with everything fused into it, and it compiled.
+
+    Raises SwarmError as `load_craft` does, but for photodiodes that are missing.
+    """
     try:
         with quiet():
             spec = mujoco.MjSpec.from_file(str(path))
@@ -179,7 +182,7 @@ def _fuse(spec: mujoco.MjSpec, path: Path, free: bool) -> mujoco.MjModel:
     return model
 
 
-def _photodiode_sites(model: mujoco.MjModel) -> list[int]:
+def photodiode_sites(model: mujoco.MjModel) -> list[int]:
     """Site indices in the order of the numbers in their names: photodiode2 before photodiode10."""
     found = []
     for site in range(model.nsite):
@@ -191,6 +194,7 @@ def _photodiode_sites(model: mujoco.MjModel) -> list[int]:
 
 
 def visuals_of(model: mujoco.MjModel) -> tuple[Visual, ...]:
+    """What to draw of body 1 of a model, in its frame."""
     geoms = np.flatnonzero(model.geom_bodyid == 1)
     drawn = geoms[model.geom_group[geoms] < DRAWN_GROUPS]
     parts = []

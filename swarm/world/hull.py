@@ -1,9 +1,10 @@
 """A craft's hull: where on its surface a photodiode could be mounted, found on the real geometry.
 
-Body frame `b`, metres. The surface is that of every geom that is not fully transparent, as light meets it: the geoms'
-triangles are sampled evenly by area, and each sample is moved onto the real surface, with its true normal, by a ray cast
-towards it from just outside. A sample can carry a photodiode where the disc of its housing rests on the surface all
-around: not across an edge, in a corner, on a rod thinner than itself, or under another part.
+Body frame `b`, metres. The surface is that of every geom that is drawn and not fully transparent, as light meets it:
+the geoms' triangles are sampled evenly by area, and each sample is moved onto the real surface, with its true normal,
+by a ray cast towards it from just outside. A sample can carry a photodiode where the disc of its housing rests on the
+surface all around: not across an edge, in a corner, on a rod thinner than itself, or under another part. The places
+of the photodiodes that the craft has already belong to it as well.
 """
 
 from pathlib import Path
@@ -12,9 +13,10 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from estimators.arrays import Bools, Floats
+from estimators.arrays import Bools, Floats, Ints
+from estimators.rotation import matrix_from_quaternion
 from swarm.errors import SwarmError
-from swarm.world.craft import Visual, rigid, visuals_of
+from swarm.world.craft import Visual, photodiode_sites, rigid, visuals_of
 
 PROUD_M = 5e-4
 """How far a photodiode's face stands above its surface, as on the shipped craft [m]."""
@@ -34,11 +36,16 @@ class Mount(NamedTuple):
     point_m: Floats
     normal: Floats
 
+    def at(self, index: Ints) -> "Mount":
+        """Some of the places."""
+        return Mount(self.point_m[index], self.normal[index])
+
 
 class Hull:
     """One rigid craft alone, without a lighthouse: `model` has it as body `body`, with a free joint.
 
-    It needs no photodiodes yet: a hull is where they are designed.
+    It needs no photodiodes yet: a hull is where they are designed. visuals: its drawn surface; shipped: where the
+    file's photodiodes sit, none perhaps.
     """
 
     body = 1
@@ -49,6 +56,11 @@ class Hull:
         self.path = path
         self.model = rigid(path.resolve())[1]
         self.visuals: tuple[Visual, ...] = visuals_of(self.model)
+        sites = photodiode_sites(self.model)
+        self.shipped = Mount(
+            self.model.site_pos[sites].reshape(-1, 3).copy(),
+            matrix_from_quaternion(self.model.site_quat[sites].reshape(-1, 4))[:, :, 2],
+        )
         self._data = mujoco.MjData(self.model)
         self._data.qpos[:] = [0, 0, 0, 1, 0, 0, 0]
         mujoco.mj_kinematics(self.model, self._data)
@@ -60,12 +72,20 @@ class Hull:
         """
         point, normal = self._on_surface(*_samples(self.visuals, samples))
         rests = self._rests(point, normal)
-        if not rests.any():
+        if not rests.any() and not len(self.shipped.point_m):
             raise SwarmError(
                 f"{self.path}: no place for a photodiode: its housing, {2e3 * HOUSING_M:g} mm across, rests nowhere "
                 "flat on a geom"
             )
-        return Mount(point[rests] + PROUD_M * normal[rests], normal[rests])
+        return Mount(
+            np.concatenate([point[rests] + PROUD_M * normal[rests], self.shipped.point_m]),
+            np.concatenate([normal[rests], self.shipped.normal]),
+        )
+
+    def clear(self, point: Floats, direction: Floats) -> Bools:
+        """Whether the way from points (N, 3) just above the surface in a direction (3,) is free, for drawing."""
+        hit, _ = self._cast(point, np.broadcast_to(direction, point.shape).copy())
+        return hit < 0
 
     def _on_surface(self, point: Floats, normal: Floats, reach: Floats) -> tuple[Floats, Floats]:
         """Where the rays from `reach` above the samples, down their normals, meet the hull first, and its normals."""
@@ -103,7 +123,7 @@ def _samples(parts: tuple[Visual, ...], count: int) -> tuple[Floats, Floats, Flo
     """Points (N, 3) evenly by area on the triangles, their normals (N, 3), and how far to approach each from (N,)."""
     seen = [part.mesh for part in parts if part.rgba[3] > 0]
     corner = np.concatenate([mesh.vertex[mesh.face] for mesh in seen] or [np.empty((0, 3, 3))])
-    size = np.concatenate([np.full(len(mesh.face), np.ptp(mesh.vertex, axis=0).max()) for mesh in seen] or [np.empty(0)])
+    size = np.repeat([np.ptp(mesh.vertex, axis=0).max() for mesh in seen], [len(mesh.face) for mesh in seen])
     cross = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     twice_area = np.linalg.norm(cross, axis=1)
     real = twice_area > 0
