@@ -74,11 +74,11 @@ def test_help_is_the_tutorial(command: Command) -> None:
     assert result.code == 0
     for line in ("swarm list", "swarm run formation", "swarm view runs/formation-7", "swarm check my.toml", "--set"):
         assert line in result.out
-    for name in ("list", "run", "view", "check", "replay"):
+    for name in ("list", "run", "view", "check", "replay", "layout"):
         assert re.search(rf"^  {name} +\w", result.out, re.MULTILINE)
 
 
-@pytest.mark.parametrize("name", ["", "list", "run", "view", "check", "replay"])
+@pytest.mark.parametrize("name", ["", "list", "run", "view", "check", "replay", "layout"])
 @pytest.mark.parametrize("columns", ["60", "80"])
 def test_help_fits_and_shows_no_default_of_python(command: Command, name: str, columns: str) -> None:
     result = process(*name.split(), "--help", COLUMNS=columns)
@@ -90,9 +90,9 @@ def test_help_fits_and_shows_no_default_of_python(command: Command, name: str, c
 
 def test_commands_that_help_shows_are_understood(command: Command) -> None:
     """Every example line of the help parses: its options exist."""
-    pages = [command(*page, "--help").out for page in ([], ["run"], ["view"], ["check"], ["replay"])]
+    pages = [command(*page, "--help").out for page in ([], ["run"], ["view"], ["check"], ["replay"], ["layout"])]
     text = "\n".join(pages).replace("\\\n", " ")
-    examples = [line.strip() for line in text.splitlines() if re.match(r"  +swarm (list|run|view|check|replay) ", line)]
+    examples = [line.strip() for line in text.splitlines() if re.match(r"  +swarm [a-z]+ ", line)]
     assert len(examples) >= 10
     for example in examples:
         words = re.split(r"  +(?=[a-z ]{8})| > ", example)[0].split()[1:]

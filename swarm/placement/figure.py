@@ -19,7 +19,6 @@ from swarm.world.hull import Hull, Mount
 INKS = {"designed": "#0b6e4f", "even": "#c1440e", "shipped": "#3d5a80"}
 VIEWS = {"front": (0.55, 0.35, 0.76), "back": (-0.55, 0.35, -0.76)}
 """From the craft towards the viewer, body frame."""
-LIGHT = np.array([0.3, 0.5, 0.8])
 
 
 def draw(task: Task, judged: Sequence[Judged], tried: Callable[[Floats], Floats]) -> Figure:
@@ -73,7 +72,9 @@ def _hull(axes: Axes, hull: Hull, mount: Mount, towards: Floats) -> None:
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
     facing = normal @ towards > 0
     order = np.argsort((corner.mean(axis=1) @ towards)[facing])
-    shade = 0.62 + 0.38 * np.clip(normal @ (LIGHT / np.linalg.norm(LIGHT)), 0, 1)
+    # Light from beside the viewer's head tells the faces apart.
+    light = towards + 0.5 * right + 0.4 * screen[1]
+    shade = 0.5 + 0.5 * np.clip(normal @ (light / np.linalg.norm(light)), 0, 1)
     shaded = (colour * shade[:, None])[facing][order]
     axes.add_collection(
         PolyCollection((corner @ screen.T)[facing][order], facecolors=shaded, edgecolors=shaded, lw=0.6)

@@ -2,8 +2,8 @@
 
 Lighthouse frame. A pose is given by u, the direction to the lighthouse in the body frame (which side is lit), the roll
 about the line of sight, the craft's direction from the lighthouse, and its distance. u is uniform on the sphere, or in
-a cone about +z, the craft's front; roll is uniform; the direction is uniform in a cone about the boresight; the
-distances take turns. With the whole sphere the attitude is uniform on SO(3).
+a cone about +z, the craft's front; roll is uniform; the direction is uniform in a cone about the boresight; all
+distances are equally frequent. With the whole sphere the attitude is uniform on SO(3).
 
 Poses are spread evenly, with equal steps in the cone's cap and additive recurrences in the rest: few of them see the
 whole range.
@@ -17,8 +17,8 @@ from estimators.arrays import Floats
 
 GOLDEN = (np.sqrt(5) - 1) / 2
 """Step of the azimuth of u, in turns: the Fibonacci lattice of the sphere."""
-PLASTIC = 1.2207440846057596 ** -np.arange(1.0, 4.0)
-"""Steps of the other three numbers: Roberts' R3 sequence, powers of the root of x^4 = x + 1."""
+ROBERTS = 1.1673039782614187 ** -np.arange(1.0, 5.0)
+"""Steps of the other four numbers: Roberts' R4 sequence, powers of the root of x^5 = x + 1."""
 
 
 class PoseRange(NamedTuple):
@@ -39,14 +39,14 @@ class Poses(NamedTuple):
 
 
 def lattice(within: PoseRange, count: int, seed: int | None = None) -> Poses:
-    """`count` poses spread evenly over the range; with a seed, the lattice shifted at random in all five numbers.
+    """`count` poses spread evenly over the range; with a seed, the lattice shifted at random in all six numbers.
 
     Shifted lattices are independent samples without bias, far more even than random poses (Cranley and Patterson 1976).
     """
-    shift = np.full(5, 0.5) if seed is None else np.random.default_rng(seed).random(5)
+    shift = np.full(6, 0.5) if seed is None else np.random.default_rng(seed).random(6)
     step = np.arange(count)
     height = (step + shift[0]) / count
-    around = (np.outer(step, [GOLDEN, *PLASTIC]) + shift[1:]) % 1
+    around = (np.outer(step, [GOLDEN, *ROBERTS]) + shift[1:]) % 1
     to_light = _in_cap(height, around[:, 0], within.cone_rad)
     out = _in_cap(around[:, 1], around[:, 2], within.off_axis_rad)
     roll = 2 * np.pi * around[:, 3]
@@ -54,7 +54,8 @@ def lattice(within: PoseRange, count: int, seed: int | None = None) -> Poses:
     turn = np.stack([cos, -sin, zero, sin, cos, zero, zero, zero, one], axis=1).reshape(-1, 3, 3)
     # Two frames with their z axes along the line of sight, one seen from the craft and one from the lighthouse.
     rotation = _frame(-out) @ turn @ np.swapaxes(_frame(to_light), -1, -2)
-    distance = np.resize(np.array(within.distance_m), count)
+    which = (around[:, 4] * len(within.distance_m)).astype(np.int64)
+    distance = np.array(within.distance_m)[which]
     return Poses(rotation, distance[:, None] * out)
 
 

@@ -18,6 +18,7 @@ from estimators.layout_error import WANTED_LIT, percentile
 from swarm.placement.judgement import Comparison, Judged, compare, lit_share, tried
 from swarm.placement.prediction import Task
 from swarm.placement.request import Request
+from swarm.placement.smallest import meets
 
 Figures = Mapping[str, Any]
 WAYS = ("all_poses", "same_poses", "same_share")
@@ -43,6 +44,9 @@ def figures(request: Request, task: Task, judged: Sequence[Judged]) -> dict[str,
         "model": task.hull.path.name,
         "photodiodes": len(ours.mount.point_m),
         "asked": {**request._asdict(), "distance_m": list(request.distance_m), "overrides": list(request.overrides)},
+        "wanted_precision_met": None
+        if (request.attitude_deg, request.position_mm) == (None, None)
+        else meets(ours.predicted, share, request.attitude_deg, request.position_mm),
         "error_of_one": {
             "attitude_deg": degrees(task.mix.attitude_rad),
             "position_mm": 1e3 * task.mix.position_m,
@@ -77,6 +81,7 @@ def _layout(judged: Judged, share: float) -> dict[str, Any]:
             **_percentiles(measured.attitude_rad, measured.position_m, measured.error, share),
             "unsolvable_share": float(np.mean(~solvable)),
             "failed_trials_share": _number(measured.failed),
+            "found_from_nothing_share": _number(measured.found),
             "median_ratio_to_predicted": _number(float(np.median(ratio))) if len(ratio) else None,
         },
         "error_by_percentile": {str(q): _number(percentile(found.error, q / 100)) for q in PERCENTILES},
@@ -127,7 +132,8 @@ def print_report(console: Console, made: Figures) -> None:
     table = _table("layout", "photo-\ndiodes", "unsolvable\n%", f"{WANTED_LIT} lit\n%", "e\nmedian", f"e\n{q}")
     for head in (f"attitude\n° {q}", f"position\nmm {q}", f"measured\ne {q}", "measured /\npredicted"):
         table.add_column(head, justify="right")
-    for name, layout in made["layouts"].items():
+    layouts = made["layouts"]
+    for name, layout in layouts.items():
         predicted, measured = layout["predicted"], layout["measured"]
         table.add_row(
             name,
@@ -139,14 +145,25 @@ def print_report(console: Console, made: Figures) -> None:
             _shown(measured["median_ratio_to_predicted"]),
         )
     console.print(table)
+    console.print(
+        Text(
+            "Solvable poses that one period's angles tell, right and certain, from nothing: "
+            + ", ".join(
+                f"{name} {_percent(each['measured']['found_from_nothing_share'])}" for name, each in layouts.items()
+            )
+        )
+    )
+    if made["wanted_precision_met"] is not None:
+        verdict = "met" if made["wanted_precision_met"] else "NOT met"
+        console.print(Text(f"The wanted precision is {verdict} by the design at {q} of the poses, as predicted."))
     console.print(Text(f"Design against ..., by the {q} percentile of e; unsolvable poses count as ∞:"))
     console.print(_against(made))
     against = made["design_against_every_even_spread"]
     low, high = (100 * share for share in against["unsolvable"])
     console.print(
         Text(
-            f"Shown is the most even of {against['spreads']} even spreads (farthest points, from different first ones); "
-            f"they leave {low:.1f} % to {high:.1f} % unsolvable. Design over even, predicted: "
+            f"Shown is the most even of {against['spreads']} even spreads (farthest points, from different firsts). "
+            f"They leave {low:.1f} % to {high:.1f} % unsolvable. Design over even, predicted: "
             + "; ".join(f"{_way(way)} {_span(against['ratio'][way])}" for way in WAYS)
         )
     )
@@ -187,6 +204,10 @@ def _way(way: str) -> str:
 def _span(values: Sequence[float | None]) -> str:
     low, high = (_shown(value) for value in values)
     return low if low == high else f"{low} to {high}"
+
+
+def _percent(share: float | None) -> str:
+    return "–" if share is None else f"{100 * share:.1f} %"
 
 
 def _shown(value: float | None) -> str:

@@ -1,7 +1,7 @@
 """The smallest number of photodiodes for a wanted precision."""
 
 from collections.abc import Callable
-from math import degrees, inf
+from math import degrees, inf, isfinite
 
 import numpy as np
 
@@ -19,9 +19,9 @@ def smallest(
 ) -> int:
     """The least number of photodiodes whose predicted errors, at the percentile, are as wanted; None: any will do.
 
-    Quick searches, up in steps that grow with what is missing (errors fall with the root of the number at best), then
-    down by halves; a longer search might do with fewer. say: is told each step. Raises SwarmError, with what the
-    largest number reaches, where it is not enough.
+    Quick searches, up in steps that grow with what is missing (the errors of photodiodes at the same places fall with
+    the root of their number), then down by halves; a longer search might do with fewer. say: is told each step. Raises
+    SwarmError, with what the largest number reaches, where it is not enough.
     """
     most = min(PHOTODIODES_MAX, len(at.coarse.point_m))
     too_few, count = FEWEST_LIT - 1, FEWEST_LIT
@@ -36,8 +36,9 @@ def smallest(
             wanted += [f"{position_mm:g} mm"] if position_mm is not None else []
             raise SwarmError(f"{_figures(found, task.share, count)}; wanted: {', '.join(wanted)}")
         too_few = count
-        # From 4 on there is no telling what a blind pose lacks: a quarter more; near the goal, one by one.
-        count = min(most, count + max(1, round(min(ratio**2 - 1, 0.25) * count)))
+        # Half of what the root law asks for, because better places are found too; blind poses tell nothing.
+        more = min((ratio**2 - 1) / 2, 1.0) if isfinite(ratio) else 0.25
+        count = min(most, count + max(1, round(more * count)))
     while count - too_few > 1:
         middle = (too_few + count) // 2
         found = find(task, at, middle, quick=True).prediction

@@ -25,7 +25,7 @@ from swarm.world.craft import load_craft
 from swarm.world.hull import Mount
 from swarm.world.refit import refit
 
-EVENS = 12
+EVENS = 24
 """Even spreads, from as many first photodiodes."""
 GRID_M = 1e-5
 """Positions are rounded to so much: what is judged is what the file says [m]."""

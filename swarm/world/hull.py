@@ -71,7 +71,7 @@ class Hull:
         Raises SwarmError where the craft has no surface that a photodiode fits on.
         """
         point, normal = self._on_surface(*_samples(self.visuals, samples))
-        rests = self._rests(point, normal)
+        rests = self._rests(point, normal) & self._outside(point + PROUD_M * normal, normal)
         if not rests.any() and not len(self.shipped.point_m):
             raise SwarmError(
                 f"{self.path}: no place for a photodiode: its housing, {2e3 * HOUSING_M:g} mm across, rests nowhere "
@@ -107,6 +107,12 @@ class Hull:
             hit, _ = self._cast(rim, -normal)
             rests &= np.abs(hit - PROUD_M) <= FLAT_M
         return rests
+
+    def _outside(self, point: Floats, direction: Floats) -> Bools:
+        """Whether points (N, 3) are outside of every part: what a ray meets then, it meets from outside."""
+        hit, normal = self._cast(point, direction)
+        out: Bools = (hit < 0) | (np.sum(normal * direction, axis=1) < 0)
+        return out
 
     def _cast(self, start: Floats, direction: Floats) -> tuple[Floats, Floats]:
         """The distance (N,) [m], -1 for none, and the normal (N, 3) of what each ray meets first."""
