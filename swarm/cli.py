@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from swarm import calibrate_command, layout_command, study_commands
 from swarm.errors import SwarmError
-from swarm.terminal import fly_and_report, mistakes
+from swarm.terminal import experiment_and_report, fly_and_report, mistakes, stoppable
 
 if TYPE_CHECKING:
     from swarm.results.progress import Progress
@@ -28,6 +29,9 @@ Begin with:
   swarm view runs/formation-7  look at it, in the viewer
   swarm check my.toml          is my own scenario right?
   swarm run my.toml --set swarm.count=16 --seed 3
+  swarm study scaling          many runs, on all cores
+  swarm report runs/scaling    one HTML page of them
+  swarm reproduce              the papers' experiments
 
 A run leaves a folder: recording.rrd for the viewer,
 telemetry.parquet with a row per craft and period,
@@ -66,6 +70,7 @@ Out = Annotated[
     Path | None, typer.Option("--out", metavar="FOLDER", help="Where to write; else runs/<scenario>-<seed>.")
 ]
 Force = Annotated[bool, typer.Option("--force", help="Replace a run that is there already.")]
+Size = Annotated[int | None, typer.Option(metavar="N", help="A smaller, quicker form; see the list.")]
 NoRecording = Annotated[bool, typer.Option("--no-recording", help="Write no recording for the viewer.")]
 
 
@@ -101,16 +106,18 @@ def _swarm(
 
 @app.command("list")
 def list_() -> None:
-    """Show the scenarios and craft models there are."""
+    """Show the scenarios, studies and craft models there are."""
     with mistakes():
         import tomllib
         from shutil import get_terminal_size
 
-        from swarm.assets import models, scenarios
+        from swarm.assets import models, scenarios, studies
 
-        about = {name: tomllib.loads(path.read_text(encoding="utf-8")) for name, path in scenarios().items()}
-        lines = ["Scenarios: swarm run NAME"]
-        lines += [f"  {name:<12} {table.get('description', '')}" for name, table in about.items()]
+        lines: list[str] = []
+        for head, files in (("Scenarios: swarm run NAME", scenarios()), ("Studies: swarm study NAME", studies())):
+            about = {name: tomllib.loads(path.read_text(encoding="utf-8")) for name, path in files.items()}
+            lines += [*([""] if lines else []), head]
+            lines += [f"  {name:<12} {table.get('description', '')}" for name, table in about.items()]
         lines += ["", 'Craft: model = "NAME" in a scenario']
         lines += [f"  {name:<12} {_first_sentence(path.with_name('README.md'))}" for name, path in models().items()]
         width = get_terminal_size().columns if sys.stdout.isatty() else 1000
@@ -127,6 +134,10 @@ def run(
     force: Force = False,
     live: Annotated[bool, typer.Option("--live", help="Open the viewer and watch while it flies.")] = False,
     no_recording: NoRecording = False,
+    calibration: Annotated[
+        Path | None,
+        typer.Option("--calibration", metavar="FILE", help="What the craft remove on board: of `swarm calibrate`."),
+    ] = None,
 ) -> None:
     """Fly a scenario, and write what happened.
 
@@ -138,8 +149,10 @@ def run(
     """
     with mistakes():
         from swarm.scenario import load
+        from swarm.scenario.text import toml_value
 
-        settings = load(scenario, overrides or (), seed)
+        also = [] if calibration is None else [f"navigation.calibration={toml_value(str(calibration))}"]
+        settings = load(scenario, [*(overrides or ()), *also], seed)
         folder = out or _default_folder(settings.name, settings.seed)
 
         def fly(progress: Callable[["Progress"], None]) -> "Run":
@@ -168,7 +181,9 @@ def view(
         recording = run if run.suffix == ".rrd" else open_run(run).recording
         if recording is None:
             raise SwarmError(f"{run} has no recording: it was flown with --no-recording, or recording.enabled = false")
-        raise typer.Exit(open_viewer(recording, web=web))
+        with stoppable():
+            code = open_viewer(recording, web=web)
+        raise typer.Exit(code)
 
 
 @app.command()
@@ -253,71 +268,50 @@ def replay(
 
 
 @app.command()
-def layout(
-    model: Annotated[
-        str, typer.Argument(metavar="MODEL", help="A craft: a name that `swarm list` shows, an .xml file, its folder.")
-    ],
-    photodiodes: Annotated[
-        int | None, typer.Option("--photodiodes", metavar="N", help="How many; else the fewest that do.")
+def reproduce(
+    experiment: Annotated[
+        str | None, typer.Argument(metavar="EXPERIMENT", help="One of those that are listed without it.")
     ] = None,
-    attitude_deg: Annotated[
-        float | None, typer.Option("--attitude-deg", metavar="DEG", help="Wanted precision, 1 sigma.")
-    ] = None,
-    position_mm: Annotated[
-        float | None, typer.Option("--position-mm", metavar="MM", help="Wanted precision, 1 sigma.")
-    ] = None,
-    distance_m: Annotated[
-        list[float] | None, typer.Option("--distance-m", metavar="M", help="From the lighthouse; 2 m. Repeatable.")
-    ] = None,
-    cone_deg: Annotated[
-        float,
-        typer.Option("--cone-deg", metavar="DEG", help="Attitudes with +z so near to the lighthouse; 180: all."),
-    ] = 180.0,
-    off_axis_deg: Annotated[
-        float, typer.Option("--off-axis-deg", metavar="DEG", help="Positions up to so far off the boresight.")
-    ] = 30.0,
-    share: Annotated[
-        float, typer.Option("--share", metavar="SHARE", help="Of the poses, those that the precision is for.")
-    ] = 0.95,
-    overrides: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change lighthouse.KEY. Repeatable.")
-    ] = None,
-    seed: Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Of the search.")] = 0,
+    poses: Size = None,
+    frames: Size = None,
+    runs: Size = None,
+    seconds: Size = None,
+    draws: Size = None,
+    seed: Annotated[int | None, typer.Option("--seed", metavar="N", help="Replace the experiment's seed.")] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE", help="The new craft model; else below runs/.")
+        Path | None, typer.Option("--out", metavar="FOLDER", help="Where to write; else runs/<experiment>-<seed>.")
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace files that are there already.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace an experiment that is there already.")] = False,
 ) -> None:
-    """Find where a craft's photodiodes should sit.
+    """Do a paper's experiment again: its table beside ours.
 
     \b
-    swarm layout mockup --photodiodes 12
-    swarm layout mockup --position-mm 2 --attitude-deg 0.1 \\
-        --distance-m 3 --cone-deg 60 --out my/model.xml
-    swarm run static --set swarm.model=my/model.xml
+    swarm reproduce
+    swarm reproduce lighthouse-static
+    swarm reproduce lighthouse-static --poses 5 --frames 300
+
+    Without EXPERIMENT, list them, with what makes each smaller.
+    It leaves data.parquet, figure.png, figure.svg, comparison.json.
     """
     with mistakes():
-        from rich.console import Console
+        from swarm.experiments import EXPERIMENTS
 
-        from swarm.placement.report import print_report
-        from swarm.placement.request import Request
-        from swarm.placement.study import study
+        if experiment is None:
+            for name, known in EXPERIMENTS.items():
+                sizes = " ".join(f"--{size} {value}" for size, value in known.sizes.items())
+                typer.echo(f"swarm reproduce {name}")
+                typer.echo(f"  {known.source}, {known.figure}: {known.about}")
+                typer.echo(f"  {sizes}")
+            return
+        asked = {"poses": poses, "frames": frames, "runs": runs, "seconds": seconds, "draws": draws}
+        sizes_asked = {size: value for size, value in asked.items() if value is not None}
+        experiment_and_report(experiment, out=out, force=force, seed=seed, sizes=sizes_asked)
 
-        request = Request(
-            model,
-            photodiodes,
-            attitude_deg,
-            position_mm,
-            tuple(distance_m or (2.0,)),
-            cone_deg,
-            off_axis_deg,
-            share,
-            tuple(overrides or ()),
-        )
-        made = study(request, out, force, lambda text: typer.echo(f"layout: {text}", err=True), seed)
-        print_report(Console(highlight=False), made.figures)
-        for file in made.files:
-            typer.echo(file)
+
+app.command()(calibrate_command.calibrate)
+app.command()(layout_command.layout)
+app.command()(study_commands.study)
+app.command()(study_commands.report)
 
 
 def _first_sentence(readme: Path) -> str:

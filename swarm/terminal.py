@@ -1,7 +1,7 @@
 """How a command ends: with a report, with one message about a mistake, or stopped by a signal and closed properly."""
 
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
@@ -33,10 +33,10 @@ def fly_and_report(title: str, folder: Path, fly: Callable[[Callable[["Progress"
     from swarm.results.run_folder import open_run
 
     try:
-        with _stoppable(), ProgressDisplay(Console(stderr=True), title) as progress:
+        with stoppable(), ProgressDisplay(Console(stderr=True), title) as progress:
             run = fly(progress)
     except KeyboardInterrupt as stop:
-        number = stop.number if isinstance(stop, Stopped) else signal.SIGINT
+        number = stopped_by(stop)
         try:
             run = open_run(folder)
         except SwarmError:
@@ -49,8 +49,40 @@ def fly_and_report(title: str, folder: Path, fly: Callable[[Callable[["Progress"
         raise typer.Exit(128 + signal.SIGINT)
 
 
+def experiment_and_report(
+    name: str, *, out: Path | None, force: bool, seed: int | None, sizes: Mapping[str, int]
+) -> None:
+    """Do an experiment under a progress bar, then print its table; stopped on the way, it leaves nothing."""
+    from rich.console import Console
+    from rich.progress import Progress as Bar
+
+    from swarm.experiments import find, reproduce
+    from swarm.experiments.results import print_comparison
+
+    find(name)
+    try:
+        with stoppable(), Bar(console=Console(stderr=True), transient=True) as bar:
+            task = bar.add_task(name, total=1.0)
+
+            def tell(share: float, what: str) -> None:
+                bar.update(task, completed=share, description=f"{name}: {what}")
+
+            done = reproduce(name, out=out, force=force, seed=seed, sizes=sizes, progress=tell)
+            tell(1.0, "done")
+    except KeyboardInterrupt as stop:
+        number = stopped_by(stop)
+        _error(f"stopped by {signal.Signals(number).name} before anything was written")
+        raise typer.Exit(128 + number) from None
+    print_comparison(Console(), done)
+
+
+def stopped_by(stop: KeyboardInterrupt) -> int:
+    """The signal that stopped it."""
+    return stop.number if isinstance(stop, Stopped) else signal.SIGINT
+
+
 @contextmanager
-def _stoppable() -> Iterator[None]:
+def stoppable() -> Iterator[None]:
     """Let a polite kill, or a terminal that closes, end a run as Ctrl-C does: closed, and readable."""
 
     def stop(number: int, frame: FrameType | None) -> None:

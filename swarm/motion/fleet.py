@@ -5,7 +5,7 @@ Everything is in the lighthouse frame, SI units. The attitude of a craft on its 
     R_l_b(t) = F(p(t)) Rx(yaw) Ry(pitch) Rz(roll + spin t)
 
 with F the facing frame of `swarm.motion.pointing` (body +z towards the lighthouse), or the identity where `facing` is
-off.
+off. A wandering craft is turned by three random angles more (`swarm.motion.wander`).
 Tumble and drift are free motions: the reference is their start, carried on at their first rates, and not held.
 """
 
@@ -18,13 +18,15 @@ import numpy as np
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats
 from swarm.errors import SwarmError
-from swarm.motion import paths
+from swarm.motion import paths, wander
 from swarm.motion.pointing import facing
 
 Vector = tuple[float, float, float]
 
 DRIFT_PURPOSE = 0x6472696674
 """Spawn key of the drift's random numbers: "drift"."""
+FILL = 1.2207440846057596
+"""The real root of g^4 = g + 1."""
 LEAST_OFF_AXIS_M = 1e-6
 """Nearer to the lighthouse's y axis than this, "facing with down below" means nothing."""
 BLOCK = 256
@@ -44,11 +46,12 @@ class Attitude:
 
 @dataclass(frozen=True)
 class Hold:
-    """Stay at one place; several craft spread over a square grid perpendicular to z, centred there."""
+    """Stay at one place; several craft spread over a square grid perpendicular to z, or over `box_m`, centred there."""
 
     position_m: Vector
     spacing_m: float = 0.0
     attitude: Attitude = Attitude()
+    box_m: Vector | None = None
 
 
 @dataclass(frozen=True)
@@ -94,6 +97,7 @@ class Tumble:
     angular_rate_rad_s: Vector = (0.0, 0.0, 0.0)
     spacing_m: float = 0.0
     attitude: Attitude = Attitude()
+    box_m: Vector | None = None
 
 
 @dataclass(frozen=True)
@@ -106,9 +110,23 @@ class Drift:
     velocity_m_s: Vector = (0.0, 0.0, 0.0)
     spacing_m: float = 0.0
     attitude: Attitude = Attitude()
+    box_m: Vector | None = None
 
 
-Motion = Hold | Ring | Waypoints | Approach | Tumble | Drift
+@dataclass(frozen=True)
+class Wander:
+    """Moved about at random within a box (`swarm.motion.wander`); speeds are RMS, turn_rad is the largest angle."""
+
+    centre_m: Vector
+    size_m: Vector
+    speed_m_s: float
+    turn_rad: float
+    turn_rate_rad_s: float
+    bandwidth_hz: float
+    attitude: Attitude = Attitude()
+
+
+Motion = Hold | Ring | Waypoints | Approach | Tumble | Drift | Wander
 
 
 @dataclass(frozen=True)
@@ -157,10 +175,18 @@ class Fleet:
     """The references of all craft, in the order of the tasks."""
 
     def __init__(self, tasks: Sequence[Task], seed: int = 0) -> None:
-        """Prepare the paths. seed: of the drift's accelerations. Raises SwarmError where a motion makes no sense."""
+        """Prepare the paths. seed: of what is random. Raises SwarmError where a motion makes no sense."""
         motions = [task.motion for task in tasks]
         attitude = [motion.attitude for motion in motions]
-        every = [_path(task) for task in tasks]
+        # A craft's draws go by its number: no other craft changes them.
+        rngs = [
+            np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(wander.PURPOSE, i)))
+            for i in range(len(tasks))
+        ]
+        every = [_path(task, rng) for task, rng in zip(tasks, rngs, strict=True)]
+        self._turns = {
+            i: _turn(m, rng) for i, (m, rng) in enumerate(zip(motions, rngs, strict=True)) if isinstance(m, Wander)
+        }
         circles = {i: path for i, path in enumerate(every) if isinstance(path, paths.Circle)}
         pieces = {i: path for i, path in enumerate(every) if isinstance(path, paths.Pieces)}
         self._paths: list[tuple[list[int], paths.Path]] = []
@@ -168,10 +194,12 @@ class Fleet:
             self._paths.append((list(circles), paths.Circles(list(circles.values()))))
         if pieces:
             self._paths.append((list(pieces), paths.Polynomials(list(pieces.values()))))
+        self._paths += [([i], path) for i, path in enumerate(every) if isinstance(path, paths.Wandering)]
         self._facing: Bools = np.array([a.facing for a in attitude], dtype=np.bool_)
         angles = np.array([(a.yaw_rad, a.pitch_rad, a.roll_rad) for a in attitude]).reshape(-1, 3, 1)
         x, y, z = (rot.exp(angles[:, i] * np.eye(3)[i]) for i in range(3))
         self._offset = x @ y @ z
+        self._offset_angle = angles[..., 0]
         self._spin: Floats = np.array([a.spin_rad_s for a in attitude], dtype=np.float64)
         self._free: Bools = np.array([isinstance(m, Tumble | Drift) for m in motions], dtype=np.bool_)
         self._sigma = np.array(
@@ -237,6 +265,12 @@ class Fleet:
         rate, change = np.zeros((count, 3)), np.zeros((count, 3))
         frame[turned], rate[turned], change[turned] = facing(position[turned], velocity[turned], acceleration[turned])
         rotation = frame @ self._offset
+        for craft, tones in self._turns.items():
+            own = wander.turn(self._offset_angle[craft], tones, time_s)
+            turning = frame[craft] @ own.rate
+            change[craft] += frame[craft] @ own.change + np.cross(rate[craft], turning)
+            rate[craft] += turning
+            rotation[craft] = frame[craft] @ own.rotation
         if self._spin.any():
             rotation = rotation @ rot.exp((self._spin * time_s)[:, None] * np.array([0.0, 0.0, 1.0]))
         spinning = self._spin[:, None] * rotation[:, :, 2]
@@ -254,14 +288,14 @@ class Fleet:
         )
 
 
-def _path(task: Task) -> paths.Circle | paths.Pieces:
-    """The path of one craft."""
+def _path(task: Task, rng: np.random.Generator) -> paths.Circle | paths.Pieces | paths.Wandering:
+    """The path of one craft; rng: its own random numbers."""
     motion = task.motion
     match motion:
         case Hold():
-            return paths.line(_on_grid(motion.position_m, motion.spacing_m, task), (0, 0, 0))
+            return paths.line(_place(motion, task), (0, 0, 0))
         case Tumble() | Drift():
-            return paths.line(_on_grid(motion.position_m, motion.spacing_m, task), motion.velocity_m_s)
+            return paths.line(_place(motion, task), motion.velocity_m_s)
         case Ring():
             phase = 2 * np.pi * task.index / task.count
             return paths.circle(motion.centre_m, motion.radius_m, motion.rate_rad_s, motion.tilt_rad, phase)
@@ -275,6 +309,33 @@ def _path(task: Task) -> paths.Circle | paths.Pieces:
             if motion.speed_m_s <= 0 or motion.from_m == motion.to_m:
                 raise SwarmError("approach: speed_m_s must be positive, and from_m differ from to_m")
             return paths.corridor(motion.from_m, motion.to_m, motion.start_s, motion.speed_m_s)
+        case Wander():
+            size = np.array(motion.size_m)
+            speed = motion.speed_m_s * size / max(float(np.linalg.norm(size)), 1e-12)
+            return paths.Wandering(np.array(motion.centre_m), wander.tones(size / 2, speed, motion.bandwidth_hz, rng))
+
+
+def _turn(motion: Wander, rng: np.random.Generator) -> wander.Tones:
+    """How a wandering craft turns: the same share of its rate about each axis."""
+    rate = np.full(3, motion.turn_rate_rad_s / np.sqrt(3))
+    return wander.tones(np.full(3, motion.turn_rad), rate, motion.bandwidth_hz, rng)
+
+
+def _place(motion: Hold | Tumble | Drift, task: Task) -> Vector:
+    if motion.box_m is None:
+        return _on_grid(motion.position_m, motion.spacing_m, task)
+    return _in_box(motion.position_m, motion.box_m, task.index)
+
+
+def _in_box(centre_m: Vector, size_m: Vector, index: int) -> Vector:
+    """Evenly in a box, by the additive recurrence x_n = (1/2 + n a) mod 1, a = (1/g, 1/g^2, 1/g^3), g^4 = g + 1.
+
+    The R sequence (M. Roberts, 2018): craft 0 in the middle, and no place depends on how many craft there are.
+    """
+    x, y, z = (
+        c + s * ((0.5 + index * FILL**-k) % 1 - 0.5) for k, (c, s) in enumerate(zip(centre_m, size_m, strict=True), 1)
+    )
+    return x, y, z
 
 
 def _on_grid(centre_m: Vector, spacing_m: float, task: Task) -> Vector:

@@ -79,7 +79,7 @@ def sample(task: Task) -> Poses:
 
 
 def judge(task: Task, layouts: Sequence[tuple[str, Mount]], measured: Sequence[str]) -> list[Judged]:
-    """Every layout, by its name; those named in `measured` by Monte Carlo too, with the same noise for all."""
+    """Every layout, by its name; those named in `measured` by Monte Carlo too."""
     poses = sample(task)
     predictions = predict(task, [mount for _, mount in layouts], poses)
     return [
