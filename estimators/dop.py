@@ -12,6 +12,9 @@ states the attitude in its passive vector phi and maps it by J_r(phi) (21) befor
 here are derivatives by the rotation error d = -J_r dphi itself, so J_r is absorbed and ADOP is a plain trace (tested
 against the paper's form).
 
+A camera measures x/z and y/z themselves: J(theta, f), minus sin^2 theta, is then replaced by the image noise's own
+Jacobian, the weight 1 of an image coordinate whose noise is the unit (`image_dilution`); rho is zero.
+
 An error of the motion assumed within the period moves the angle of instant tau by tau times its row, so that the solved
 pose errs, to first order, by B times the error of the rates:
 
@@ -25,7 +28,7 @@ import numpy as np
 from estimators.arrays import Bools, Floats
 from estimators.kernel import kernel
 from estimators.linear import invert_spd_into
-from estimators.projection import COLUMNS, TAU, checked, checked_lit, gather, project, spans_plane
+from estimators.projection import COLUMNS, TAU, WEIGHT, checked, checked_lit, gather, project, spans_plane
 
 
 class Dilution(NamedTuple):
@@ -44,11 +47,19 @@ class Dilution(NamedTuple):
 
 @kernel
 def _sums_into(
-    table: Floats, n: int, rotation: Floats, position: Floats, normal: Floats, moved: Floats, fan_sum: Floats
+    table: Floats,
+    n: int,
+    rotation: Floats,
+    position: Floats,
+    angles: bool,
+    normal: Floats,
+    moved: Floats,
+    fan_sum: Floats,
 ) -> bool:
     """Write the lower triangles of J^T J and sum tau J^T J (6, 6), and the fans' sums of rows (2, 6), of one craft.
 
-    False where a photodiode is behind. A row has no derivative by the other fan's coordinate: it is not added up.
+    angles: of equal noise; else the table's weights stand for (13). False where a photodiode is behind. A row has no
+    derivative by the other fan's coordinate: it is not added up.
     """
     normal[:] = 0.0
     moved[:] = 0.0
@@ -59,7 +70,7 @@ def _sums_into(
             value, ahead, r0, r1, r2, g, gz = project(table, i, rotation, position[fan], position[2])
             if not ahead > 0:
                 return False
-            slope = -1 / (1 + value * value)
+            slope = -1 / (1 + value * value) if angles else table[i, WEIGHT]
             row = (slope * r0, slope * r1, slope * r2, slope * g, slope * gz)
             tau = table[i, TAU]
             for a in range(5):
@@ -81,14 +92,17 @@ def _dilution_all(
     offset: Floats,
     angular_rate: Floats,
     velocity: Floats,
+    weight: Floats,
     rho: float,
     mask: Bools,
     covariance: Floats,
-    adop: Floats,
-    pdop: Floats,
     coupling: Floats,
 ) -> None:
-    """(13) to (22) for every craft; leaves the outputs alone where the pose is not determined."""
+    """(13) to (18) for every craft; leaves the outputs alone where the pose is not determined.
+
+    weight: (C, K, 2), inverse noise of each projection, or empty where the angles have equal noise.
+    """
+    angles = weight.size == 0
     table, row = np.empty((2 * lit.shape[1], COLUMNS)), np.empty(6)
     normal, moved, inverse = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
     fan_sum, spread = np.empty((2, 6)), np.empty((2, 6))
@@ -96,7 +110,13 @@ def _dilution_all(
         if not (mask[c] and spans_plane(lit[c], point[c])):
             continue
         n = gather(lit[c], point[c], offset[c], angular_rate[c], velocity[c], table)
-        if not _sums_into(table, n, rotation[c], position[c], normal, moved, fan_sum):
+        if not angles:
+            i = 0
+            for k in range(lit.shape[1]):
+                if lit[c, k]:
+                    table[i, WEIGHT], table[n + i, WEIGHT] = weight[c, k, 0], weight[c, k, 1]
+                    i += 1
+        if not _sums_into(table, n, rotation[c], position[c], angles, normal, moved, fan_sum):
             continue
         if not invert_spd_into(normal, inverse):
             continue
@@ -120,9 +140,14 @@ def _dilution_all(
                     row[b] += factor * moved[k, b]
             for b in range(6):
                 coupling[c, a, b] = row[b]
-        attitude = covariance[c, 0, 0] + covariance[c, 1, 1] + covariance[c, 2, 2]
-        place = covariance[c, 3, 3] + covariance[c, 4, 4] + covariance[c, 5, 5]
-        adop[c], pdop[c] = np.rad2deg(np.sqrt(attitude)), np.sqrt(place)
+
+
+def factors(covariance: Floats) -> tuple[Floats, Floats]:
+    """(22): ADOP [deg/rad] and PDOP [m/rad], both (...), of pose covariances (..., 6, 6) for unit noise."""
+    variance = np.diagonal(covariance, axis1=-2, axis2=-1)
+    adop: Floats = np.rad2deg(np.sqrt(variance[..., :3].sum(axis=-1)))
+    pdop: Floats = np.sqrt(variance[..., 3:].sum(axis=-1))
+    return adop, pdop
 
 
 def dilution(
@@ -152,16 +177,48 @@ def dilution(
     Raises:
         ValueError: an array's shape does not fit `lit`, or rho is outside [0, 1]; the message names the argument.
     """
+    if not 0 <= rotor_correlation <= 1:
+        raise ValueError(f"rotor_correlation is {rotor_correlation}, outside [0, 1]")
+    motion = offset_s, angular_rate, velocity
+    return _checked_dilution(rotation, position, lit, point_m, motion, None, float(rotor_correlation), mask)
+
+
+def image_dilution(
+    rotation: Floats,
+    position: Floats,
+    seen: Bools,
+    point_m: Floats,
+    weight: Floats,
+    offset_s: Floats,
+    velocity: Floats,
+    mask: Bools,
+) -> Dilution:
+    """H, ADOP and PDOP of C poses from image coordinates u = x/f, v = y/f, for unit noise of u and v.
+
+    weight: (C, K, 2), inverse noise of each coordinate, as in `refine_projections`; the rest as in `dilution`.
+    """
+    still = np.zeros((len(seen), 3))
+    return _checked_dilution(rotation, position, seen, point_m, (offset_s, still, velocity), weight, 0.0, mask)
+
+
+def _checked_dilution(
+    rotation: Floats,
+    position: Floats,
+    lit: Bools,
+    point_m: Floats,
+    motion: tuple[Floats, Floats, Floats],
+    weight: Floats | None,
+    rho: float,
+    mask: Bools,
+) -> Dilution:
+    """Check the shapes and run the kernel; motion: offset_s, angular_rate, velocity; weight None: angles."""
     lit = checked_lit(lit)
     craft, photodiodes = lit.shape
     mask = np.ascontiguousarray(mask, dtype=np.bool_)
     if mask.shape != (craft,):
         raise ValueError(f"mask has shape {mask.shape}, expected {(craft,)}")
-    if not 0 <= rotor_correlation <= 1:
-        raise ValueError(f"rotor_correlation is {rotor_correlation}, outside [0, 1]")
-    out = Dilution(
-        np.full((craft, 6, 6), np.nan), np.full(craft, np.nan), np.full(craft, np.nan), np.full((craft, 6, 6), np.nan)
-    )
+    offset_s, angular_rate, velocity = motion
+    covariance, coupling = np.full((2, craft, 6, 6), np.nan)
     _dilution_all(
         checked("rotation", rotation, (craft, 3, 3)),
         checked("position", position, (craft, 3)),
@@ -170,8 +227,10 @@ def dilution(
         checked("offset_s", offset_s, (craft, photodiodes, 2)),
         checked("angular_rate", angular_rate, (craft, 3)),
         checked("velocity", velocity, (craft, 3)),
-        float(rotor_correlation),
+        np.empty((0, 0, 2)) if weight is None else checked("weight", weight, (craft, photodiodes, 2)),
+        rho,
         mask,
-        *out,
+        covariance,
+        coupling,
     )
-    return out
+    return Dilution(covariance, *factors(covariance), coupling)

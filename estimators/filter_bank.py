@@ -21,6 +21,7 @@ from estimators.error_state import (
     STATES,
 )
 from estimators.kernel import kernel
+from estimators.rotation import exp
 
 
 class UpdateResult(NamedTuple):
@@ -147,6 +148,21 @@ class FilterBank(ABC):
         if np.any(step[mask] < 0):
             raise ValueError(f"dt: {step[mask].min()} s is negative")
         self._predict(mask, step)
+
+    def add_motion(self, mask: Bools, turn: Floats, rate: Floats, shift: Floats, velocity: Floats) -> None:
+        """Add known motion to the prediction: what the craft's own actuators did meanwhile.
+
+        turn (C, 3) [rad], R <- Exp([turn]x) R; rate (C, 3) [rad/s]; shift (C, 3) [m]; velocity (C, 3) [m/s]. Known
+        exactly, it leaves the covariance as it is.
+        """
+        mask = self._checked(mask)
+        turn, rate = self._argument("turn", turn, (3,), mask), self._argument("rate", rate, (3,), mask)
+        shift = self._argument("shift", shift, (3,), mask)
+        velocity = self._argument("velocity", velocity, (3,), mask)
+        self._rotation[mask] = exp(turn[mask]) @ self._rotation[mask]
+        self._angular_rate[mask] += rate[mask]
+        self._position[mask] += shift[mask]
+        self._velocity[mask] += velocity[mask]
 
     def update(
         self, mask: Bools, rotation: Floats, position: Floats, covariance: Floats, rate_coupling: Floats

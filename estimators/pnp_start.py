@@ -86,9 +86,10 @@ def _distinct_into(
 
 
 class _Group(NamedTuple):
-    """Craft with the same number n of lit photodiodes: uv, offset (G, n, 2), point (G, n, 3), and the motion (G, 3)."""
+    """Craft with the same number n of lit photodiodes: uv, weight, offset (G, n, 2), point (G, n, 3), motion (G, 3)."""
 
     uv: Floats
+    weight: Floats
     point: Floats
     offset: Floats
     angular_rate: Floats
@@ -103,10 +104,9 @@ def _refined(group: _Group, starts: Starts, known: Starts, known_cost: Floats) -
     def each(array: Floats) -> Floats:
         return np.repeat(array, many, axis=0)
 
-    weight = angle_weights(group.uv)
     solution = refine_projections(
         each(group.uv),
-        each(weight),
+        each(group.weight),
         np.ones((craft * many, group.uv.shape[1]), dtype=np.bool_),
         each(group.point),
         rotation.reshape(-1, 3, 3),
@@ -182,8 +182,22 @@ def cold_starts(
         ValueError: an array's shape does not fit `lit`; the message names the argument.
     """
     lit = checked_lit(lit)
+    uv = projections(checked("theta", theta, (*lit.shape, 2)))
+    return cold_starts_projections(uv, angle_weights(uv), lit, point_m, offset_s, angular_rate, velocity)
+
+
+def cold_starts_projections(
+    uv: Floats, weight: Floats, lit: Bools, point_m: Floats, offset_s: Floats, angular_rate: Floats, velocity: Floats
+) -> list[StartCandidates]:
+    """`cold_starts` from projections.
+
+    uv: (C, K, 2), (x/z, y/z). weight: (C, K, 2), each one's inverse noise; costs are in that unit of noise, as in
+    `refine_projections`. The rest, and what is raised, as in `cold_starts`.
+    """
+    lit = checked_lit(lit)
     craft, photodiodes = lit.shape
-    uv = projections(checked("theta", theta, (craft, photodiodes, 2)))
+    uv = checked("uv", uv, (craft, photodiodes, 2))
+    weight = checked("weight", weight, (craft, photodiodes, 2))
     point = checked("point_m", point_m, (craft, photodiodes, 3))
     offset = checked("offset_s", offset_s, (craft, photodiodes, 2))
     angular_rate = checked("angular_rate", angular_rate, (craft, 3))
@@ -196,9 +210,9 @@ def cold_starts(
         members = np.flatnonzero(usable & (count == n))
         for first in range(0, len(members), CHUNK):
             who = members[first : first + CHUNK]
-            seen = (part[who][lit[who]].reshape(len(who), n, -1) for part in (uv, point, offset))
-            own_uv, own_point, own_offset = seen
-            group = _Group(own_uv, own_point, own_offset, angular_rate[who], velocity[who])
+            seen = (part[who][lit[who]].reshape(len(who), n, -1) for part in (uv, weight, point, offset))
+            own_uv, own_weight, own_point, own_offset = seen
+            group = _Group(own_uv, own_weight, own_point, own_offset, angular_rate[who], velocity[who])
             rotation, position, cost = _start_group(group)
             for i, found in zip(who, np.count_nonzero(np.isfinite(cost), axis=1), strict=True):
                 row = int(np.searchsorted(who, i))
@@ -213,3 +227,15 @@ def cold_start(
     rates = np.asarray(angular_rate)[None], np.asarray(velocity)[None]
     seen = np.asarray(theta)[None], np.asarray(lit)[None], np.asarray(point_m)[None], np.asarray(offset_s)[None]
     return cold_starts(*seen, *rates)[0]
+
+
+def cold_start_projections(
+    uv: Floats, weight: Floats, lit: Bools, point_m: Floats, offset_s: Floats, angular_rate: Floats, velocity: Floats
+) -> StartCandidates:
+    """`cold_starts_projections` of one craft: the same arguments without the craft axis. Raises ValueError as it does.
+
+    uv: (K, 2), (x/z, y/z). weight: (K, 2), each one's inverse noise.
+    """
+    rates = np.asarray(angular_rate)[None], np.asarray(velocity)[None]
+    seen = np.asarray(uv)[None], np.asarray(weight)[None], np.asarray(lit)[None]
+    return cold_starts_projections(*seen, np.asarray(point_m)[None], np.asarray(offset_s)[None], *rates)[0]

@@ -13,7 +13,7 @@ from swarm.sensors.broad_phase import Placed, cell_of, place_into, sort_into_cel
 from swarm.sensors.hits import HULL, OTHER, hull_hit
 from swarm.sensors.solids import read_solids
 from swarm.sensors.visibility import Sight, Visibility
-from swarm.world.craft import load_craft
+from swarm.world.craft import load_craft, quiet
 
 SHAPE = mujoco.mjtGeom
 
@@ -24,8 +24,9 @@ def shipped_crowd(count: int, names: list[str]) -> tuple[mujoco.MjModel, Photodi
     spec.copy_during_attach = True
     spec.worldbody.add_body(name="lighthouse").add_geom(type=SHAPE.mjGEOM_SPHERE, size=[0.05, 0, 0])
     craft = [load_craft(find_model(names[i % len(names)])) for i in range(count)]
-    for i, model in enumerate(craft):
-        spec.worldbody.add_frame().attach_body(model.spec.worldbody.bodies[0], f"{i}/", "")
+    with quiet():
+        for i, model in enumerate(craft):
+            spec.worldbody.add_frame().attach_body(model.spec.worldbody.bodies[0], f"{i}/", "")
     compiled = spec.compile()
     bodies = [int(body) for body in compiled.jnt_bodyid]
     return compiled, pad([m.point_m for m in craft], [m.normal for m in craft]), bodies
@@ -53,7 +54,8 @@ def test_equal_to_mujocos_ray_for_the_shipped_models(
     assert OTHER not in visibility._solids.kind, "the shipped models need no ray of MuJoCo's"
     rng = np.random.default_rng(count)
     seen = []
-    for spread_m in (0.3, 0.8):
+    # A hundred craft with large ones among them would leave no light at all in a narrow cone.
+    for spread_m in (0.3, 0.8) if len(names) == 1 or count == 10 else (1.0, 1.7):
         for i in range(6 if count == 10 else 2):
             position, quaternion = crowded(rng, count, spread_m, around=i == 1)
             state = visibility.state(position, quaternion)

@@ -21,13 +21,26 @@ Visual = tuple[Mesh, Floats]
 """One coloured part of a thing: its mesh [m] in the thing's own frame, and rgba (4,) in 0..1."""
 
 
+class CcdScene(NamedTuple):
+    """One pair of cameras, as drawn: craft and target by index, pinhole_m (2, 3) and rotation (2, 3, 3) R_b_c in the
+    craft's body frame, light_m (L, 3) in the target's; field_rad: full width of their field.
+    """
+
+    craft: int
+    target: int
+    pinhole_m: Floats
+    rotation: Floats
+    light_m: Floats
+    field_rad: float
+
+
 class Scene(NamedTuple):
     """What does not change during a run.
 
     craft: names of the C craft. visuals: parts of each craft in its body frame (none: only its photodiodes are drawn).
     photodiodes: their layout. lighthouse: parts in the lighthouse frame. field_deg: full width of its field [deg].
     detail: names of the craft with plots of their own and, in a large swarm, the only ones drawn in detail; if empty,
-    the first.
+    the first. ccd: the pairs of cameras, in the order of their images.
     """
 
     craft: Sequence[str]
@@ -36,6 +49,7 @@ class Scene(NamedTuple):
     lighthouse: Sequence[Visual]
     field_deg: float
     detail: Sequence[str] = ()
+    ccd: Sequence[CcdScene] = ()
 
 
 class Period(NamedTuple):

@@ -136,6 +136,9 @@ def findings(figures: Figures) -> list[tuple[str, str]]:
     position, attitude = figures.get("ekf_to_pnp_position_ratio"), figures.get("ekf_to_pnp_attitude_ratio")
     if position is not None and attitude is not None:
         out.append((f"Filter error over raw PnP error: {position:.2f} in position, {attitude:.2f} in attitude", ""))
+    if ccd := figures.get("ccd"):
+        shares = f"stereo {ccd['stereo_share']:.0%}, the main camera alone {ccd['camera_share']:.0%} of the images"
+        out.append((f"Cameras: {shares}; the sensor in use changed {ccd['sensor_switches']} times", ""))
     bias = figures.get("pnp_motion_bias") or {}
     for name, size, unit in (("position", "position_rms_m", "mm"), ("attitude", "attitude_rms_deg", "°")):
         slopes, sigmas = bias.get(f"{name}_slope_s", ()), bias.get(f"{name}_slope_sigma_s", ())
@@ -150,7 +153,7 @@ def findings(figures: Figures) -> list[tuple[str, str]]:
 
 def warnings(craft: Mapping[str, Figures]) -> list[tuple[str, str]]:
     """What is wrong with single craft that the swarm's figures hide, and what to do about it."""
-    dark = [name for name, f in craft.items() if not f["mean_visible"]]
+    dark = [name for name, f in craft.items() if not (f["mean_visible"] or f.get("ccd"))]
     refused = {name: f["refused_share"] or 0.0 for name, f in craft.items() if f.get("refused_share")}
     refused = {name: share for name, share in refused.items() if share > REFUSED_MUCH}
     vain = [

@@ -95,7 +95,7 @@ def writing_run(
     """
     with RunFolder.create(scenario.name, scenario.seed, None if out is None else Path(out), force) as folder:
         folder.write_scenario(to_toml(scenario, versions()))
-        telemetry = Telemetry(folder.path, scene.craft, replay)
+        telemetry = Telemetry(folder.path, scene.craft, replay, ccd=bool(scene.ccd))
         recording: Recorder = NullRecording()
         if (record and scenario.recording.enabled) or live:
             # rerun takes most of a second to import: only who records pays for it.

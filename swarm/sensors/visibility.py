@@ -134,14 +134,7 @@ class Visibility:
 
     def _ask_mujoco(self, position: Floats, quaternion: Floats, unsure: Ints, out: NDArray[np.int8]) -> None:
         """Let MuJoCo's rays decide of the rays (craft, photodiode) that may meet a geom, (n, 3), that is not convex."""
-        model = self._model
-        if self._data is None:
-            self._data = mujoco.MjData(model)
-        data = self._data
-        data.qpos[self._address[:, None] + np.arange(3)] = position
-        data.qpos[self._address[:, None] + np.arange(3, 7)] = quaternion
-        mujoco.mj_kinematics(model, data)
-        start = np.zeros(3)
+        model, data, start = self._model, self._placed_data(position, quaternion), np.zeros(3)
         for c, k, number in unsure:
             if out[c, k] == Sight.BLOCKED:
                 continue
@@ -156,6 +149,44 @@ class Visibility:
                 hit = mujoco.mj_ray(model, data, start, ray, None, True, self._lighthouse_body, None)
             if 0 <= hit < distance - THICKNESS_M:
                 out[c, k] = Sight.BLOCKED
+
+    def blocked(self, origin: Floats, point: Floats, position: Floats, quaternion: Floats) -> Bools:
+        """Whether something stands between `origin` (3,) [m], a camera, and each of the points (N, 3) [m].
+
+        The craft are at `position` (C, 3), `quaternion` (C, 4). The camera's own craft blocks too: a pinhole stands
+        clear of its surface.
+        """
+        ray = point - origin
+        distance = np.linalg.norm(ray, axis=-1)
+        count = len(point)
+        geom = np.empty(count, dtype=np.int32)
+        hit = np.empty(count)
+        mujoco.mj_multiRay(
+            self._model,
+            self._placed_data(position, quaternion),
+            pnt=origin,
+            vec=np.ascontiguousarray(ray / distance[:, None]).ravel(),
+            geomgroup=None,
+            flg_static=True,
+            bodyexclude=-1,
+            geomid=geom,
+            dist=hit,
+            normal=None,
+            nray=count,
+            # What stands farther than the farthest point cannot shade any.
+            cutoff=float(distance.max()),
+        )
+        hidden: Bools = (hit >= 0) & (hit < distance - THICKNESS_M)
+        return hidden
+
+    def _placed_data(self, position: Floats, quaternion: Floats) -> mujoco.MjData:
+        """The rays' own `MjData` with every craft's geoms moved; the rest of the scene stays where the model has it."""
+        if self._data is None:
+            self._data = mujoco.MjData(self._model)
+        self._data.qpos[self._address[:, None] + np.arange(3)] = position
+        self._data.qpos[self._address[:, None] + np.arange(3, 7)] = quaternion
+        mujoco.mj_kinematics(self._model, self._data)
+        return self._data
 
 
 def _likely_planes(solids: Solids, photodiodes: Photodiodes) -> Ints:

@@ -3,6 +3,7 @@
 The body frame `b` is the frame of the file's one root body. Bodies below it that no joint moves are fused into it
 (geoms, photodiodes and inertia included), its pose in the file and its free joint are dropped: the world places it.
 The photodiodes are the sites whose name starts with `photodiode`; a site's z axis is the photodiode's outward normal.
+Cameras and lights of the CCD sensor: `swarm.world.optics`.
 """
 
 import re
@@ -19,7 +20,9 @@ import numpy as np
 from estimators.arrays import Floats
 from estimators.rotation import matrix_from_quaternion
 from swarm.errors import SwarmError
+from swarm.layout import Cameras, Lights
 from swarm.world import shapes
+from swarm.world.optics import cameras_of, lights_of
 
 LEAST_PHOTODIODES = 4
 """What PnP needs (section 2 of source 1)."""
@@ -58,12 +61,14 @@ class CraftModel(NamedTuple):
     point_m: Floats
     normal: Floats
     visuals: tuple[Visual, ...]
+    cameras: Cameras
+    lights: Lights
 
 
 @lru_cache(maxsize=64)
 def _load_version(path: Path, modified_ns: int) -> CraftModel:
-    spec, model = _rigid(path)
-    sites = _photodiode_sites(model)
+    spec, model = rigid(path)
+    sites = photodiode_sites(model)
     if len(sites) < LEAST_PHOTODIODES:
         raise SwarmError(
             f"{path}: {len(sites)} photodiodes (sites whose name starts with 'photodiode'), at least "
@@ -82,7 +87,9 @@ def _load_version(path: Path, modified_ns: int) -> CraftModel:
         turn @ np.diag(model.body_inertia[1]) @ turn.T,
         model.site_pos[sites].copy(),
         matrix_from_quaternion(model.site_quat[sites])[:, :, 2],
-        _visuals(model),
+        visuals_of(model),
+        cameras_of(model, path),
+        lights_of(model),
     )
 
 
@@ -101,14 +108,14 @@ def load_static(path: Path) -> tuple[mujoco.MjSpec, FilePose]:
     Raises SwarmError as `load_craft` does.
     """
     _modified_ns(path)
-    spec, model = _rigid(path, free=False)
+    spec, model = rigid(path, free=False)
     return spec, _file_pose(model)
 
 
 def visuals(path: Path) -> tuple[Visual, ...]:
     """What to draw of any model file with one root body, in the root body's frame. Raises SwarmError."""
     _modified_ns(path)
-    return _visuals(_rigid(path, free=False)[1])
+    return visuals_of(rigid(path, free=False)[1])
 
 
 @contextmanager
@@ -135,8 +142,11 @@ def _modified_ns(path: Path) -> int:
         raise SwarmError(f"model file {path} cannot be read: {error.strerror}") from None
 
 
-def _rigid(path: Path, free: bool = True) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
-    """The file's one root body with everything fused into it, and it compiled."""
+def rigid(path: Path, free: bool = True) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
+    """The file's one root body with everything fused into it, and it compiled.
+
+    Raises SwarmError as `load_craft` does, but for photodiodes that are missing.
+    """
     try:
         with quiet():
             spec = mujoco.MjSpec.from_file(str(path))
@@ -182,7 +192,7 @@ def _fuse(spec: mujoco.MjSpec, path: Path, free: bool) -> mujoco.MjModel:
     return model
 
 
-def _photodiode_sites(model: mujoco.MjModel) -> list[int]:
+def photodiode_sites(model: mujoco.MjModel) -> list[int]:
     """Site indices in the order of the numbers in their names: photodiode2 before photodiode10."""
     found = []
     for site in range(model.nsite):
@@ -193,7 +203,8 @@ def _photodiode_sites(model: mujoco.MjModel) -> list[int]:
     return [site for _, _, site in sorted(found)]
 
 
-def _visuals(model: mujoco.MjModel) -> tuple[Visual, ...]:
+def visuals_of(model: mujoco.MjModel) -> tuple[Visual, ...]:
+    """What to draw of body 1 of a model, in its frame."""
     geoms = np.flatnonzero(model.geom_bodyid == 1)
     drawn = geoms[model.geom_group[geoms] < DRAWN_GROUPS]
     parts = []

@@ -107,6 +107,8 @@ class World:
         self.mass: Floats = np.array([model.mass for model in self._models])
         self.com_m: Floats = np.array([model.com_m for model in self._models]).reshape(-1, 3)
         self.inertia: Floats = np.array([model.inertia for model in self._models]).reshape(-1, 3, 3)
+        self.cameras = tuple(model.cameras for model in self._models)
+        self.lights = tuple(model.lights for model in self._models)
         self.photodiodes = layout.pad([m.point_m for m in self._models], [m.normal for m in self._models])
         with quiet():
             mujoco.mj_forward(self.model, self._data)
