@@ -13,7 +13,7 @@ from swarm.sensors.broad_phase import Placed, cell_of, place_into, sort_into_cel
 from swarm.sensors.hits import HULL, OTHER, hull_hit
 from swarm.sensors.solids import read_solids
 from swarm.sensors.visibility import Sight, Visibility
-from swarm.world.craft import load_craft, quiet
+from swarm.world.craft import load_craft
 
 SHAPE = mujoco.mjtGeom
 
@@ -24,9 +24,9 @@ def shipped_crowd(count: int, names: list[str]) -> tuple[mujoco.MjModel, Photodi
     spec.copy_during_attach = True
     spec.worldbody.add_body(name="lighthouse").add_geom(type=SHAPE.mjGEOM_SPHERE, size=[0.05, 0, 0])
     craft = [load_craft(find_model(names[i % len(names)])) for i in range(count)]
-    with quiet():
-        for i, model in enumerate(craft):
-            spec.worldbody.add_frame().attach_body(model.spec.worldbody.bodies[0], f"{i}/", "")
+    for i, model in enumerate(craft):
+        model.spec.option = spec.option
+        spec.worldbody.add_frame().attach_body(model.spec.worldbody.bodies[0], f"{i}/", "")
     compiled = spec.compile()
     bodies = [int(body) for body in compiled.jnt_bodyid]
     return compiled, pad([m.point_m for m in craft], [m.normal for m in craft]), bodies
