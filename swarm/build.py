@@ -34,7 +34,7 @@ FAN_ERROR_MAX_RAD = 0.1
 """What a fan's systematic errors can add to a sweep angle at most; the decoder believes angles so far outside."""
 WIDEST_HALF_FIELD_RAD = 1.57
 """Just below pi/2: no fan can be seen from behind."""
-_START_KEYS = {"ring": "radius_m", "waypoints": "points_m", "approach": "from_m"}
+_START_KEYS = {"ring": "radius_m", "waypoints": "points_m", "approach": "from_m", "wander": "centre_m"}
 
 
 def check(settings: Scenario) -> None:
@@ -179,6 +179,16 @@ def _motion(table: scenario.AnyMotion, settings: Scenario) -> motion.Motion:
                 radians(believed.angular_acceleration_noise_deg_s2 if turn is None else turn),
                 table.velocity_m_s,
                 table.spacing_m,
+                attitude,
+            )
+        case scenario.Wander():
+            return motion.Wander(
+                table.centre_m,
+                table.size_m,
+                table.speed_m_s,
+                radians(table.turn_deg),
+                radians(table.turn_rate_deg_s),
+                table.bandwidth_hz,
                 attitude,
             )
 

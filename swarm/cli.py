@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from swarm.errors import SwarmError
-from swarm.terminal import fly_and_report, mistakes
+from swarm.terminal import experiment_and_report, fly_and_report, mistakes
 
 if TYPE_CHECKING:
     from swarm.results.progress import Progress
@@ -28,6 +28,7 @@ Begin with:
   swarm view runs/formation-7  look at it, in the viewer
   swarm check my.toml          is my own scenario right?
   swarm run my.toml --set swarm.count=16 --seed 3
+  swarm reproduce              the papers' experiments
 
 A run leaves a folder: recording.rrd for the viewer,
 telemetry.parquet with a row per craft and period,
@@ -66,6 +67,7 @@ Out = Annotated[
     Path | None, typer.Option("--out", metavar="FOLDER", help="Where to write; else runs/<scenario>-<seed>.")
 ]
 Force = Annotated[bool, typer.Option("--force", help="Replace a run that is there already.")]
+Size = Annotated[int | None, typer.Option(metavar="N", help="A smaller, quicker form; see the list.")]
 NoRecording = Annotated[bool, typer.Option("--no-recording", help="Write no recording for the viewer.")]
 
 
@@ -250,6 +252,47 @@ def replay(
             )
 
         fly_and_report(settings.name, folder, fly)
+
+
+@app.command()
+def reproduce(
+    experiment: Annotated[
+        str | None, typer.Argument(metavar="EXPERIMENT", help="One of those that are listed without it.")
+    ] = None,
+    poses: Size = None,
+    frames: Size = None,
+    runs: Size = None,
+    seconds: Size = None,
+    draws: Size = None,
+    seed: Annotated[int | None, typer.Option("--seed", metavar="N", help="Replace the experiment's seed.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FOLDER", help="Where to write; else runs/<experiment>-<seed>.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace an experiment that is there already.")] = False,
+) -> None:
+    """Do a paper's experiment again: its table beside ours.
+
+    \b
+    swarm reproduce
+    swarm reproduce lighthouse-static
+    swarm reproduce lighthouse-static --poses 5 --frames 300
+
+    Without EXPERIMENT, list them, with what makes each smaller.
+    It leaves data.parquet, figure.png, figure.svg, comparison.json.
+    """
+    with mistakes():
+        from swarm.experiments import EXPERIMENTS
+
+        if experiment is None:
+            for name, known in EXPERIMENTS.items():
+                sizes = " ".join(f"--{size} {value}" for size, value in known.sizes.items())
+                typer.echo(f"swarm reproduce {name}")
+                typer.echo(f"  {known.source}, {known.figure}: {known.about}")
+                typer.echo(f"  {sizes}")
+            return
+        asked = {"poses": poses, "frames": frames, "runs": runs, "seconds": seconds, "draws": draws}
+        sizes_asked = {size: value for size, value in asked.items() if value is not None}
+        experiment_and_report(experiment, out=out, force=force, seed=seed, sizes=sizes_asked)
 
 
 def _first_sentence(readme: Path) -> str:

@@ -1,7 +1,7 @@
 """How a command ends: with a report, with one message about a mistake, or stopped by a signal and closed properly."""
 
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
@@ -47,6 +47,33 @@ def fly_and_report(title: str, folder: Path, fly: Callable[[Callable[["Progress"
     print_report(Console(), run.summary, run.folder)
     if run.status != "complete":
         raise typer.Exit(128 + signal.SIGINT)
+
+
+def experiment_and_report(
+    name: str, *, out: Path | None, force: bool, seed: int | None, sizes: Mapping[str, int]
+) -> None:
+    """Do an experiment under a progress bar, then print its table; stopped on the way, it leaves nothing."""
+    from rich.console import Console
+    from rich.progress import Progress as Bar
+
+    from swarm.experiments import find, reproduce
+    from swarm.experiments.results import print_comparison
+
+    find(name)
+    try:
+        with _stoppable(), Bar(console=Console(stderr=True), transient=True) as bar:
+            task = bar.add_task(name, total=1.0)
+
+            def tell(share: float, what: str) -> None:
+                bar.update(task, completed=share, description=f"{name}: {what}")
+
+            done = reproduce(name, out=out, force=force, seed=seed, sizes=sizes, progress=tell)
+            tell(1.0, "done")
+    except KeyboardInterrupt as stop:
+        number = stop.number if isinstance(stop, Stopped) else signal.SIGINT
+        _error(f"stopped by {signal.Signals(number).name} before anything was written")
+        raise typer.Exit(128 + number) from None
+    print_comparison(Console(), done)
 
 
 @contextmanager

@@ -5,7 +5,7 @@ Everything is in the lighthouse frame, SI units. The attitude of a craft on its 
     R_l_b(t) = F(p(t)) Rx(yaw) Ry(pitch) Rz(roll + spin t)
 
 with F the facing frame of `swarm.motion.pointing` (body +z towards the lighthouse), or the identity where `facing` is
-off.
+off. A wandering craft is turned by three random angles more (`swarm.motion.wander`).
 Tumble and drift are free motions: the reference is their start, carried on at their first rates, and not held.
 """
 
@@ -18,7 +18,7 @@ import numpy as np
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats
 from swarm.errors import SwarmError
-from swarm.motion import paths
+from swarm.motion import paths, wander
 from swarm.motion.pointing import facing
 
 Vector = tuple[float, float, float]
@@ -108,7 +108,20 @@ class Drift:
     attitude: Attitude = Attitude()
 
 
-Motion = Hold | Ring | Waypoints | Approach | Tumble | Drift
+@dataclass(frozen=True)
+class Wander:
+    """Moved about at random within a box (`swarm.motion.wander`); speeds are RMS, turn_rad is the largest angle."""
+
+    centre_m: Vector
+    size_m: Vector
+    speed_m_s: float
+    turn_rad: float
+    turn_rate_rad_s: float
+    bandwidth_hz: float
+    attitude: Attitude = Attitude()
+
+
+Motion = Hold | Ring | Waypoints | Approach | Tumble | Drift | Wander
 
 
 @dataclass(frozen=True)
@@ -157,10 +170,18 @@ class Fleet:
     """The references of all craft, in the order of the tasks."""
 
     def __init__(self, tasks: Sequence[Task], seed: int = 0) -> None:
-        """Prepare the paths. seed: of the drift's accelerations. Raises SwarmError where a motion makes no sense."""
+        """Prepare the paths. seed: of what is random. Raises SwarmError where a motion makes no sense."""
         motions = [task.motion for task in tasks]
         attitude = [motion.attitude for motion in motions]
-        every = [_path(task) for task in tasks]
+        # A craft's draws go by its number: no other craft changes them.
+        rngs = [
+            np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(wander.PURPOSE, i)))
+            for i in range(len(tasks))
+        ]
+        every = [_path(task, rng) for task, rng in zip(tasks, rngs, strict=True)]
+        self._turns = {
+            i: _turn(m, rng) for i, (m, rng) in enumerate(zip(motions, rngs, strict=True)) if isinstance(m, Wander)
+        }
         circles = {i: path for i, path in enumerate(every) if isinstance(path, paths.Circle)}
         pieces = {i: path for i, path in enumerate(every) if isinstance(path, paths.Pieces)}
         self._paths: list[tuple[list[int], paths.Path]] = []
@@ -168,10 +189,12 @@ class Fleet:
             self._paths.append((list(circles), paths.Circles(list(circles.values()))))
         if pieces:
             self._paths.append((list(pieces), paths.Polynomials(list(pieces.values()))))
+        self._paths += [([i], path) for i, path in enumerate(every) if isinstance(path, paths.Wandering)]
         self._facing: Bools = np.array([a.facing for a in attitude], dtype=np.bool_)
         angles = np.array([(a.yaw_rad, a.pitch_rad, a.roll_rad) for a in attitude]).reshape(-1, 3, 1)
         x, y, z = (rot.exp(angles[:, i] * np.eye(3)[i]) for i in range(3))
         self._offset = x @ y @ z
+        self._offset_angle = angles[..., 0]
         self._spin: Floats = np.array([a.spin_rad_s for a in attitude], dtype=np.float64)
         self._free: Bools = np.array([isinstance(m, Tumble | Drift) for m in motions], dtype=np.bool_)
         self._sigma = np.array(
@@ -237,6 +260,12 @@ class Fleet:
         rate, change = np.zeros((count, 3)), np.zeros((count, 3))
         frame[turned], rate[turned], change[turned] = facing(position[turned], velocity[turned], acceleration[turned])
         rotation = frame @ self._offset
+        for craft, tones in self._turns.items():
+            own = wander.turn(self._offset_angle[craft], tones, time_s)
+            turning = frame[craft] @ own.rate
+            change[craft] += frame[craft] @ own.change + np.cross(rate[craft], turning)
+            rate[craft] += turning
+            rotation[craft] = frame[craft] @ own.rotation
         if self._spin.any():
             rotation = rotation @ rot.exp((self._spin * time_s)[:, None] * np.array([0.0, 0.0, 1.0]))
         spinning = self._spin[:, None] * rotation[:, :, 2]
@@ -254,8 +283,8 @@ class Fleet:
         )
 
 
-def _path(task: Task) -> paths.Circle | paths.Pieces:
-    """The path of one craft."""
+def _path(task: Task, rng: np.random.Generator) -> paths.Circle | paths.Pieces | paths.Wandering:
+    """The path of one craft; rng: its own random numbers."""
     motion = task.motion
     match motion:
         case Hold():
@@ -275,6 +304,16 @@ def _path(task: Task) -> paths.Circle | paths.Pieces:
             if motion.speed_m_s <= 0 or motion.from_m == motion.to_m:
                 raise SwarmError("approach: speed_m_s must be positive, and from_m differ from to_m")
             return paths.corridor(motion.from_m, motion.to_m, motion.start_s, motion.speed_m_s)
+        case Wander():
+            size = np.array(motion.size_m)
+            speed = motion.speed_m_s * size / max(float(np.linalg.norm(size)), 1e-12)
+            return paths.Wandering(np.array(motion.centre_m), wander.tones(size / 2, speed, motion.bandwidth_hz, rng))
+
+
+def _turn(motion: Wander, rng: np.random.Generator) -> wander.Tones:
+    """How a wandering craft turns: the same share of its rate about each axis."""
+    rate = np.full(3, motion.turn_rate_rad_s / np.sqrt(3))
+    return wander.tones(np.full(3, motion.turn_rad), rate, motion.bandwidth_hz, rng)
 
 
 def _on_grid(centre_m: Vector, spacing_m: float, task: Task) -> Vector:

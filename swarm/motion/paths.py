@@ -1,10 +1,11 @@
 """Paths in space as functions of time, with velocity and acceleration, evaluated for many craft at once.
 
-Two kinds serve every motion. A circle with centre c, unit vectors e1, e2 in its plane, phase a and rate w:
+Three kinds serve every motion. A circle with centre c, unit vectors e1, e2 in its plane, phase a and rate w:
 
     p = c + r (cos(a + w t) e1 + sin(a + w t) e2)
 
-and pieces of polynomials of degree 5, p = sum_n c_n (t - t_i)^n for t_i <= t < t_(i+1), the first also before t_0.
+and pieces of polynomials of degree 5, p = sum_n c_n (t - t_i)^n for t_i <= t < t_(i+1), the first also before t_0;
+and a sum of random tones (`swarm.motion.wander`).
 """
 
 from collections.abc import Sequence
@@ -13,6 +14,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from estimators.arrays import Floats
+from swarm.motion.wander import Tones
 
 DEGREE = 5
 RAMP_SHARE = 0.25
@@ -52,6 +54,18 @@ class Pieces(NamedTuple):
 
     start: Floats
     coefficient: Floats
+
+
+class Wandering(NamedTuple):
+    """One craft that wanders about its centre (3,) [m] by three signals [m]."""
+
+    centre: Floats
+    tones: Tones
+
+    def at(self, time_s: float) -> Motion:
+        """Where the craft is at `time_s` [s]."""
+        offset, velocity, acceleration = self.tones.at(time_s)
+        return Motion((self.centre + offset)[None], velocity[None], acceleration[None])
 
 
 class Circles:

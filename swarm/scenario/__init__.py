@@ -1,7 +1,7 @@
 """The scenario: what a run's file may say, loading it with every mistake named, and writing it out again."""
 
 from swarm.scenario.load import Craft, craft, for_replay, load, validate
-from swarm.scenario.motions import AnyMotion, Approach, Attitude, Drift, Hold, Ring, Tumble, Waypoints
+from swarm.scenario.motions import AnyMotion, Approach, Attitude, Drift, Hold, Ring, Tumble, Wander, Waypoints
 from swarm.scenario.reference import json_schema, markdown_reference
 from swarm.scenario.schema import Fan, Lighthouse, Navigation, Scenario, Swarm
 from swarm.scenario.text import to_toml
@@ -20,6 +20,7 @@ __all__ = [
     "Scenario",
     "Swarm",
     "Tumble",
+    "Wander",
     "Waypoints",
     "craft",
     "for_replay",

@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
 from pydantic_core import PydanticCustomError
 
 Component = Annotated[float, Field(ge=-1000, le=1000)]
+Length = Annotated[float, Field(ge=0, le=1000)]
 Time = Annotated[float, Field(ge=0, le=86400)]
 Vector = Annotated[tuple[Component, Component, Component], Strict(False)]
 """Three numbers; a TOML list becomes a tuple (hence not strict), its elements stay strict."""
@@ -137,4 +138,22 @@ class Drift(Motion):
     )
 
 
-AnyMotion = Annotated[Hold | Ring | Waypoints | Approach | Tumble | Drift, Field(discriminator="kind")]
+class Wander(Motion):
+    """Moved about at random as by a hand: smooth, within a box, without any frequency above its bandwidth."""
+
+    kind: Literal["wander"] = Field(description="Moved about at random as by a hand.")
+    centre_m: Vector = Field(default=(0.0, 0.0, 3.0), description="The middle of the box that it never leaves.")
+    size_m: Annotated[tuple[Length, Length, Length], Strict(False)] = Field(
+        default=(1.0, 1.0, 1.0), description="The box's edges; along an edge of 0 it does not move."
+    )
+    speed_m_s: float = Field(
+        default=0.3, ge=0, le=100, description="RMS speed, shared among the axes as the box's edges are."
+    )
+    turn_deg: float = Field(
+        default=30.0, ge=0, le=180, description="It turns by up to this about each body axis, beside its attitude."
+    )
+    turn_rate_deg_s: float = Field(default=30.0, ge=0, le=3600, description="RMS angular rate of that turning.")
+    bandwidth_hz: float = Field(default=1.0, gt=0, le=30, description="The highest frequency in it.")
+
+
+AnyMotion = Annotated[Hold | Ring | Waypoints | Approach | Tumble | Drift | Wander, Field(discriminator="kind")]
