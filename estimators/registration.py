@@ -10,6 +10,13 @@ package: active, left). Only surface that the scanner can see takes part. w_i = 
 across the surface by the cosine of its incidence, s_i^2 = (noise cos)^2 + (0.25 noise)^2, and Tukey's b takes outliers
 away, its width shrinking from the start's uncertainty to a few times the noise.
 
+Near the end two things become exact: the matches are where the points' own rays meet the mesh, and the scan's edges,
+where its lines leave the target, are matched with the shape's sharp edges: with T_i the edge's tangent,
+
+    N_i = x_i x T_i / |...|,   s_i = step along the line / sqrt(12)
+
+in the same e_i and J_i. They determine what planes leave free, such as a turn about the line of sight.
+
 Directions that the matched surface does not determine (a single plane, a sphere) are left as they are, told apart by the
 eigenvalues of the normal matrix, and get an infinite variance. Covariance: (J^T W J)^-1, times the mean of w e^2 where
 that is above one.
@@ -23,6 +30,7 @@ from scipy.spatial import cKDTree
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats, Ints
 from estimators.ray_cast import cast
+from estimators.scan import Edges
 from estimators.shape import Shape
 
 FEWEST_POINTS = 12
@@ -33,6 +41,10 @@ NEIGHBOURS = 4
 """Surface points that a return is compared with."""
 WEAK_ATTITUDE_RAD, WEAK_POSITION = 0.05, 0.05
 """A direction whose sigma is larger (position: against the shape's radius) is not determined."""
+EDGE_GATE = (0.05, 4.0)
+"""How far a scanned edge may be from the known one: at first, against the radius; at last, in sigmas."""
+JUMP = 0.1
+"""A range that jumps by this, against the radius, is an edge."""
 POLISH_RAD = 3e-3
 """Steps below this: from now on, matched along the rays."""
 STEP_RAD, STEP_M = 1e-5, 1e-5
@@ -70,13 +82,14 @@ def register(
     position: Floats,
     noise_m: float,
     *,
+    edges: Edges | None = None,
     reach_m: float = 0.3,
     iterations: int = ITERATIONS,
 ) -> Registration:
     """Refine the target's pose from a start near it.
 
-    point: (n, 3) [m] in s. rotation (3, 3), position (3,): the start. noise_m: 1 sigma of a range. reach_m: how far
-    points may lie from the surface at the start. Raises ValueError where an argument is not finite.
+    point: (n, 3) [m] in s. rotation (3, 3), position (3,): the start. noise_m: 1 sigma of a range. edges: where the
+    scan's lines leave the target. reach_m: how far points may lie from the surface at the start. Raises ValueError where an argument is not finite.
     """
     if not (np.isfinite(point).all() and np.isfinite(rotation).all() and np.isfinite(position).all()):
         raise ValueError("point, rotation, position: not finite")
@@ -84,8 +97,9 @@ def register(
         return failed(rotation, position)
     least = 3.5 * float(np.hypot(noise_m, 0.15 * shape.spacing_m))
     width, seen_from = max(reach_m, least), np.full(3, np.inf)
-    visible = np.zeros(0, dtype=np.int64)
-    tree: cKDTree | None = None
+    visible = edge_seen = np.zeros(0, dtype=np.int64)
+    gate = EDGE_GATE[0] * shape.radius_m
+    tree = edge_tree = None
     converged = polishing = False
     number = 0
     for number in range(1, iterations + 1):
@@ -96,16 +110,22 @@ def register(
             if len(visible) < FEWEST_POINTS:
                 return failed(rotation, position)
             tree = cKDTree(shape.point[visible])
+            edge_seen = np.flatnonzero(shape.edges_from(viewpoint)) if edges is not None else visible
+            edge_tree = cKDTree(shape.edge.point[edge_seen] if edges is not None else shape.point[visible])
         if polishing:
-            m, n, found = _along_rays(point, shape, rotation, position)
+            matched = _along_rays(point, shape, rotation, position)
         else:
-            m, n, found = _closest(point, shape, visible, tree, rotation, position, width)
-        error, jacobian, weight, bisquare = _linearised(point, m, n, found, rotation, position, width, noise_m)
+            matched = _closest(point, shape, visible, tree, rotation, position, width)
+        error, jacobian, weight, bisquare = _linearised(point, *matched, rotation, position, width, noise_m)
+        normal, right = jacobian.T @ (weight[:, None] * jacobian), jacobian.T @ (weight * error)
+        if polishing and edges is not None and len(edges.point):
+            gate = max(0.75 * gate, EDGE_GATE[1] * float(np.max(edges.sigma_m)))
+            own_normal, own_right = _of_edges(edges, shape, edge_seen, edge_tree, rotation, position, gate)
+            normal, right = normal + own_normal, right + own_right
         used = weight > 0
         if np.count_nonzero(used) < FEWEST_POINTS:
             return failed(rotation, position)
-        normal = jacobian.T @ (weight[:, None] * jacobian)
-        step, _ = _solve(normal, jacobian.T @ (weight * error), 1.0, shape.radius_m)
+        step, _ = _solve(normal, right, 1.0, shape.radius_m)
         rotation, position = rot.exp(step[:3]) @ rotation, position + step[3:]
         small = np.linalg.norm(step[:3]) < STEP_RAD and np.linalg.norm(step[3:]) < STEP_M
         if small and polishing:
@@ -117,7 +137,7 @@ def register(
         width = max(least, min(0.7 * width, 4.0 * rms + 0.3 * width))
     residual = float(np.sqrt(np.average(error**2, weights=bisquare)))
     sigma = np.sqrt(max(1.0, float(np.sum(weight * error**2) / np.sum(bisquare))))
-    _, covariance = _solve(jacobian.T @ (weight[:, None] * jacobian), np.zeros(6), sigma, shape.radius_m)
+    _, covariance = _solve(normal, np.zeros(6), sigma, shape.radius_m)
     degenerate = not bool(np.isfinite(covariance).all())
     return Registration(
         rotation, position, covariance, converged, number, residual, float(np.mean(used)), degenerate
@@ -163,6 +183,27 @@ def _linearised(
     cosine = np.sum(across * point, axis=1) / np.linalg.norm(point, axis=1)
     weight = bisquare / (noise_m**2 * (cosine**2 + FLOOR**2))
     return error, np.concatenate([np.cross(turned, across), across], axis=1), weight, bisquare
+
+
+def _of_edges(
+    edges: Edges, shape: Shape, seen: Ints, tree: cKDTree, rotation: Floats, position: Floats, gate: float
+) -> tuple[Floats, Floats]:
+    """What the scan's edges add: the normal matrix (6, 6) and its right side (6,)."""
+    own = (edges.point - position) @ rotation
+    distance, index = tree.query(own, distance_upper_bound=gate)
+    found = np.isfinite(distance)
+    chosen = seen[index[found]]
+    x, m = edges.point[found], shape.edge.point[chosen]
+    # An edge is seen across itself: what lies along it, or along the line of sight, says nothing.
+    across = np.cross(x, shape.edge.tangent[chosen] @ rotation.T)
+    size = np.linalg.norm(across, axis=1) / np.linalg.norm(x, axis=1)
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
+    turned = m @ rotation.T
+    error = np.sum(across * (x - turned - position), axis=1)
+    bisquare = np.where((size > 0.3) & (np.abs(error) < gate), (1 - (error / gate) ** 2) ** 2, 0.0)
+    weight = bisquare / edges.sigma_m[found] ** 2
+    jacobian = np.concatenate([np.cross(turned, across), across], axis=1)
+    return jacobian.T @ (weight[:, None] * jacobian), jacobian.T @ (weight * error)
 
 
 def _solve(normal: Floats, right: Floats, sigma: float, radius_m: float) -> tuple[Floats, Floats]:

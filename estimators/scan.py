@@ -17,15 +17,25 @@ LINKS = 2.2
 """Neighbouring returns of one object lie within this many ray spacings."""
 
 
+class Edges(NamedTuple):
+    """Where a line of the scan leaves the target: point (k, 3) [m], sigma_m (k,) along the line."""
+
+    point: Floats
+    sigma_m: Floats
+
+
 class Scan(NamedTuple):
     """Rays of one scan. direction: (N, 3) unit. range_m: (N,) [m], NaN: no return. spacing_rad: between neighbouring
-    rays, at the widest (between the lines). noise_m: 1 sigma of a range.
+    rays, at the widest (between the lines). noise_m: 1 sigma of a range. line: (N,), which line a ray belongs to, and
+    step: (N,), its number along it; -1: not known.
     """
 
     direction: Floats
     range_m: Floats
     spacing_rad: float
     noise_m: float
+    line: Ints
+    step: Ints
 
     @property
     def returned(self) -> Bools:
@@ -41,7 +51,12 @@ class Scan(NamedTuple):
 
     def rays(self, which: Bools | Ints) -> "Scan":
         """Some of the rays."""
-        return self._replace(direction=self.direction[which], range_m=self.range_m[which])
+        return self._replace(
+            direction=self.direction[which],
+            range_m=self.range_m[which],
+            line=self.line[which],
+            step=self.step[which],
+        )
 
     def around(self, position: Floats, radius_m: float) -> "Scan":
         """The rays that pass within `radius_m` of `position` (3,); returns from elsewhere count as none, unless they
@@ -58,12 +73,32 @@ class Scan(NamedTuple):
         outside = part.range_m > distance + radius_m
         return part._replace(range_m=np.where(outside, np.nan, part.range_m))
 
+    def edges(self, jump_m: float) -> Edges:
+        """Where, along a line, a return is followed by none, or by one that is further away by `jump_m`.
+
+        The edge is taken to be midway between the two rays, at the nearer range: off by at most half a step.
+        """
+        order = np.lexsort((self.step, self.line))
+        a, b = order[:-1], order[1:]
+        next_to = (self.line[a] == self.line[b]) & (self.line[a] >= 0) & (self.step[b] == self.step[a] + 1)
+        a, b = a[next_to], b[next_to]
+        depth = np.where(self.returned, self.range_m, np.inf)
+        a, b = np.where(depth[a] < depth[b], a, b), np.where(depth[a] < depth[b], b, a)
+        edge = np.isfinite(depth[a]) & (depth[b] > depth[a] + jump_m)
+        a, b = a[edge], b[edge]
+        middle = self.direction[a] + self.direction[b]
+        width = np.linalg.norm(self.direction[a] - self.direction[b], axis=1)
+        point = depth[a, None] * middle / np.linalg.norm(middle, axis=1, keepdims=True)
+        return Edges(point, depth[a] * width / np.sqrt(12))
+
 
 def checked(scan: Scan) -> Scan:
     """The scan itself. Raises ValueError, naming what is wrong, where it cannot be one."""
     direction, depth = scan.direction, scan.range_m
     if direction.ndim != 2 or direction.shape[1:] != (3,) or depth.shape != (len(direction),):
         raise ValueError(f"scan: expected (N, 3) directions and (N,) ranges, got {direction.shape}, {depth.shape}")
+    if scan.line.shape != depth.shape or scan.step.shape != depth.shape:
+        raise ValueError(f"scan: expected (N,) lines and steps, got {scan.line.shape}, {scan.step.shape}")
     if not np.isfinite(direction).all():
         raise ValueError("scan: a direction is not finite")
     if len(direction) and np.abs(np.linalg.norm(direction, axis=1) - 1).max() > 1e-6:
@@ -85,7 +120,8 @@ def from_points(point: Floats, spacing_rad: float, noise_m: float) -> Scan:
     depth = np.linalg.norm(point, axis=1)
     if np.any(depth == 0):
         raise ValueError("point: one lies in the scanner itself")
-    return checked(Scan(point / depth[:, None], depth, spacing_rad, noise_m))
+    unknown = np.full(len(point), -1, dtype=np.int64)
+    return checked(Scan(point / depth[:, None], depth, spacing_rad, noise_m, unknown, unknown))
 
 
 def clusters(scan: Scan, link_m: float) -> list[Ints]:

@@ -24,6 +24,7 @@ VIEWS = 240
 """Directions of the views, 13 degrees apart."""
 VIEW_POINTS = 96
 """Points of a view that stand for all that is seen of it."""
+SHARP_RAD = np.radians(25)
 CELLS = 72
 """Cells of the grid along the longest side of the box around the shape."""
 MARGIN = 0.25
@@ -49,10 +50,19 @@ class Views(NamedTuple):
     sample: Ints
 
 
+class SharpEdges(NamedTuple):
+    """point: (e, 3) [m]. tangent: (e, 3), along the edge. outward: (e, 3), between the faces' normals."""
+
+    point: Floats
+    tangent: Floats
+    outward: Floats
+
+
 class Shape:
     """The shape. point: (n, 3) [m], normal: (n, 3) outward, mesh: its triangles, radius_m: about the body's origin.
 
-    tree: a `cKDTree` of the points. spacing_m: typical distance between neighbouring points.
+    tree: a `cKDTree` of the points. spacing_m: typical distance between neighbouring points. edge: points on the sharp
+    edges, where a silhouette can be.
     """
 
     def __init__(self, vertex: Floats, face: NDArray[np.integer], points: int = POINTS, seed: int = 0) -> None:
@@ -72,6 +82,9 @@ class Shape:
         outer = seen.any(axis=0)
         self.point, self.normal = point[kept][outer], normal[kept][outer]
         self._seen, self._direction = seen[:, outer], direction
+        edge = sharp_edges(vertex, face, 0.012 * self.radius_m)
+        shown = _seen(self.mesh, edge.point, edge.outward, direction[::4], self.radius_m).any(axis=0)
+        self.edge = SharpEdges(*(part[shown] for part in edge))
         self.tree = cKDTree(self.point)
         self.spacing_m = float(np.median(self.tree.query(self.point, k=2)[0][:, 1]))
         self._rng = np.random.default_rng(seed)
@@ -105,6 +118,14 @@ class Shape:
         out[out] = cast(self.mesh, start, direction[out]).distance > distance[out]
         return out
 
+    def edges_from(self, viewpoint: Floats) -> Bools:
+        """(e,): the points on sharp edges that a viewer at `viewpoint` (3,) [m] sees."""
+        start = self.edge.point + 2e-3 * self.radius_m * self.edge.outward
+        toward = viewpoint - start
+        distance = np.linalg.norm(toward, axis=1)
+        out: Bools = cast(self.mesh, start, toward / distance[:, None]).distance > distance
+        return out
+
 
 def sphere(count: int) -> Floats:
     """`count` directions (count, 3) spread evenly over the sphere (Fibonacci's spiral)."""
@@ -112,6 +133,34 @@ def sphere(count: int) -> Floats:
     z, turn = 1 - 2 * i / count, np.pi * (1 + np.sqrt(5)) * i
     radius = np.sqrt(1 - z * z)
     return np.stack([radius * np.cos(turn), radius * np.sin(turn), z], axis=1)
+
+
+def sharp_edges(vertex: Floats, face: NDArray[np.integer], spacing_m: float) -> SharpEdges:
+    """Points every `spacing_m` along the edges of a mesh (V, 3), (F, 3) that are open or bend by more than `SHARP_RAD`."""
+    corner, index = np.unique(np.round(vertex, 6), axis=0, return_inverse=True)
+    triangle = index.reshape(-1)[face]
+    across = np.cross(corner[triangle[:, 1]] - corner[triangle[:, 0]], corner[triangle[:, 2]] - corner[triangle[:, 0]])
+    size = np.linalg.norm(across, axis=1)
+    triangle, normal = triangle[size > 1e-12], across[size > 1e-12] / size[size > 1e-12, None]
+    pair = np.sort(triangle[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    owner = np.repeat(np.arange(len(triangle)), 3)
+    unique, which, count = np.unique(pair, axis=0, return_inverse=True, return_counts=True)
+    order = np.argsort(which.reshape(-1), kind="stable")
+    first = np.cumsum(count) - count
+    a, b = normal[owner[order[first]]], normal[owner[order[first + np.minimum(count, 2) - 1]]]
+    sharp = (count != 2) | (np.sum(a * b, axis=1) < np.cos(SHARP_RAD))
+    start, end, between = corner[unique[sharp, 0]], corner[unique[sharp, 1]], (a + b)[sharp]
+    length = np.linalg.norm(end - start, axis=1)
+    tangent = (end - start) / length[:, None]
+    # Where the faces fold back on each other, outward is away from the edge itself: either normal serves.
+    fold = np.linalg.norm(between, axis=1) < 1e-6
+    between[fold] = a[sharp][fold]
+    between /= np.linalg.norm(between, axis=1, keepdims=True)
+    pieces = np.maximum(1, np.ceil(length / spacing_m)).astype(np.int64)
+    of = np.repeat(np.arange(len(length)), pieces)
+    number = np.arange(len(of)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    along = (number + 0.5) / pieces[of] * length[of]
+    return SharpEdges(start[of] + along[:, None] * tangent[of], tangent[of], between[of])
 
 
 def _diameter(vertex: Floats) -> float:

@@ -19,7 +19,7 @@ from estimators import rotation as rot
 from estimators.agreement import agreement
 from estimators.arrays import Floats
 from estimators.pose_search import STARTS, Poses, distinct, rotations, search
-from estimators.registration import Registration, register
+from estimators.registration import JUMP, Registration, register
 from estimators.scan import Scan, checked, clusters
 from estimators.shape import Shape
 
@@ -180,8 +180,9 @@ def _confidence(best: _Candidate, margin: float, s: AcquisitionSettings) -> floa
 
 def _refined(scan: Scan, shape: Shape, poses: Poses, point: Floats) -> list[_Candidate]:
     out = []
+    edges = scan.edges(JUMP * shape.radius_m)
     for rotation, position in zip(poses.rotation, poses.position, strict=True):
-        fit = register(point, shape, rotation, position, scan.noise_m, reach_m=0.12 * shape.radius_m)
+        fit = register(point, shape, rotation, position, scan.noise_m, edges=edges, reach_m=0.12 * shape.radius_m)
         seen = agreement(scan, shape, fit.rotation, fit.position)
         if seen.rays:
             out.append(_Candidate(fit, seen.cost, seen.overlap))
