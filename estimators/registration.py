@@ -7,7 +7,7 @@ with its closest surface point m_i (k-d tree), normal n_i, both in t; with q_i =
 
 gives the step d = (attitude, position): R <- Exp([d]x) R, p <- p + dp (Chen and Medioni 1992; error convention of this
 package: active, left). Only surface that the scanner can see takes part. w_i = b_i / s_i^2: an error of the range counts
-across the surface by the cosine of its incidence, s_i^2 = (noise cos)^2 + (0.25 noise)^2, and Tukey's b takes outliers
+across the surface by the cosine of its incidence, s_i^2 = (noise cos)^2 + (0.3 noise)^2, and Tukey's b takes outliers
 away, its width shrinking from the start's uncertainty to a few times the noise.
 
 Near the end two things become exact: the matches are where the points' own rays meet the mesh, and the scan's edges,
@@ -35,8 +35,10 @@ from estimators.shape import Shape
 
 FEWEST_POINTS = 12
 """Matched points without which there is no answer."""
-FLOOR = 0.25
+FLOOR = 0.3
 """Of the noise: what no incidence takes away, of jitter and of the known shape itself."""
+GRAZING = 0.12
+"""Cosine of the incidence (83 degrees) beyond which a return is not used."""
 NEIGHBOURS = 4
 """Surface points that a return is compared with."""
 WEAK_ATTITUDE_RAD, WEAK_POSITION = 0.05, 0.05
@@ -45,6 +47,8 @@ EDGE_GATE = (0.05, 4.0)
 """How far a scanned edge may be from the known one: at first, against the radius; at last, in sigmas."""
 JUMP = 0.1
 """A range that jumps by this, against the radius, is an edge."""
+CLEAR = 0.4
+"""Sine of the least angle between an edge and the line of sight, and between it and the scan's line."""
 POLISH_RAD = 3e-3
 """Steps below this: from now on, matched along the rays."""
 STEP_RAD, STEP_M = 1e-5, 1e-5
@@ -181,6 +185,8 @@ def _linearised(
     bisquare = np.where(np.abs(ratio) < 1, (1 - ratio**2) ** 2, 0.0)
     turned, across = m @ rotation.T, n @ rotation.T
     cosine = np.sum(across * point, axis=1) / np.linalg.norm(point, axis=1)
+    # A face seen at a grazing angle is told from its neighbour by a hair: what it would say weighs too much.
+    bisquare[np.abs(cosine) < GRAZING] = 0.0
     weight = bisquare / (noise_m**2 * (cosine**2 + FLOOR**2))
     return error, np.concatenate([np.cross(turned, across), across], axis=1), weight, bisquare
 
@@ -194,14 +200,15 @@ def _of_edges(
     found = np.isfinite(distance)
     chosen = seen[index[found]]
     x, m = edges.point[found], shape.edge.point[chosen]
-    # An edge is seen across itself: what lies along it, or along the line of sight, says nothing.
+    # An edge is seen across itself, and by a line that crosses it: one that runs along it does not end there.
     across = np.cross(x, shape.edge.tangent[chosen] @ rotation.T)
     size = np.linalg.norm(across, axis=1) / np.linalg.norm(x, axis=1)
     across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
     turned = m @ rotation.T
     error = np.sum(across * (x - turned - position), axis=1)
-    bisquare = np.where((size > 0.3) & (np.abs(error) < gate), (1 - (error / gate) ** 2) ** 2, 0.0)
-    weight = bisquare / edges.sigma_m[found] ** 2
+    crossing = np.abs(np.sum(across * edges.along[found], axis=1))
+    clear = (size > CLEAR) & (crossing > CLEAR) & (np.abs(error) < gate)
+    weight = np.where(clear, (1 - (error / gate) ** 2) ** 2, 0.0) / edges.sigma_m[found] ** 2
     jacobian = np.concatenate([np.cross(turned, across), across], axis=1)
     return jacobian.T @ (weight[:, None] * jacobian), jacobian.T @ (weight * error)
 

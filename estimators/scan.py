@@ -18,9 +18,12 @@ LINKS = 2.2
 
 
 class Edges(NamedTuple):
-    """Where a line of the scan leaves the target: point (k, 3) [m], sigma_m (k,) along the line."""
+    """Where a line of the scan leaves the target: point (k, 3) [m], along (k, 3), the line's direction, sigma_m (k,)
+    in that direction.
+    """
 
     point: Floats
+    along: Floats
     sigma_m: Floats
 
 
@@ -87,9 +90,10 @@ class Scan(NamedTuple):
         edge = np.isfinite(depth[a]) & (depth[b] > depth[a] + jump_m)
         a, b = a[edge], b[edge]
         middle = self.direction[a] + self.direction[b]
-        width = np.linalg.norm(self.direction[a] - self.direction[b], axis=1)
+        across = self.direction[b] - self.direction[a]
+        width = np.linalg.norm(across, axis=1)
         point = depth[a, None] * middle / np.linalg.norm(middle, axis=1, keepdims=True)
-        return Edges(point, depth[a] * width / np.sqrt(12))
+        return Edges(point, across / width[:, None], depth[a] * width / np.sqrt(12))
 
 
 def checked(scan: Scan) -> Scan:

@@ -51,11 +51,15 @@ class Views(NamedTuple):
 
 
 class SharpEdges(NamedTuple):
-    """point: (e, 3) [m]. tangent: (e, 3), along the edge. outward: (e, 3), between the faces' normals."""
+    """point: (e, 3) [m]. tangent: (e, 3), along the edge. outward: (e, 3), between the faces' normals, which are one and
+    two, (e, 3); opposite to each other where there is one face only.
+    """
 
     point: Floats
     tangent: Floats
     outward: Floats
+    one: Floats
+    two: Floats
 
 
 class Shape:
@@ -119,11 +123,16 @@ class Shape:
         return out
 
     def edges_from(self, viewpoint: Floats) -> Bools:
-        """(e,): the points on sharp edges that a viewer at `viewpoint` (3,) [m] sees."""
-        start = self.edge.point + 2e-3 * self.radius_m * self.edge.outward
+        """(e,): the points on sharp edges where a viewer at `viewpoint` (3,) [m] sees the surface end.
+
+        One face looks to the viewer and the other away, and nothing is in between.
+        """
+        toward = viewpoint - self.edge.point
+        out: Bools = np.sum(toward * self.edge.one, axis=1) * np.sum(toward * self.edge.two, axis=1) <= 0
+        start = self.edge.point[out] + 2e-3 * self.radius_m * self.edge.outward[out]
         toward = viewpoint - start
         distance = np.linalg.norm(toward, axis=1)
-        out: Bools = cast(self.mesh, start, toward / distance[:, None]).distance > distance
+        out[out] = cast(self.mesh, start, toward / distance[:, None]).distance > distance
         return out
 
 
@@ -148,19 +157,19 @@ def sharp_edges(vertex: Floats, face: NDArray[np.integer], spacing_m: float) -> 
     order = np.argsort(which.reshape(-1), kind="stable")
     first = np.cumsum(count) - count
     a, b = normal[owner[order[first]]], normal[owner[order[first + np.minimum(count, 2) - 1]]]
+    b = np.where((count == 1)[:, None], -a, b)
     sharp = (count != 2) | (np.sum(a * b, axis=1) < np.cos(SHARP_RAD))
-    start, end, between = corner[unique[sharp, 0]], corner[unique[sharp, 1]], (a + b)[sharp]
+    start, end, a, b = corner[unique[sharp, 0]], corner[unique[sharp, 1]], a[sharp], b[sharp]
     length = np.linalg.norm(end - start, axis=1)
     tangent = (end - start) / length[:, None]
-    # Where the faces fold back on each other, outward is away from the edge itself: either normal serves.
-    fold = np.linalg.norm(between, axis=1) < 1e-6
-    between[fold] = a[sharp][fold]
+    # Where the faces fold back on each other, either normal serves.
+    between = np.where(np.linalg.norm(a + b, axis=1, keepdims=True) < 1e-6, a, a + b)
     between /= np.linalg.norm(between, axis=1, keepdims=True)
     pieces = np.maximum(1, np.ceil(length / spacing_m)).astype(np.int64)
     of = np.repeat(np.arange(len(length)), pieces)
     number = np.arange(len(of)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
     along = (number + 0.5) / pieces[of] * length[of]
-    return SharpEdges(start[of] + along[:, None] * tangent[of], tangent[of], between[of])
+    return SharpEdges(start[of] + along[:, None] * tangent[of], tangent[of], between[of], a[of], b[of])
 
 
 def _diameter(vertex: Floats) -> float:
