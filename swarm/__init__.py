@@ -2,8 +2,8 @@
 
     import swarm
     run = swarm.simulate(swarm.load("formation"))
-    run.telemetry.to_pandas()   # one row per craft and lighthouse period
-    run.summary                 # the figures that `swarm run` prints
+    run.telemetry   # a pyarrow.Table, one row per craft and lighthouse period; .to_pandas() where pandas is installed
+    run.summary     # the figures that `swarm run` prints
 
 What is named here is imported when it is first used, so that `import swarm` and `swarm --help` cost nothing.
 """
@@ -15,19 +15,36 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from swarm.calibrate import calibrate_survey
     from swarm.errors import SwarmError
     from swarm.replay import replay
     from swarm.results.run_folder import Run, open_run
     from swarm.scenario import Scenario, load
     from swarm.simulate import simulate
+    from swarm.survey import observe_recording, observe_run
 
-__all__ = ["Run", "Scenario", "SwarmError", "__version__", "load", "open_run", "replay", "simulate"]
+__all__ = [
+    "Run",
+    "Scenario",
+    "SwarmError",
+    "__version__",
+    "calibrate_survey",
+    "load",
+    "observe_recording",
+    "observe_run",
+    "open_run",
+    "replay",
+    "simulate",
+]
 
 _HOME = {
     "Run": "swarm.results.run_folder",
     "Scenario": "swarm.scenario",
     "SwarmError": "swarm.errors",
+    "calibrate_survey": "swarm.calibrate",
     "load": "swarm.scenario",
+    "observe_recording": "swarm.survey",
+    "observe_run": "swarm.survey",
     "open_run": "swarm.results.run_folder",
     "replay": "swarm.replay",
     "simulate": "swarm.simulate",

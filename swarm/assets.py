@@ -3,6 +3,7 @@
     models/lighthouse/lighthouse.xml          a lighthouse
     models/craft/<name>/<name>.xml            a craft
     scenarios/<name>.toml                     a scenario
+    scenarios/studies/<name>.toml             a study: many runs of a scenario
 
 A user names one of these, or gives the path of an own file.
 """
@@ -37,6 +38,11 @@ def scenarios() -> dict[str, Path]:
     return {path.stem: path for path in sorted(folder("scenarios").glob("*.toml"))}
 
 
+def studies() -> dict[str, Path]:
+    """The studies that come with the package: name -> TOML file."""
+    return {path.stem: path for path in sorted((folder("scenarios") / "studies").glob("*.toml"))}
+
+
 def find_model(name_or_path: str | Path, relative_to: Path | None = None) -> Path:
     """The MJCF file of a craft or a lighthouse: a known name, a path to an .xml file, or the path of its folder.
 
@@ -59,16 +65,25 @@ def find_model(name_or_path: str | Path, relative_to: Path | None = None) -> Pat
 
 def find_scenario(name_or_path: str | Path) -> Path:
     """The TOML file of a scenario: a known name or a path. Raises SwarmError with the nearest known name."""
-    known = scenarios()
-    text = str(name_or_path)
+    return _find_toml("scenario", str(name_or_path), scenarios())
+
+
+def find_study(name_or_path: str | Path) -> Path:
+    """The TOML file of a study: a known name or a path. Raises SwarmError with the nearest known name."""
+    return _find_toml("study", str(name_or_path), studies())
+
+
+def _find_toml(what: str, text: str, known: dict[str, Path]) -> Path:
     if text in known:
         return known[text]
     path = Path(text).expanduser()
     if path.is_file():
         return path.resolve()
+    if path.exists():
+        raise SwarmError(f"{path} is not a scenario file{' but a folder' if path.is_dir() else ''}")
     if _is_path(text, ".toml"):
-        raise SwarmError(f"scenario file {path} does not exist{did_you_mean(path.stem, known)}")
-    raise SwarmError(f"no scenario {text!r}{did_you_mean(text, known)}; or give the path of a .toml file")
+        raise SwarmError(f"{what} file {path} does not exist{did_you_mean(path.stem, known)}")
+    raise SwarmError(f"no {what} {text!r}{did_you_mean(text, known)}; or give the path of a .toml file")
 
 
 def _models_in(place: Path) -> dict[str, Path]:

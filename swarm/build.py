@@ -14,11 +14,13 @@ from typing import cast
 import numpy as np
 
 from estimators.arrays import Bools
+from estimators.calibration_problem import Noise
 from estimators.rotation import quaternion_from_matrix
 from estimators.sweep import FanErrors
 from swarm import scenario
 from swarm.assets import find_model
-from swarm.errors import SwarmError
+from swarm.errors import SwarmError, did_you_mean
+from swarm.layout import Photodiodes
 from swarm.motion import fleet as motion
 from swarm.motion.fleet import Fleet, Task, Vector
 from swarm.onboard.decoder import PulseDecoder
@@ -38,8 +40,8 @@ _START_KEYS = {"ring": "radius_m", "waypoints": "points_m", "approach": "from_m"
 
 
 def check(settings: Scenario) -> None:
-    """Build everything once. Raises SwarmError as `fleet`, `world` and `navigation` do."""
-    world(settings, fleet(settings))
+    """Build everything once. Raises SwarmError as `fleet`, `world`, `believed_layout` and `navigation` do."""
+    believed_layout(settings, world(settings, fleet(settings)).photodiodes)
     navigation(settings)
 
 
@@ -103,6 +105,7 @@ def lighthouse(settings: Scenario) -> LighthouseSettings:
         incidence_max_rad=radians(table.incidence_max_deg),
         photodiode_diameter_m=table.photodiode_diameter_mm * 1e-3,
         mounting_error_m=table.mounting_error_mm * 1e-3,
+        mounting_seed=table.mounting_seed,
         missed_sync_probability=table.missed_sync_probability,
         lost_pulse_probability=table.lost_pulse_probability,
         stray_pulse_rate_hz=table.stray_pulse_rate_hz,
@@ -116,6 +119,17 @@ def decoder(settings: Scenario, present: Bools) -> PulseDecoder:
     station = lighthouse(settings)
     half = min(station.field_rad / 2 + FAN_ERROR_MAX_RAD, WIDEST_HALF_FIELD_RAD)
     return PulseDecoder(present, station.tick_s, rate_hz=station.rate_hz, field_half_angle_rad=half)
+
+
+def angle_noise(settings: Scenario) -> Noise:
+    """The random error of one sweep angle, its own and the sweep's, as the lighthouse and the circuits make it (19)."""
+    station = lighthouse(settings)
+    w = 2 * pi * station.rate_hz
+    rho, variance = station.rotor_correlation, station.angle_noise_rad**2
+    # Sweep and flash are each rounded to a tick; a craft's photodiodes share their flash, its rounding and its jitter.
+    rounding = (w * station.tick_s) ** 2 / 12
+    shared = rho * variance + rounding + (w * station.sync_jitter_s) ** 2
+    return Noise(sqrt((1 - rho) * variance + rounding), sqrt(shared))
 
 
 def navigation(settings: Scenario) -> NavigationSettings:
@@ -140,11 +154,39 @@ def navigation(settings: Scenario) -> NavigationSettings:
     if table.calibration is None:
         return made
     calibration = read_calibration(table.calibration)
+    return replace(made, fan_x=calibration.fan_x, fan_y=calibration.fan_y)
+
+
+def believed_layout(settings: Scenario, drawn: Photodiodes) -> Photodiodes:
+    """Where every craft believes its photodiodes to be: as drawn, or as its calibration has found them.
+
+    A calibration's [photodiodes.NAME] is for the craft or the model of that name, the craft's going first. Raises
+    SwarmError where it fits no craft, or has another number of photodiodes.
+    """
+    file = settings.navigation.calibration
+    if file is None:
+        return drawn
+    calibration = read_calibration(file)
     if calibration.point_m is not None:
         raise SwarmError(
-            f"{table.calibration}: [photodiodes] belongs to one object of a replay, not to simulated craft"
+            f"{file}: [photodiodes] without a name belongs to one object of a replay; for simulated craft it is "
+            "[photodiodes.NAME], with the name of a craft or a model"
         )
-    return replace(made, fan_x=calibration.fan_x, fan_y=calibration.fan_y)
+    craft = scenario.craft(settings)
+    point_m = drawn.point_m.copy()
+    placed = {i: name for i, c in enumerate(craft) for name in (c.model.stem, c.name) if name in calibration.by_name}
+    if calibration.by_name and not placed:
+        known = {name for c in craft for name in (c.model.stem, c.name)}
+        name = next(iter(calibration.by_name))
+        raise SwarmError(f"{file}: [photodiodes.{name}]: no craft or model has this name{did_you_mean(name, known)}")
+    for i, name in placed.items():
+        found, count = calibration.by_name[name], int(drawn.present[i].sum())
+        if len(found) != count:
+            raise SwarmError(
+                f"{file}: [photodiodes.{name}] places {len(found)} photodiodes, but craft {craft[i].name!r} has {count}"
+            )
+        point_m[i, drawn.present[i]] = found
+    return drawn._replace(point_m=point_m)
 
 
 def _fan(table: scenario.Fan) -> FanErrors:
@@ -158,7 +200,7 @@ def _motion(table: scenario.AnyMotion, settings: Scenario) -> motion.Motion:
     )
     match table:
         case scenario.Hold():
-            return motion.Hold(table.position_m, table.spacing_m, attitude)
+            return motion.Hold(table.position_m, table.spacing_m, attitude, table.box_m)
         case scenario.Ring():
             return motion.Ring(
                 table.centre_m, table.radius_m, radians(table.rate_deg_s), radians(table.tilt_deg), attitude
@@ -169,7 +211,7 @@ def _motion(table: scenario.AnyMotion, settings: Scenario) -> motion.Motion:
             return motion.Approach(table.from_m, table.to_m, table.start_s, table.speed_m_s, attitude)
         case scenario.Tumble():
             rate = cast(Vector, tuple(radians(w) for w in table.angular_rate_deg_s))
-            return motion.Tumble(table.position_m, table.velocity_m_s, rate, table.spacing_m, attitude)
+            return motion.Tumble(table.position_m, table.velocity_m_s, rate, table.spacing_m, attitude, table.box_m)
         case scenario.Drift():
             own, turn = table.acceleration_m_s2, table.angular_acceleration_deg_s2
             believed = settings.navigation
@@ -180,6 +222,7 @@ def _motion(table: scenario.AnyMotion, settings: Scenario) -> motion.Motion:
                 table.velocity_m_s,
                 table.spacing_m,
                 attitude,
+                table.box_m,
             )
         case scenario.Wander():
             return motion.Wander(
@@ -209,7 +252,8 @@ def _blame(settings: Scenario, craft: list[Craft]) -> Iterator[None]:
                 group = settings.craft[single] if single >= 0 else settings.swarm
                 keys.append(f"{table}.model = {toml_value(group.model)}")
             elif c.name in named:
-                place = _START_KEYS.get(c.motion.kind, "spacing_m" if c.count > 1 else "position_m")
+                spread = "spacing_m" if getattr(c.motion, "box_m", None) is None else "box_m"
+                place = _START_KEYS.get(c.motion.kind, spread if c.count > 1 else "position_m")
                 keys.append(f"{table}.motion.{place} = {toml_value(getattr(c.motion, place))}")
         where = ", ".join(dict.fromkeys(keys))
         raise SwarmError(f"scenario {settings.name}: {where}{': ' if where else ''}{text}") from None

@@ -4,22 +4,24 @@ There is no truth in a recording: the true columns stay null, and the pose that 
 into the peer columns. What the station's factory calibration knows is taken off the angles before anything else.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from estimators.arrays import Floats
+from estimators.calibration_problem import Noise
 from swarm import build
 from swarm.assets import find_model
 from swarm.errors import SwarmError
 from swarm.layout import Photodiodes
 from swarm.onboard.decoder import PulseDecoder, SweepAngles
-from swarm.onboard.navigation import Navigator
+from swarm.onboard.navigation import Estimate, Navigator
 from swarm.recordings.libsurvive import Recording, read_libsurvive
 from swarm.recordings.station_calibration import StationCalibration, read_calibration
 from swarm.recordings.windows import Source, Window, Windows
+from swarm.results.angles import believed
 from swarm.results.progress import Progress
 from swarm.results.recorder import LIT, OUTSIDE, Scene
 from swarm.results.run_folder import Run
@@ -49,16 +51,8 @@ def replay(
     `simulate`. Raises SwarmError, as `read_libsurvive` and `read_calibration` do.
     """
     settings = scenario if scenario is not None else for_replay(Path(recording))
-    log = read_libsurvive(recording, object_name or "")
-    known = read_calibration(calibration, lighthouse) if calibration is not None else None
-    windows = Windows(log, lighthouse, source, known.pose if known else None)
-    layout = _layout(log, known)
-    decoder = PulseDecoder(layout.present, windows.tick_s, frame_s=windows.frame_s, slot=windows.slot)
-    navigation = replace(build.navigation(settings), frame_s=windows.frame_s)
-    if known is not None:
-        navigation = replace(navigation, fan_x=known.fan_x, fan_y=known.fan_y)
-    navigator = Navigator(layout, navigation)
-
+    playback = Playback(recording, settings, object_name or "", lighthouse, calibration, source)
+    log, layout, windows = playback.log, playback.layout, playback.windows
     scene = Scene(
         craft=(log.device,),
         visuals=[()],
@@ -68,17 +62,55 @@ def replay(
     )
     duration_s = len(windows) * windows.frame_s
     first_s: float | None = None
-    with writing_run(settings, out, scene, force=force, duration_s=duration_s, record=record, replay=True) as writer:
-        for frame, window in enumerate(windows):
+    about = playback.believed if settings.recording.angles else None
+    with writing_run(
+        settings, out, scene, force=force, duration_s=duration_s, record=record, replay=True, angles=about
+    ) as writer:
+        for frame, (window, angles, estimate) in enumerate(playback):
             first_s = window.time_s if first_s is None else first_s
-            angles = _angles(window, decoder)
-            estimate = navigator.step(angles)
             peer = Peer(window.peer_position, window.peer_quaternion)
             sight = np.where(angles.lit, LIT, OUTSIDE)
-            writer.append(frame, window.time_s - first_s, None, sight, estimate, peer)
+            writer.append(frame, window.time_s - first_s, None, sight, estimate, peer, angles)
             if progress is not None:
                 progress(writer.progress)
     return writer.run
+
+
+class Playback:
+    """What one object saw of one station, through the same on-board code; iterate for (window, angles, estimate).
+
+    log, windows: the recording. layout: the object's photodiodes as believed. believed: that and the station's errors.
+    """
+
+    def __init__(
+        self,
+        recording: str | Path,
+        settings: Scenario,
+        object_name: str,
+        lighthouse: int,
+        calibration: str | Path | None = None,
+        source: Source = "pulses",
+    ) -> None:
+        """Arguments as of `replay`. Raises SwarmError."""
+        self.log = read_libsurvive(recording, object_name)
+        known = read_calibration(calibration, lighthouse) if calibration is not None else None
+        self.windows = Windows(self.log, lighthouse, source, known.pose if known else None)
+        self.layout = _layout(self.log, known)
+        self._decoder = PulseDecoder(
+            self.layout.present, self.windows.tick_s, frame_s=self.windows.frame_s, slot=self.windows.slot
+        )
+        navigation = replace(build.navigation(settings), frame_s=self.windows.frame_s)
+        if known is not None:
+            navigation = replace(navigation, fan_x=known.fan_x, fan_y=known.fan_y)
+        self._navigator = Navigator(self.layout, navigation)
+        s, rho = navigation.angle_noise_rad, navigation.rotor_correlation
+        noise = Noise(s * float(np.sqrt(1 - rho)), s * float(np.sqrt(rho)))
+        self.believed = believed((self.log.device,), self.layout, (navigation.fan_x, navigation.fan_y), noise)
+
+    def __iter__(self) -> Iterator[tuple[Window, SweepAngles, Estimate]]:
+        for window in self.windows:
+            angles = _angles(window, self._decoder)
+            yield window, angles, self._navigator.step(angles)
 
 
 def _angles(window: Window, decoder: PulseDecoder) -> SweepAngles:
@@ -90,9 +122,10 @@ def _angles(window: Window, decoder: PulseDecoder) -> SweepAngles:
 
 def _layout(log: Recording, known: StationCalibration | None) -> Photodiodes:
     """The object's photodiodes as its maker says, or as a calibration has found them."""
-    if known is None or known.point_m is None:
+    found = known.places(log.device) if known is not None else None
+    if found is None:
         return log.photodiodes
-    point_m: Floats = known.point_m[None]
+    point_m: Floats = found[None]
     if point_m.shape != log.photodiodes.point_m.shape:
         raise SwarmError(
             f"the calibration places {point_m.shape[1]} photodiodes, but {log.device!r} in {log.path} has "

@@ -9,6 +9,7 @@ craft's own, but never navigates by it.
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Protocol
 from zlib import crc32
 
 import numpy as np
@@ -20,7 +21,9 @@ from swarm import build
 from swarm.assets import find_model
 from swarm.onboard import control
 from swarm.onboard.control import State
+from swarm.onboard.decoder import SweepAngles
 from swarm.onboard.navigation import Estimate, Navigator
+from swarm.results.angles import believed
 from swarm.results.progress import Progress
 from swarm.results.recorder import Scene
 from swarm.results.run_folder import Run
@@ -33,6 +36,16 @@ from swarm.world.craft import visuals
 from swarm.world.world import PeriodTruth
 
 
+class Observer(Protocol):
+    """Watches a flight from outside, for instance to time its computers; it changes nothing."""
+
+    def begin(self, flight: "Flight") -> None:
+        """See the flight before its first period."""
+
+    def period(self, frame: int, truth: Truth, estimate: Estimate) -> None:
+        """See one period at its epoch."""
+
+
 def simulate(
     scenario: Scenario,
     *,
@@ -41,20 +54,28 @@ def simulate(
     live: bool = False,
     record: bool = True,
     progress: Callable[[Progress], None] | None = None,
+    observer: Observer | None = None,
 ) -> Run:
     """Fly `scenario` and write the run to `out` (default `runs/<scenario>-<seed>`); the run, opened.
 
     force: replace a run that is there. live: open the viewer. record: write recording.rrd. progress: told now and then.
+    observer: sees the flight and every period.
     Raises SwarmError: a scenario that cannot fly, a folder that cannot be written; KeyboardInterrupt closes the run,
     marks it as interrupted, and is raised again.
     """
     flight = Flight(scenario)
+    if observer is not None:
+        observer.begin(flight)
     duration_s, record = scenario.duration_s, record and scenario.recording.enabled
+    angles = flight.believed if scenario.recording.angles else None
     with writing_run(
-        scenario, out, flight.scene, force=force, duration_s=duration_s, record=record, live=live
+        scenario, out, flight.scene, force=force, duration_s=duration_s, record=record, live=live, angles=angles
     ) as writer:
         for frame in range(max(1, round(duration_s / flight.period_s))):
-            writer.append(frame, *flight.period(frame))
+            time_s, truth, sight, estimate = flight.period(frame)
+            writer.append(frame, time_s, truth, sight, estimate, angles=flight.angles)
+            if observer is not None:
+                observer.period(frame, truth, estimate)
             if progress is not None:
                 progress(writer.progress)
     return writer.run
@@ -76,7 +97,12 @@ class Flight:
         keys = [crc32(name.encode()) for name in self.world.names]
         self.lighthouse = Lighthouse(layout, settings, scenario.seed, keys)
         self.decoder = build.decoder(scenario, layout.present)
-        self.navigator = Navigator(layout, build.navigation(scenario))
+        navigation, own_layout = build.navigation(scenario), build.believed_layout(scenario, layout)
+        self.navigator = Navigator(own_layout, navigation)
+        fans, noise = (navigation.fan_x, navigation.fan_y), build.angle_noise(scenario)
+        self.believed = believed(self.world.names, own_layout, fans, noise)
+        self.angles: SweepAngles | None = None
+        """What every craft's decoder made of the last period."""
         self.steers_by_estimate = np.array([craft.feedback == "estimate" for craft in craft(scenario)])
         self.period_s = 1 / settings.rate_hz
         self.scene = Scene(
@@ -96,22 +122,16 @@ class Flight:
 
         Returns its epoch [s], the truth at the epoch, the `Sight` of every photodiode (C, K), what each craft knows.
         """
-        truth = self.world.advance(*self._wrench(frame))
-        sight = self._sight(truth)
+        truth, sight = self.move(frame)
         pulses = self.lighthouse.sweep(truth, frame, sight == Sight.LIT)
-        estimate = self.navigator.step(self.decoder.decode(pulses))
+        self.angles = self.decoder.decode(pulses)
+        estimate = self.navigator.step(self.angles)
 
-        last, epoch = -1, len(truth.time_s) // 2
-        self._true = State(
-            matrix_from_quaternion(truth.quaternion[last]),
-            truth.angular_rate[last],
-            truth.position[last],
-            truth.velocity[last],
-        )
         # The estimate is of the epoch; the next wrench begins half a period later.
         self._estimated = State(estimate.rotation, estimate.angular_rate, estimate.position, estimate.velocity).ahead(
             self.period_s / 2
         )
+        epoch = len(truth.time_s) // 2
         at_epoch = Truth(
             truth.position[epoch],
             truth.quaternion[epoch],
@@ -120,6 +140,21 @@ class Flight:
             truth.contact,
         )
         return float(truth.time_s[epoch]), at_epoch, sight.min(axis=-1), estimate
+
+    def move(self, frame: int) -> tuple[PeriodTruth, NDArray[np.int8]]:
+        """Move every craft through one lighthouse period, and no more: nobody measures, nobody navigates.
+
+        Returns the truth, and the `Sight` of every photodiode as each fan sweeps, (C, K, 2).
+        """
+        truth = self.world.advance(*self._wrench(frame))
+        last = -1
+        self._true = State(
+            matrix_from_quaternion(truth.quaternion[last]),
+            truth.angular_rate[last],
+            truth.position[last],
+            truth.velocity[last],
+        )
+        return truth, self._sight(truth)
 
     def _sight(self, truth: PeriodTruth) -> NDArray[np.int8]:
         """The `Sight` of every photodiode as each fan sweeps, (C, K, 2): taken at the knots in mid-sweep."""

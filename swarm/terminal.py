@@ -33,10 +33,10 @@ def fly_and_report(title: str, folder: Path, fly: Callable[[Callable[["Progress"
     from swarm.results.run_folder import open_run
 
     try:
-        with _stoppable(), ProgressDisplay(Console(stderr=True), title) as progress:
+        with stoppable(), ProgressDisplay(Console(stderr=True), title) as progress:
             run = fly(progress)
     except KeyboardInterrupt as stop:
-        number = stop.number if isinstance(stop, Stopped) else signal.SIGINT
+        number = stopped_by(stop)
         try:
             run = open_run(folder)
         except SwarmError:
@@ -61,7 +61,7 @@ def experiment_and_report(
 
     find(name)
     try:
-        with _stoppable(), Bar(console=Console(stderr=True), transient=True) as bar:
+        with stoppable(), Bar(console=Console(stderr=True), transient=True) as bar:
             task = bar.add_task(name, total=1.0)
 
             def tell(share: float, what: str) -> None:
@@ -70,14 +70,19 @@ def experiment_and_report(
             done = reproduce(name, out=out, force=force, seed=seed, sizes=sizes, progress=tell)
             tell(1.0, "done")
     except KeyboardInterrupt as stop:
-        number = stop.number if isinstance(stop, Stopped) else signal.SIGINT
+        number = stopped_by(stop)
         _error(f"stopped by {signal.Signals(number).name} before anything was written")
         raise typer.Exit(128 + number) from None
     print_comparison(Console(), done)
 
 
+def stopped_by(stop: KeyboardInterrupt) -> int:
+    """The signal that stopped it."""
+    return stop.number if isinstance(stop, Stopped) else signal.SIGINT
+
+
 @contextmanager
-def _stoppable() -> Iterator[None]:
+def stoppable() -> Iterator[None]:
     """Let a polite kill, or a terminal that closes, end a run as Ctrl-C does: closed, and readable."""
 
     def stop(number: int, frame: FrameType | None) -> None:

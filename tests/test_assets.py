@@ -88,3 +88,10 @@ def test_scenario_by_path(tmp_path):
     own = tmp_path / "own.toml"
     own.write_text("")
     assert assets.find_scenario(str(own)) == own
+
+
+def test_studies_are_shipped_and_found():
+    assert assets.find_study("scaling") == assets.studies()["scaling"]
+    assert "scaling" not in assets.scenarios()
+    with pytest.raises(SwarmError, match="no study 'scalin'; did you mean 'scaling'"):
+        assets.find_study("scalin")

@@ -16,13 +16,29 @@ import pytest
 
 import swarm
 from swarm import cli
-from swarm.assets import models, scenarios
+from swarm.assets import models, scenarios, studies
+from swarm.experiments import EXPERIMENTS
 from swarm.results.progress import Progress
 from swarm.results.run_folder import Run, RunFolder, open_run
 from swarm.scenario import Scenario, load, to_toml
 
-HEAVY = {"mujoco", "numba", "numpy", "scipy", "rerun", "pyarrow", "pydantic", "matplotlib", "filterpy", "rich"}
+HEAVY = {
+    "mujoco",
+    "numba",
+    "numpy",
+    "scipy",
+    "rerun",
+    "pyarrow",
+    "pydantic",
+    "matplotlib",
+    "filterpy",
+    "rich",
+    "dask",
+    "distributed",
+    "jinja2",
+}
 ROOT = Path(__file__).parent.parent
+COMMANDS = ("list", "run", "view", "check", "replay", "calibrate", "reproduce", "study", "report")
 
 
 class Result(NamedTuple):
@@ -74,11 +90,11 @@ def test_help_is_the_tutorial(command: Command) -> None:
     assert result.code == 0
     for line in ("swarm list", "swarm run formation", "swarm view runs/formation-7", "swarm check my.toml", "--set"):
         assert line in result.out
-    for name in ("list", "run", "view", "check", "replay"):
+    for name in COMMANDS:
         assert re.search(rf"^  {name} +\w", result.out, re.MULTILINE)
 
 
-@pytest.mark.parametrize("name", ["", "list", "run", "view", "check", "replay"])
+@pytest.mark.parametrize("name", ["", *COMMANDS])
 @pytest.mark.parametrize("columns", ["60", "80"])
 def test_help_fits_and_shows_no_default_of_python(command: Command, name: str, columns: str) -> None:
     result = process(*name.split(), "--help", COLUMNS=columns)
@@ -90,9 +106,9 @@ def test_help_fits_and_shows_no_default_of_python(command: Command, name: str, c
 
 def test_commands_that_help_shows_are_understood(command: Command) -> None:
     """Every example line of the help parses: its options exist."""
-    pages = [command(*page, "--help").out for page in ([], ["run"], ["view"], ["check"], ["replay"])]
+    pages = [command(*page, "--help").out for page in ([], *([name] for name in COMMANDS))]
     text = "\n".join(pages).replace("\\\n", " ")
-    examples = [line.strip() for line in text.splitlines() if re.match(r"  +swarm (list|run|view|check|replay) ", line)]
+    examples = [line.strip() for line in text.splitlines() if re.match(rf"  +swarm ({'|'.join(COMMANDS)}) ", line)]
     assert len(examples) >= 10
     for example in examples:
         words = re.split(r"  +(?=[a-z ]{8})| > ", example)[0].split()[1:]
@@ -113,10 +129,10 @@ def test_options_mean_the_same_in_every_command_that_writes_a_run(command: Comma
 
 def test_list_shows_every_scenario_and_model_on_one_line(command: Command) -> None:
     lines = command("list").out.splitlines()
-    for name in [*scenarios(), *models()]:
+    for name in [*scenarios(), *studies(), *models()]:
         line = next(line for line in lines if line.startswith(f"  {name} "))
         assert len(line.split()) > 3
-    assert len(lines) == len(scenarios()) + len(models()) + 3
+    assert len(lines) == len(scenarios()) + len(studies()) + len(models()) + 5
 
 
 def test_version(command: Command) -> None:
@@ -173,6 +189,23 @@ def test_a_mistake_is_one_message_and_exit_code_2_and_writes_nothing(
     assert sorted(tmp_path.rglob("*")) == before
 
 
+def test_reproduce_lists_every_experiment_with_its_source_and_figure(command: Command) -> None:
+    out = command("reproduce").out
+    for name, experiment in EXPERIMENTS.items():
+        assert f"swarm reproduce {name}\n  {experiment.source}, {experiment.figure}: {experiment.about}\n" in out
+
+
+def test_reproduce_does_an_experiment_and_prints_paper_beside_ours(command: Command) -> None:
+    quick = ("reproduce", "lighthouse-static", "--poses", "3", "--frames", "100", "--out", "x")
+    result = command(*quick)
+    assert result.code == 0
+    assert re.search(r"paper +ours +target", result.out)
+    assert "x/\n" in result.out
+    assert Path("x/figure.svg").exists()
+    assert command(*quick).code == 2
+    assert command(*quick, "--force").code == 0
+
+
 def test_several_mistakes_are_a_line_each(command: Command, tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text("sede = 1\nduration_s = -1\n[swarm]\ncount = 1")
     assert command("check", "mine.toml").err.splitlines() == [
@@ -194,6 +227,8 @@ def test_several_mistakes_are_a_line_each(command: Command, tmp_path: Path) -> N
         (["replay", "none.rec.gz", "--object", "HMD"], "none.rec.gz"),
         (["replay", "torn.rec.gz", "--object", "HMD"], "torn.rec.gz"),
         (["replay", "noise.rec", "--object", "HMD"], "noise.rec"),
+        (["reproduce", "lighthouse-statc"], "no experiment 'lighthouse-statc'; did you mean 'lighthouse-static'?"),
+        (["reproduce", "lighthouse-static", "--runs", "3"], "--runs: lighthouse-static has no such size; it takes"),
         (["replay", "none.rec", "--set", "swarm.count=2"], "--set: swarm.count=2: a replay takes only"),
     ],
 )
@@ -288,7 +323,7 @@ def test_a_run_is_not_overwritten_without_force(command: Command, simulator: dic
     command("run", "formation")
     result = command("run", "formation")
     assert result.code == 2
-    assert "error: runs/formation-7 holds a run already; --force replaces it" in result.err
+    assert "error: runs/formation-7 holds a run already; --force (force=True) replaces it" in result.err
     assert command("run", "formation", "--force").code == 0
 
 

@@ -6,7 +6,8 @@ from scipy import stats
 
 from estimators import rotation as rot
 from swarm.errors import SwarmError
-from swarm.motion.fleet import Approach, Attitude, Drift, Fleet, Hold, Ring, Task, Tumble, Waypoints
+from swarm.motion import wander
+from swarm.motion.fleet import Approach, Attitude, Drift, Fleet, Hold, Ring, Task, Tumble, Wander, Waypoints
 
 TURNED = Attitude(roll_rad=0.3, pitch_rad=-0.4, yaw_rad=0.2, spin_rad_s=0.7)
 ZIGZAG = ((0.5, 0.2, 3.0), (-0.5, 0.4, 4.0), (-1.0, -0.3, 2.5), (0.0, 0.0, 3.0))
@@ -21,6 +22,8 @@ MOTIONS = {
     "approach": Approach((1.0, 0.5, 8.0), (0.0, 0.0, 1.0), start_s=2.0, speed_m_s=1.5, attitude=TURNED),
     "fixed attitude": Approach((1.0, 0.5, 4.0), (0.0, 0.0, 1.0), 0.0, 0.5, Attitude(False, 0.1, 0.2, 0.3, 0.4)),
     "tumble": Tumble((0.0, 0.5, 3.0), (0.1, 0.2, -0.1), (0.4, 0.5, 0.6), attitude=TURNED),
+    "wander": Wander((0.1, 0.2, 3.0), (4.0, 2.0, 3.0), 0.3, 0.5, 0.7, 1.0, attitude=TURNED),
+    "wander, fixed attitude": Wander((0, 0, 3), (1.0, 0.0, 1.0), 0.2, 0.3, 0.2, 0.7, Attitude(False, 0.1, 0.2, 0.3)),
     "drift": Drift((0.0, 0.5, 3.0), 0.02, 0.1, (0.1, 0.2, -0.1), attitude=TURNED),
 }
 
@@ -186,7 +189,9 @@ def test_free_motions_are_not_held():
 def test_one_fleet_equals_many():
     """The batch against one craft at a time, bit for bit."""
     together = fleet(*MOTIONS.values()).at(3.3)
-    for i, motion in enumerate(MOTIONS.values()):
+    for i, (name, motion) in enumerate(MOTIONS.items()):
+        if "wander" in name:  # Its draws go by the craft's number.
+            continue
         alone = fleet(motion).at(3.3)
         for batch, single in zip(together, alone, strict=True):
             assert np.array_equal(batch[i], single[0])
@@ -247,3 +252,52 @@ def test_drift_is_white_with_its_sigma():
 def test_motions_without_sense(motion, message):
     with pytest.raises(SwarmError, match=message):
         fleet(motion)
+
+
+def test_a_box_is_filled_evenly_and_places_do_not_depend_on_the_number() -> None:
+    """Boxes from one corner hold their share of the places, twice as nearly as of random ones at least."""
+    size, centre = np.array([4.0, 2.0, 1.0]), np.array([1.0, 0.0, 5.0])
+    motion = Hold((1.0, 0.0, 5.0), box_m=(4.0, 2.0, 1.0))
+    many = Fleet([Task(motion, i, 500) for i in range(500)]).at(0.0).position
+    few = Fleet([Task(motion, i, 20) for i in range(20)]).at(0.0).position
+    np.testing.assert_array_equal(few, many[:20])
+    np.testing.assert_allclose(many[0], centre)
+    share = (many - centre) / size + 0.5
+    assert share.min() >= 0
+    assert share.max() < 1
+    rng = np.random.default_rng(0)
+    corners = rng.random((2000, 3))
+
+    def discrepancy(places: np.ndarray) -> float:
+        inside = (places[None] < corners[:, None]).all(axis=-1).mean(axis=1)
+        return float(np.abs(inside - corners.prod(axis=1)).max())
+
+    assert discrepancy(share) < 0.5 * np.median([discrepancy(rng.random((500, 3))) for _ in range(9)])
+
+
+def test_wandering_keeps_to_its_bounds_its_speed_and_its_band():
+    """An hour: RMS of 8 tones, the slowest of a minute, averages to 2 %; the bounds are exact."""
+    bound, speed, step_s = np.array([2.0, 1.0, 1.5, 0.5]), np.array([0.2, 0.1, 0.2, 0.4]), 0.2
+    tones = wander.tones(bound, speed, 1.0, np.random.default_rng(5))
+    value, rate = (np.array(each) for each in zip(*(tones.at(t)[:2] for t in np.arange(0, 3600, step_s)), strict=True))
+    assert np.all(np.abs(value) <= bound)
+    # It uses its room: by construction all tones together reach just the bound.
+    assert np.all(np.ptp(value, axis=0) > 0.6 * 2 * bound)
+    assert np.sum(tones.amplitude, axis=1) == pytest.approx(bound)
+    assert np.sqrt(np.mean(rate**2, axis=0)) == pytest.approx(speed, rel=0.06)
+    power = np.abs(np.fft.rfft(rate * np.hanning(len(rate))[:, None], axis=0)) ** 2
+    above = np.fft.rfftfreq(len(rate), step_s) > 1.01
+    assert power[above].sum() < 1e-6 * power.sum()
+
+
+def test_wandering_follows_from_the_seed_and_the_craft_alone():
+    motion = MOTIONS["wander"]
+    alone, among = fleet(motion, seed=3).at(2.0), fleet(motion, motion, seed=3).at(2.0)
+    assert np.array_equal(alone.position[0], among.position[0])
+    assert not np.allclose(among.position[0], among.position[1])
+    assert not np.allclose(fleet(motion, seed=4).at(2.0).position, alone.position)
+
+
+def test_wandering_too_fast_for_its_box_is_refused():
+    with pytest.raises(SwarmError, match=r"cannot stay within 0\.1 of the middle at bandwidth_hz = 0\.5"):
+        fleet(Wander((0, 0, 3), (0.2, 0.2, 0.2), 1.0, 0.5, 0.5, 0.5))

@@ -24,7 +24,13 @@ def wheel(tmp_path_factory) -> Path:
 def test_the_wheel_carries_code_models_and_scenarios_and_nothing_else(wheel):
     names = zipfile.ZipFile(wheel).namelist()
     assert {name.split("/")[0] for name in names if ".dist-info/" not in name} == {"swarm", "estimators"}
-    for wanted in ("swarm/models/craft/mockup/mockup.xml", "swarm/scenarios/formation.toml", "swarm/cli.py"):
+    for wanted in (
+        "swarm/models/craft/mockup/mockup.xml",
+        "swarm/scenarios/formation.toml",
+        "swarm/scenarios/studies/scaling.toml",
+        "swarm/report/templates/report.html.j2",
+        "swarm/cli.py",
+    ):
         assert wanted in names
     assert not [name for name in names if "__pycache__" in name or name.endswith((".nbi", ".nbc", ".rrd"))]
 

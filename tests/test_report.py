@@ -10,7 +10,7 @@ from rich.cells import cell_len
 from rich.console import Console
 
 from swarm.results.progress import Progress, ProgressDisplay
-from swarm.results.report import findings, print_report
+from swarm.results.report import findings, print_report, warnings
 
 
 def consistency(mean: float) -> dict[str, Any]:
@@ -160,13 +160,37 @@ def test_consistency_is_said_with_its_band() -> None:
     inside, outside = dict(figures(random.Random(0)), nees=consistency(6.2)), dict(figures(random.Random(0)))
     outside["nees"] = consistency(7.3)
     assert findings(inside)[0] == (
-        "NEES 6.20: consistent, inside the 95 % band 5.10 to 6.90 of 130 independent samples",
+        "NEES 6.20: as the filter promises (6 is exact, 5.10 to 6.90 is chance)",
         "green",
     )
-    assert findings(outside)[0][0].startswith("NEES 7.30: overconfident, above the 95 % band 5.10")
+    assert findings(outside)[0][0].startswith("NEES 7.30: errors larger than the filter promises (6 is exact, 5.10")
     assert findings(outside)[0][1] == "yellow"
     outside["nees"] = consistency(5.05)
-    assert findings(outside)[0][0].startswith("NEES 5.05: cautious, below the 95 % band 5.10")
+    assert findings(outside)[0][0].startswith(
+        "NEES 5.05: errors smaller than the filter promises, as in smooth motion (6 is"
+    )
+
+
+def test_what_single_craft_suffer_is_not_hidden_by_the_swarm() -> None:
+    good = figures(random.Random(0))
+    craft = {
+        "calm": dict(good, nees=consistency(5.0), refused_share=0.0),
+        "sharp": dict(good, nees=consistency(12.0), refused_share=0.07),
+        "dark": dict(good, mean_visible=0.0, nees=None, refused_share=None),
+    }
+    said = [sentence for sentence, _ in warnings(craft)]
+    assert len(said) == 3
+    assert said[0].startswith("dark never saw light")
+    assert said[1].startswith("The filter refused 7 % of sharp's poses")
+    assert said[2] == "NEES above its band: sharp"
+    assert warnings({"calm": craft["calm"]}) == []
+
+
+def test_few_samples_conclude_nothing() -> None:
+    one = dict(figures(random.Random(0)), nees=dict(consistency(0.5), effective_samples=1.0), nis=None, samples=8)
+    assert not any(
+        "NEES" in sentence or "biases" in sentence for sentence, _ in findings(dict(one, pnp_motion_bias=bias(4e-3)))
+    )
 
 
 def test_a_motion_bias_is_told_only_where_it_is_beyond_chance() -> None:

@@ -41,7 +41,8 @@ def status(path):
 
 
 def test_a_run_is_found_where_it_should_be_and_opens(tmp_path):
-    folder = RunFolder.create("formation", 7)
+    with RunFolder.create("formation", 7) as folder:
+        folder.finish({})
     assert folder.path == Path("runs/formation-7")
     fly(folder.path, force=True)
     for given in ("runs/formation-7", "formation-7", tmp_path / "runs" / "formation-7"):
@@ -69,6 +70,14 @@ def test_an_existing_run_needs_force(tmp_path):
     with pytest.raises(SwarmError, match=r"a holds a run already; --force"):
         RunFolder(tmp_path / "a")
     assert {p.name: p.read_bytes() for p in (tmp_path / "a").iterdir()} == before
+
+
+def test_not_even_force_takes_a_folder_from_a_run_that_is_alive(tmp_path):
+    with RunFolder(tmp_path / "a") as run:
+        with pytest.raises(SwarmError, match="being written there now"):
+            RunFolder(tmp_path / "a", force=True)
+        run.finish({})
+    fly(tmp_path / "a", force=True)
 
 
 @pytest.mark.parametrize("finish", [True, False])

@@ -349,6 +349,8 @@ def test_limits_are_written_as_they_are_enforced(file: Path) -> None:
                 continue
             bound = float(str(limit.ge if isinstance(limit, Ge) else limit.le))
             beyond = bound - 1e-6 if isinstance(limit, Ge) else bound + 1e-3
+            if "int" in str(field.annotation):
+                bound, beyond = int(bound), int(bound) + (-1 if isinstance(limit, Ge) else 1)
             near = "range_max_m=1000" if key == "range_min_m" else "range_min_m=0"
             base = ["swarm.count=1", f"lighthouse.{near}"]
             if not (key == "range_min_m" and isinstance(limit, Le)):

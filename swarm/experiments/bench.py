@@ -16,6 +16,7 @@ from estimators.pnp import PoseSolution, refine
 from estimators.sweep import FanErrors, FanPair, kernel_errors
 from swarm import build
 from swarm.layout import Photodiodes
+from swarm.motion.pointing import facing
 from swarm.onboard.acquisition import NONE, Sighting, follow, search
 from swarm.onboard.decoder import PulseDecoder, SweepAngles
 from swarm.pulses import SYNC_WIDTH_S, SYNC_WIDTH_STEP_S, Pulses
@@ -54,6 +55,15 @@ class Motion(NamedTuple):
         return Motion(*(part[chosen] for part in self))
 
 
+class Box(NamedTuple):
+    """Where poses are drawn: facing the lighthouse but for a turn of at most turn_rad, so many photodiodes lit."""
+
+    centre_m: tuple[float, float, float]
+    size_m: tuple[float, float, float]
+    turn_rad: float
+    fewest_lit: int = 6
+
+
 class Bench:
     """A craft model before a lighthouse of default settings."""
 
@@ -89,6 +99,17 @@ class Bench:
         for i in range(len(position)):
             out[i] = self._visibility.lit(position[i : i + 1], quaternion[i : i + 1])[0]
         return out
+
+    def random_pose(self, rng: np.random.Generator, box: Box) -> tuple[Motion, Bools]:
+        """A pose at rest (one row) within `box`, and its lit photodiodes (1, K)."""
+        still = np.zeros((1, 3))
+        while True:
+            place = np.array(box.centre_m) + np.array(box.size_m) * rng.uniform(-0.5, 0.5, 3)
+            turned = rot.exp(box.turn_rad * rng.uniform(-1, 1, 3) / np.sqrt(3))
+            rotation = facing(place[None], still, still).rotation @ turned
+            lit = self.lit(rotation, place[None])
+            if np.count_nonzero(lit) >= box.fewest_lit:
+                return Motion.rest(rotation, place[None]), lit
 
     def noise(self, rows: int, rng: np.random.Generator, noise_rad: float, rotor_correlation: float) -> Floats:
         """Random angle errors (N, K, 2) [rad]: the rotor's, shared within a row and fan, and each angle's own (19)."""
@@ -162,27 +183,35 @@ class Bench:
         decoder = PulseDecoder(present, tick, rate_hz=self.settings.rate_hz, field_half_angle_rad=half)
         return decoder.decode(pulses)
 
-    def solve(self, angles: SweepAngles, start: Motion, *, at_rest: bool = True) -> PoseSolution:
-        """PnP of every row from `start`; unless `at_rest`, with the rows' true rates taken into account."""
+    def solve(
+        self, angles: SweepAngles, start: Motion, *, at_rest: bool = True, point_m: Floats | None = None
+    ) -> PoseSolution:
+        """PnP of every row from `start`; unless `at_rest`, with the rows' true rates taken into account.
+
+        point_m: (K, 3), where the photodiodes are believed to be; else as drawn.
+        """
         rates = (start.angular_rate, start.velocity)
         return refine(
             angles.theta,
             angles.lit,
-            np.broadcast_to(self.layout.point_m, (*angles.lit.shape, 3)),
+            np.broadcast_to(self.point_m if point_m is None else point_m, (*angles.lit.shape, 3)),
             start.rotation,
             start.position,
             angles.offset_s,
             *(np.zeros_like(rate) if at_rest else rate for rate in rates),
         )
 
-    def first_pose(self, angles: SweepAngles, noise_rad: float) -> tuple[Floats, Floats] | None:
+    def first_pose(
+        self, angles: SweepAngles, noise_rad: float, point_m: Floats | None = None
+    ) -> tuple[Floats, Floats] | None:
         """Rotation (3, 3) and position (3,) of a craft at rest, from nothing, as on board: one row after the other.
 
-        noise_rad: the independent part of the angle noise. None where it stays ambiguous to the last row.
+        noise_rad: the independent part of the angle noise. point_m: as in `solve`. None where it stays ambiguous to the
+        last row.
         """
-        hypotheses = NONE
+        hypotheses, points = NONE, self.point_m if point_m is None else point_m
         for i in range(len(angles.lit)):
-            sighting = Sighting(angles.theta[i], angles.lit[i], self.point_m, angles.offset_s[i])
+            sighting = Sighting(angles.theta[i], angles.lit[i], points, angles.offset_s[i])
             known = follow(hypotheses, sighting, noise_rad) if len(hypotheses.evidence) else NONE
             hypotheses = known if len(known.evidence) else search(sighting, noise_rad)
             if hypotheses.decided:

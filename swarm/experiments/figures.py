@@ -40,7 +40,11 @@ def page(rows: int, columns: int, height_in: float, width_in: float = 7.0) -> tu
         return figure, figure.subplots(rows, columns, squeeze=False)
 
 
-def legend(axes: Axes, columns: int = 1, place: Literal["best", "upper left", "upper right"] = "best") -> None:
+def legend(
+    axes: Axes,
+    columns: int = 1,
+    place: Literal["best", "upper left", "upper right", "lower center", "lower right"] = "best",
+) -> None:
     """A legend without a frame."""
     with mpl.rc_context(STYLE):
         axes.legend(ncols=columns, loc=place)

@@ -11,7 +11,7 @@ under --force.
 import json
 import math
 import platform
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -69,6 +69,14 @@ class Line(NamedTuple):
         )
 
 
+class Grid(NamedTuple):
+    """A table of results beside the comparison: each row a name and a figure per column."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: Sequence[tuple[str, tuple[Value, ...]]]
+
+
 class Request(NamedTuple):
     """What an experiment is asked for. progress: to be told the share that is done, and what is being done."""
 
@@ -78,13 +86,13 @@ class Request(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What an experiment found. notes: sentences below the table. extra: more for the JSON."""
+    """What an experiment found. grids: printed above the comparison. notes: sentences below it."""
 
     comparison: list[Line]
     data: pa.Table
     figure: Figure
     notes: tuple[str, ...] = ()
-    extra: Mapping[str, Any] = {}
+    grids: tuple[Grid, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -93,8 +101,7 @@ class Reproduction:
 
     folder: Path
     experiment: Experiment
-    comparison: list[Line]
-    notes: tuple[str, ...]
+    outcome: Outcome
 
 
 class ResultFolder:
@@ -107,7 +114,10 @@ class ResultFolder:
             raise SwarmError(f"cannot write {path}: a file is in its place; choose another --out")
         ours = _is_ours(path / COMPARISON)
         if ours and not force:
-            raise SwarmError(f"{path} holds an experiment already; --force replaces it, --out writes elsewhere")
+            raise SwarmError(
+                f"{path} holds an experiment already; --force (force=True) replaces it, --out (out=...) writes "
+                "elsewhere"
+            )
         for name in () if ours else (DATA, COMPARISON, PNG, SVG):
             if (path / name).exists():
                 raise SwarmError(
@@ -140,14 +150,39 @@ class ResultFolder:
             "versions": {"python": platform.python_version(), **{package: version(package) for package in VERSIONS}},
         }
         lines = [{**line._asdict(), "met": line.met} for line in outcome.comparison]
-        body = {**head, "comparison": lines, "notes": outcome.notes, **outcome.extra}
+        grids = [{**grid._asdict(), "rows": dict(grid.rows)} for grid in outcome.grids]
+        body = {**head, "comparison": lines, "tables": grids, "notes": outcome.notes}
         write_text(self.path / COMPARISON, json.dumps(_without_nan(body), indent=2, allow_nan=False) + "\n")
-        return Reproduction(self.path, experiment, outcome.comparison, outcome.notes)
+        return Reproduction(self.path, experiment, outcome)
 
 
 def print_comparison(console: Console, done: Reproduction) -> None:
-    """Print the table *paper beside ours*, the notes, and where the files are."""
-    judged = any(line.target is not None for line in done.comparison)
+    """Print the grids, the table *paper beside ours*, the notes, and where the files are."""
+    console.print(Text(f"{done.experiment.source}, {done.experiment.figure}: {done.experiment.about}", "bold"))
+    for grid in done.outcome.grids:
+        console.print()
+        console.print(_grid(grid))
+    console.print()
+    console.print(_comparison(done.outcome.comparison))
+    for note in done.outcome.notes:
+        console.print(f"\n{note}", highlight=False, markup=False)
+    console.print(f"\n{done.folder}/", highlight=False, markup=False, soft_wrap=True)
+    for file, meaning in ((DATA, "what the figure shows"), (PNG, "the figure; also .svg"), (COMPARISON, "this table")):
+        console.print(Text.assemble(f"  {file:<16}", (meaning, "dim")))
+
+
+def _grid(grid: Grid) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
+    table.add_column(grid.title)
+    for head in grid.columns:
+        table.add_column(head, justify="right", no_wrap=True)
+    for name, values in grid.rows:
+        table.add_row(name, *map(_text, values))
+    return table
+
+
+def _comparison(lines: list[Line]) -> Table:
+    judged = any(line.target is not None for line in lines)
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
     table.add_column("")
     for head in ("paper", "ours", *(("target",) if judged else ())):
@@ -155,7 +190,7 @@ def print_comparison(console: Console, done: Reproduction) -> None:
     if judged:
         table.add_column("")
     group = ""
-    for line in done.comparison:
+    for line in lines:
         if line.group != group:
             group = line.group
             table.add_section()
@@ -167,13 +202,7 @@ def print_comparison(console: Console, done: Reproduction) -> None:
             table.add_row(*cells, _target(line.target), mark)
         else:
             table.add_row(*cells)
-    console.print(Text(f"{done.experiment.source}, {done.experiment.figure}: {done.experiment.about}", "bold"))
-    console.print(table)
-    for note in done.notes:
-        console.print(f"\n{note}", highlight=False, markup=False)
-    console.print(f"\n{done.folder}/", highlight=False, markup=False, soft_wrap=True)
-    for file, meaning in ((DATA, "what the figure shows"), (PNG, "the figure; also .svg"), (COMPARISON, "this table")):
-        console.print(Text.assemble(f"  {file:<16}", (meaning, "dim")))
+    return table
 
 
 def column(name: str, values: Any, unit: str, meaning: str) -> tuple[pa.Field, pa.Array]:

@@ -25,6 +25,8 @@ Vector = tuple[float, float, float]
 
 DRIFT_PURPOSE = 0x6472696674
 """Spawn key of the drift's random numbers: "drift"."""
+FILL = 1.2207440846057596
+"""The real root of g^4 = g + 1."""
 LEAST_OFF_AXIS_M = 1e-6
 """Nearer to the lighthouse's y axis than this, "facing with down below" means nothing."""
 BLOCK = 256
@@ -44,11 +46,12 @@ class Attitude:
 
 @dataclass(frozen=True)
 class Hold:
-    """Stay at one place; several craft spread over a square grid perpendicular to z, centred there."""
+    """Stay at one place; several craft spread over a square grid perpendicular to z, or over `box_m`, centred there."""
 
     position_m: Vector
     spacing_m: float = 0.0
     attitude: Attitude = Attitude()
+    box_m: Vector | None = None
 
 
 @dataclass(frozen=True)
@@ -94,6 +97,7 @@ class Tumble:
     angular_rate_rad_s: Vector = (0.0, 0.0, 0.0)
     spacing_m: float = 0.0
     attitude: Attitude = Attitude()
+    box_m: Vector | None = None
 
 
 @dataclass(frozen=True)
@@ -106,6 +110,7 @@ class Drift:
     velocity_m_s: Vector = (0.0, 0.0, 0.0)
     spacing_m: float = 0.0
     attitude: Attitude = Attitude()
+    box_m: Vector | None = None
 
 
 @dataclass(frozen=True)
@@ -288,9 +293,9 @@ def _path(task: Task, rng: np.random.Generator) -> paths.Circle | paths.Pieces |
     motion = task.motion
     match motion:
         case Hold():
-            return paths.line(_on_grid(motion.position_m, motion.spacing_m, task), (0, 0, 0))
+            return paths.line(_place(motion, task), (0, 0, 0))
         case Tumble() | Drift():
-            return paths.line(_on_grid(motion.position_m, motion.spacing_m, task), motion.velocity_m_s)
+            return paths.line(_place(motion, task), motion.velocity_m_s)
         case Ring():
             phase = 2 * np.pi * task.index / task.count
             return paths.circle(motion.centre_m, motion.radius_m, motion.rate_rad_s, motion.tilt_rad, phase)
@@ -314,6 +319,23 @@ def _turn(motion: Wander, rng: np.random.Generator) -> wander.Tones:
     """How a wandering craft turns: the same share of its rate about each axis."""
     rate = np.full(3, motion.turn_rate_rad_s / np.sqrt(3))
     return wander.tones(np.full(3, motion.turn_rad), rate, motion.bandwidth_hz, rng)
+
+
+def _place(motion: Hold | Tumble | Drift, task: Task) -> Vector:
+    if motion.box_m is None:
+        return _on_grid(motion.position_m, motion.spacing_m, task)
+    return _in_box(motion.position_m, motion.box_m, task.index)
+
+
+def _in_box(centre_m: Vector, size_m: Vector, index: int) -> Vector:
+    """Evenly in a box, by the additive recurrence x_n = (1/2 + n a) mod 1, a = (1/g, 1/g^2, 1/g^3), g^4 = g + 1.
+
+    The R sequence (M. Roberts, 2018): craft 0 in the middle, and no place depends on how many craft there are.
+    """
+    x, y, z = (
+        c + s * ((0.5 + index * FILL**-k) % 1 - 0.5) for k, (c, s) in enumerate(zip(centre_m, size_m, strict=True), 1)
+    )
+    return x, y, z
 
 
 def _on_grid(centre_m: Vector, spacing_m: float, task: Task) -> Vector:

@@ -13,15 +13,19 @@ Ours is TOML, in SI units, with every value that is not given zero:
     gibbous_magnitude = 0.0047
     [fan_y]
     ...
-    [photodiodes]                             # optional: where they really are, in the craft's body frame
-    point_m = [[0.07, 0.02, 0.03], ...]
+    [photodiodes.craft-0]                     # optional, any number: where those of a craft, or of all craft of a
+    point_m = [[0.07, 0.02, 0.03], ...]       # model, or of a recording's object, really are, in its body frame
+
+A plain [photodiodes] is for the one object of a replay. `swarm.recordings.calibration_file` writes it.
 """
 
 import json
 import math
 import re
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,12 +40,20 @@ _TOKEN = re.compile(r'(?P<space>\s*)(?P<token>"(?:[^"\\]|\\.)*"|[{}\[\]:,]|[^\s{
 
 
 class StationCalibration(NamedTuple):
-    """Systematic errors of a station's fans; if known, its pose, and where the craft's photodiodes are (K, 3) [m]."""
+    """Systematic errors of a station's fans; if known, its pose, and where photodiodes are (K, 3) [m].
+
+    point_m: of whoever it is used for. by_name: of the craft, models or objects of these names.
+    """
 
     fan_x: FanErrors
     fan_y: FanErrors
     pose: WorldPose | None = None
     point_m: Floats | None = None
+    by_name: Mapping[str, Floats] = MappingProxyType({})
+
+    def places(self, name: str) -> Floats | None:
+        """Where the photodiodes of `name` are (K, 3) [m], or None where this does not say."""
+        return self.by_name.get(name, self.point_m)
 
 
 def read_calibration(path: str | Path, lighthouse: int = 0) -> StationCalibration:
@@ -112,19 +124,26 @@ def _from_toml(data: dict[str, Any], file: Path) -> StationCalibration:
             if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
                 raise SwarmError(f"{file}, [{name}]: {key} must be a finite number, not {value!r}")
         fans.append(FanErrors(**{key: float(value) for key, value in table.items()}))
-    point_m = None
-    if "photodiodes" in data:
-        where = f"{file}, [photodiodes]"
-        if not isinstance(data["photodiodes"], dict):
-            raise SwarmError(f"{where}: must be a table, not {data['photodiodes']!r}")
-        _known(data["photodiodes"], ("point_m",), where)
-        try:
-            point_m = np.array(data["photodiodes"].get("point_m"), dtype=np.float64)
-        except (TypeError, ValueError):
-            point_m = np.empty(0)
-        if point_m.ndim != 2 or point_m.shape[1] != 3 or not np.isfinite(point_m).all():
-            raise SwarmError(f"{where}: point_m must be rows of three finite numbers [m]")
-    return StationCalibration(fans[0], fans[1], None, point_m)
+    table = data.get("photodiodes", {})
+    if not isinstance(table, dict):
+        raise SwarmError(f"{file}, [photodiodes]: must be a table, not {table!r}")
+    named = {name: inner for name, inner in table.items() if isinstance(inner, dict)}
+    _known({key: None for key in table if key not in named}, ("point_m",), f"{file}, [photodiodes]")
+    by_name = {name: _points(inner, f"{file}, [photodiodes.{name}]") for name, inner in named.items()}
+    plain = "photodiodes" in data and (not named or "point_m" in table)
+    point_m = _points({"point_m": table.get("point_m")}, f"{file}, [photodiodes]") if plain else None
+    return StationCalibration(fans[0], fans[1], None, point_m, by_name)
+
+
+def _points(table: dict[str, Any], where: str) -> Floats:
+    _known(table, ("point_m",), where)
+    try:
+        point_m = np.array(table.get("point_m"), dtype=np.float64)
+    except (TypeError, ValueError):
+        point_m = np.empty(0)
+    if point_m.ndim != 2 or point_m.shape[1] != 3 or not np.isfinite(point_m).all():
+        raise SwarmError(f"{where}: point_m must be rows of three finite numbers [m]")
+    return point_m
 
 
 def _known(table: dict[str, Any], keys: tuple[str, ...], where: str) -> None:

@@ -1,11 +1,19 @@
 """Writing to disk so that a kill leaves the old file or the new one, and so that a full disk is one clear message."""
 
 import errno
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import ModuleType
 
 from swarm.errors import SwarmError
+
+fcntl: ModuleType | None
+try:
+    import fcntl
+except ImportError:  # Windows has no advisory locks of this kind.
+    fcntl = None
 
 _ADVICE = {
     errno.ENOSPC: "the disk is full; what was written before stays readable",
@@ -17,6 +25,29 @@ _ADVICE = {
     errno.EEXIST: "a file or a broken link is in its place",
     errno.ENAMETOOLONG: "the name is too long",
 }
+
+
+class FolderLock:
+    """Says that a run is being written to a folder; the operating system takes it back from a process that dies."""
+
+    def __init__(self, folder: Path) -> None:
+        """Raises SwarmError where somebody else is writing to `folder`."""
+        self._file: int | None = None
+        if fcntl is None:
+            return
+        with writing(folder):
+            self._file = os.open(folder, os.O_RDONLY)
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            self.release()
+            raise SwarmError(f"{folder}: a run is being written there now; choose another --out") from None
+
+    def release(self) -> None:
+        """The folder is free again."""
+        if self._file is not None:
+            os.close(self._file)
+            self._file = None
 
 
 @contextmanager

@@ -17,13 +17,17 @@ WIDE = 76
 
 
 class Progress(NamedTuple):
-    """Where a run is. time_s of duration_s [s] are simulated; `tracking` of `craft` craft have their pose."""
+    """Where a run is. time_s of duration_s [s] are simulated; `tracking` of `craft` craft have their pose.
+
+    notice: what the user should know of the run, such as why there is no live view.
+    """
 
     time_s: float
     duration_s: float
     real_time_factor: float
     tracking: int
     craft: int
+    notice: str | None = None
 
 
 class _Figures(ProgressColumn):
@@ -70,6 +74,8 @@ class ProgressDisplay:
 
     def __call__(self, progress: Progress) -> None:
         """Show how far the run is."""
+        if self._latest is None and progress.notice:
+            self._line(progress.notice)
         self._latest = progress
         if self._bar:
             self._bar.update(self._task, completed=progress.time_s, total=progress.duration_s, figures=progress)

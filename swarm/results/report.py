@@ -5,6 +5,7 @@ against the truth, in a replay) has no column. Errors are the filter's unless th
 """
 
 import math
+import shlex
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -24,6 +25,10 @@ HEAD, NAME_WIDTH = "craft", 16
 GAP = 2
 """Blanks between two columns."""
 NOTHING = "–"
+FEWEST_SAMPLES = 20
+"""Fewer independent samples than this say nothing about a filter."""
+REFUSED_MUCH = 0.01
+"""A larger share of refused poses than this is worth a line: the gate itself lets 0.99999 of good ones pass."""
 BIAS_SIGMAS = 4.0
 """A slope of the motion bias below so many of its sigmas is not worth a line: chance reaches it once in 16 000."""
 
@@ -93,7 +98,9 @@ def print_report(console: Console, summary: Mapping[str, Any], folder: Path) -> 
         console.print(Text.assemble(f"  {file}", (f"  {meaning}", "dim")))
     if (folder / RECORDING).exists():
         console.print("Look at it: ", end="")
-        console.print(f"swarm view {folder}", style="bold", highlight=False, markup=False, soft_wrap=True)
+        console.print(
+            f"swarm view {shlex.quote(str(folder))}", style="bold", highlight=False, markup=False, soft_wrap=True
+        )
 
 
 def results(summary: Mapping[str, Any], width: int) -> RenderableType:
@@ -108,36 +115,76 @@ def results(summary: Mapping[str, Any], width: int) -> RenderableType:
         lines.append(
             Text(f"The {len(craft)} worst of {len(summary['craft'])} craft; summary.json has them all.", "dim")
         )
-    return Group(*lines, Text(), *(Text(sentence, style) for sentence, style in findings(swarm)))
+    sentences = [*findings(swarm), *warnings(summary["craft"])]
+    return Group(*lines, Text(), *(Text(sentence, style) for sentence, style in sentences))
 
 
 def findings(figures: Figures) -> list[tuple[str, str]]:
     """What the figures say, in sentences with a style each."""
     out = []
     for key, name in (("nees", "NEES"), ("nis", "NIS")):
-        if f := figures.get(key):
+        f = figures.get(key)
+        if f and f["effective_samples"] >= FEWEST_SAMPLES:
             side = "inside" if f["inside_band"] else "below" if f["mean"] < f["band_low"] else "above"
-            meaning = {"inside": "consistent", "below": "cautious", "above": "overconfident"}[side]
-            band = f"{side} the 95 % band {f['band_low']:.2f} to {f['band_high']:.2f}"
-            samples = f"{f['effective_samples']:.0f} independent samples"
-            out.append((f"{name} {f['mean']:.2f}: {meaning}, {band} of {samples}", _colour(f)))
+            meaning = {
+                "inside": "as the filter promises",
+                "below": "errors smaller than the filter promises, as in smooth motion",
+                "above": "errors larger than the filter promises",
+            }[side]
+            band = f"6 is exact, {f['band_low']:.2f} to {f['band_high']:.2f} is chance"
+            out.append((f"{name} {f['mean']:.2f}: {meaning} ({band})", _colour(f)))
     position, attitude = figures.get("ekf_to_pnp_position_ratio"), figures.get("ekf_to_pnp_attitude_ratio")
     if position is not None and attitude is not None:
         out.append((f"Filter error over raw PnP error: {position:.2f} in position, {attitude:.2f} in attitude", ""))
     bias = figures.get("pnp_motion_bias") or {}
     for name, size, unit in (("position", "position_rms_m", "mm"), ("attitude", "attitude_rms_deg", "°")):
         slopes, sigmas = bias.get(f"{name}_slope_s", ()), bias.get(f"{name}_slope_sigma_s", ())
-        if any(b is not None and abs(b) > BIAS_SIGMAS * s for b, s in zip(slopes, sigmas, strict=True)):
+        if figures["samples"] >= FEWEST_SAMPLES and any(
+            b is not None and abs(b) > BIAS_SIGMAS * s for b, s in zip(slopes, sigmas, strict=True)
+        ):
             rms = (bias[size] or 0.0) * (1000 if unit == "mm" else 1)
             axes = ", ".join(f"{a} {b * 1000:+.2f} ms" for a, b in zip("xyz", slopes, strict=True) if b is not None)
             out.append((f"Motion biases PnP's {name}: {rms:.2g} {unit} RMS ({axes})", "yellow"))
     return out
 
 
+def warnings(craft: Mapping[str, Figures]) -> list[tuple[str, str]]:
+    """What is wrong with single craft that the swarm's figures hide, and what to do about it."""
+    dark = [name for name, f in craft.items() if not f["mean_visible"]]
+    refused = {name: f["refused_share"] or 0.0 for name, f in craft.items() if f.get("refused_share")}
+    refused = {name: share for name, share in refused.items() if share > REFUSED_MUCH}
+    vain = [
+        name
+        for name, f in craft.items()
+        if (nees := f.get("nees")) and nees["effective_samples"] >= FEWEST_SAMPLES and nees["mean"] > nees["band_high"]
+    ]
+    out = []
+    if dark:
+        out.append(
+            f"{_names(dark)} never saw light: outside the field or range, turned away, or every photodiode covered"
+        )
+    if refused:
+        worst = max(refused, key=lambda name: refused[name])
+        out.append(
+            f"The filter refused {100 * refused[worst]:.0f} % of {worst}'s poses"
+            + (f" (and of {len(refused) - 1} more craft)" if len(refused) > 1 else "")
+            + ": it moves more sharply than navigation.acceleration_noise_m_s2 and"
+            " angular_acceleration_noise_deg_s2 expect, or its errors are not noise (docs/filter.md)"
+        )
+    if vain and len(craft) > 1:
+        out.append(f"NEES above its band: {_names(vain)}")
+    return [(sentence, "yellow") for sentence in out]
+
+
+def _names(craft: list[str]) -> str:
+    return ", ".join(craft[:4]) + (f" and {len(craft) - 4} more" if len(craft) > 4 else "")
+
+
 def written(folder: Path) -> list[tuple[str, str]]:
     """The files of a run that exist, and what each is."""
     files = (
         ("telemetry.parquet", "a row per craft and period"),
+        ("angles.parquet", "every sweep angle, for swarm calibrate"),
         ("summary.json", "these figures, and more"),
         ("scenario.toml", "all that was set; run it again"),
         (RECORDING, "for the viewer"),

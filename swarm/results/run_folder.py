@@ -1,4 +1,5 @@
-"""The folder that a run leaves: `scenario.toml`, `telemetry.parquet`, `summary.json`, `recording.rrd`.
+"""The folder that a run leaves: `scenario.toml`, `telemetry.parquet`, `summary.json`, `recording.rrd`, and
+`angles.parquet` where it was asked for.
 
 `summary.json` is written first and says what the folder is worth: its `status` is "running" until the run has ended,
 then "complete" or "interrupted" (with a `reason`); a run that was killed stays "running" for ever. It also says which
@@ -17,7 +18,8 @@ from typing import Any, Literal
 import pyarrow as pa
 
 from swarm.errors import SwarmError, did_you_mean
-from swarm.results.disk import write_text, writing
+from swarm.results import angles
+from swarm.results.disk import FolderLock, write_text, writing
 from swarm.results.telemetry import FILE, PARTS, read_telemetry
 
 PROGRAM = "lighthouse-swarm"
@@ -65,11 +67,22 @@ class RunFolder:
             if path.exists() and not path.is_dir():
                 raise SwarmError(f"cannot write {path}: a file is in its place; choose another --out")
             path.mkdir(parents=True, exist_ok=True)
+        self._lock = FolderLock(path)
+        try:
+            self._claim(force)
+        except BaseException:
+            self._lock.release()
+            raise
+
+    def _claim(self, force: bool) -> None:
+        path = self.path
         ours = _summary_of(path) is not None
         if ours and not force:
-            raise SwarmError(f"{path} holds a run already; --force replaces it, --out writes elsewhere")
+            raise SwarmError(
+                f"{path} holds a run already; --force (force=True) replaces it, --out (out=...) writes elsewhere"
+            )
         if not ours:
-            for name in (SUMMARY, SCENARIO, FILE, PARTS, RECORDING):
+            for name in (SUMMARY, SCENARIO, FILE, PARTS, RECORDING, angles.FILE):
                 if (path / name).exists():
                     raise SwarmError(
                         f"{path / name} was not written by {PROGRAM}, and a run would replace it; move it away "
@@ -91,7 +104,7 @@ class RunFolder:
     def _remove_earlier(self) -> None:
         parts = self.path / PARTS
         with writing(self.path):
-            for name in (SCENARIO, FILE, RECORDING):
+            for name in (SCENARIO, FILE, RECORDING, angles.FILE, angles.PARTIAL):
                 (self.path / name).unlink(missing_ok=True)
             if parts.is_dir():
                 for file in [*parts.glob("part-*.parquet"), *parts.glob("part-*.tmp"), parts / "joined.tmp"]:
@@ -116,6 +129,7 @@ class RunFolder:
         """The run is complete: replace the marker by its summary (JSON-able, no NaN)."""
         self._write_summary("complete", summary)
         self._finished = True
+        self._lock.release()
 
     def interrupt(self, reason: str, summary: Mapping[str, Any] | None = None) -> None:
         """The run ended early because of `reason`: say so, with a summary of what there is."""
@@ -128,6 +142,7 @@ class RunFolder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self._lock.release()
         if self._finished:
             return
         if kind is None:

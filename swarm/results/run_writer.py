@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from swarm import __version__
 from swarm.errors import SwarmError
+from swarm.results.angles import AngleWriter, Believed, SweepAngles
 from swarm.results.progress import Progress
 from swarm.results.recorder import NullRecording, Period, Recorder, Scene
 from swarm.results.run_folder import Run, RunFolder, open_run
@@ -29,9 +30,16 @@ class RunWriter:
 
     run: Run
 
-    def __init__(self, telemetry: Telemetry, recording: Recorder, craft_count: int, duration_s: float) -> None:
+    def __init__(
+        self,
+        telemetry: Telemetry,
+        recording: Recorder,
+        craft_count: int,
+        duration_s: float,
+        angles: AngleWriter | None = None,
+    ) -> None:
         self.notice = recording.notice
-        self._telemetry, self._recording = telemetry, recording
+        self._telemetry, self._recording, self._angles = telemetry, recording, angles
         self._craft_count, self._duration_s = craft_count, duration_s
         self._started_s = time.perf_counter()
         self._time_s, self._tracking = 0.0, 0
@@ -44,17 +52,25 @@ class RunWriter:
         sight: NDArray[np.integer],
         estimate: Estimate,
         peer: Peer | None = None,
+        angles: SweepAngles | None = None,
     ) -> None:
-        """Take one period of all craft at its epoch `time_s` [s]; sight: (C, K), what each photodiode saw."""
+        """Take one period of all craft at its epoch `time_s` [s]; sight: (C, K), what each photodiode saw.
+
+        angles: what the craft measured, for a run that writes them.
+        """
         errors = self._telemetry.append(time_s, frame, truth, estimate, peer)
         self._recording.append(Period(time_s, frame, truth, estimate, sight, errors, peer))
+        if self._angles is not None and angles is not None:
+            self._angles.append(frame, angles)
         self._time_s, self._tracking = time_s, int(np.count_nonzero(estimate.status == TRACKING))
 
     @property
     def progress(self) -> Progress:
         """How far the run is."""
         wall_s = time.perf_counter() - self._started_s
-        return Progress(self._time_s, self._duration_s, self._time_s / wall_s, self._tracking, self._craft_count)
+        return Progress(
+            self._time_s, self._duration_s, self._time_s / wall_s, self._tracking, self._craft_count, self.notice
+        )
 
 
 @contextmanager
@@ -68,12 +84,14 @@ def writing_run(
     record: bool = True,
     live: bool = False,
     replay: bool = False,
+    angles: Believed | None = None,
 ) -> Iterator[RunWriter]:
     """A run's folder, `runs/<scenario>-<seed>` or `out`, open for the block; closed however the block ends.
 
     force: replace a run that is there. record: write recording.rrd of `scene`; live: show it meanwhile. replay: there
-    is a peer instead of the truth. A run that is stopped, by Ctrl-C or an error, is summarised as far as it went and
-    marked as interrupted, and what stopped it is raised on. Raises SwarmError where nothing can be written.
+    is a peer instead of the truth. angles: what the craft believe, for a run that writes their sweep angles. A run that
+    is stopped, by Ctrl-C or an error, is summarised as far as it went and marked as interrupted, and what stopped it is
+    raised on. Raises SwarmError where nothing can be written.
     """
     with RunFolder.create(scenario.name, scenario.seed, None if out is None else Path(out), force) as folder:
         folder.write_scenario(to_toml(scenario, versions()))
@@ -84,7 +102,8 @@ def writing_run(
             from swarm.results.recording import Recording
 
             recording = Recording(folder.recording, scene, live=live)
-        writer = RunWriter(telemetry, recording, len(scene.craft), duration_s)
+        angle_writer = AngleWriter(folder.path, angles) if angles is not None else None
+        writer = RunWriter(telemetry, recording, len(scene.craft), duration_s, angle_writer)
         try:
             yield writer
         except BaseException as stop:
@@ -93,10 +112,19 @@ def writing_run(
                 recording.close()
             with suppress(SwarmError):
                 telemetry.close()
-                folder.interrupt(_reason(stop), summarise_run(folder.path))
+            if angle_writer is not None:
+                with suppress(SwarmError):
+                    angle_writer.close()
+            summary = None
+            with suppress(SwarmError):
+                summary = summarise_run(folder.path)
+            with suppress(SwarmError):
+                folder.interrupt(_reason(stop), summary)
             raise
         recording.close()
         telemetry.close()
+        if angle_writer is not None:
+            angle_writer.close()
         folder.finish(summarise_run(folder.path))
         writer.run = open_run(folder.path)
 

@@ -267,6 +267,9 @@ def _figures(rows: _Rows, period_s: float, replay: bool) -> dict[str, Any]:
     out: dict[str, Any] = {
         "samples": len(visible),
         "tracking_share": share(rows.column("status") == STATUS.index("tracking"), visible >= 0),
+        "refused_share": share(
+            np.isfinite(rows.column("nis")) & (rows.column("status") != STATUS.index("tracking")), solved
+        ),
         "mean_visible": _mean(visible),
         "solved_share": share(solved, visible >= 4),
         "solved_share_with_5_photodiodes": share(solved, visible >= 5),

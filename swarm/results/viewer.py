@@ -12,6 +12,8 @@ from swarm.errors import SwarmError
 
 HOST = "127.0.0.1"
 START_LIMIT_S = 20.0
+MAGIC = b"RRF2"
+"""What a recording begins with."""
 
 
 def _command(*arguments: str) -> list[str]:
@@ -36,12 +38,23 @@ def view(path: Path, web: bool = False) -> int:
     """
     if not path.is_file():
         raise SwarmError(f"there is no recording {path}; was the run made with the recording off?")
-    if web:
-        ports = "--port", str(_free_port()), "--web-viewer-port", str(_free_port())
-        return subprocess.call(_command(str(path), "--web-viewer", *ports))
-    if not has_display():
+    with path.open("rb") as file:
+        if file.read(len(MAGIC)) != MAGIC:
+            raise SwarmError(f"{path} is not a rerun recording")
+    if not web and not has_display():
         raise SwarmError(f"no display to open a window on; `swarm view --web {path.parent}` serves it to a browser")
-    return subprocess.call(_command(str(path), "--port", str(_free_port())))
+    ports = ["--port", str(_free_port())]
+    if web:
+        ports += ["--web-viewer", "--web-viewer-port", str(_free_port())]
+        print(f"The viewer opens in the browser, for this machine only: {HOST}:{ports[-1]}. Ctrl-C ends it.")  # noqa: T201
+    # Its own log is for rerun's developers; errors still come through.
+    viewer = subprocess.Popen(_command(str(path), *ports), env={**os.environ, "RUST_LOG": "error"})
+    try:
+        return viewer.wait()
+    finally:
+        # However we end, by a signal too, the viewer ends with us.
+        viewer.terminate()
+        viewer.wait()
 
 
 def start_live() -> str:

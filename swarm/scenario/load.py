@@ -8,7 +8,7 @@ import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
@@ -18,6 +18,7 @@ from swarm.scenario import mistakes
 from swarm.scenario.mistakes import Problem, dotted, parse_path
 from swarm.scenario.motions import AnyMotion
 from swarm.scenario.schema import Scenario
+from swarm.scenario.text import toml_value
 
 
 @dataclass(frozen=True)
@@ -32,24 +33,34 @@ class Craft:
     count: int
 
 
-def load(name_or_path: str | Path, overrides: Iterable[str] = (), seed: int | None = None) -> Scenario:
+class Override(NamedTuple):
+    """One changed value: a dotted key, the value as TOML gives it, and for messages where and how it was said."""
+
+    key: str
+    value: Any
+    source: str = "--set"
+    text: str = ""
+
+
+def load(name_or_path: str | Path, overrides: Iterable[str | Override] = (), seed: int | None = None) -> Scenario:
     """The validated scenario of a file, or of a shipped one by its name.
 
     overrides: "key=value" with a dotted key and a value as TOML writes it, quotes around plain words left out:
-    "swarm.count=16", "craft[1].motion.from_m=[0, 0, 8]". seed: replaces the file's. Raises SwarmError.
+    "swarm.count=16", "craft[1].motion.from_m=[0, 0, 8]"; or `Override`s. seed: replaces the file's. Raises SwarmError.
     """
     path = find_scenario(str(name_or_path))
-    data = {"name": _name(path.stem), **_read(path)}
-    return validate(data, overrides, seed, file=_shown(path), folder=path.parent)
+    data = {"name": safe_name(path.stem), **read_toml(path)}
+    return validate(data, overrides, seed, file=shown(path), folder=path.parent)
 
 
 def validate(
-    data: dict[str, Any], overrides: Iterable[str] = (), seed: int | None = None, *, file: str, folder: Path
+    data: dict[str, Any], overrides: Iterable[str | Override] = (), seed: int | None = None, *, file: str, folder: Path
 ) -> Scenario:
     """The scenario that `data` (as TOML gives it) says. file: its name in messages; folder: where its paths begin."""
     sources: dict[mistakes.Path, str] = {}
     for override in overrides:
-        sources[_override(data, override)] = "--set"
+        said = parse_override(override) if isinstance(override, str) else override
+        sources[_put(data, said)] = said.source
     if seed is not None:
         data["seed"] = seed
         sources[("seed",)] = "--seed"
@@ -73,7 +84,7 @@ def for_replay(recording: Path, overrides: Iterable[str] = (), seed: int | None 
         table = parse_path(override.partition("=")[0].strip())[:1]
         if table not in (("navigation",), ("recording",), ("name",), ("description",)):
             raise SwarmError(f"--set: {override}: a replay takes only navigation.*, recording.*, name and description")
-    name = _name(recording.name.partition(".")[0])
+    name = safe_name(recording.name.partition(".")[0])
     data = {
         "name": name,
         "description": f"Replay of {recording.name}"[:200],
@@ -81,7 +92,15 @@ def for_replay(recording: Path, overrides: Iterable[str] = (), seed: int | None 
         # What a factory calibration leaves of a real station's errors, photodiodes do not share: half of the variance.
         "navigation": {"angle_noise_arcsec": 20.0, "rotor_correlation": 0.5},
     }
-    return validate(data, overrides, seed, file=_shown(recording), folder=Path.cwd())
+    return validate(data, overrides, seed, file=shown(recording), folder=Path.cwd())
+
+
+def parse_override(text: str) -> Override:
+    """The override that "key=value" says. Raises SwarmError where it says none."""
+    key, equals, value = text.partition("=")
+    if not equals or not parse_path(key.strip()):
+        raise SwarmError(f"--set: {text!r} is not key=value, such as swarm.count=16")
+    return Override(key.strip(), _value(text, value.strip()), text=text)
 
 
 def craft(scenario: Scenario) -> list[Craft]:
@@ -97,26 +116,27 @@ def craft(scenario: Scenario) -> list[Craft]:
     ]
 
 
-def _read(path: Path) -> dict[str, Any]:
+def read_toml(path: Path) -> dict[str, Any]:
+    """What a TOML file says. Raises SwarmError, with the place in the file, where it is none or cannot be read."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except tomllib.TOMLDecodeError as error:
         where = re.search(r" \(at (?:line (\d+), column (\d+)|end of document)\)$", str(error))
         what = str(error)[: where.start()] if where else str(error)
         place = f"line {where[1]}, column {where[2]}" if where and where[1] else "at the end"
-        raise SwarmError(f"{_shown(path)}, {place}: not TOML: {what[:1].lower()}{what[1:]}") from None
+        raise SwarmError(f"{shown(path)}, {place}: not TOML: {what[:1].lower()}{what[1:]}") from None
     except UnicodeDecodeError as error:
-        raise SwarmError(f"{_shown(path)}, byte {error.start}: not UTF-8 text, so not a scenario file") from None
+        raise SwarmError(f"{shown(path)}, byte {error.start}: not UTF-8 text, so not a scenario file") from None
     except OSError as error:
-        raise SwarmError(f"{_shown(path)}: cannot be read: {error.strerror}") from None
+        raise SwarmError(f"{shown(path)}: cannot be read: {error.strerror}") from None
 
 
-def _override(data: dict[str, Any], override: str) -> mistakes.Path:
-    """Put "key=value" into `data`; returns where."""
-    key, equals, text = override.partition("=")
-    path = parse_path(key.strip())
-    if not equals or not path:
-        raise SwarmError(f"--set: {override!r} is not key=value, such as swarm.count=16")
+def _put(data: dict[str, Any], override: Override) -> mistakes.Path:
+    """Put the override into `data`; returns where."""
+    path = parse_path(override.key)
+    if not path:
+        raise SwarmError(f"{override.source}: {override.key!r} is not a key, such as swarm.count")
+    said = f"{override.source}: {override.text or f'{override.key}={mistakes.short(toml_value(override.value))}'}"
     inner: Any = data
     for depth, part in enumerate(path):
         last = depth == len(path) - 1
@@ -124,12 +144,12 @@ def _override(data: dict[str, Any], override: str) -> mistakes.Path:
         if isinstance(part, int):
             if not isinstance(inner, list) or part >= len(inner):
                 entries = f"has {len(inner)} entries, counted from 0" if isinstance(inner, list) else "is not a list"
-                raise SwarmError(f"--set: {override}: {so_far} does not exist: {dotted(path[:depth])} {entries}")
+                raise SwarmError(f"{said}: {so_far} does not exist: {dotted(path[:depth])} {entries}")
         elif not isinstance(inner, dict):
             index = f"; say which, as in {dotted(path[:depth])}[0].{part}" if isinstance(inner, list) else ""
-            raise SwarmError(f"--set: {override}: {dotted(path[:depth])} is not a table{index}")
+            raise SwarmError(f"{said}: {dotted(path[:depth])} is not a table{index}")
         if last:
-            inner[part] = _value(override, text.strip())
+            inner[part] = override.value
         else:
             # Copies on the way down: a default table of the schema or of the caller is never written to.
             below = inner.get(part, {}) if isinstance(inner, dict) else inner[part]
@@ -173,12 +193,12 @@ def _resolve_paths(data: dict[str, Any], folder: Path, sources: Mapping[mistakes
             yield Problem(2, (path,), f"there is no file {file}")
 
 
-def _name(stem: str) -> str:
+def safe_name(stem: str) -> str:
     """A file's name as the name of a run: what a folder's or an entity's name may not have becomes a hyphen."""
     return re.sub(r"[^A-Za-z0-9_.-]+", "-", stem).lstrip("_.-")[:64] or "scenario"
 
 
-def _shown(path: Path) -> str:
+def shown(path: Path) -> str:
     """The path as its user would type it: relative where it lies below the working directory."""
     try:
         return str(path.resolve().relative_to(Path.cwd()))

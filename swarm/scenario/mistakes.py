@@ -6,7 +6,7 @@ pydantic finds the mistakes; here they are worded for somebody who wrote the fil
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from difflib import get_close_matches
-from typing import Any, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple, get_args, get_origin
 
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
@@ -89,6 +89,13 @@ def kind_of(table: type[Table]) -> str:
     return str(get_args(kind.annotation)[0]) if kind else ""
 
 
+def _choices(annotation: Any) -> tuple[Any, ...]:
+    """What a field with a fixed choice may say, perhaps inside of a list."""
+    if get_origin(annotation) is Literal:
+        return get_args(annotation)
+    return tuple(choice for part in get_args(annotation) for choice in _choices(part))
+
+
 def value_at(data: Any, path: Path) -> Any:
     """What the file says there, or None."""
     for part in path:
@@ -106,21 +113,21 @@ def report(problems: Iterable[Problem], data: Mapping[str, Any], sources: Mappin
         changed = {key: _source(key, sources) for key in keys}
         path = next((key for key in keys if changed[key]), keys[0])
         value = value_at(data, path)
-        shown = "" if value is None or isinstance(value, dict) else f" = {_short(toml_value(value))}"
+        shown = "" if value is None or isinstance(value, dict) else f" = {short(toml_value(value))}"
         lines.append(f"{changed[path] or file}: {dotted(path)}{shown}: {text}")
     return "\n".join(dict.fromkeys(lines))
 
 
-def problems_of(error: ValidationError, data: Mapping[str, Any]) -> list[Problem]:
-    """Every mistake that pydantic found in `data`, worded."""
-    problems = [p for detail in error.errors(include_url=False) for p in _problems(detail, data)]
+def problems_of(error: ValidationError, data: Mapping[str, Any], root: type[Table] = Scenario) -> list[Problem]:
+    """Every mistake that pydantic found in `data`, worded. root: the table that the whole file is."""
+    problems = [p for detail in error.errors(include_url=False) for p in _problems(detail, root)]
     # A misspelt key is one mistake, not two: the right one is not also "missing".
     meant = {(*p.keys[0][:-1], name) for p in problems if p.rank == 0 for name in re.findall(r"'(\w+)'", p.text)}
     return [p for p in problems if not (p.rank == 1 and p.keys[0] in meant)]
 
 
-def _problems(detail: ErrorDetails, data: Mapping[str, Any]) -> Iterator[Problem]:
-    place = _place(detail["loc"])
+def _problems(detail: ErrorDetails, root: type[Table]) -> Iterator[Problem]:
+    place = _place(detail["loc"], root)
     path, kind, context = place.path, detail["type"], detail.get("ctx", {})
     key = next((p for p in reversed(path) if isinstance(p, str)), "")
     unit = split_unit(key)[1]
@@ -129,7 +136,7 @@ def _problems(detail: ErrorDetails, data: Mapping[str, Any]) -> Iterator[Problem
         for text, *keys in context["mistakes"]:
             yield Problem(4, tuple(path + parse_path(k) for k in keys), text)
     elif kind == "extra_forbidden":
-        yield Problem(0, (path,), f"unknown key{_meant(str(path[-1]), place.table)}")
+        yield Problem(0, (path,), f"unknown key{_meant(str(path[-1]), place.table, root)}")
     elif kind == "missing" and not inside:
         field = place.table.model_fields[key]
         yield Problem(1, (path,), f"missing{f' (in {unit})' if unit else ''}: {field.description}")
@@ -139,7 +146,7 @@ def _problems(detail: ErrorDetails, data: Mapping[str, Any]) -> Iterator[Problem
         must = "must be" if "tag" in context else "missing:"
         yield Problem(2, ((*path, "kind"),), f"{must} one of {', '.join(map(repr, kinds))}{guess}")
     elif kind == "literal_error":
-        choices = get_args(place.table.model_fields[key].annotation)
+        choices = _choices(place.table.model_fields[key].annotation)
         guess = did_you_mean(str(detail["input"]), choices) if len(choices) > 1 else ""
         yield Problem(2, (path,), f"must be {' or '.join(map(repr, choices))}{guess}")
     elif kind in LIMITS:
@@ -177,12 +184,12 @@ def _expected(detail: ErrorDetails, place: Place, unit: str) -> str:
     return f"expected {name}{f' {what}' if what else of_unit}, not {_type_name(value)}{hint if of_unit else ''}"
 
 
-def _meant(key: str, table: type[Table]) -> str:
+def _meant(key: str, table: type[Table], root: type[Table]) -> str:
     """A question with the right key: the same name with another unit, a key of another table, or a near name."""
     fields = table.model_fields
     stem = split_unit(key)[0]
     same = [k for k in fields if split_unit(k)[0] == stem] or [k for k in fields if k.startswith(f"{stem}_")]
-    if not same and (elsewhere := _owners(key)):
+    if not same and (elsewhere := _owners(key, root)):
         own = f" of kind {kind_of(table)!r}" if kind_of(table) else " here"
         return f"{own}; it belongs to {' or '.join(elsewhere)}"
     near = same or get_close_matches(key, fields, n=1, cutoff=0.5)
@@ -192,10 +199,10 @@ def _meant(key: str, table: type[Table]) -> str:
     return f"; did you mean {near[0]!r}{f' (in {unit})' if unit else ''}?"
 
 
-def _owners(key: str) -> list[str]:
+def _owners(key: str, root: type[Table]) -> list[str]:
     """The tables that have this key."""
     found: list[str] = []
-    waiting: list[tuple[str, type[Table]]] = [("", Scenario)]
+    waiting: list[tuple[str, type[Table]]] = [("", root)]
     while waiting:
         name, table = waiting.pop(0)
         if key in table.model_fields:
@@ -206,10 +213,10 @@ def _owners(key: str) -> list[str]:
     return list(dict.fromkeys(found))
 
 
-def _place(loc: Path) -> Place:
+def _place(loc: Path, root: type[Table]) -> Place:
     """Walk down the schema along `loc`, and leave out the tags that pydantic adds for kinds of motion."""
-    table: type[Table] = Scenario
-    inner: tuple[type[Table], ...] = (Scenario,)
+    table: type[Table] = root
+    inner: tuple[type[Table], ...] = (root,)
     path: list[str | int] = []
     for part in loc:
         if len(inner) > 1:
@@ -232,5 +239,6 @@ def _type_name(value: Any) -> str:
     return names.get(type(value), "a list" if isinstance(value, list | tuple) else "a date or time")
 
 
-def _short(text: str) -> str:
+def short(text: str) -> str:
+    """The text, cut to what a message has room for."""
     return text if len(text) <= 60 else f"{text[:57]}..."

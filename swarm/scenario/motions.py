@@ -12,10 +12,13 @@ from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
 from pydantic_core import PydanticCustomError
 
 Component = Annotated[float, Field(ge=-1000, le=1000)]
-Length = Annotated[float, Field(ge=0, le=1000)]
+Extent = Annotated[float, Field(ge=0, le=1000)]
+Length = Annotated[float, Field(gt=0, le=1000)]
 Time = Annotated[float, Field(ge=0, le=86400)]
 Vector = Annotated[tuple[Component, Component, Component], Strict(False)]
 """Three numbers; a TOML list becomes a tuple (hence not strict), its elements stay strict."""
+Box = Annotated[tuple[Length, Length, Length], Strict(False)]
+"""The size of a box along x, y, z."""
 
 
 Mistake = tuple[str, ...]
@@ -64,6 +67,11 @@ class Hold(Motion):
     kind: Literal["hold"] = Field(description="Stays at one place.")
     position_m: Vector = Field(default=(0.0, 0.0, 3.0), description="The place; the centre of a swarm's grid.")
     spacing_m: float = Field(default=0.5, gt=0, le=1000, description="Between neighbours in a swarm's grid.")
+    box_m: Box | None = Field(
+        default=None,
+        description="A swarm fills a box of this size, centred there, each craft at a place that does not depend on "
+        "their number. Unset: the grid.",
+    )
 
 
 class Ring(Motion):
@@ -121,6 +129,11 @@ class Tumble(Motion):
         default=(0.0, 0.0, 0.0), description="Angular rate at the start, lighthouse frame."
     )
     spacing_m: float = Field(default=0.5, gt=0, le=1000, description="Between neighbours in a swarm's grid.")
+    box_m: Box | None = Field(
+        default=None,
+        description="A swarm fills a box of this size, centred there, each craft at a place that does not depend on "
+        "their number. Unset: the grid.",
+    )
 
 
 class Drift(Motion):
@@ -130,6 +143,11 @@ class Drift(Motion):
     position_m: Vector = Field(default=(0.0, 0.0, 3.0), description="Where it starts; the centre of a swarm's grid.")
     velocity_m_s: Vector = Field(default=(0.0, 0.0, 0.0), description="Velocity at the start.")
     spacing_m: float = Field(default=0.5, gt=0, le=1000, description="Between neighbours in a swarm's grid.")
+    box_m: Box | None = Field(
+        default=None,
+        description="A swarm fills a box of this size, centred there, each craft at a place that does not depend on "
+        "their number. Unset: the grid.",
+    )
     acceleration_m_s2: float | None = Field(
         default=None, ge=0, le=100, description="1 sigma per axis. Unset: the navigation filter's own value."
     )
@@ -143,7 +161,7 @@ class Wander(Motion):
 
     kind: Literal["wander"] = Field(description="Moved about at random as by a hand.")
     centre_m: Vector = Field(default=(0.0, 0.0, 3.0), description="The middle of the box that it never leaves.")
-    size_m: Annotated[tuple[Length, Length, Length], Strict(False)] = Field(
+    size_m: Annotated[tuple[Extent, Extent, Extent], Strict(False)] = Field(
         default=(1.0, 1.0, 1.0), description="The box's edges; along an edge of 0 it does not move."
     )
     speed_m_s: float = Field(

@@ -13,7 +13,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from swarm.scenario.mistakes import kind_of, split_unit, tables_of
-from swarm.scenario.motions import Attitude, Table, Vector
+from swarm.scenario.motions import Attitude, Box, Table, Vector
 from swarm.scenario.schema import Scenario
 from swarm.scenario.text import toml_value
 
@@ -84,7 +84,7 @@ def _type(key: str, field: FieldInfo) -> str:
         return "table, see [motion](#motion)" if len(kinds) > 1 else "table"
     if "Literal" in text:
         return " or ".join(f"`{toml_value(choice)}`" for choice in get_args(field.annotation))
-    if field.annotation == VECTOR:
+    if field.annotation == VECTOR or Box in get_args(field.annotation):
         return f"list of x, y, z, {unit}"
     if "tuple" in text:
         return f"list of {f'lists of x, y, z, {unit}' if text.count('tuple') > 1 else unit or 'strings'}"

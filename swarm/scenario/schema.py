@@ -107,6 +107,12 @@ class Lighthouse(Table):
     mounting_error_mm: float = Field(
         default=0.0, ge=0, le=50, description="Photodiodes off their place, 1 sigma per axis, drawn once."
     )
+    mounting_seed: int | None = Field(
+        default=None,
+        ge=0,
+        lt=10**18,
+        description="Draws the mounting errors: the same hardware in runs of different seeds. Unset: the run's seed.",
+    )
     missed_sync_probability: float = Field(default=0.0, ge=0, le=1, description="A craft misses a flash, per flash.")
     lost_pulse_probability: float = Field(
         default=0.0, ge=0, le=1, description="A photodiode misses a sweep, per sweep."
@@ -163,7 +169,8 @@ class Navigation(Table):
     )
     calibration: str | None = Field(
         default=None,
-        description="File with the fans' systematic errors that the craft remove; relative to this file. Unset: none.",
+        description="File with the fans' systematic errors and the photodiodes' places that the craft go by, as "
+        "`swarm calibrate` writes it; relative to this file. Unset: none.",
     )
 
 
@@ -171,6 +178,9 @@ class Recording(Table):
     """The recording for the viewer."""
 
     enabled: bool = Field(default=True, description="Whether a recording is written.")
+    angles: bool = Field(
+        default=False, description="Whether every sweep angle is written to angles.parquet, for `swarm calibrate`."
+    )
     detail: Annotated[tuple[str, ...], Strict(False)] = Field(
         default=(), description="Craft drawn in full detail in a large swarm, by name. Empty: the first."
     )

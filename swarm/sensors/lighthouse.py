@@ -39,7 +39,10 @@ STRAY_WIDTH_MAX_S = SYNC_WIDTH_S / 10
 
 @dataclass(frozen=True)
 class LighthouseSettings:
-    """The station and the photodiodes' circuit, in SI units; noise and jitter are standard deviations."""
+    """The station and the photodiodes' circuit, in SI units; noise and jitter are standard deviations.
+
+    mounting_seed: draws the mounting errors; None: the run's own.
+    """
 
     rate_hz: float
     angle_noise_rad: float
@@ -57,6 +60,7 @@ class LighthouseSettings:
     stray_pulse_rate_hz: float
     fan_x: FanErrors
     fan_y: FanErrors
+    mounting_seed: int | None = None
 
 
 class Motion(Protocol):
@@ -130,7 +134,8 @@ class Lighthouse:
         point = layout.point_m.copy()
         offset = np.empty(layout.craft_count)
         for i, key in enumerate(self._keys):
-            mounting = self._stream(Purpose.MOUNTING, key).standard_normal((self._count[i], 3))
+            mounted = seed if settings.mounting_seed is None else settings.mounting_seed
+            mounting = self._stream(Purpose.MOUNTING, key, seed=mounted).standard_normal((self._count[i], 3))
             point[i, layout.present[i]] += settings.mounting_error_m * mounting
             # Up to 20 min of ticks, and never so few that a jitter in frame 0 makes them negative.
             offset[i] = self._stream(Purpose.CLOCK, key).uniform(1e6, 1e6 + 1200.0 / settings.tick_s)
@@ -198,8 +203,9 @@ class Lighthouse:
         photodiode, rise, wide, total = pulses
         return Pulses(photodiode[:, :used], rise[:, :used], wide[:, :used], total)
 
-    def _stream(self, purpose: Purpose, *key: int) -> np.random.Generator:
-        return np.random.default_rng(np.random.SeedSequence(self._seed, spawn_key=(_LIGHTHOUSE, purpose, *key)))
+    def _stream(self, purpose: Purpose, *key: int, seed: int | None = None) -> np.random.Generator:
+        seed = self._seed if seed is None else seed
+        return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_LIGHTHOUSE, purpose, *key)))
 
     def _drawn(self, frame: int) -> tuple[_Draws, int]:
         """The block of random numbers that `frame` is in, and its place there."""

@@ -1,0 +1,126 @@
+"""The page: what a report consists of, and the template that turns it into one HTML file that needs no network.
+
+The only file that knows jinja2. Figures are embedded as SVG in data URIs, the style stands in the page's head.
+"""
+
+import math
+from base64 import b64encode
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from swarm.report.figures import Picture
+
+NOTHING = "–"
+
+
+class Column(NamedTuple):
+    """Head of a table's column, and the unit below it."""
+
+    name: str
+    unit: str = ""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of texts. left: how many columns, from the left, are words rather than numbers."""
+
+    columns: Sequence[Column]
+    rows: Sequence[Sequence[str]]
+    caption: str = ""
+    left: int = 1
+
+
+class Fact(NamedTuple):
+    """A figure that the reader should take away: its name, the figure with its unit, and what it means."""
+
+    name: str
+    value: str
+    meaning: str = ""
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of the page: paragraphs, then figures, then tables."""
+
+    title: str
+    paragraphs: Sequence[str] = ()
+    pictures: Sequence[Picture] = ()
+    tables: Sequence[Table] = ()
+
+
+@dataclass(frozen=True)
+class Page:
+    """A report. warning: what the reader must know first. commands, versions: how to get the same numbers again."""
+
+    title: str
+    subtitle: str
+    sections: Sequence[Section]
+    facts: Sequence[Fact] = ()
+    warning: str = ""
+    commands: Sequence[str] = ()
+    versions: Sequence[str] = ()
+    reproduce: str = ""
+    source_name: str = ""
+    source: str = ""
+    pictures: list[Picture] = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "pictures", [picture for section in self.sections for picture in section.pictures])
+
+
+def html(page: Page) -> str:
+    """The whole page as HTML."""
+    return _environment(autoescape=True).get_template("report.html.j2").render(page=page)
+
+
+def prose(template: str, block: str, **values: Any) -> list[str]:
+    """The paragraphs of one block of a template of plain text."""
+    found = _environment(autoescape=False).get_template(template)
+    text = "".join(found.blocks[block](found.new_context(values)))
+    return [" ".join(paragraph.split()) for paragraph in text.split("\n\n") if paragraph.strip()]
+
+
+def _environment(autoescape: bool) -> Environment:
+    environment = Environment(
+        loader=PackageLoader("swarm.report"),
+        autoescape=autoescape,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {"data_uri": _data_uri, "number": number, "percent": percent, "count": count}
+    return environment
+
+
+def percent(value: float) -> str:
+    """A share that is in percent already."""
+    return "< 0.001 %" if abs(value) < 0.001 else f"{number(value, 2)} %"
+
+
+def count(value: float) -> str:
+    """A whole number, thousands apart."""
+    return f"{value:,.0f}".replace(",", "\u202f")
+
+
+def number(value: float | np.floating[Any] | None, digits: int = 3, scale: float = 1.0) -> str:
+    """A figure with so many significant digits and no exponent within reason; a dash where there is none."""
+    if value is None or not math.isfinite(value):
+        return NOTHING
+    value = float(value) * scale
+    if value == 0:
+        return "0"
+    magnitude = math.floor(math.log10(abs(value)))
+    if not -5 <= magnitude < 9:
+        return f"{value:.{digits - 1}e}"
+    value = round(value, digits - 1 - magnitude)
+    magnitude = math.floor(math.log10(abs(value)))  # 99.96 has become 100
+    text = f"{value:.{max(digits - 1 - magnitude, 0)}f}"
+    return f"{float(text):,.0f}".replace(",", "\u202f") if magnitude >= 4 else text
+
+
+def _data_uri(svg: bytes) -> str:
+    return f"data:image/svg+xml;base64,{b64encode(svg).decode('ascii')}"

@@ -1,0 +1,258 @@
+"""The report is one file that opens anywhere: no reference leads out of it, and its figures say what the rows say."""
+
+import re
+import sys
+from base64 import b64decode
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from swarm import cli
+from swarm.campaign.study_folder import StudyFolder, open_study
+from swarm.errors import SwarmError
+from swarm.report.figures import thin
+from swarm.report.page import number, percent
+from swarm.report.rows import Rows
+from swarm.report.scaling_figures import central_line
+from swarm.report.write import write_report
+from swarm.scenario import load
+from swarm.simulate import simulate
+
+COUNTS = (1, 10, 100)
+PERIOD_S = 1 / 60
+
+
+def row(number: int, craft: int, seed: int) -> dict[str, Any]:
+    """A row as a scaling study has it, with figures that are known in advance."""
+    return {
+        "run": number,
+        "key": f"{number:016x}",
+        "status": "complete",
+        "reason": None,
+        "seed": seed,
+        "swarm.count": craft,
+        "periods": 180,
+        "flown_s": 180 * PERIOD_S,
+        "tracking_share": 1 - craft / 1000,
+        "lit_share": 1 - craft / 500,
+        "nees_mean": 6.0 + 0.1 * seed,
+        "nees_band_low": 5.5,
+        "nees_band_high": 6.5,
+        **{f"{who}_position_rms_m": 0.001 for who in ("pnp", "ekf", "central", "own")},
+        **{f"{who}_attitude_rms_deg": 0.05 for who in ("pnp", "ekf", "central", "own")},
+        "onboard_alone_us": 300.0,
+        "onboard_swarm_per_craft_us": 300.0 / craft + 50,
+        "onboard_alone_apart_m": 0.0,
+        "central_solve_us": 40.0 + 8.0 * craft,
+        "own_solve_us": 42.0,
+        "central_craft": float(craft),
+        "central_air_bytes_per_s": 7440.0 * craft,
+        "own_air_bytes_per_s": 0.0,
+        **{
+            f"{who}_{what}_gain_share": 1e-5 * craft
+            for who in ("central", "rotor_known")
+            for what in ("position", "attitude")
+        },
+        "rotor_variance_found_share": 0.001 * craft,
+        "seconds": 1.0,
+    }
+
+
+def study(folder: Path, rows: list[dict[str, Any]], parameters: list[str], status: str = "complete") -> Path:
+    made = StudyFolder(folder, parameters, {})
+    folder.mkdir()
+    (folder / "study.toml").write_text('base = "cloud"\n')
+    for one in rows:
+        made.add(one)
+    made.close()
+    made.write_state(
+        status,
+        name="made-up",
+        description="Made up <b>",
+        command="swarm study made-up",
+        versions=["numpy 1"],
+        wall_s=9.0,
+        where="2 workers",
+        machine="none",
+        planned=len(rows),
+    )
+    return folder
+
+
+@pytest.fixture
+def scaling(tmp_path: Path) -> Path:
+    rows = [row(2 * i + seed, craft, seed) for i, craft in enumerate(COUNTS) for seed in range(2)]
+    return study(tmp_path / "scaling", rows, ["swarm.count"])
+
+
+class Seen(HTMLParser):
+    """Everything that a browser might fetch, the embedded pictures, and the text."""
+
+    def __init__(self, page: Path) -> None:
+        super().__init__()
+        self.links: list[str] = []
+        self.pictures: list[bytes] = []
+        self.tags: list[str] = []
+        self.words = ""
+        self.html = page.read_text(encoding="utf-8")
+        self.feed(self.html)
+        self.text = " ".join(self.words.split())
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        for name, value in attrs:
+            if name in ("src", "href", "srcset", "data", "action", "poster") and value:
+                if value.startswith("data:image/svg+xml;base64,"):
+                    self.pictures.append(b64decode(value.partition(",")[2]))
+                else:
+                    self.links.append(value)
+
+    def handle_data(self, data: str) -> None:
+        self.words += data + " "
+
+
+def check_self_contained(seen: Seen) -> None:
+    assert seen.links == []
+    assert not {"script", "link", "iframe", "object", "embed"} & set(seen.tags)
+    assert not re.search(r"https?:|url\(|@import|//[a-z]", seen.html)
+    for picture in seen.pictures:
+        # Well-formed, and its only references are to its own definitions and to pixels that it carries.
+        root = ElementTree.fromstring(picture)
+        for element in root.iter():
+            for name, value in element.attrib.items():
+                if name.endswith("href"):
+                    assert value.startswith(("#", "data:image/png"))
+
+
+def test_the_scaling_page_is_self_contained_and_complete(scaling: Path) -> None:
+    page, figures = write_report(scaling)
+    seen = Seen(page)
+    check_self_contained(seen)
+    names = {"onboard-time", "visibility", "precision", "central-cost", "central-gain"}
+    assert {file.name for file in figures} == {f"{name}.{suffix}" for name in names for suffix in ("svg", "png")}
+    assert all(file.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n" for file in figures if file.suffix == ".png")
+    assert len(seen.pictures) == 5
+    assert "Made up <b>. 6 runs, 9 s on 2 workers" in seen.text
+    for unit in ("µs/period", "MB/s", "mm", "°", "%"):
+        assert unit in seen.text
+    assert "swarm study made-up" in seen.text
+    assert "numpy 1" in seen.text
+
+
+def test_the_scaling_page_says_what_the_rows_say(scaling: Path) -> None:
+    text = Seen(write_report(scaling)[0]).text
+    assert "It needs 300 to 300 µs per lighthouse period, 1.00 times as much with 100 craft as with 1" in text
+    assert "Cost: 40.0 µs + 8.00 µs per craft and period, against 42.0 µs" in text
+    # (16 666.7 - 40) / 8 = 2078 craft, beyond what was flown.
+    assert "16.7 ms at 2100 craft, on one core like this one (extrapolated)" in text
+    assert "from the first craft on; with 100 craft 20.0 times as much" in text
+    assert "0.10 % with 100, for 0.744 MB/s" in text
+    line = central_line(Rows.of(open_study(scaling), "swarm.count"))
+    assert line is not None
+    assert line.limit_craft == pytest.approx((1e6 * PERIOD_S - 40) / 8, rel=1e-9)
+
+
+def test_what_was_not_measured_is_left_out(tmp_path: Path) -> None:
+    rows = [
+        {k: v for k, v in row(i, craft, 0).items() if "central" not in k and "own_" not in k}
+        for i, craft in enumerate(COUNTS)
+    ]
+    seen = Seen(write_report(study(tmp_path / "part", rows, ["swarm.count"]))[0])
+    assert "central" not in seen.text
+    assert len(seen.pictures) == 3
+
+
+def test_any_study_shows_its_keys_its_points_and_its_failures(tmp_path: Path) -> None:
+    rows = []
+    for i in range(6):
+        one = {**row(i, 8, i % 2), "lighthouse.angle_noise_arcsec": 5.0 * (1 + i // 2)}
+        rows.append({k: v for k, v in one.items() if "onboard" not in k and "central" not in k and k != "swarm.count"})
+    rows[5] = {
+        **{k: rows[5][k] for k in ("run", "key", "seed", "lighthouse.angle_noise_arcsec", "seconds")},
+        "status": "failed",
+        "reason": "<script>alert(1)</script> is no model",
+    }
+    folder = study(tmp_path / "sweep", rows, ["lighthouse.angle_noise_arcsec"], status="interrupted")
+    page, figures = write_report(folder, tmp_path / "elsewhere" / "page.html")
+    seen = Seen(page)
+    check_self_contained(seen)
+    assert page == tmp_path / "elsewhere" / "page.html"
+    assert figures[0].parent.name == "page-figures"
+    assert "lighthouse.angle noise arcsec" in seen.text
+    assert "1.00 ± 0" in seen.text
+    assert "1 of 6 runs have no figures" in seen.text
+    assert "<script>alert(1)</script> is no model" in seen.text
+    assert "not complete: 6 of 6 runs" in seen.text
+
+
+def test_a_run_has_a_page_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    simulate(load("formation", ["duration_s=0.5", "swarm.count=5"]), record=False)
+    monkeypatch.setattr(sys, "argv", ["swarm", "report", "runs/formation-7"])
+    assert cli.main() == 0
+    assert capsys.readouterr().out.startswith("runs/formation-7/report.html")
+    seen = Seen(Path("runs/formation-7/report.html"))
+    check_self_contained(seen)
+    assert len(seen.pictures) == 4
+    for word in (
+        "craft-0",
+        "craft-4",
+        "NEES",
+        "ADOP",
+        "PDOP",
+        "3 sigma",
+        "swarm run runs/formation-7/scenario.toml",
+        "mujoco",
+    ):
+        assert word in seen.html + "".join(p.decode() for p in seen.pictures), word
+
+
+def test_what_is_neither_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SwarmError, match="nothing is not a run: there is no such folder"):
+        write_report("nothing")
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "text"),
+    [
+        (None, 3, "–"),
+        (float("nan"), 3, "–"),
+        (0, 3, "0"),
+        (0.0012345, 3, "0.00123"),
+        (2061.4, 2, "2100"),
+        (99.96, 3, "100"),
+        (16.6667, 3, "16.7"),
+        (1234567, 3, "1\u202f230\u202f000"),
+        (-1.5e-9, 3, "-1.50e-09"),
+    ],
+)
+def test_numbers_have_significant_digits(value: float | None, digits: int, text: str) -> None:
+    assert number(value, digits) == text
+
+
+def test_a_gain_of_nothing_is_not_a_power_of_ten() -> None:
+    assert percent(-7.5e-7) == "< 0.001 %"
+    assert percent(0.0471) == "0.047 %"
+
+
+def test_thinning_keeps_peaks_and_gaps() -> None:
+    x = np.arange(20_000.0)
+    y = np.zeros(20_000)
+    y[12_345] = 7.0
+    y[5_000:6_000] = np.nan
+    few, peaks = thin(x, y, peaks=True)
+    assert len(few) == len(peaks) <= 1500
+    assert np.nanmax(peaks) == 7.0
+    assert few[np.nanargmax(peaks)] == pytest.approx(12_345, abs=14)
+    # A gap of 1000 samples is one of 1000 / 14 points, give or take an end.
+    assert np.isnan(peaks).sum() == pytest.approx(1000 / 14, abs=2)
+    same = thin(x[:100], y[:100])
+    assert same[0] is not None
+    np.testing.assert_array_equal(same[1], y[:100])
