@@ -23,8 +23,8 @@ from estimators.registration import JUMP, Registration, register
 from estimators.scan import Scan, checked, clusters
 from estimators.shape import Shape
 
-LINKS = (0.3, 0.1)
-"""Returns nearer than this, against the shape's radius, belong to one object; the second is tried after the first."""
+LINKS = (0.6, 0.3, 0.1)
+"""Returns nearer than this, against the shape's radius, belong to one object; the wider links first."""
 
 
 class Verdict(Enum):
@@ -99,7 +99,7 @@ def acquire(scan: Scan, shape: Shape, settings: AcquisitionSettings | None = Non
         if key in tried or len(members) < s.fewest or _extent(own) > s.size_slack * shape.diameter_m:
             continue
         tried.add(key)
-        found = _of_object(_alone(scan, members, own, shape), shape, s)
+        found = _of_object(_alone(scan, members, own, shape), scan, shape, s)
         if found.confidence > best.confidence or not np.isfinite(best.position).all():
             best = found
         if found.found:
@@ -132,7 +132,7 @@ def _alone(scan: Scan, members: np.ndarray, own: Floats, shape: Shape) -> Scan:
     return rest.around((own.min(axis=0) + own.max(axis=0)) / 2, shape.diameter_m)
 
 
-def _of_object(scan: Scan, shape: Shape, s: AcquisitionSettings) -> Acquisition:
+def _of_object(scan: Scan, everything: Scan, shape: Shape, s: AcquisitionSettings) -> Acquisition:
     point = scan.point
     poses = distinct(search(scan, shape, rotations(s.starts)), s.apart_rad / 2, s.candidates)
     rough = _refined(scan, shape, poses, point[:: max(1, len(point) // 300)])
@@ -146,6 +146,9 @@ def _of_object(scan: Scan, shape: Shape, s: AcquisitionSettings) -> Acquisition:
     others = [c for c in fine[1:] + [rough[i] for i in order[4:]] if _differ(c.fit, best.fit, s, shape)]
     second = min(others, key=lambda c: c.cost, default=None)
     margin = (second.cost - best.cost) / best.cost if second else np.inf
+    # What else returned from where the target is said to be must be explained, too: this may be but a part of it.
+    whole = agreement(everything.around(best.fit.position, shape.radius_m), shape, best.fit.rotation, best.fit.position)
+    best = best._replace(overlap=min(best.overlap, whole.overlap) if whole.rays else 0.0)
     verdict = Verdict.FOUND
     if best.overlap < s.overlap_least:
         verdict = Verdict.NOT_RECOGNISED

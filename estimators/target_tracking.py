@@ -2,7 +2,7 @@
 
 Registration from the prediction (`estimators.registration`); then every ray against what the result predicts
 (`estimators.agreement`). The target is lost where the surface does not determine the pose, the residual is not noise,
-too few rays agree, or the registration walked away from a prediction that claims to know better.
+too few rays agree, or the registration walked away from the prediction.
 
 `chain` is the paper's own tracking (section 1.3): each scan against the previous *scan*, principal components first (15)
 to (19), then point to plane; its errors add up along the track. It is here to be compared.
@@ -19,9 +19,16 @@ from estimators import rotation as rot
 from estimators.agreement import agreement
 from estimators.arrays import Floats
 from estimators.point_cloud import align_principal, checked as checked_points
+from estimators.pose_search import search
 from estimators.registration import JUMP, register
 from estimators.scan import Scan, checked
 from estimators.shape import Shape
+
+AROUND = rot.exp(
+    np.concatenate([np.radians(angle) * axes for angle in (10, 20) for axes in (np.eye(3), -np.eye(3))])
+)
+"""Turns of the prediction that are tried where it leads to no agreement."""
+TRIED = 3
 
 
 class Outcome(Enum):
@@ -39,11 +46,13 @@ class Outcome(Enum):
 class TrackingSettings:
     """fewest: returns. reach: how far from the surface returns may lie at the start, against the shape's radius.
 
-    residual_most: RMS, against the noise (its sampled surface's own error added). overlap_least: share of the rays that
-    must agree. walk_most_rad: how far the attitude may be from the prediction.
+    overlap_sure: with fewer rays that agree, other starts near the prediction are tried. residual_most: RMS, against the
+    noise. overlap_least: share of the rays that must agree. walk_most_rad: how far the attitude may be from the
+    prediction.
     """
 
     fewest: int = 25
+    overlap_sure: float = 0.93
     reach: float = 0.15
     residual_most: float = 3.0
     overlap_least: float = 0.7
@@ -83,11 +92,18 @@ def track(
     point = part.point
     if len(point) < s.fewest:
         return Track(rotation, position, np.full((6, 6), np.nan), Outcome.TOO_FEW, np.nan, np.nan, len(point))
-    edges = part.edges(JUMP * shape.radius_m)
-    fit = register(
-        point, shape, rotation, position, scan.noise_m, edges=edges, reach_m=s.reach * shape.radius_m
-    )
-    overlap = agreement(part, shape, fit.rotation, fit.position).overlap
+    edges, reach_m = part.edges(JUMP * shape.radius_m), s.reach * shape.radius_m
+    fit = register(point, shape, rotation, position, scan.noise_m, edges=edges, reach_m=reach_m)
+    seen = agreement(part, shape, fit.rotation, fit.position)
+    if not seen.overlap >= s.overlap_sure:
+        # Perhaps a neighbouring minimum: whatever explains the rays best wins.
+        near = search(part, shape, AROUND @ rotation)
+        for start_rotation, start_position in zip(near.rotation[:TRIED], near.position[:TRIED], strict=True):
+            other = register(point, shape, start_rotation, start_position, scan.noise_m, edges=edges, reach_m=reach_m)
+            agrees = agreement(part, shape, other.rotation, other.position)
+            if agrees.cost < seen.cost:
+                fit, seen = other, agrees
+    overlap = seen.overlap
     outcome = Outcome.TRACKED
     if fit.degenerate:
         outcome = Outcome.UNDETERMINED

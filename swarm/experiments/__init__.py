@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 RUNS = Path("runs")
 LIGHTHOUSE = "Chen et al., lighthouse"
+LIDAR = "Feng et al., LiDAR"
 
 
 class Experiment(NamedTuple):
@@ -60,6 +61,27 @@ EXPERIMENTS: dict[str, Experiment] = {
         "what every source of error contributes, at rest and moving",
         "swarm.experiments.lighthouse_error_budget",
         {"draws": 400, "poses": 25},
+    ),
+    "lidar-acquisition": Experiment(
+        LIDAR,
+        "figure 5",
+        "attitude from one scan: on the turntable, and from any attitude",
+        "swarm.experiments.lidar_acquisition",
+        {"poses": 125, "draws": 1000},
+    ),
+    "lidar-tracking": Experiment(
+        LIDAR,
+        "figure 6",
+        "tracking random turns, with and without accumulation",
+        "swarm.experiments.lidar_tracking",
+        {"runs": 5, "frames": 25},
+    ),
+    "lidar-turn": Experiment(
+        LIDAR,
+        "figure 7",
+        "tracking through a full turn, with and without accumulation",
+        "swarm.experiments.lidar_turn",
+        {"poses": 72},
     ),
 }
 
