@@ -12,6 +12,9 @@ states the attitude in its passive vector phi and maps it by J_r(phi) (21) befor
 here are derivatives by the rotation error d = -J_r dphi itself, so J_r is absorbed and ADOP is a plain trace (tested
 against the paper's form).
 
+A camera measures x/z and y/z themselves: J(theta, f), minus sin^2 theta, is then replaced by the image noise's own
+Jacobian, the weight 1 of an image coordinate whose noise is the unit (`image_dilution`); rho is zero.
+
 An error of the motion assumed within the period moves the angle of instant tau by tau times its row, so that the solved
 pose errs, to first order, by B times the error of the rates:
 
@@ -51,14 +54,17 @@ def _dilution_all(
     offset: Floats,
     angular_rate: Floats,
     velocity: Floats,
+    weight: Floats,
     rho: float,
     mask: Bools,
     covariance: Floats,
-    adop: Floats,
-    pdop: Floats,
     coupling: Floats,
 ) -> None:
-    """(13) to (22) for every craft; leaves the outputs alone where the pose is not determined."""
+    """(13) to (18) for every craft; leaves the outputs alone where the pose is not determined.
+
+    weight: (C, K, 2), inverse noise of each projection, or empty where the angles have equal noise.
+    """
+    angles = weight.size == 0
     turn = np.empty((lit.shape[1], 2, 3, 3))
     arm, row = np.empty(3), np.empty(6)
     normal, moved, inverse = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
@@ -77,7 +83,7 @@ def _dilution_all(
                 tau = offset[c, i, fan]
                 value, z = project_into(fan, arm, turn[i, fan], position[c], velocity[c], tau, row)
                 front = front and z > 0
-                slope = -1 / (1 + value * value)
+                slope = -1 / (1 + value * value) if angles else weight[c, i, fan]
                 for a in range(6):
                     row[a] *= slope
                 for a in range(6):
@@ -92,7 +98,6 @@ def _dilution_all(
                 spread[fan, a] = 0.0
                 for b in range(6):
                     spread[fan, a] += inverse[a, b] * fan_sum[fan, b]
-        adop[c], pdop[c] = 0.0, 0.0
         for a in range(6):
             for b in range(6):
                 shared = spread[0, a] * spread[0, b] + spread[1, a] * spread[1, b]
@@ -100,11 +105,14 @@ def _dilution_all(
                 coupling[c, a, b] = 0.0
                 for k in range(6):
                     coupling[c, a, b] += inverse[a, k] * moved[k, b]
-        for a in range(3):
-            adop[c] += covariance[c, a, a]
-            pdop[c] += covariance[c, 3 + a, 3 + a]
-        adop[c] = np.rad2deg(np.sqrt(adop[c]))
-        pdop[c] = np.sqrt(pdop[c])
+
+
+def factors(covariance: Floats) -> tuple[Floats, Floats]:
+    """(22): ADOP [deg/rad] and PDOP [m/rad], both (...), of pose covariances (..., 6, 6) for unit noise."""
+    variance = np.diagonal(covariance, axis1=-2, axis2=-1)
+    adop: Floats = np.rad2deg(np.sqrt(variance[..., :3].sum(axis=-1)))
+    pdop: Floats = np.sqrt(variance[..., 3:].sum(axis=-1))
+    return adop, pdop
 
 
 def dilution(
@@ -134,16 +142,48 @@ def dilution(
     Raises:
         ValueError: an array's shape does not fit `lit`, or rho is outside [0, 1]; the message names the argument.
     """
+    if not 0 <= rotor_correlation <= 1:
+        raise ValueError(f"rotor_correlation is {rotor_correlation}, outside [0, 1]")
+    motion = offset_s, angular_rate, velocity
+    return _checked_dilution(rotation, position, lit, point_m, motion, None, float(rotor_correlation), mask)
+
+
+def image_dilution(
+    rotation: Floats,
+    position: Floats,
+    seen: Bools,
+    point_m: Floats,
+    weight: Floats,
+    offset_s: Floats,
+    velocity: Floats,
+    mask: Bools,
+) -> Dilution:
+    """H, ADOP and PDOP of C poses from image coordinates u = x/f, v = y/f, for unit noise of u and v.
+
+    weight: (C, K, 2), inverse noise of each coordinate, as in `refine_projections`; the rest as in `dilution`.
+    """
+    still = np.zeros((len(seen), 3))
+    return _checked_dilution(rotation, position, seen, point_m, (offset_s, still, velocity), weight, 0.0, mask)
+
+
+def _checked_dilution(
+    rotation: Floats,
+    position: Floats,
+    lit: Bools,
+    point_m: Floats,
+    motion: tuple[Floats, Floats, Floats],
+    weight: Floats | None,
+    rho: float,
+    mask: Bools,
+) -> Dilution:
+    """Check the shapes and run the kernel; motion: offset_s, angular_rate, velocity; weight None: angles."""
     lit = checked_lit(lit)
     craft, photodiodes = lit.shape
     mask = np.ascontiguousarray(mask, dtype=np.bool_)
     if mask.shape != (craft,):
         raise ValueError(f"mask has shape {mask.shape}, expected {(craft,)}")
-    if not 0 <= rotor_correlation <= 1:
-        raise ValueError(f"rotor_correlation is {rotor_correlation}, outside [0, 1]")
-    out = Dilution(
-        np.full((craft, 6, 6), np.nan), np.full(craft, np.nan), np.full(craft, np.nan), np.full((craft, 6, 6), np.nan)
-    )
+    offset_s, angular_rate, velocity = motion
+    covariance, coupling = np.full((2, craft, 6, 6), np.nan)
     _dilution_all(
         checked("rotation", rotation, (craft, 3, 3)),
         checked("position", position, (craft, 3)),
@@ -152,8 +192,10 @@ def dilution(
         checked("offset_s", offset_s, (craft, photodiodes, 2)),
         checked("angular_rate", angular_rate, (craft, 3)),
         checked("velocity", velocity, (craft, 3)),
-        float(rotor_correlation),
+        np.empty((0, 0, 2)) if weight is None else checked("weight", weight, (craft, photodiodes, 2)),
+        rho,
         mask,
-        *out,
+        covariance,
+        coupling,
     )
-    return out
+    return Dilution(covariance, *factors(covariance), coupling)

@@ -186,8 +186,22 @@ def cold_start(
         ValueError: an array's shape does not fit `lit`; the message names the argument.
     """
     lit = checked_lit(lit, np.shape(lit)[:1])
+    uv = projections(checked("theta", theta, (len(lit), 2)))
+    return cold_start_projections(uv, angle_weights(uv), lit, point_m, offset_s, angular_rate, velocity)
+
+
+def cold_start_projections(
+    uv: Floats, weight: Floats, lit: Bools, point_m: Floats, offset_s: Floats, angular_rate: Floats, velocity: Floats
+) -> StartCandidates:
+    """`cold_start` from projections.
+
+    uv: (K, 2), (x/z, y/z). weight: (K, 2), each one's inverse noise; costs are in that unit of noise, as in
+    `refine_projections`. The rest, and what is raised, as in `cold_start`.
+    """
+    lit = checked_lit(lit, np.shape(lit)[:1])
     photodiodes = len(lit)
-    uv = projections(checked("theta", theta, (photodiodes, 2)))[lit]
+    uv = checked("uv", uv, (photodiodes, 2))[lit]
+    weight = checked("weight", weight, (photodiodes, 2))[lit]
     point = checked("point_m", point_m, (photodiodes, 3))[lit]
     offset = checked("offset_s", offset_s, (photodiodes, 2))[lit]
     angular_rate, velocity = checked("angular_rate", angular_rate, (3,)), checked("velocity", velocity, (3,))
@@ -208,7 +222,7 @@ def cold_start(
         seen = np.ones((len(rotation), len(uv)), dtype=np.bool_)
         assumed = each(offset), each(angular_rate), each(velocity)
         return refine_projections(
-            each(uv), each(angle_weights(uv)), seen, each(point), rotation, position, *assumed, ITERATIONS_MAX
+            each(uv), each(weight), seen, each(point), rotation, position, *assumed, ITERATIONS_MAX
         )
 
     ray = np.column_stack([uv, np.ones(len(uv))])

@@ -25,7 +25,7 @@ from scipy.special import gammaincinv
 
 from estimators.arrays import Bools, Floats
 from estimators.kernel import kernel
-from estimators.rotation import exp_into, multiply_into
+from estimators.rotation import exp, exp_into, multiply_into
 
 DEFAULT_ACCELERATION_NOISE_M_S2 = 0.2
 """White acceleration [m/s^2] per axis, constant over a period. docs/filter.md has the table behind the choice."""
@@ -273,6 +273,21 @@ class PoseFilterBank:
         if np.any(step[craft] < 0):
             raise ValueError(f"dt: {step[craft].min()} s is negative")
         self._predict(craft, step)
+
+    def add_motion(self, mask: Bools, turn: Floats, rate: Floats, shift: Floats, velocity: Floats) -> None:
+        """Add known motion to the prediction: what the craft's own actuators did meanwhile.
+
+        turn (C, 3) [rad], R <- Exp([turn]x) R; rate (C, 3) [rad/s]; shift (C, 3) [m]; velocity (C, 3) [m/s]. Known
+        exactly, it leaves the covariance as it is.
+        """
+        craft = self._craft(mask)
+        turn, rate = self._argument("turn", turn, (3,), craft), self._argument("rate", rate, (3,), craft)
+        shift = self._argument("shift", shift, (3,), craft)
+        velocity = self._argument("velocity", velocity, (3,), craft)
+        self._rotation[craft] = exp(turn[craft]) @ self._rotation[craft]
+        self._angular_rate[craft] += rate[craft]
+        self._position[craft] += shift[craft]
+        self._velocity[craft] += velocity[craft]
 
     def update(
         self, mask: Bools, rotation: Floats, position: Floats, covariance: Floats, rate_coupling: Floats

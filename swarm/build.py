@@ -19,9 +19,12 @@ from estimators.rotation import quaternion_from_matrix
 from estimators.sweep import FanErrors
 from swarm import scenario
 from swarm.assets import find_model
+from swarm.build_cameras import cameras, craft_keys
+from swarm.build_lidars import lidars
 from swarm.errors import SwarmError, did_you_mean
 from swarm.layout import Photodiodes
 from swarm.motion import fleet as motion
+from swarm.motion.disturbance import Pushes
 from swarm.motion.fleet import Fleet, Task, Vector
 from swarm.onboard.decoder import PulseDecoder
 from swarm.onboard.navigation import NavigationSettings
@@ -40,8 +43,12 @@ _START_KEYS = {"ring": "radius_m", "waypoints": "points_m", "approach": "from_m"
 
 
 def check(settings: Scenario) -> None:
-    """Build everything once. Raises SwarmError as `fleet`, `world`, `believed_layout` and `navigation` do."""
-    believed_layout(settings, world(settings, fleet(settings)).photodiodes)
+    """Build everything once. Raises SwarmError as `fleet`, `world`, `believed_layout`, `navigation`, `cameras`, `lidars` do."""
+    motions = fleet(settings)
+    made = world(settings, motions)
+    believed_layout(settings, made.photodiodes)
+    cameras(settings, made, motions.at(0.0))
+    lidars(settings, made)
     navigation(settings)
 
 
@@ -78,7 +85,9 @@ def world(settings: Scenario, motions: Fleet) -> World:
     start = motions.at(0.0)
     quaternion = quaternion_from_matrix(start.rotation)
     starts = [
-        CraftStart(c.name, c.model, start.position[i], quaternion[i], start.velocity[i], start.angular_rate[i])
+        CraftStart(
+            c.name, c.model, start.position[i], quaternion[i], start.velocity[i], start.angular_rate[i], c.passive
+        )
         for i, c in enumerate(craft)
     ]
     with _blame(settings, craft):
@@ -187,6 +196,19 @@ def believed_layout(settings: Scenario, drawn: Photodiodes) -> Photodiodes:
             )
         point_m[i, drawn.present[i]] = found
     return drawn._replace(point_m=point_m)
+
+
+def photodiodes(settings: Scenario, world: World) -> Photodiodes:
+    """The photodiodes that are on board: none of a craft with `lighthouse = false`."""
+    on_board = np.array([c.lighthouse for c in scenario.craft(settings)], dtype=np.bool_)
+    return world.photodiodes._replace(present=world.photodiodes.present & on_board[:, None])
+
+
+def pushes(settings: Scenario) -> Pushes:
+    """What pushes the craft beside their control."""
+    tables = [c.disturbance for c in scenario.craft(settings)]
+    sigma = np.array([(t.acceleration_m_s2, radians(t.angular_acceleration_deg_s2)) for t in tables], dtype=np.float64)
+    return Pushes(sigma, craft_keys(settings), settings.seed)
 
 
 def _fan(table: scenario.Fan) -> FanErrors:

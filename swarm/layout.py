@@ -40,3 +40,21 @@ def pad(points: list[Floats], normals: list[Floats]) -> Photodiodes:
         layout.normal[i, : len(normal)] = normal
         layout.present[i, : len(point)] = True
     return layout
+
+
+class Cameras(NamedTuple):
+    """A craft's cameras, main camera first.
+
+    rotation: (N, 3, 3) R_b_c of the camera's frame, x right, y down in the image, z along the optical axis. position_m:
+    (N, 3) [m], the pinholes in the body frame. N is 2, or 0 for a craft without a pair.
+    """
+
+    rotation: Floats
+    position_m: Floats
+
+
+class Lights(NamedTuple):
+    """The lights that a craft shows to others' cameras: point_m (L, 3) [m], normal (L, 3), unit, in its body frame."""
+
+    point_m: Floats
+    normal: Floats

@@ -10,26 +10,27 @@ craft's own, but never navigates by it.
 from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
-from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimators.arrays import Bools, Floats
 from estimators.rotation import matrix_from_quaternion
-from swarm import build
+from swarm import build, build_cameras, build_lidars
 from swarm.assets import find_model
 from swarm.onboard import control
-from swarm.onboard.control import State
+from swarm.onboard.control import Command, State
 from swarm.onboard.decoder import SweepAngles
+from swarm.onboard.inspection import LidarFix
 from swarm.onboard.navigation import Estimate, Navigator
 from swarm.results.angles import believed
 from swarm.results.progress import Progress
-from swarm.results.recorder import Scene
+from swarm.results.recorder import CcdScene, Scene
 from swarm.results.run_folder import Run
 from swarm.results.run_writer import writing_run
 from swarm.results.telemetry import Truth
 from swarm.scenario import Scenario, craft
+from swarm.sensors.ccd import Ccd
 from swarm.sensors.lighthouse import Lighthouse
 from swarm.sensors.visibility import Sight, Visibility
 from swarm.world.craft import visuals
@@ -73,7 +74,7 @@ def simulate(
     ) as writer:
         for frame in range(max(1, round(duration_s / flight.period_s))):
             time_s, truth, sight, estimate = flight.period(frame)
-            writer.append(frame, time_s, truth, sight, estimate, angles=flight.angles)
+            writer.append(frame, time_s, truth, sight, estimate, angles=flight.angles, scans=flight.scans)
             if observer is not None:
                 observer.period(frame, truth, estimate)
             if progress is not None:
@@ -89,16 +90,23 @@ class Flight:
         settings = build.lighthouse(scenario)
         self.motions = build.fleet(scenario)
         self.world = build.world(scenario, self.motions)
-        layout = self.world.photodiodes
+        layout = build.photodiodes(scenario, self.world)
         self.visibility = Visibility(
             self.world.model, layout, self.world.craft_bodies, self.world.lighthouse_body, settings
         )
-        # A craft's random draws go by its name: it keeps them when other craft come or go.
-        keys = [crc32(name.encode()) for name in self.world.names]
-        self.lighthouse = Lighthouse(layout, settings, scenario.seed, keys)
+        self.lighthouse = Lighthouse(layout, settings, scenario.seed, build_cameras.craft_keys(scenario))
+        cameras = build_cameras.cameras(scenario, self.world, self.motions.at(0.0))
+        pairs = [true for true, _ in cameras]
+        self.ccd = Ccd(pairs, self.visibility, scenario.seed, scenario.duration_s) if cameras else None
+        self.lidars = build_lidars.lidars(scenario, self.world)
+        self.inspection = build_lidars.inspection(scenario, self.lidars)
+        self.scans: list[LidarFix] = []
+        """What became of the LiDARs' scans that the last period completed."""
+        self.pushes = build.pushes(scenario)
         self.decoder = build.decoder(scenario, layout.present)
-        navigation, own_layout = build.navigation(scenario), build.believed_layout(scenario, layout)
-        self.navigator = Navigator(own_layout, navigation)
+        navigation, own_layout = build.navigation(scenario), build.believed_layout(scenario, self.world.photodiodes)
+        own_layout = own_layout._replace(present=layout.present)
+        self.navigator = Navigator(own_layout, navigation, [known for _, known in cameras])
         fans, noise = (navigation.fan_x, navigation.fan_y), build.angle_noise(scenario)
         self.believed = believed(self.world.names, own_layout, fans, noise)
         self.angles: SweepAngles | None = None
@@ -112,10 +120,23 @@ class Flight:
             lighthouse=visuals(find_model(scenario.lighthouse.model)),
             field_deg=scenario.lighthouse.field_deg,
             detail=scenario.recording.detail,
+            ccd=[
+                CcdScene(
+                    pair.craft,
+                    pair.target,
+                    pair.cameras.position_m,
+                    pair.cameras.rotation,
+                    pair.lights.point_m,
+                    pair.field_rad,
+                )
+                for pair in pairs
+            ],
+            lidar=[(o.craft, o.target) for o in self.inspection.observers] if self.inspection is not None else (),
         )
         start = self.motions.start()
         self._true = State(matrix_from_quaternion(start.quaternion), start.angular_rate, start.position, start.velocity)
         self._estimated = control.unknown(layout.craft_count)
+        self._command = Command(*np.zeros((2, layout.craft_count, 3)))
 
     def period(self, frame: int) -> tuple[float, Truth, NDArray[np.int8], Estimate]:
         """Fly one lighthouse period.
@@ -125,13 +146,18 @@ class Flight:
         truth, sight = self.move(frame)
         pulses = self.lighthouse.sweep(truth, frame, sight == Sight.LIT)
         self.angles = self.decoder.decode(pulses)
-        estimate = self.navigator.step(self.angles)
+        images = self.ccd.expose(truth, frame) if self.ccd is not None else None
+        estimate = self.navigator.step(self.angles, images, self._command)
+        epoch = len(truth.time_s) // 2
+        if self.inspection is not None:
+            found = [scan for lidar in self.lidars for scan in lidar.sweep(truth)]
+            self.scans = self.inspection.step(found, estimate, float(truth.time_s[epoch]))
+            estimate = self.inspection.into(estimate)
 
         # The estimate is of the epoch; the next wrench begins half a period later.
         self._estimated = State(estimate.rotation, estimate.angular_rate, estimate.position, estimate.velocity).ahead(
             self.period_s / 2
         )
-        epoch = len(truth.time_s) // 2
         at_epoch = Truth(
             truth.position[epoch],
             truth.quaternion[epoch],
@@ -146,7 +172,8 @@ class Flight:
 
         Returns the truth, and the `Sight` of every photodiode as each fan sweeps, (C, K, 2).
         """
-        truth = self.world.advance(*self._wrench(frame))
+        force, torque, self._command = self._wrench(frame)
+        truth = self.world.advance(force, torque)
         last = -1
         self._true = State(
             matrix_from_quaternion(truth.quaternion[last]),
@@ -164,15 +191,25 @@ class Flight:
             axis=-1,
         )
 
-    def _wrench(self, frame: int) -> tuple[Floats, Floats]:
-        """Force and torque (C, 3) of every craft in period `frame`: its control, and what pushes it at random."""
+    def _wrench(self, frame: int) -> tuple[Floats, Floats, Command]:
+        """Force and torque (C, 3) of every craft in period `frame`: its control, and what pushes it at random.
+
+        With the command that its navigation knows: none of a craft that is steered by the truth, which must not reach
+        its filter that way.
+        """
         believed = self._true.where(~self.steers_by_estimate, self._estimated)
         reference = self.motions.at(frame * self.period_s)
-        force, torque = control.wrench(reference, believed, self.world.mass, self.world.inertia)
+        command = control.command(reference, believed)
+        force, torque = control.wrench(command, reference, believed, self.world.mass, self.world.inertia)
+        if self.pushes.pushed.any():
+            more = self.world.inertial_wrench(*self.pushes.at(frame))
+            # What the spin asks for anyway is in the control's own wrench already.
+            still = np.zeros_like(force)
+            spin = self.world.inertial_wrench(still, still)
+            force, torque = force + more[0] - spin[0], torque + more[1] - spin[1]
         push = self.motions.disturbance(frame)
         pushed: Bools = (push.acceleration.any(axis=1) | push.angular_acceleration.any(axis=1)).reshape(-1, 1)
-        pushed_force, pushed_torque = self.world.inertial_wrench(*push)
-        return (
-            np.where(pushed, pushed_force, force),
-            np.where(pushed, pushed_torque, torque),
-        )
+        if pushed.any():
+            pushed_force, pushed_torque = self.world.inertial_wrench(*push)
+            force, torque = np.where(pushed, pushed_force, force), np.where(pushed, pushed_torque, torque)
+        return force, torque, command.only(self.steers_by_estimate)

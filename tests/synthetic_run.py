@@ -47,6 +47,8 @@ class Estimate(NamedTuple):
     nis: Floats
     missed_sync: Ints
     rejected: Ints
+    sensor: Ints
+    ccd: None = None
 
 
 def truth_at(time_s: float, craft: int = 8, rate_rad_s: float = 0.3, radius_m: float = 1.0) -> Truth:
@@ -101,6 +103,7 @@ def estimate_of(
         rng.chisquare(6, craft),
         np.zeros(craft, dtype=np.int64),
         np.zeros(craft, dtype=np.int64),
+        np.ones(craft, dtype=np.int64),
     )
 
 
@@ -135,4 +138,5 @@ def lost(estimate: Estimate, craft: int) -> Estimate:
         blank(estimate.nis),
         estimate.missed_sync,
         estimate.rejected,
+        zero(estimate.sensor),
     )

@@ -14,8 +14,7 @@ from matplotlib.figure import Figure
 from rich.console import Console
 
 from estimators import rotation as rot
-from estimators.dop import dilution
-from estimators.image_dilution import image_dilution, image_jacobian
+from estimators.dop import dilution, image_dilution
 from estimators.sweep import FanErrors, ideal_theta, measured_theta
 from swarm import build
 from swarm.errors import SwarmError
@@ -205,35 +204,37 @@ def test_first_pose_is_found_from_nothing(bench):
     assert bench.first_pose(dark, 2e-5) is None
 
 
-def test_image_jacobian_is_the_derivative(bench):
-    """Against central differences of the projection: h^2 times third derivatives of order 1, 1e-12 / h rounding."""
+def test_image_dilution_is_the_derivative_of_the_image(bench):
+    """(J^T J)^-1 with J by central differences of x/z, y/z: h^2 times third derivatives, 1e-12 / h rounding."""
     rng = np.random.default_rng(8)
     pose, _ = bench.random_pose(rng, BOX)
     points, h = bench.point_m[None], 1e-5
 
     def project(step: np.ndarray) -> np.ndarray:
         p = points[0] @ (rot.exp(step[:3]) @ pose.rotation[0]).T + pose.position[0] + step[3:]
-        return p[:, :2] / p[:, 2:]
+        return (p[:, :2] / p[:, 2:]).ravel()
 
-    found = image_jacobian(pose.rotation, pose.position, points)[0]
-    for i in range(6):
-        step = h * np.eye(6)[i]
-        assert found[..., i] == pytest.approx((project(step) - project(-step)) / (2 * h), abs=1e-8)
+    jacobian = np.stack([(project(step) - project(-step)) / (2 * h) for step in h * np.eye(6)], axis=1)
+    seen, ones = np.ones((1, points.shape[1]), bool), np.ones((1, points.shape[1], 2))
+    d = image_dilution(pose.rotation, pose.position, seen, points, ones, 0 * ones, np.zeros((1, 3)), np.ones(1, bool))
+    # The condition of J^T J, some 1e4, times 1e-8 in J.
+    assert d.covariance[0] == pytest.approx(np.linalg.inv(jacobian.T @ jacobian), rel=1e-3)
 
 
 def test_image_dilution_is_the_lighthouses_near_the_axis(bench):
     """On the axis (13) is -1, and without a shared part both have R_theta = I: equal to u^2, 0.1 % at u = 0.03."""
     rotation = rot.exp(np.array([[0.3, np.pi - 0.3, 0.2]]))
     position, points = np.array([[0.0, 0.0, 4.0]]), bench.point_m[None]
-    lit, still = np.ones((1, points.shape[1]), bool), np.zeros((1, 3))
-    d = dilution(rotation, position, lit, points, np.zeros((*lit.shape, 2)), still, still, 0.0, np.ones(1, bool))
-    adop, pdop = image_dilution(rotation, position, lit, points)
-    assert adop == pytest.approx(d.adop_deg_per_rad, rel=2e-3)
-    assert pdop == pytest.approx(d.pdop_m_per_rad, rel=2e-3)
+    lit, still, every = np.ones((1, points.shape[1]), bool), np.zeros((1, 3)), np.ones(1, bool)
+    none, ones = np.zeros((*lit.shape, 2)), np.ones((*lit.shape, 2))
+    d = dilution(rotation, position, lit, points, none, still, still, 0.0, every)
+    images = image_dilution(rotation, position, lit, points, ones, none, still, every)
+    assert images.adop_deg_per_rad == pytest.approx(d.adop_deg_per_rad, rel=2e-3)
+    assert images.pdop_m_per_rad == pytest.approx(d.pdop_m_per_rad, rel=2e-3)
     two = lit & (np.arange(points.shape[1]) < 2)
-    assert np.isnan(image_dilution(rotation, position, two, points)[0])
+    assert np.isnan(image_dilution(rotation, position, two, points, ones, none, still, every).adop_deg_per_rad)
     with pytest.raises(ValueError, match="position has shape"):
-        image_dilution(rotation, position[0], lit, points)
+        image_dilution(rotation, position[0], lit, points, ones, none, still, every)
 
 
 def test_alignment_finds_the_rigid_transform():
@@ -319,3 +320,44 @@ def test_files_of_others_are_not_touched(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(SwarmError, match="a file is in its place"):
         ResultFolder(tmp_path / "file")
+
+
+@pytest.mark.parametrize(
+    ("name", "sizes"),
+    [
+        ("stereo-accuracy", {"poses": 8}),
+        ("stereo-mounting", {"poses": 16}),
+        ("stereo-baseline", {"draws": 4000}),
+    ],
+)
+def test_source_2_in_small_meets_its_targets(name, sizes, tmp_path):
+    found = quick(name, tmp_path / name, **sizes)
+    judged = [row for row in found["comparison"] if row["target"] is not None]
+    assert len(judged) >= 3
+    missed = [row for row in judged if not row["met"]]
+    assert not missed
+
+
+def test_noise_in_small_is_what_is_propagated(tmp_path):
+    """1200 samples per metre: 2 % (1 sigma) for each of 360 numbers; 10 % is 5 sigma. The full one is held to 5 %."""
+    quick("stereo-noise", tmp_path / "n", poses=40, draws=30)
+    table = pq.read_table(tmp_path / "n" / "data.parquet").to_pydict()
+    measured = [name for name in table if "_measured_" in name and "dop" not in name]
+    assert len(measured) == 24
+    for name in measured:
+        ratio = np.array(table[name]) / np.array(table[name.replace("measured", "propagated")])
+        assert np.abs(ratio - 1).max() < 0.1, name
+
+
+def test_too_few_samples_for_a_standard_deviation_are_refused(tmp_path):
+    for name, sizes in (("stereo-noise", {"poses": 4, "draws": 20}), ("stereo-baseline", {"draws": 100})):
+        with pytest.raises(SwarmError, match="a standard deviation needs"):
+            quick(name, tmp_path / name, **sizes)
+
+
+def test_the_noise_experiment_in_numbers_of_its_own(tmp_path):
+    """sqrt(2) Z^2 sigma / (f b) near the axis (24): within the few percent that 5 degrees and 3 m aside make."""
+    quick("stereo-baseline", tmp_path / "b", draws=4000)
+    table = pq.read_table(tmp_path / "b" / "data.parquet").to_pydict()
+    for b, f, sigma in zip(table["baseline_m"], table["focal_length_m"], table["plane_measured_z_m"], strict=True):
+        assert sigma == pytest.approx(np.sqrt(2) * 12.0**2 * 1e-6 / 3 / (f * b), rel=0.05)

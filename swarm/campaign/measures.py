@@ -11,12 +11,15 @@ errors as unknowns (`estimators.central`), from the same angles and from the sam
 Errors are against the truth, for both over the same craft and periods. The time of a craft's own solution, PnP and
 dilution, is that of craft 0 alone.
 
+All times are of the processor, not of the wall: what else the machine runs meanwhile disturbs them through its caches
+only.
+
 Bytes on the air of the central scheme: 4 for every angle that a craft sends down, 28 for the pose (position and
 quaternion in single precision) that it gets back. On its own a craft sends and receives nothing but the light.
 """
 
 from collections.abc import Callable, Collection
-from time import perf_counter
+from time import thread_time
 from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
@@ -125,16 +128,16 @@ class _Onboard:
         few = int(pulses.total[0])
         own = (part[:1, :few] if part.ndim == 2 else part[:1] for part in pulses)
         self._pulses.append(Pulses._make(part.copy() for part in own))
-        began = perf_counter()
+        began = thread_time()
         angles = self._decoder.decode(pulses)
-        self._swarm_s.append(perf_counter() - began)
+        self._swarm_s.append(thread_time() - began)
         return angles
 
     def step(self, angles: SweepAngles) -> Estimate:
         """Stand for the navigator."""
-        began = perf_counter()
+        began = thread_time()
         estimate = self._navigator.step(angles)
-        self._swarm_s[-1] += perf_counter() - began
+        self._swarm_s[-1] += thread_time() - began
         self._positions.append(estimate.position[0].copy())
         return estimate
 
@@ -144,9 +147,9 @@ class _Onboard:
         navigator = Navigator(self._one, build.navigation(self._scenario))
         own_s, apart_m = [], 0.0
         for pulses, position in zip(self._pulses, self._positions, strict=True):
-            began = perf_counter()
+            began = thread_time()
             estimate = navigator.step(decoder.decode(pulses))
-            own_s.append(perf_counter() - began)
+            own_s.append(thread_time() - began)
             apart = np.linalg.norm(estimate.position[0] - position)
             apart_m = max(apart_m, 0.0 if np.isnan(apart) else float(apart))
         return {
@@ -264,9 +267,9 @@ def _timed(work: Callable[[], T]) -> tuple[T, float]:
     """The result, and the fastest of some repeats [s]."""
     fastest = np.inf
     for _ in range(REPEATS):
-        began = perf_counter()
+        began = thread_time()
         result = work()
-        fastest = min(fastest, perf_counter() - began)
+        fastest = min(fastest, thread_time() - began)
     return result, fastest
 
 

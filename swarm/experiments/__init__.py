@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 RUNS = Path("runs")
 LIGHTHOUSE = "Chen et al., lighthouse"
+STEREO = "Zhang et al., binocular CCD"
 LIDAR = "Feng et al., LiDAR"
 
 
@@ -61,6 +62,41 @@ EXPERIMENTS: dict[str, Experiment] = {
         "what every source of error contributes, at rest and moving",
         "swarm.experiments.lighthouse_error_budget",
         {"draws": 400, "poses": 25},
+    ),
+    "stereo-accuracy": Experiment(
+        STEREO,
+        "figure 3",
+        "the closed form's own accuracy, exact images (poses: per metre)",
+        "swarm.experiments.stereo_accuracy",
+        {"poses": 512},
+    ),
+    "stereo-mounting": Experiment(
+        STEREO,
+        "figure 4",
+        "a light 1 mm off its place: error against distance (poses: per metre)",
+        "swarm.experiments.stereo_mounting",
+        {"poses": 512},
+    ),
+    "stereo-noise": Experiment(
+        STEREO,
+        "figure 5",
+        "1 um (3 sigma): measured against propagated error (poses: per metre)",
+        "swarm.experiments.stereo_noise",
+        {"poses": 512, "draws": 20},
+    ),
+    "stereo-baseline": Experiment(
+        STEREO,
+        "section 2.2",
+        "error against baseline and focal length, (16) to (24) over the measured",
+        "swarm.experiments.stereo_baseline",
+        {"draws": 20000},
+    ),
+    "stereo-fallback": Experiment(
+        STEREO,
+        "section 2",
+        "the backup camera fails and comes back: jumps, and the filter's NEES",
+        "swarm.experiments.stereo_fallback",
+        {"runs": 8},
     ),
     "lidar-acquisition": Experiment(
         LIDAR,

@@ -7,7 +7,7 @@ is the scatter about the mean (of rotations: the mean rotation, not the mean of 
     s_rot = ADOP s,   s_trans = PDOP s,   s = 8.8 arcsec, rho = 0.8717                                 (24)
 
 three times: with the dilution at the true pose; at every measured pose, as on board; and for a pinhole camera at the
-same poses, whose image noise takes the place of the angle noise (`estimators.image_dilution`).
+same poses, whose image noise takes the place of the angle noise (`estimators.dop.image_dilution`).
 """
 
 from typing import NamedTuple
@@ -18,8 +18,7 @@ from matplotlib.figure import Figure
 
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats
-from estimators.dop import dilution
-from estimators.image_dilution import image_dilution
+from estimators.dop import dilution, image_dilution
 from estimators.pnp import PoseSolution, refine_projections
 from swarm.errors import SwarmError
 from swarm.experiments import figures
@@ -146,7 +145,10 @@ def measure(bench: Bench, pose: Pose, frames: int, rng: np.random.Generator) -> 
         still,
         still,
     )
-    adop, pdop = image_dilution(pose.rotation[None], pose.position[None], pose.lit[None], points[:1])
+    rest, lit = np.zeros((1, 3)), pose.lit[None]
+    images = np.ones((*lit.shape, 2)), np.zeros((*lit.shape, 2)), rest
+    camera = image_dilution(pose.rotation[None], pose.position[None], lit, points[:1], *images, np.ones(1, np.bool_))
+    adop, pdop = camera.adop_deg_per_rad, camera.pdop_m_per_rad
     return Result(
         scatter_of(solution),
         Precision(*at_truth[0]),

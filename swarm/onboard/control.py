@@ -55,28 +55,50 @@ def unknown(craft: int) -> State:
     return State(np.full((craft, 3, 3), np.nan), nothing, nothing, nothing)
 
 
-def wrench(reference: Reference, state: State, mass: Floats, inertia: Floats) -> tuple[Floats, Floats]:
-    """Force (C, 3) [N] and torque (C, 3) [N m] about the centre of mass, in the lighthouse frame.
-
-    mass: (C,) [kg]. inertia: (C, 3, 3) [kg m^2] in the body frame. A craft that does not know its state does nothing:
-    zero where `state` is NaN, as where the reference holds neither position nor attitude.
+class Command(NamedTuple):
+    """What C craft order their actuators to do for one period: acceleration (C, 3) [m/s^2] and angular_acceleration
+    (C, 3) [rad/s^2], lighthouse frame; zero where a craft orders nothing.
     """
+
+    acceleration: Floats
+    angular_acceleration: Floats
+
+    def only(self, mask: Bools) -> "Command":
+        """The command of the craft in `mask` (C,), zero for the rest."""
+        flat = np.reshape(mask, (-1, 1))
+        return Command(np.where(flat, self.acceleration, 0.0), np.where(flat, self.angular_acceleration, 0.0))
+
+
+def command(reference: Reference, state: State) -> Command:
+    """The feedback above; zero where `state` is NaN, as where the reference holds neither position nor attitude."""
     acceleration = (
         reference.acceleration
         + POSITION_FREQUENCY_RAD_S**2 * (reference.position - state.position)
         + 2 * DAMPING * POSITION_FREQUENCY_RAD_S * (reference.velocity - state.velocity)
     )
-    force = np.where(reference.holds_position[:, None], mass[:, None] * acceleration, 0.0)
-
-    rotation = np.where(np.isnan(state.rotation), np.eye(3), state.rotation)
+    known = np.all(np.isfinite(state.position), axis=1)
+    rotation = np.where(known[:, None, None], state.rotation, np.eye(3))
     attitude_error = rot.log(reference.rotation @ np.swapaxes(rotation, -1, -2))
     angular_acceleration = (
         reference.angular_acceleration
         + ATTITUDE_FREQUENCY_RAD_S**2 * attitude_error
         + 2 * DAMPING * ATTITUDE_FREQUENCY_RAD_S * (reference.angular_rate - state.angular_rate)
     )
+    return Command(
+        np.where(reference.holds_position[:, None] & known[:, None], acceleration, 0.0),
+        np.where(reference.holds_attitude[:, None] & known[:, None], angular_acceleration, 0.0),
+    )
+
+
+def wrench(order: Command, reference: Reference, state: State, mass: Floats, inertia: Floats) -> tuple[Floats, Floats]:
+    """Force (C, 3) [N] and torque (C, 3) [N m] about the centre of mass, lighthouse frame, that do what is ordered.
+
+    mass: (C,) [kg]. inertia: (C, 3, 3) [kg m^2] in the body frame. A craft that does not know its state does nothing.
+    """
+    known = np.all(np.isfinite(state.position), axis=1)
+    rotation = np.where(known[:, None, None], state.rotation, np.eye(3))
     turned = rotation @ inertia @ np.swapaxes(rotation, -1, -2)
     momentum = (turned @ state.angular_rate[..., None])[..., 0]
-    torque = (turned @ angular_acceleration[..., None])[..., 0] + np.cross(state.angular_rate, momentum)
-    torque = np.where(reference.holds_attitude[:, None], torque, 0.0)
-    return np.where(np.isfinite(force), force, 0.0), np.where(np.isfinite(torque), torque, 0.0)
+    torque = (turned @ order.angular_acceleration[..., None])[..., 0] + np.cross(state.angular_rate, momentum)
+    acts = reference.holds_attitude[:, None] & np.isfinite(torque)
+    return mass[:, None] * order.acceleration, np.where(acts, torque, 0.0)

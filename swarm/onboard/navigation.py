@@ -7,13 +7,17 @@ Per lighthouse period and craft:
     -> H, ADOP, PDOP at that pose (13) to (22)            estimators.dop
     -> EKF with measurement covariance s^2 H              estimators.pose_filter
 
+Craft with a pair of cameras then give the same EKF the pose that these see, `swarm.onboard.ccd`, with its covariance:
+two sensors are two updates, one after the other, and either is enough.
+
 A craft is *searching* (no pose), *ambiguous* (more than one pose fits: none is given), *tracking* (this period's pose
 went into the filter) or *coasting* (prediction only: too few photodiodes lit, or the pose was not believed).
 Every craft uses its own angles, layout and filter; nothing in here mixes rows of the craft axis.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from enum import IntEnum
+from enum import IntEnum, IntFlag
 from typing import NamedTuple
 
 import numpy as np
@@ -28,8 +32,12 @@ from estimators.pose_filter import (
     PoseFilterBank,
 )
 from estimators.sweep import FanErrors, correct
+from swarm.images import LightImages
 from swarm.layout import Photodiodes
+from swarm.onboard import ccd
 from swarm.onboard.acquisition import NONE, Hypotheses, Sighting, follow, search
+from swarm.onboard.ccd import CcdCalibration, CcdFix, CcdState
+from swarm.onboard.control import Command
 from swarm.onboard.decoder import SweepAngles
 
 MIN_LIT = 4
@@ -45,6 +53,15 @@ class Status(IntEnum):
     TRACKING = 1
     COASTING = 2
     AMBIGUOUS = 3
+
+
+class Sensor(IntFlag):
+    """Whose pose went into a craft's filter this period; the names are `swarm.results.telemetry.SENSORS`."""
+
+    NONE = 0
+    LIGHTHOUSE = 1
+    STEREO = 2
+    CAMERA = 4
 
 
 @dataclass(frozen=True)
@@ -77,6 +94,7 @@ class Estimate(NamedTuple):
     those poses. rotation (C, 3, 3), position (C, 3) [m], angular_rate (C, 3) [rad/s], velocity (C, 3) [m/s] and
     covariance (C, 12, 12), ordered (attitude, angular rate, position, velocity): the filter's, in the lighthouse frame.
     nis: (C,), normalised innovation squared of this period's pose. missed_sync, rejected: (C,), from the decoder.
+    sensor: (C,), of `Sensor`. ccd: what the cameras found; None where no craft has any.
     """
 
     status: Ints
@@ -91,14 +109,23 @@ class Estimate(NamedTuple):
     nis: Floats
     missed_sync: Ints
     rejected: Ints
+    sensor: Ints
+    ccd: CcdFix | None
 
 
 class Navigator:
     """The navigation computers of C craft: `step` takes one period's angles of each and returns what each knows."""
 
-    def __init__(self, photodiodes: Photodiodes, settings: NavigationSettings) -> None:
-        """photodiodes: each craft's own layout as it believes it to be (nominal or calibrated)."""
+    def __init__(
+        self, photodiodes: Photodiodes, settings: NavigationSettings, cameras: Sequence[CcdCalibration] = ()
+    ) -> None:
+        """photodiodes: each craft's own layout as it believes it to be (nominal or calibrated).
+
+        cameras: of the craft that carry a pair, in the order of their images.
+        """
         craft = photodiodes.craft_count
+        self._cameras = tuple(cameras)
+        self._command: Command | None = None
         self.settings = settings
         self._point_m = photodiodes.point_m
         self._filter = PoseFilterBank(
@@ -112,14 +139,20 @@ class Navigator:
         self._rejections = np.zeros(craft, dtype=np.int64)
         self._independent_noise_rad = settings.angle_noise_rad * float(np.sqrt(1 - settings.rotor_correlation))
 
-    def step(self, angles: SweepAngles) -> Estimate:
-        """Advance every craft by one lighthouse period; the result refers to the epoch of `angles`."""
+    def step(self, angles: SweepAngles, images: LightImages | None = None, command: Command | None = None) -> Estimate:
+        """Advance every craft by one lighthouse period; the result refers to the epoch of `angles`.
+
+        images: what the cameras saw at the epoch; craft with cameras need them. command: what the craft have ordered
+        their actuators to do in this period, from its beginning to its end.
+        """
         s, bank = self.settings, self._filter
         theta = correct(angles.theta, (s.fan_x, s.fan_y))
         lit = angles.lit & np.isfinite(theta).all(axis=-1)
         enough = np.count_nonzero(lit, axis=1) >= MIN_LIT
 
         bank.predict(s.frame_s, bank.active)
+        if command is not None:
+            self._add_command(command)
         found, start_rotation, start_position = self._acquire(theta, lit, angles.offset_s, enough)
         known = enough & (bank.active | found)
 
@@ -150,8 +183,24 @@ class Navigator:
             s.rotor_correlation,
             solved,
         )
-        nis = self._filter_poses(pnp, precision, found)
-        return self._estimate(angles, lit, pnp, precision, nis)
+        nis, fresh, refused = self._filter_poses(pnp, precision, found)
+        sensor = np.where(fresh, Sensor.LIGHTHOUSE, Sensor.NONE)
+        seen = None
+        if images is not None:
+            seen, by_camera, refused_too = self._filter_fixes(images)
+            fresh, refused = fresh | by_camera, refused | refused_too
+            kind = np.where(seen.state == CcdState.STEREO, Sensor.STEREO, Sensor.CAMERA)
+            sensor = np.where(by_camera, sensor | kind, sensor)
+        self._count(fresh, refused)
+        return self._estimate(angles, lit, pnp, precision, nis, sensor, seen)
+
+    def _add_command(self, command: Command) -> None:
+        """Add what the craft did between the epochs, T apart: half a period by the last command, half by this one."""
+        last, half = self._command or command, self.settings.frame_s / 2
+        rate, velocity = ((a + b) * half for a, b in zip(last[::-1], command[::-1], strict=True))
+        turn, shift = ((3 * a + b) * half**2 / 2 for a, b in zip(last[::-1], command[::-1], strict=True))
+        self._filter.add_motion(self._filter.active, turn, rate, shift, velocity)
+        self._command = command
 
     def _acquire(self, theta: Floats, lit: Bools, offset_s: Floats, enough: Bools) -> tuple[Bools, Floats, Floats]:
         """Start poses for this period's LM: the prediction, or for a craft without one what a search decided on.
@@ -180,8 +229,8 @@ class Navigator:
             self._hypotheses[i] = hypotheses
         return found, rotation, position
 
-    def _filter_poses(self, pnp: PoseSolution, precision: Dilution, found: Bools) -> Floats:
-        """Feed this period's poses to the filters, start and stop filters, and return the NIS (C,)."""
+    def _filter_poses(self, pnp: PoseSolution, precision: Dilution, found: Bools) -> tuple[Floats, Bools, Bools]:
+        """Feed this period's poses to the filters, start filters; NIS, taken in, refused by the gate, each (C,)."""
         s, bank = self.settings, self._filter
         usable = pnp.solved & np.isfinite(precision.pdop_m_per_rad)
         covariance = s.angle_noise_rad**2 * precision.covariance
@@ -193,15 +242,36 @@ class Navigator:
         start = usable & found
         bank.start(start, pnp.rotation, pnp.position, covariance, UNKNOWN_RATE, precision.rate_coupling)
 
-        fresh = start | result.accepted
+        return np.where(update, result.nis, np.nan), start | result.accepted, update & ~result.accepted
+
+    def _filter_fixes(self, images: LightImages) -> tuple[CcdFix, Bools, Bools]:
+        """The same with the cameras' poses, after the lighthouse's; an image has one instant, so no rate enters."""
+        bank = self._filter
+        active = bank.active
+        found = ccd.fix(len(active), self._cameras, images, bank.rotation, bank.position)
+        update, start = found.known & active, found.known & ~active
+        none = np.zeros_like(found.covariance)
+        result = bank.update(update, found.rotation, found.position, found.covariance, none)
+        bank.start(start, found.rotation, found.position, found.covariance, UNKNOWN_RATE)
+        nis = np.where(update, result.nis, np.nan)
+        return found._replace(nis=nis), start | result.accepted, update & ~result.accepted
+
+    def _count(self, fresh: Bools, refused: Bools) -> None:
+        """Note who has had a pose; stop the filters of those who have had none for long, or refused too many."""
+        s, bank = self.settings, self._filter
         self._since_update_s = np.where(fresh, 0.0, self._since_update_s + s.frame_s)
-        self._rejections = np.where(fresh, 0, self._rejections + (update & ~result.accepted))
+        self._rejections = np.where(fresh, 0, self._rejections + refused)
         bank.stop(bank.active & ((self._since_update_s > s.coast_limit_s) | (self._rejections >= s.rejections_limit)))
-        nis: Floats = np.where(update, result.nis, np.nan)
-        return nis
 
     def _estimate(
-        self, angles: SweepAngles, lit: Bools, pnp: PoseSolution, precision: Dilution, nis: Floats
+        self,
+        angles: SweepAngles,
+        lit: Bools,
+        pnp: PoseSolution,
+        precision: Dilution,
+        nis: Floats,
+        sensor: Ints,
+        seen: CcdFix | None,
     ) -> Estimate:
         bank = self._filter
         active = bank.active
@@ -221,4 +291,6 @@ class Navigator:
             nis=nis,
             missed_sync=angles.missed_sync,
             rejected=angles.rejected,
+            sensor=sensor.astype(np.int64),
+            ccd=seen,
         )

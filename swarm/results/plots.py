@@ -11,13 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaincinv
 
-from estimators.arrays import Floats, Ints
+from estimators.arrays import Bools, Floats, Ints
+from swarm.results import ccd_columns
+from swarm.results.ccd_columns import CCD_STATES
 from swarm.results.recorder import Period
 from swarm.results.telemetry import STATUS
 
 DOF = 6
 WHITE, GREY = 0xECEFF1FF, 0x90A4AEC0
 ORANGE, ORANGE_DIM, BLUE, RED, YELLOW = 0xFFB74DFF, 0xFFB74D90, 0x4FC3F7FF, 0xFF5252FF, 0xFFF176FF
+GREEN_DIM = 0x69F0AE90
+SENSOR_COLOURS = (0x616161FF, 0xFF8A65FF, 0x43A047FF, 0x26A69AFF, 0xFBC02DFF, 0xFB8C00FF, 0x7E57C2FF)
+"""Of the names in `SENSORS`."""
 STATUS_COLOURS = (0x616161FF, 0x2E7D32FF, 0xEF6C00FF, 0x8E24AAFF)
 THIN, MEDIUM, BOLD = 1.2, 1.6, 2.2
 
@@ -32,7 +37,7 @@ ABOUT = """# What is drawn
 | red ray, point | photodiode in reach, but something stands in between |
 | grey point | photodiode outside field or range, or turned away |
 | two translucent fans | the lighthouse's lasers, **slowed down {slowed:.0f} times** |
-| thin trail | where the craft was in the last {trail:.0f} s |
+{cameras}| thin trail | where the craft was in the last {trail:.0f} s |
 
 The axes are those of the lighthouse: x right (red), y down (green), z forward (blue).
 
@@ -64,6 +69,12 @@ class Batch(NamedTuple):
     nis: Floats
     errors: Floats
     peer_position: Floats
+    sensor: Ints
+    ccd_state: Ints
+    ccd_seen: Bools
+    ccd_position: Floats
+    ccd_error: Floats
+    ccd_nis: Floats
 
 
 def kept(period: Period, body_quaternion: Floats) -> Batch:
@@ -89,9 +100,22 @@ def kept(period: Period, body_quaternion: Floats) -> Batch:
             estimate.nis,
             np.stack(period.errors, axis=1),
             np.full_like(estimate.position, np.nan) if peer is None else peer.position,
+            estimate.sensor,
+            *_ccd(period),
         )
     )
     return Batch(*kept_arrays)
+
+
+def _ccd(period: Period) -> tuple[Ints, Bools, Floats, Floats, Floats]:
+    """State (C,), lights seen (P, 2, L), position (C, 3), errors (C, 2) [m, deg] and NIS (C,) of the cameras' poses."""
+    ccd, truth, craft = period.estimate.ccd, period.truth, len(period.estimate.status)
+    if ccd is None or truth is None:
+        none = np.full((craft, 6), np.nan)
+        state = np.full(craft, len(CCD_STATES), dtype=np.int64)
+        return state, np.zeros((0, 2, 0), dtype=np.bool_), none[:, :3], none[:, 3:5], none[:, 5]
+    error = ccd_columns.errors(ccd, truth.position, truth.quaternion)
+    return ccd.state, ccd.seen, ccd.position, error, ccd.nis
 
 
 def stacked(rows: Sequence[Batch]) -> Batch:
@@ -211,8 +235,8 @@ def swarm_plots(craft: Sequence[str], colours: Sequence[int], crowd: bool, repla
     return [position, attitude, nees, adop, pdop, lit, *crowd_only]
 
 
-def craft_plots(name: str, i: int, replay: bool) -> list[Plot]:
-    """The plots of one craft with index `i`, from the top down."""
+def craft_plots(name: str, i: int, replay: bool, ccd: bool = False) -> list[Plot]:
+    """The plots of one craft with index `i`, from the top down; ccd: it carries cameras."""
 
     def plot(entity: str, title: str, lines: dict[str, tuple[int, float]], values: Callable[[Batch], Floats]) -> Plot:
         inks, widths = [ink for ink, _ in lines.values()], [width for _, width in lines.values()]
@@ -235,6 +259,25 @@ def craft_plots(name: str, i: int, replay: bool) -> list[Plot]:
         nis = plot("nis", f"{name}: NIS", {"NIS": (YELLOW, THIN), **limits}, banded(lambda b: b.nis[:, i]))
         return [*axes, nis]
     three = {"PnP": (ORANGE_DIM, THIN), "EKF": (BLUE, MEDIUM), "EKF 3σ": (WHITE, BOLD)}
+    if ccd:
+        four = {"cameras": (GREEN_DIM, THIN), **three}
+
+        def with_cameras(which: int, of: Callable[[Batch], Floats], scale: float) -> Callable[[Batch], Floats]:
+            return lambda b: np.concatenate([scale * b.ccd_error[:, i, which, None], of(b)], axis=1)
+
+        position = with_cameras(0, errors(0, 2, 4, scale=(1e3, 1e3, 3e3)), 1e3)
+        attitude = with_cameras(1, errors(1, 3, 5, scale=(1.0, 1.0, 3.0)), 1.0)
+        return [
+            plot("position_error", f"{name}: position error [mm]", four, position),
+            plot("attitude_error", f"{name}: attitude error [deg]", four, attitude),
+            plot("nees", f"{name}: NEES", {"NEES": (YELLOW, THIN), **limits}, banded(lambda b: b.errors[:, i, 6])),
+            plot(
+                "nis",
+                f"{name}: NIS of the cameras",
+                {"NIS": (YELLOW, THIN), **limits},
+                banded(lambda b: b.ccd_nis[:, i]),
+            ),
+        ]
     return [
         plot("position_error", f"{name}: position error [mm]", three, errors(0, 2, 4, scale=(1e3, 1e3, 3e3))),
         plot("attitude_error", f"{name}: attitude error [deg]", three, errors(1, 3, 5, scale=(1.0, 1.0, 3.0))),

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from estimators.arrays import Floats
 from swarm.layout import Photodiodes
-from swarm.results.telemetry import Errors, Estimate, Peer, Truth
+from swarm.results.lidar_scans import LidarFix
+from swarm.results.telemetry import FUSED, Errors, Estimate, Peer, Truth
 from swarm.world.shapes import Mesh
 
 OUTSIDE, BLOCKED, LIT = 0, 1, 2
@@ -21,13 +22,26 @@ Visual = tuple[Mesh, Floats]
 """One coloured part of a thing: its mesh [m] in the thing's own frame, and rgba (4,) in 0..1."""
 
 
+class CcdScene(NamedTuple):
+    """One pair of cameras, as drawn: craft and target by index, pinhole_m (2, 3) and rotation (2, 3, 3) R_b_c in the
+    craft's body frame, light_m (L, 3) in the target's; field_rad: full width of their field.
+    """
+
+    craft: int
+    target: int
+    pinhole_m: Floats
+    rotation: Floats
+    light_m: Floats
+    field_rad: float
+
+
 class Scene(NamedTuple):
     """What does not change during a run.
 
     craft: names of the C craft. visuals: parts of each craft in its body frame (none: only its photodiodes are drawn).
     photodiodes: their layout. lighthouse: parts in the lighthouse frame. field_deg: full width of its field [deg].
     detail: names of the craft with plots of their own and, in a large swarm, the only ones drawn in detail; if empty,
-    the first.
+    the first. ccd: the pairs of cameras, in the order of their images. lidar: craft and target of every LiDAR, by index.
     """
 
     craft: Sequence[str]
@@ -36,13 +50,24 @@ class Scene(NamedTuple):
     lighthouse: Sequence[Visual]
     field_deg: float
     detail: Sequence[str] = ()
+    ccd: Sequence[CcdScene] = ()
+    lidar: Sequence[tuple[int, int]] = ()
+
+    @property
+    def observer(self) -> list[str | None] | None:
+        """Whose observation each craft's estimate is; None in a run without LiDARs."""
+        if not self.lidar:
+            return None
+        by = {t: [self.craft[craft] for craft, target in self.lidar if target == t] for _, t in self.lidar}
+        return [(by[i][0] if len(by[i]) == 1 else FUSED) if i in by else None for i in range(len(self.craft))]
 
 
 class Period(NamedTuple):
     """One lighthouse period of C craft at its epoch.
 
     time_s: the epoch [s]. truth: None in a replay, where craft are drawn at their estimates. sight: (C, K) of OUTSIDE,
-    BLOCKED, LIT. errors: as telemetry computed them. peer: the recorded pose, in a replay.
+    BLOCKED, LIT. errors: as telemetry computed them. peer: the recorded pose, in a replay. scans: the LiDARs' that became
+    complete.
     """
 
     time_s: float
@@ -52,6 +77,7 @@ class Period(NamedTuple):
     sight: NDArray[np.integer]
     errors: Errors
     peer: Peer | None = None
+    scans: Sequence[LidarFix] = ()
 
 
 class Recorder(Protocol):

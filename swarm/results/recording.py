@@ -8,6 +8,9 @@ Everything is in the lighthouse frame (x right, y down, z forward), on the timel
     world/covariance     3 sigma ellipsoids of the position, enlarged, up to half a metre
     world/rays           from the lighthouse to every photodiode in reach: lit or blocked
     world/trails         where the craft have been in the last seconds
+    world/lidar/NAME     the last scan of a LiDAR, where its craft believes the returns to be
+    world/cameras        lines of sight from cameras to the lights that they see; world/craft/NAME/ccd their fields
+    status/NAME/sensor   whose pose went into the filter, of craft with cameras
     swarm, detail        plots of all craft, of single craft; status: what each craft knows
 
 Periods are gathered and sent by columns about once per simulated second. In a swarm of more than 32 the craft that are
@@ -30,9 +33,9 @@ from swarm.errors import SwarmError
 from swarm.results import drawing
 from swarm.results.blueprint import blueprint
 from swarm.results.disk import writing
-from swarm.results.plots import ABOUT, STATUS_COLOURS, Batch, craft_plots, kept, stacked, swarm_plots
+from swarm.results.plots import ABOUT, SENSOR_COLOURS, STATUS_COLOURS, Batch, craft_plots, kept, stacked, swarm_plots
 from swarm.results.recorder import BLOCKED, LIT, Period, Scene
-from swarm.results.telemetry import STATUS
+from swarm.results.telemetry import SENSORS, STATUS
 from swarm.results.viewer import start_live
 
 MOST_SINGLE = 32
@@ -47,6 +50,13 @@ LARGEST_ELLIPSOID_M = 0.5
 FAN_TURN_S, REAL_FAN_TURN_S = 4.0, 1 / 60
 TRAIL_POINTS, TRAIL_STEP_S = 20, 0.2
 SIGHT_COLOURS = np.array([0x78909CFF, 0xFF5252FF, 0x69F0AEFF], dtype=np.uint32)
+SIGHT_LINES = {"main": 0x40C4FF90, "backup": 0xFFD54F90}
+"""Lines of sight of the cameras."""
+ABOUT_LIDARS = """| bright points | the last scan of a LiDAR, where its craft believes the returns to be |
+"""
+ABOUT_CAMERAS = """| blue, yellow line | from the main and the backup camera to a light that it sees |
+| pyramids on a craft | the fields of its cameras |
+"""
 RAY_COLOURS = {"lit": (LIT, 0x69F0AE38), "blocked": (BLOCKED, 0xFF525290)}
 
 Send = Callable[[str, Iterable[Any]], None]
@@ -71,6 +81,7 @@ class Recording:
         self._colour = drawing.palette(craft)
         self._early: list[Period] = []
         self._waiting: list[Batch] = []
+        self._clouds: list[tuple[float, int, int, Floats]] = []
         self._trail: deque[Floats] = deque(maxlen=TRAIL_POINTS)
         self._trail_due_s = -np.inf
         self._started = self._replay = False
@@ -114,6 +125,7 @@ class Recording:
         truth = period.truth
         turn = quaternion_from_matrix(period.estimate.rotation) if truth is None else truth.quaternion
         self._waiting.append(kept(period, turn))
+        self._clouds += [(period.time_s, period.frame, scan.craft, scan.cloud) for scan in period.scans]
         if period.time_s - float(self._waiting[0].time_s) >= self._send_every_s:
             self._send()
 
@@ -136,13 +148,15 @@ class Recording:
         # Translucent, so that the lines of many craft do not hide each other.
         inks = [int.from_bytes(colour[:3].tobytes() + b"\xb4", "big") for colour in self._colour]
         swarm = swarm_plots(craft, inks, self._crowd, self._replay)
-        single = {craft[i]: craft_plots(craft[i], i, self._replay) for i in self._detail}
+        watching = {pair.craft for pair in scene.ccd}
+        single = {craft[i]: craft_plots(craft[i], i, self._replay, i in watching) for i in self._detail}
         self._plots = [*swarm, *(plot for plots in single.values() for plot in plots)]
         self._stream.send_blueprint(blueprint(swarm, single, known, len(self._near), self._live))
         self._static("world", rr.ViewCoordinates.RDF)
         solid = "the craft at its estimate: the truth is not known" if self._replay else "the craft where it truly is"
         trail_s, slowed = TRAIL_POINTS * TRAIL_STEP_S, FAN_TURN_S / REAL_FAN_TURN_S
-        about = ABOUT.format(craft=solid, enlarged=ENLARGED, slowed=slowed, trail=trail_s)
+        cameras = (ABOUT_CAMERAS if scene.ccd else "") + (ABOUT_LIDARS if scene.lidar else "")
+        about = ABOUT.format(craft=solid, enlarged=ENLARGED, slowed=slowed, trail=trail_s, cameras=cameras)
         self._static("about", rr.TextDocument(about, media_type="text/markdown"))
         for plot in self._plots:
             lines = rr.SeriesLines(
@@ -155,6 +169,10 @@ class Recording:
         self._draw_lighthouse(np.radians(scene.field_deg), reach_m)
         for i in self._near:
             self._draw_craft(int(i))
+        self._draw_cameras()
+        for i, _ in scene.lidar:
+            points = rr.Points3D.from_fields(colors=self._colour[i][None], radii=[-1.6])
+            self._static(f"world/lidar/{craft[i]}", points)
         self._groups = self._draw_crowd() if self._crowd else {}
         if 0 < period.time_s < 0.1:
             # The timeline begins with the run, not with the middle of its first period.
@@ -204,6 +222,24 @@ class Recording:
         states = rr.StateConfiguration(values=list(STATUS), colors=np.array(STATUS_COLOURS, dtype=np.uint32))
         self._static(f"status/{name}", states)
 
+    def _draw_cameras(self) -> None:
+        """The fields of the cameras, and the lines of sight's colours, where there are any."""
+        for pair in self._scene.ccd:
+            name = self._scene.craft[pair.craft]
+            if pair.craft not in self._near:
+                continue
+            strips = drawing.field(pair.field_rad, 0.6)
+            for camera, ink in enumerate(SIGHT_LINES.values()):
+                turned = [strip @ pair.rotation[camera].T + pair.pinhole_m[camera] for strip in strips]
+                lines = rr.LineStrips3D([line.astype(np.float32) for line in turned], colors=[ink], radii=-0.6)
+                self._static(f"world/craft/{name}/ccd/{camera}", lines)
+            states = rr.StateConfiguration(values=list(SENSORS), colors=np.array(SENSOR_COLOURS, dtype=np.uint32))
+            self._static(f"status/{name}/sensor", states)
+        if self._scene.ccd:
+            for which, colour in SIGHT_LINES.items():
+                colours = np.array([colour], dtype=np.uint32)
+                self._static(f"world/cameras/{which}", rr.LineStrips3D.from_fields(colors=colours, radii=[-0.5]))
+
     def _draw_crowd(self) -> dict[str, Ints]:
         """Entities of the craft without detail, one per model, and who is in each."""
         members: dict[tuple[bytes, ...], list[int]] = {}
@@ -236,6 +272,8 @@ class Recording:
         self._send_poses(send, batch)
         self._send_fans(send, batch.time_s)
         self._send_sight(send, batch)
+        self._send_cameras(send, batch)
+        self._send_clouds()
         self._send_covariance(send, batch)
         self._send_trails(send, batch)
         for plot in self._plots:
@@ -293,6 +331,41 @@ class Recording:
         drawable = present & np.isfinite(point).all(axis=-1)
         for name, (state, _) in RAY_COLOURS.items():
             _send_segments(send, f"world/rays/{name}", point, drawable & (sight == state))
+
+    def _send_cameras(self, send: Send, batch: Batch) -> None:
+        """Lines of sight of every pair, and whose pose each of its craft took in."""
+        pairs = self._scene.ccd
+        if not pairs or self._replay:
+            return
+        rotation = matrix_from_quaternion(batch.body_quaternion)
+        for camera, name in enumerate(SIGHT_LINES):
+            strips: list[Floats] = []
+            count = np.zeros(len(batch.time_s), dtype=np.int64)
+            for p, pair in enumerate(pairs):
+                seen = batch.ccd_seen[:, p, camera, : len(pair.light_m)]
+                eye = rotation[:, pair.craft] @ pair.pinhole_m[camera] + batch.body_position[:, pair.craft]
+                light = np.einsum("nij,kj->nki", rotation[:, pair.target], pair.light_m)
+                light += batch.body_position[:, None, pair.target]
+                strips.append(np.stack([np.broadcast_to(eye[:, None], light.shape), light], axis=2))
+                count += np.count_nonzero(seen, axis=1)
+            # Period by period, the lines of all pairs.
+            seen = np.concatenate([batch.ccd_seen[:, p, camera, : len(q.light_m)] for p, q in enumerate(pairs)], axis=1)
+            lines = np.concatenate(strips, axis=1)[seen].astype(np.float32)
+            send(f"world/cameras/{name}", rr.LineStrips3D.columns(strips=lines).partition(count))
+        for pair in pairs:
+            if pair.craft in self._near:
+                states = [SENSORS[code] for code in batch.sensor[:, pair.craft]]
+                send(f"status/{self._scene.craft[pair.craft]}/sensor", rr.StateChange.columns(state=states))
+
+    def _send_clouds(self) -> None:
+        """The scans that became complete, each at its own time."""
+        for i in sorted({who for _, _, who, _ in self._clouds}):
+            mine = [(time_s, frame, cloud) for time_s, frame, who, cloud in self._clouds if who == i]
+            send = self._sender(np.array([t for t, _, _ in mine]), np.array([f for _, f, _ in mine]))
+            points = np.concatenate([cloud for _, _, cloud in mine]).astype(np.float32)
+            columns = rr.Points3D.columns(positions=points).partition([len(cloud) for _, _, cloud in mine])
+            send(f"world/lidar/{self._scene.craft[i]}", columns)
+        self._clouds.clear()
 
     def _send_covariance(self, send: Send, batch: Batch) -> None:
         covariance, position = batch.covariance[:, self._near], batch.position[:, self._near]

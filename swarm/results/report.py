@@ -115,7 +115,7 @@ def results(summary: Mapping[str, Any], width: int) -> RenderableType:
         lines.append(
             Text(f"The {len(craft)} worst of {len(summary['craft'])} craft; summary.json has them all.", "dim")
         )
-    sentences = [*findings(swarm), *warnings(summary["craft"])]
+    sentences = [*findings(swarm), *inspections(summary.get("lidar") or {}), *warnings(summary["craft"])]
     return Group(*lines, Text(), *(Text(sentence, style) for sentence, style in sentences))
 
 
@@ -136,6 +136,9 @@ def findings(figures: Figures) -> list[tuple[str, str]]:
     position, attitude = figures.get("ekf_to_pnp_position_ratio"), figures.get("ekf_to_pnp_attitude_ratio")
     if position is not None and attitude is not None:
         out.append((f"Filter error over raw PnP error: {position:.2f} in position, {attitude:.2f} in attitude", ""))
+    if ccd := figures.get("ccd"):
+        shares = f"stereo {ccd['stereo_share']:.0%}, the main camera alone {ccd['camera_share']:.0%} of the images"
+        out.append((f"Cameras: {shares}; the sensor in use changed {ccd['sensor_switches']} times", ""))
     bias = figures.get("pnp_motion_bias") or {}
     for name, size, unit in (("position", "position_rms_m", "mm"), ("attitude", "attitude_rms_deg", "°")):
         slopes, sigmas = bias.get(f"{name}_slope_s", ()), bias.get(f"{name}_slope_sigma_s", ())
@@ -148,9 +151,27 @@ def findings(figures: Figures) -> list[tuple[str, str]]:
     return out
 
 
+def inspections(lidar: Mapping[str, Figures]) -> list[tuple[str, str]]:
+    """What every LiDAR made of its target."""
+    return [
+        (
+            f"{name}'s LiDAR: {f['target']} tracked in {f['tracked_share']:.1%} of {f['scans']} scans, acquired "
+            f"{f['acquisitions']} times"
+            + (
+                f"; attitude error of a scan {f['measured_attitude_mean_deg']:.2f}° on average, "
+                f"{f['measured_attitude_max_deg']:.2f}° at most"
+                if f["measured_attitude_mean_deg"] is not None
+                else ""
+            ),
+            "",
+        )
+        for name, f in lidar.items()
+    ]
+
+
 def warnings(craft: Mapping[str, Figures]) -> list[tuple[str, str]]:
     """What is wrong with single craft that the swarm's figures hide, and what to do about it."""
-    dark = [name for name, f in craft.items() if not f["mean_visible"]]
+    dark = [name for name, f in craft.items() if not (f["mean_visible"] or f.get("ccd") or f.get("observed"))]
     refused = {name: f["refused_share"] or 0.0 for name, f in craft.items() if f.get("refused_share")}
     refused = {name: share for name, share in refused.items() if share > REFUSED_MUCH}
     vain = [
@@ -185,6 +206,7 @@ def written(folder: Path) -> list[tuple[str, str]]:
     files = (
         ("telemetry.parquet", "a row per craft and period"),
         ("angles.parquet", "every sweep angle, for swarm calibrate"),
+        ("scans.parquet", "a row per LiDAR scan"),
         ("summary.json", "these figures, and more"),
         ("scenario.toml", "all that was set; run it again"),
         (RECORDING, "for the viewer"),

@@ -18,7 +18,7 @@ T/2 apart, leave about -T/4 in x and +T/4 in y, which along the velocity of a tu
 1 sigma counts the craft of a period as one sample (errors summed per period before squaring).
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,9 @@ from scipy.special import gammaincinv
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.rotation import angle_between, log, matrix_from_quaternion, mean_rotation
-from swarm.results.telemetry import STATUS, read_telemetry, telemetry_columns, values
+from swarm.results.ccd_columns import CCD_STATES
+from swarm.results.lidar_scans import summarise_scans
+from swarm.results.telemetry import NAMES, SENSORS, STATUS, read_telemetry, telemetry_columns, values
 
 DOF = 6
 MIN_RATE = 1e-4
@@ -154,10 +156,11 @@ class _Slope:
 
 
 def _codes(table: pa.Table, name: str) -> Floats:
-    """The codes of a dictionary column."""
+    """The codes of a dictionary column, NaN where null."""
     chunks = table.column(name).unify_dictionaries().chunks
-    codes = [chunk.indices.to_numpy() for chunk in chunks] or [np.zeros(0)]
-    return np.concatenate(codes).astype(np.float64)
+    codes = [chunk.indices.to_numpy(zero_copy_only=False) for chunk in chunks] or [np.zeros(0)]
+    found = np.concatenate(codes).astype(np.float64)
+    return np.where(np.isnan(found), -1.0, found) if name == "observer" else found
 
 
 class _Rows:
@@ -182,7 +185,7 @@ class _Rows:
     def column(self, name: str) -> Floats:
         if name not in self._cache:
             table = self._load(name)
-            self._cache[name] = _codes(table, name) if name in ("status", "craft") else values(table, name)
+            self._cache[name] = _codes(table, name) if name in ("craft", "observer", *NAMES) else values(table, name)
         return self._cache[name][self._rows]
 
     def columns(self, *names: str) -> Floats:
@@ -250,7 +253,35 @@ def _peer_scatter(rows: _Rows) -> dict[str, Any]:
     }
 
 
-def _figures(rows: _Rows, period_s: float, replay: bool) -> dict[str, Any]:
+def _ccd(rows: _Rows, period_s: float) -> dict[str, Any]:
+    """What the cameras did for craft that carry them."""
+    state = rows.column("ccd")
+    sensor, on_board = rows.column("sensor"), np.isfinite(state)
+    # Craft by craft, in the order of time.
+    order = np.lexsort((rows.frame[on_board], rows.column("craft")[on_board]))
+    who, used = rows.column("craft")[on_board][order], sensor[on_board][order]
+    switched = np.count_nonzero((np.diff(used) != 0) & (np.diff(who) == 0))
+    return {
+        "ccd": {
+            "samples": int(np.count_nonzero(on_board)),
+            "stereo_share": float(np.mean(state[on_board] == CCD_STATES.index("stereo"))),
+            "camera_share": float(np.mean(state[on_board] == CCD_STATES.index("camera"))),
+            "sensor_share": {
+                name: float(np.mean(sensor[on_board] == code))
+                for code, name in enumerate(SENSORS)
+                if np.any(sensor[on_board] == code)
+            },
+            "sensor_switches": int(switched),
+            "position_rms_m": _rms(rows.column("ccd_position_error_m")),
+            "attitude_rms_deg": _rms(rows.column("ccd_attitude_error_deg")),
+            "nis": consistency(rows.frame, rows.column("ccd_nis"), period_s),
+        }
+        if on_board.any()
+        else None
+    }
+
+
+def _figures(rows: _Rows, period_s: float, replay: bool, ccd: bool) -> dict[str, Any]:
     visible, solved = rows.column("visible"), np.isfinite(rows.column("pnp_px_m"))
     pnp = rows.column("pnp_position_error_m"), rows.column("pnp_attitude_error_deg")
     ekf = rows.column("position_error_m"), rows.column("attitude_error_deg")
@@ -291,6 +322,8 @@ def _figures(rows: _Rows, period_s: float, replay: bool) -> dict[str, Any]:
         "nis": consistency(frame, rows.column("nis"), period_s),
         "pnp_motion_bias": None if replay else _motion_bias(rows),
     }
+    if ccd:
+        out |= _ccd(rows, period_s)
     return {**out, **_peer_scatter(rows)} if replay else out
 
 
@@ -300,21 +333,25 @@ def summarise(table: pa.Table) -> dict[str, Any]:
     `swarm` is over all craft, `craft` has the same figures per craft. A replay (a table with peer columns) has no
     truth: its errors are null, and it says how far the peer's poses scatter about the solutions.
     """
-    return _summary(lambda name: table.select([name]), "peer_px_m" in table.column_names)
+    return _summary(lambda name: table.select([name]), table.column_names)
 
 
 def summarise_run(folder: Path) -> dict[str, Any]:
     """`summarise` of the telemetry in a run's folder, column by column: half of it never is in memory."""
-    return _summary(lambda name: read_telemetry(folder, [name]), "peer_px_m" in telemetry_columns(folder))
+    summary = _summary(lambda name: read_telemetry(folder, [name]), telemetry_columns(folder))
+    return summary | summarise_scans(folder)
 
 
-def _summary(load: Callable[[str], pa.Table], replay: bool) -> dict[str, Any]:
+def _summary(load: Callable[[str], pa.Table], columns: Sequence[str]) -> dict[str, Any]:
+    kind = "peer_px_m" in columns, "ccd" in columns
     everything = _Rows(load)
     frame, time_s = everything.frame, everything.column("time_s")
     if not len(frame):
         return {"periods": 0, "duration_s": 0.0, "craft_count": 0, "swarm": None, "craft": {}, "notes": NOTES}
     names = load("craft").column("craft").unify_dictionaries().chunk(0).dictionary.to_pylist()
     codes = everything.column("craft").astype(np.int64)
+    # A craft that others observe is none of those that find themselves.
+    own = np.flatnonzero(everything.column("observer") < 0) if "observer" in columns else slice(None)
     ends = np.cumsum(np.bincount(codes, minlength=len(names)))[:-1]
     per_craft = np.split(np.argsort(codes, kind="stable"), ends)
     span = int(frame.max() - frame.min())
@@ -323,9 +360,10 @@ def _summary(load: Callable[[str], pa.Table], replay: bool) -> dict[str, Any]:
         "periods": len(np.unique(frame)),
         "duration_s": (span + 1) * period_s,
         "craft_count": len(names),
-        "swarm": _figures(everything, period_s, replay),
+        "swarm": _figures(everything.of(own), period_s, *kind),
         "craft": {
-            name: _figures(everything.of(rows), period_s, replay)
+            name: _figures(everything.of(rows), period_s, *kind)
+            | ({"observed": bool(everything.of(rows).column("observer")[0] >= 0)} if "observer" in columns else {})
             for name, rows in zip(names, per_craft, strict=True)
             if len(rows)
         },

@@ -26,6 +26,8 @@ from estimators.kernel import kernel
 from estimators.linear import cholesky_into
 from estimators.rotation import quaternion_from_matrix
 from swarm.errors import SwarmError
+from swarm.results import ccd_columns
+from swarm.results.ccd_columns import CCD_STATES, CcdFix
 from swarm.results.disk import writing
 
 if TYPE_CHECKING:
@@ -36,6 +38,13 @@ FILE = "telemetry.parquet"
 PARTS = FILE + ".partial"
 STATUS = ("searching", "tracking", "coasting", "ambiguous")
 """Names of the status codes 0 to 3."""
+SENSORS = ("none", "lighthouse", "stereo", "lighthouse+stereo", "camera", "lighthouse+camera", "lidar")
+"""Names of the sensor codes 0 to 6: whose pose the filter took in; both cameras are "stereo", the main one "camera";
+"lidar": that of a craft which somebody else observes."""
+NAMES = {"status": STATUS, "sensor": SENSORS, "ccd": CCD_STATES}
+"""The columns of names: their codes are kept, with null for a code beyond the names."""
+FUSED = "fused"
+"""Observer of an estimate that several LiDARs make together."""
 PERIODS_PER_PART = 120
 ROWS_PER_GROUP = 65_536
 """Rows of a part at most, and of a row group of the final file: about 35 MB."""
@@ -121,6 +130,14 @@ class Estimate(Protocol):
         """(C,)."""
 
     @property
+    def sensor(self) -> Ints:
+        """(C,) index into SENSORS."""
+
+    @property
+    def ccd(self) -> CcdFix | None:
+        """What the cameras found, where there are any."""
+
+    @property
     def missed_sync(self) -> Ints:
         """(C,)."""
 
@@ -130,7 +147,7 @@ class Estimate(Protocol):
 
 
 def _column(name: str, kind: pa.DataType, unit: str, meaning: str) -> pa.Field:
-    required = name in ("time_s", "frame", "craft", "status", "visible")
+    required = name in ("time_s", "frame", "craft", "status", "sensor", "visible")
     return pa.field(name, kind, nullable=not required, metadata={"unit": unit, "meaning": meaning})
 
 
@@ -148,14 +165,23 @@ def _rates(prefix: str, whose: str) -> list[pa.Field]:
     ]
 
 
-def schema(replay: bool = False) -> pa.Schema:
-    """Columns in order, each with its `unit` and `meaning` as field metadata; a replay has the peer's pose too."""
+def schema(replay: bool = False, ccd: bool = False, lidar: bool = False) -> pa.Schema:
+    """Columns in order, each with its `unit` and `meaning` as field metadata.
+
+    replay: with the peer's pose. ccd: with what the cameras found. lidar: with whose observation an estimate is.
+    """
     f64, i16, i32 = pa.float64(), pa.int16(), pa.int32()
     fields = [
         _column("time_s", f64, "s", "the epoch: middle of the lighthouse period"),
         _column("frame", i32, "1", "number of the lighthouse period"),
         _column("craft", pa.dictionary(i32, pa.string()), "", "name of the craft"),
         _column("status", pa.dictionary(pa.int8(), pa.string()), "", ", ".join(STATUS)),
+        _column(
+            "sensor",
+            pa.dictionary(pa.int8(), pa.string()),
+            "",
+            f"the filter took in: {', '.join(SENSORS)}",
+        ),
         _column("visible", i16, "1", "photodiodes seen by both fans"),
         *_pose("true", "truth"),
         *_pose("pnp", "PnP solution of this period alone"),
@@ -178,7 +204,17 @@ def schema(replay: bool = False) -> pa.Schema:
         *_rates("true", "truth"),
         *_rates("ekf", "filter's estimate"),
     ]
-    return pa.schema(fields + (_pose("peer", "pose that came with the recording, not the truth") if replay else []))
+    if replay:
+        fields += _pose("peer", "pose that came with the recording, not the truth")
+    if ccd:
+        states = f"what became of the period's images: {', '.join(CCD_STATES)}"
+        fields.append(_column("ccd", pa.dictionary(pa.int8(), pa.string()), "", states))
+        fields += [_column(name, i16, unit, meaning) for name, unit, meaning in ccd_columns.COUNTS]
+        fields += [_column(name, f64, unit, meaning) for name, unit, meaning in ccd_columns.FLOATS]
+    if lidar:
+        meaning = f"whose LiDAR the estimate of a passive craft rests on; {FUSED!r}: of several; null: its own estimate"
+        fields.append(_column("observer", pa.dictionary(pa.int32(), pa.string()), "", meaning))
+    return pa.schema(fields)
 
 
 def column_reference() -> str:
@@ -197,11 +233,14 @@ def column_reference() -> str:
         "| column | type | unit | meaning |",
         "|---|---|---|---|",
     ]
-    ordinary = len(schema())
-    for i, field in enumerate(schema(replay=True)):
+    ordinary, replay = len(schema()), len(schema(replay=True))
+    cameras = len(schema(replay=True, ccd=True))
+    for i, field in enumerate(schema(replay=True, ccd=True, lidar=True)):
         kind = "string" if pa.types.is_dictionary(field.type) else str(field.type)
         unit, meaning = field.metadata[b"unit"].decode(), field.metadata[b"meaning"].decode()
-        lines.append(f"| `{field.name}` | {kind} | {unit} | {meaning}{'; only in a replay' if i >= ordinary else ''} |")
+        only = "" if i < ordinary else "; only in a replay" if i < replay else "; only with cameras"
+        only = only if i < cameras else "; only with LiDARs"
+        lines.append(f"| `{field.name}` | {kind} | {unit} | {meaning}{only} |")
     return "\n".join(lines) + "\n"
 
 
@@ -262,8 +301,9 @@ def _errors(truth: Truth | None, estimate: Estimate, pnp_quaternion: Floats, qua
     )
 
 
-_FLOATS = [field.name for field in schema(replay=True) if field.type == pa.float64()]
-_INTS = ["frame", "status", "visible", "pnp_iterations", "missed_sync", "rejected_pulses", "contact"]
+_FLOATS = [field.name for field in schema(replay=True, ccd=True) if field.type == pa.float64()]
+_INTS = ["frame", "status", "sensor", "visible", "pnp_iterations", "missed_sync", "rejected_pulses", "contact"]
+_CCD_INTS = ["ccd", *(name for name, _, _ in ccd_columns.COUNTS)]
 
 
 class Telemetry:
@@ -272,12 +312,22 @@ class Telemetry:
     rows wait in one (columns, rows) block, so that a period is a few slice assignments for all craft at once.
     """
 
-    def __init__(self, folder: Path, craft: Sequence[str], replay: bool = False) -> None:
-        self._folder, self._craft, self._schema = folder, list(craft), schema(replay)
+    def __init__(
+        self,
+        folder: Path,
+        craft: Sequence[str],
+        replay: bool = False,
+        ccd: bool = False,
+        observer: Sequence[str | None] | None = None,
+    ) -> None:
+        """observer: of a run with LiDARs, whose observation each craft's estimate is, None where its own."""
+        self._folder, self._craft = folder, list(craft)
+        self._schema = schema(replay, ccd, observer is not None)
+        self._observer = list(observer or ())
         periods = max(1, min(PERIODS_PER_PART, ROWS_PER_GROUP // max(1, len(craft))))
         self._capacity = periods * len(craft)
         self._floats = np.full((len(_FLOATS), self._capacity), np.nan)
-        self._ints = np.zeros((len(_INTS), self._capacity), dtype=np.int64)
+        self._ints = np.zeros((len(_INTS) + len(_CCD_INTS), self._capacity), dtype=np.int64)
         self._rows = self._parts = 0
         with writing(folder / PARTS):
             (folder / PARTS).mkdir()
@@ -290,6 +340,8 @@ class Telemetry:
         errors = _errors(truth, estimate, quaternion[0], quaternion[1])
         at = slice(self._rows, self._rows + len(self._craft))
         missing = np.full((len(self._craft), 7), np.nan)
+        ccd, no_ccd = estimate.ccd, np.full((len(self._craft), len(ccd_columns.FLOATS)), np.nan)
+        true_pose = (missing[:, :3], missing[:, :4]) if truth is None else (truth.position, truth.quaternion)
 
         def pose(of: Truth | Peer | None) -> Floats:
             if of is None:
@@ -318,12 +370,15 @@ class Telemetry:
                 estimate.velocity,
                 estimate.angular_rate,
                 pose(peer),
+                no_ccd if ccd is None else ccd_columns.floats(ccd, *true_pose),
             ],
             axis=1,
         ).T
         contact = -1 if truth is None else truth.contact
-        counts = (estimate.status, estimate.visible, estimate.pnp.iterations, estimate.missed_sync, estimate.rejected)
-        for row, value in enumerate((frame, *counts, contact)):
+        e = estimate
+        counts = (frame, e.status, e.sensor, e.visible, e.pnp.iterations, e.missed_sync, e.rejected, contact)
+        by_cameras = () if ccd is None else (ccd.state, *ccd.lights.T)
+        for row, value in enumerate((*counts, *by_cameras)):
             self._ints[row, at] = value
         self._rows += len(self._craft)
         if self._rows == self._capacity:
@@ -332,18 +387,27 @@ class Telemetry:
 
     def _table(self) -> pa.Table:
         rows = self._rows
-        floats, ints = dict(zip(_FLOATS, self._floats, strict=True)), dict(zip(_INTS, self._ints, strict=True))
+        floats = dict(zip(_FLOATS, self._floats, strict=True))
+        ints = dict(zip((*_INTS, *_CCD_INTS), self._ints, strict=True))
         names = np.tile(np.arange(len(self._craft), dtype=np.int32), rows // max(1, len(self._craft)))
         columns: list[pa.Array] = []
         for field in self._schema:
             if field.name == "craft":
                 columns.append(pa.DictionaryArray.from_arrays(names, pa.array(self._craft, pa.string())))
-            elif field.name == "status":
-                code = ints["status"][:rows].astype(np.int8)
-                columns.append(pa.DictionaryArray.from_arrays(code, pa.array(STATUS)))
+            elif field.name == "observer":
+                tiled = self._observer * (rows // max(1, len(self._craft)))
+                columns.append(pa.array(tiled, pa.string()).dictionary_encode())
+            elif field.name in NAMES:
+                code, known = ints[field.name][:rows].astype(np.int8), pa.array(NAMES[field.name])
+                columns.append(pa.DictionaryArray.from_arrays(pa.array(code, mask=code >= len(known)), known))
             elif field.name in ints:
                 value = ints[field.name][:rows]
-                null = {"pnp_iterations": value == 0, "contact": value < 0}.get(field.name)
+                no_cameras = ints["ccd"][:rows] >= len(CCD_STATES)
+                null = {
+                    "pnp_iterations": value == 0,
+                    "contact": value < 0,
+                    **dict.fromkeys(_CCD_INTS, no_cameras),
+                }.get(field.name)
                 columns.append(pa.array(value.astype(field.type.to_pandas_dtype()), field.type, mask=null))
             else:
                 value = floats[field.name][:rows]
@@ -357,7 +421,11 @@ class Telemetry:
         temporary = part.with_suffix(".tmp")
         with writing(part):
             pq.write_table(
-                self._table(), temporary, compression="none", use_dictionary=["craft", "status"], write_statistics=False
+                self._table(),
+                temporary,
+                compression="none",
+                use_dictionary=[name for name in ("craft", *NAMES) if name in self._schema.names],
+                write_statistics=False,
             )
             temporary.replace(part)
         self._parts += 1
@@ -375,7 +443,7 @@ class Telemetry:
                 temporary,
                 self._schema,
                 compression="snappy",
-                use_dictionary=["craft", "status"],
+                use_dictionary=[name for name in ("craft", *NAMES) if name in self._schema.names],
                 use_byte_stream_split=doubles,
                 write_statistics=["time_s", "frame"],
             ) as writer,

@@ -14,10 +14,12 @@ from pydantic import ValidationError
 
 from swarm.assets import find_model, find_scenario, lighthouses, models
 from swarm.errors import SwarmError
-from swarm.scenario import mistakes
+from swarm.scenario import mistakes, schema
+from swarm.scenario.cameras import Ccd
+from swarm.scenario.lidar import Lidar
 from swarm.scenario.mistakes import Problem, dotted, parse_path
 from swarm.scenario.motions import AnyMotion
-from swarm.scenario.schema import Scenario
+from swarm.scenario.schema import Disturbance, Scenario
 from swarm.scenario.text import toml_value
 
 
@@ -31,6 +33,11 @@ class Craft:
     motion: AnyMotion
     index: int
     count: int
+    lighthouse: bool
+    disturbance: Disturbance
+    ccd: Ccd | None
+    passive: bool = False
+    lidar: Lidar | None = None
 
 
 class Override(NamedTuple):
@@ -109,10 +116,18 @@ def craft(scenario: Scenario) -> list[Craft]:
     names = scenario.craft_names
     here = Path()
     model = find_model(swarm.model, here) if swarm.count else here
-    group = [Craft(names[i], model, swarm.feedback, swarm.motion, i, swarm.count) for i in range(swarm.count)]
-    return group + [
-        Craft(name, find_model(single.model, here), single.feedback, single.motion, 0, 1)
+    group: list[tuple[str, Path, schema.Craft, int, int, Ccd | None, Lidar | None]] = [
+        (names[i], model, swarm, i, swarm.count, None, None) for i in range(swarm.count)
+    ]
+    group += [
+        (name, find_model(single.model, here), single, 0, 1, single.ccd, single.lidar)
         for name, single in zip(names[swarm.count :], scenario.craft, strict=True)
+    ]
+    return [
+        Craft(
+            name, file, of.feedback, of.motion, index, count, of.lighthouse, of.disturbance, ccd, of.passive, lidar
+        )
+        for name, file, of, index, count, ccd, lidar in group
     ]
 
 

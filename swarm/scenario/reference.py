@@ -58,8 +58,11 @@ def _sections() -> Iterator[str]:
         for table in tables_of(field.annotation):
             yield from _section(f"`[[{key}]]`" if key == "craft" else f"`[{key}]`", key, table)
             for inner, below in table.model_fields.items():
-                for fan in tables_of(below.annotation) if key == "lighthouse" else ():
-                    yield from _section(f"`[{key}.{inner}]`", key, fan)
+                for part in tables_of(below.annotation) if key in ("lighthouse", "craft") and inner != "motion" else ():
+                    yield from _section(f"`[{key}.{inner}]`", key, part)
+                    for name, least in part.model_fields.items():
+                        for entry in tables_of(least.annotation):
+                            yield from _section(f"`[[{key}.{inner}.{name}]]`", key, entry)
     motions = tables_of(Scenario.model_fields["craft"].annotation)[0].model_fields["motion"]
     yield "## `motion`\n\nA table of `[swarm]` and of every `[[craft]]`; its `kind` says which of these it is.\n"
     for table in tables_of(motions.annotation):
@@ -81,7 +84,7 @@ def _type(key: str, field: FieldInfo) -> str:
     kinds = tables_of(field.annotation)
     text = str(field.annotation)
     if kinds:
-        return "table, see [motion](#motion)" if len(kinds) > 1 else "table"
+        return "table, see [motion](#motion)" if len(kinds) > 1 else "list of tables" if "tuple" in text else "table"
     if "Literal" in text:
         return " or ".join(f"`{toml_value(choice)}`" for choice in get_args(field.annotation))
     if field.annotation == VECTOR or Box in get_args(field.annotation):

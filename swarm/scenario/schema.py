@@ -11,9 +11,18 @@ from typing import Annotated, Literal
 from pydantic import Field, Strict
 
 from swarm.errors import did_you_mean
+from swarm.scenario.cameras import Ccd
+from swarm.scenario.lidar import Lidar
 from swarm.scenario.motions import AnyMotion, Hold, Mistake, Table
 
 NAME_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_.-]*$"
+
+
+class Disturbance(Table):
+    """What pushes a craft beside its own control: white, constant over each lighthouse period."""
+
+    acceleration_m_s2: float = Field(default=0.0, ge=0, le=100, description="1 sigma per axis.")
+    angular_acceleration_deg_s2: float = Field(default=0.0, ge=0, le=36000, description="1 sigma per axis.")
 
 
 class Craft(Table):
@@ -24,6 +33,16 @@ class Craft(Table):
         default="truth", description="What the controller steers by: the true pose, or the craft's own estimate."
     )
     motion: AnyMotion = Field(default=Hold(kind="hold"), description="How it moves: a table with a `kind`.")
+    lighthouse: bool = Field(default=True, description="Whether it carries photodiodes for the lighthouse on board.")
+    passive: bool = Field(
+        default=False, description="A craft that does not cooperate: no photodiodes needed, nothing is computed on board."
+    )
+    disturbance: Disturbance = Field(default=Disturbance(), description="What pushes it beside its own control.")
+
+    def between_keys(self) -> Iterator[Mistake]:
+        """Who computes nothing on board cannot steer by it."""
+        if self.passive and self.feedback == "estimate":
+            yield "a passive craft has no estimate", "feedback", "passive"
 
 
 class Swarm(Craft):
@@ -33,6 +52,7 @@ class Swarm(Craft):
 
     def between_keys(self) -> Iterator[Mistake]:
         """No motion that would put all craft at one place."""
+        yield from super().between_keys()
         if self.count > 1 and self.motion.kind in ("waypoints", "approach"):
             yield (
                 f'must be 0 or 1 where motion.kind = "{self.motion.kind}", which would put all craft at one place; '
@@ -48,6 +68,16 @@ class SingleCraft(Craft):
     name: str | None = Field(
         default=None, pattern=NAME_PATTERN, max_length=64, description="Unset: craft-N, counted after the swarm."
     )
+    ccd: Ccd | None = Field(default=None, description="A pair of cameras that looks at another craft. Unset: none.")
+    lidar: Lidar | None = Field(default=None, description="A LiDAR that inspects a passive craft. Unset: none.")
+
+    def between_keys(self) -> Iterator[Mistake]:
+        """A craft that does nothing on board has nothing on board."""
+        yield from super().between_keys()
+        if self.passive and self.lidar is not None:
+            yield "a passive craft has no LiDAR", "lidar", "passive"
+        if self.passive and self.ccd is not None:
+            yield "a passive craft has no cameras", "ccd", "passive"
 
 
 class Physics(Table):
@@ -226,6 +256,8 @@ class Scenario(Table):
                 yield "is the name of the lighthouse itself", f"craft[{i - self.swarm.count}].name"
             if names[i] in names[:i]:
                 yield "another craft has this name", f"craft[{i - self.swarm.count}].name"
+        yield from self._ccd_mistakes(names)
+        yield from self._lidar_mistakes(names)
         for i, name in enumerate(self.recording.detail):
             if name not in names:
                 yield f"no craft has this name{did_you_mean(name, names)}", f"recording.detail[{i}]"
@@ -237,3 +269,40 @@ class Scenario(Table):
                     f"{key}.motion.times_s",
                     "duration_s",
                 )
+
+    def _ccd_mistakes(self, names: tuple[str, ...]) -> Iterator[Mistake]:
+        """The cameras' target exists, is another craft, and stays where the craft knows it to be."""
+        groups = [self.swarm] * self.swarm.count + list(self.craft)
+        for i, craft in enumerate(self.craft):
+            if craft.ccd is None:
+                continue
+            key, target = f"craft[{i}].ccd.target", craft.ccd.target
+            if target not in names:
+                yield f"no craft has this name{did_you_mean(target, names)}", key
+                continue
+            of = names.index(target)
+            group = groups[of]
+            table = "swarm" if of < self.swarm.count else f"craft[{of - self.swarm.count}]"
+            if of == self.swarm.count + i:
+                yield "a craft cannot look at itself", key
+            elif group.motion.kind != "hold" or group.motion.attitude.spin_deg_s:
+                yield "must hold its place without spin: its station is known on board", key, f"{table}.motion.kind"
+            elif group.feedback != "truth":
+                yield 'must hold its place exactly: feedback = "truth"', key, f"{table}.feedback"
+
+    def _lidar_mistakes(self, names: tuple[str, ...]) -> Iterator[Mistake]:
+        """What a LiDAR inspects exists and is passive; no scan is shorter than a lighthouse period."""
+        groups = [self.swarm] * self.swarm.count + list(self.craft)
+        for i, craft in enumerate(self.craft):
+            if craft.lidar is None:
+                continue
+            key, target = f"craft[{i}].lidar", craft.lidar.target
+            if target not in names:
+                yield f"no craft has this name{did_you_mean(target, names)}", f"{key}.target"
+                continue
+            of = names.index(target)
+            if not groups[of].passive:
+                table = "swarm" if of < self.swarm.count else f"craft[{of - self.swarm.count}]"
+                yield "must be passive: who navigates by itself is not inspected", f"{key}.target", f"{table}.passive"
+            if craft.lidar.rate_hz > self.lighthouse.rate_hz:
+                yield f"at most one scan per lighthouse period, {self.lighthouse.rate_hz:g} Hz", f"{key}.rate_hz"

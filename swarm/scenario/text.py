@@ -46,8 +46,9 @@ def _table(name: str, table: BaseModel) -> Iterator[str]:
         inner = f"{name}.{key}".removeprefix(".")
         yield from ("", f"[{inner}]", *_table(inner, value))
     for key, entries in lists.items():
+        inner = f"{name}.{key}".removeprefix(".")
         for entry in entries:
-            yield from ("", f"[[{key}]]", *_table(key, entry))
+            yield from ("", f"[[{inner}]]", *_table(inner, entry))
 
 
 def _unset(table: BaseModel, key: str) -> str:

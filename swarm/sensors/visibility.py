@@ -102,8 +102,18 @@ class Visibility:
         out = np.full(within.shape, Sight.OUTSIDE, dtype=np.int8)
         if np.any(within):
             self._place(position, quaternion)
-            out[within] = np.where(self._blocked(point[within]), Sight.BLOCKED, Sight.LIT)
+            blocked = self._blocked(point[within], np.zeros(3), self._lighthouse_body)
+            out[within] = np.where(blocked, Sight.BLOCKED, Sight.LIT)
         return out
+
+    def blocked(self, origin: Floats, point: Floats, position: Floats, quaternion: Floats) -> Bools:
+        """Whether something stands between `origin` (3,) [m], a camera, and each of the points (N, 3) [m].
+
+        The craft are at `position` (C, 3), `quaternion` (C, 4). The camera's own craft blocks too: a pinhole stands
+        clear of its surface.
+        """
+        self._place(position, quaternion)
+        return self._blocked(point, origin, -1)
 
     def _within_reach(self, point: Floats, normal: Floats) -> Bools:
         limits = self._limits
@@ -122,20 +132,21 @@ class Visibility:
         self._data.qpos[self._address[:, None] + np.arange(3, 7)] = quaternion
         mujoco.mj_kinematics(self._model, self._data)
 
-    def _blocked(self, point: Floats) -> Bools:
-        """Whether something stands between the lighthouse and each of the points (N, 3) [m]."""
-        distance = np.linalg.norm(point, axis=-1)
+    def _blocked(self, point: Floats, origin: Floats, ignored_body: int) -> Bools:
+        """Whether something but `ignored_body` stands between `origin` (3,) [m] and each of the points (N, 3) [m]."""
+        ray = point - origin
+        distance = np.linalg.norm(ray, axis=-1)
         count = len(point)
         geom = np.empty(count, dtype=np.int32)
         hit = np.empty(count)
         mujoco.mj_multiRay(
             self._model,
             self._data,
-            pnt=np.zeros(3),
-            vec=np.ascontiguousarray(point / distance[:, None]).ravel(),
+            pnt=origin,
+            vec=np.ascontiguousarray(ray / distance[:, None]).ravel(),
             geomgroup=None,
             flg_static=True,
-            bodyexclude=self._lighthouse_body,
+            bodyexclude=ignored_body,
             geomid=geom,
             dist=hit,
             normal=None,

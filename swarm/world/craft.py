@@ -5,6 +5,7 @@ The body frame `b` is the frame of the file's one root body. Bodies below it tha
 The photodiodes are the sites whose name starts with `photodiode`; a site's z axis is the photodiode's outward normal.
 The site `lidar`, if there is one, is where a LiDAR sits: its z axis is the spin axis. A mesh file (OBJ, STL) is a craft
 of one part.
+Cameras and lights of the CCD sensor: `swarm.world.optics`.
 """
 
 import re
@@ -21,8 +22,10 @@ import numpy as np
 from estimators.arrays import Floats
 from estimators.rotation import matrix_from_quaternion
 from swarm.errors import SwarmError
+from swarm.layout import Cameras, Lights
 from swarm.world import shapes
 from swarm.world.mesh_file import SUFFIXES, mesh_spec
+from swarm.world.optics import cameras_of, lights_of
 
 LEAST_PHOTODIODES = 4
 """What PnP needs (section 2 of source 1)."""
@@ -64,6 +67,8 @@ class CraftModel(NamedTuple):
     visuals: tuple[Visual, ...]
     lidar: tuple[Floats, Floats] | None
     """Where the scanner sits: rotation (3, 3) R_b_s and position (3,) [m]; None without one."""
+    cameras: Cameras
+    lights: Lights
 
 
 @lru_cache(maxsize=64)
@@ -82,6 +87,8 @@ def _load_version(path: Path, modified_ns: int) -> CraftModel:
         matrix_from_quaternion(model.site_quat[sites])[:, :, 2],
         _visuals(model),
         _lidar_site(model),
+        cameras_of(model, path),
+        lights_of(model),
     )
 
 

@@ -108,6 +108,8 @@ class World:
             [m.normal[:n] for m, n in zip(self._models, alive, strict=True)],
         )
         self.lidars = tuple(model.lidar for model in self._models)
+        self.cameras = tuple(model.cameras for model in self._models)
+        self.lights = tuple(model.lights for model in self._models)
         with quiet():
             mujoco.mj_forward(self.model, self._data)
         self._check_overlap()

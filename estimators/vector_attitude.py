@@ -1,0 +1,98 @@
+"""Attitude from several vectors, known in one frame and observed in another: source 2 (9) to (13).
+
+Columns of V (3, m) are the known vectors, those of U (3, m) the observed ones, U = C V (9); C is the rotation wanted.
+
+1. Rank 3: with the full-rank factorisation V = B C', B = I, the generalised inverse gives the minimum-norm solution
+   C_0 = U V^+, V^+ = V^T (V V^T)^-1 (10, 11): `minimum_norm`. Under noise C_0 is not orthogonal.
+2. To orthogonalise C_0 by itself would violate (9). The criterion is the smallest correction of what was observed,
+
+       min |dU|^2 = sum |u_k - C v_k|^2   over   C^T C = I, det C = +1                     (12, 13)
+
+   which is the largest trace of C^T H, H = U V^T: Wahba's problem. Its solution is the polar factor of U V^T, not that
+   of U V^+; the two agree where V V^T is isotropic or the vectors are exact.
+3. Rank 2, all vectors in one plane: the plane's normal joins U and V as one more column (two-vector attitude). H then
+   gains n_u n_v^T, with n_u normal to all of H's columns and signed such that det C = +1. Among rotations the largest
+   trace is where it was without that column, so `attitude_into` needs no special case (tested against the columns).
+
+Solved as the eigenvector of the largest eigenvalue of Davenport's symmetric 4 x 4 matrix, a unit quaternion, by cyclic
+Jacobi rotations: the distance to the next eigenvalue is 2 (s_2 +- s_3), s the singular values of H, which vanishes only
+where the vectors are on one line.
+"""
+
+import numpy as np
+
+from estimators.arrays import Floats
+from estimators.kernel import kernel
+
+SWEEPS_MAX = 30
+LEAST_GAP = 1e-10
+"""Two largest eigenvalues nearer than this share of the first leave a turn about one axis open: s_2 / s_1 is about the
+square of the vectors' width over their length."""
+
+
+def minimum_norm(observed: Floats, known: Floats) -> Floats:
+    """C_0 = U V^+ (10, 11), (..., 3, 3), of columns `observed`, `known` (..., 3, m) that span the space.
+
+    Raises ValueError where `known` does not: rank 2 has no unique C_0.
+    """
+    normal = known @ np.swapaxes(known, -1, -2)
+    if np.any(np.linalg.cond(normal) > 1e12):
+        raise ValueError("known: the vectors lie in one plane")
+    # V V^T is symmetric: solving it from the left gives the transpose of U V^T (V V^T)^-1.
+    across = known @ np.swapaxes(observed, -1, -2)
+    out: Floats = np.swapaxes(np.linalg.solve(normal, across), -1, -2)
+    return out
+
+
+@kernel
+def attitude_into(h: Floats, out: Floats) -> bool:
+    """The rotation of largest trace(out^T h), h = sum of u v^T (3, 3), into `out` (3, 3); False if not unique."""
+    k = np.empty((4, 4))
+    k[0, 0] = h[0, 0] + h[1, 1] + h[2, 2]
+    for i in range(3):
+        a, b = (i + 1) % 3, (i + 2) % 3
+        k[0, 1 + i] = k[1 + i, 0] = h[b, a] - h[a, b]
+        for j in range(3):
+            k[1 + i, 1 + j] = h[i, j] + h[j, i]
+        k[1 + i, 1 + i] -= k[0, 0]
+    vector = np.eye(4)
+    for _ in range(SWEEPS_MAX):
+        off, size = 0.0, 0.0
+        for i in range(4):
+            size += k[i, i] * k[i, i]
+            for j in range(i):
+                off += k[i, j] * k[i, j]
+        if not off > 1e-34 * size:
+            break
+        for i in range(3):
+            for j in range(i + 1, 4):
+                if k[i, j] == 0.0:
+                    continue
+                ratio = (k[j, j] - k[i, i]) / (2 * k[i, j])
+                t = (1.0 if ratio >= 0 else -1.0) / (abs(ratio) + np.sqrt(ratio * ratio + 1))
+                c = 1 / np.sqrt(t * t + 1)
+                s = t * c
+                for m in range(4):
+                    a, b = k[m, i], k[m, j]
+                    k[m, i], k[m, j] = c * a - s * b, s * a + c * b
+                for m in range(4):
+                    a, b = k[i, m], k[j, m]
+                    k[i, m], k[j, m] = c * a - s * b, s * a + c * b
+                    a, b = vector[m, i], vector[m, j]
+                    vector[m, i], vector[m, j] = c * a - s * b, s * a + c * b
+    best = 0
+    for i in range(1, 4):
+        if k[i, i] > k[best, best]:
+            best = i
+    second = -np.inf
+    for i in range(4):
+        if i != best:
+            second = max(second, k[i, i])
+    if not k[best, best] - second > LEAST_GAP * k[best, best]:
+        return False
+    size = np.sqrt(vector[0, best] ** 2 + vector[1, best] ** 2 + vector[2, best] ** 2 + vector[3, best] ** 2)
+    w, x, y, z = vector[0, best] / size, vector[1, best] / size, vector[2, best] / size, vector[3, best] / size
+    out[0, 0], out[0, 1], out[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
+    out[1, 0], out[1, 1], out[1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
+    out[2, 0], out[2, 1], out[2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+    return True

@@ -1,0 +1,195 @@
+"""Two CCD cameras on a craft, and the lights of another craft in their images: source 2, sections 1 and 3.
+
+A light at r = (X, Y, Z) in a camera's frame (x right, y down, z along the optical axis) is seen where
+
+    Z > 0,  |atan2(X, Z)| and |atan2(Y, Z)| <= field / 2,   range_min <= |r| <= range_max
+    the light shines that way: its normal within `cone` of the direction to the camera
+    nothing stands between the pinhole and the light (`Line`, the ray cast of `swarm.sensors.visibility`)
+    the camera works
+
+and its image is x = f X / Z, y = f Y / Z (1), plus noise, rounded to the detector's resolution. Both cameras expose at
+the epoch of every lighthouse period. Which image is which light is known, as by a coded or blinking marker.
+
+The lenses are mounted with errors that nobody on board knows: a turn and a shift per camera, drawn once. A camera fails
+as `Outage` says, in stretches of random length, or for single images. Draws depend on seed, purpose, the craft's key
+and the frame alone.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from estimators.arrays import Bools, Floats
+from estimators.rotation import exp, matrix_from_quaternion
+from swarm.images import LightImages
+from swarm.layout import Cameras, Lights
+
+BLOCK = 64
+"""Frames whose random numbers are drawn at once."""
+_CCD = 0x434344
+"""First number of all spawn keys here, so that no other room's stream has the same."""
+
+
+class Outage(NamedTuple):
+    """When `camera` (0 main, 1 backup) is dark: between both times [s], while the distance to the lights [m] is at most
+    `from_m` and above `to_m`.
+    """
+
+    camera: int
+    from_s: float = 0.0
+    to_s: float = math.inf
+    from_m: float = math.inf
+    to_m: float = 0.0
+
+
+@dataclass(frozen=True)
+class CcdSettings:
+    """One pair of cameras, in SI units; noise and errors are standard deviations.
+
+    craft: index and `key` of the craft that carries `cameras` (as drawn). target: index of the craft with `lights`.
+    random_outage: mean time between failures and mean length of one, per camera [s]; None: no random failure.
+    """
+
+    craft: int
+    key: int
+    target: int
+    cameras: Cameras
+    lights: Lights
+    focal_length_m: float
+    field_rad: float
+    range_min_m: float
+    range_max_m: float
+    cone_rad: float
+    image_noise_m: float
+    resolution_m: float
+    mounting_error_m: float
+    mounting_error_rad: float
+    lost_image_probability: float
+    outages: tuple[Outage, ...]
+    random_outage: tuple[float, float] | None
+
+
+class Line(Protocol):
+    """The ray cast that `swarm.sensors.visibility.Visibility` has."""
+
+    def blocked(self, origin: Floats, point: Floats, position: Floats, quaternion: Floats) -> Bools:
+        """Whether something stands between `origin` (3,) and each `point` (N, 3), craft at the given poses."""
+
+
+class Motion(Protocol):
+    """What the cameras need of `swarm.world.PeriodTruth`: knots over the period, the epoch in the middle."""
+
+    @property
+    def time_s(self) -> Floats: ...  # noqa: D102
+    @property
+    def position(self) -> Floats: ...  # noqa: D102
+    @property
+    def quaternion(self) -> Floats: ...  # noqa: D102
+
+
+class Purpose(IntEnum):
+    """What a random stream is for: the second number of its spawn key."""
+
+    MOUNTING = 0
+    IMAGE = 1
+    LOST = 2
+    OUTAGE = 3
+
+
+class Ccd:
+    """All pairs of cameras of a scenario: `expose` gives what they see in one period."""
+
+    def __init__(self, pairs: Sequence[CcdSettings], line: Line, seed: int, duration_s: float) -> None:
+        """duration_s: how long the run lasts, for the random failures."""
+        self._pairs, self._line, self._seed = tuple(pairs), line, seed
+        self._most = max((len(pair.lights.point_m) for pair in self._pairs), default=0)
+        self.mounted = tuple(self._mounted(pair) for pair in self._pairs)
+        self._outages = tuple((*pair.outages, *self._random_outages(pair, duration_s)) for pair in self._pairs)
+        self._block = -1
+        self._draws: list[tuple[Floats, Bools]] = []
+
+    def expose(self, truth: Motion, frame: int) -> LightImages:
+        """The images of period `frame`, taken at its epoch."""
+        epoch = len(truth.time_s) // 2
+        time_s, position, quaternion = float(truth.time_s[epoch]), truth.position[epoch], truth.quaternion[epoch]
+        rotation = matrix_from_quaternion(quaternion)
+        self._draw(frame // BLOCK)
+        image = np.full((len(self._pairs), 2, self._most, 2), np.nan)
+        seen = np.zeros(image.shape[:-1], dtype=np.bool_)
+        for p, pair in enumerate(self._pairs):
+            light = pair.lights.point_m @ rotation[pair.target].T + position[pair.target]
+            shine = pair.lights.normal @ rotation[pair.target].T
+            noise, lost = self._draws[p]
+            main = rotation[pair.craft] @ self.mounted[p].position_m[0] + position[pair.craft]
+            range_m = float(np.linalg.norm(light.mean(axis=0) - main))
+            for camera in range(2):
+                if lost[frame % BLOCK, camera] or self._dark(p, camera, time_s, range_m):
+                    continue
+                pinhole = rotation[pair.craft] @ self.mounted[p].position_m[camera] + position[pair.craft]
+                axes = rotation[pair.craft] @ self.mounted[p].rotation[camera]
+                r = (light - pinhole) @ axes
+                visible = _in_field(r, pair) & _shines(light - pinhole, shine, pair.cone_rad)
+                if visible.any():
+                    visible[visible] = ~self._line.blocked(pinhole, light[visible], position, quaternion)
+                x = pair.focal_length_m * r[visible, :2] / r[visible, 2:]
+                x += pair.image_noise_m * noise[frame % BLOCK, camera, : len(light)][visible]
+                if pair.resolution_m > 0:
+                    x = pair.resolution_m * np.rint(x / pair.resolution_m)
+                at = np.flatnonzero(visible)
+                image[p, camera, at], seen[p, camera, at] = x, True
+        return LightImages(image, seen)
+
+    def _dark(self, p: int, camera: int, time_s: float, range_m: float) -> bool:
+        return any(
+            outage.camera == camera and outage.from_s <= time_s < outage.to_s and outage.to_m < range_m <= outage.from_m
+            for outage in self._outages[p]
+        )
+
+    def _mounted(self, pair: CcdSettings) -> Cameras:
+        """Where the cameras really are."""
+        draw = self._stream(Purpose.MOUNTING, pair.key).standard_normal((2, 2, 3))
+        turned = pair.cameras.rotation @ exp(pair.mounting_error_rad * draw[:, 0])
+        return Cameras(turned, pair.cameras.position_m + pair.mounting_error_m * draw[:, 1])
+
+    def _random_outages(self, pair: CcdSettings, duration_s: float) -> list[Outage]:
+        """Failures as a Poisson process, each of exponential length, for both cameras by themselves."""
+        found: list[Outage] = []
+        if pair.random_outage is None:
+            return found
+        between_s, length_s = pair.random_outage
+        for camera in range(2):
+            stream, at = self._stream(Purpose.OUTAGE, pair.key, camera), 0.0
+            while (at := at + stream.exponential(between_s)) < duration_s:
+                found.append(Outage(camera, at, at := at + stream.exponential(length_s)))
+        return found
+
+    def _stream(self, purpose: Purpose, *key: int) -> np.random.Generator:
+        return np.random.default_rng(np.random.SeedSequence(self._seed, spawn_key=(_CCD, purpose, *key)))
+
+    def _draw(self, block: int) -> None:
+        """The noise (BLOCK, 2, L, 2) and lost images (BLOCK, 2) of every pair, for this block of frames."""
+        if block != self._block:
+            self._block, self._draws = block, []
+            for pair in self._pairs:
+                shape = (BLOCK, 2, len(pair.lights.point_m), 2)
+                chance = self._stream(Purpose.LOST, pair.key, block).random((BLOCK, 2))
+                noise = self._stream(Purpose.IMAGE, pair.key, block).standard_normal(shape)
+                self._draws.append((noise, chance < pair.lost_image_probability))
+
+
+def _in_field(r: Floats, pair: CcdSettings) -> Bools:
+    """Which lights (L, 3), in the camera's frame, are in its field and range."""
+    angle = np.abs(np.arctan2(r[:, :2], r[:, 2:])).max(axis=1)
+    distance = np.linalg.norm(r, axis=1)
+    inside: Bools = (angle <= pair.field_rad / 2) & (distance >= pair.range_min_m) & (distance <= pair.range_max_m)
+    return inside & (r[:, 2] > 0)
+
+
+def _shines(ray: Floats, normal: Floats, cone_rad: float) -> Bools:
+    """Whether lights with `normal` (L, 3) shine back along the rays (L, 3) from the camera."""
+    shines: Bools = -np.sum(ray * normal, axis=1) >= np.cos(cone_rad) * np.linalg.norm(ray, axis=1)
+    return shines

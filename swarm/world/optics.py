@@ -1,0 +1,44 @@
+"""A model's cameras and lights for the CCD sensor, as a craft's MJCF file has them.
+
+Cameras are those named `ccd...`, the main one first by the number in the name, none or two; MuJoCo's cameras look along
+their -z with y up, ours along +z with y down: half a turn about x. Lights are the sites named `light...`, by number; a
+site's z axis is the direction in which the light shines.
+"""
+
+import re
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from estimators.rotation import matrix_from_quaternion
+from swarm.errors import SwarmError
+from swarm.layout import Cameras, Lights
+
+HALF_TURN_ABOUT_X = np.diag([1.0, -1.0, -1.0])
+
+
+def cameras_of(model: mujoco.MjModel, path: Path) -> Cameras:
+    """The cameras of the one rigid body of `model`, read from `path`. Raises SwarmError for one camera or three."""
+    found = _numbered([model.cam(i).name for i in range(model.ncam)], "ccd")
+    if len(found) not in (0, 2):
+        raise SwarmError(f"{path}: {len(found)} cameras (whose name starts with 'ccd'): a pair is two, main and backup")
+    rotation = matrix_from_quaternion(model.cam_quat[found].reshape(-1, 4)) @ HALF_TURN_ABOUT_X
+    return Cameras(rotation, model.cam_pos[found].reshape(-1, 3).copy())
+
+
+def lights_of(model: mujoco.MjModel) -> Lights:
+    """The lights of the one rigid body of `model`; any number, also none."""
+    found = _numbered([model.site(i).name for i in range(model.nsite)], "light")
+    normal = matrix_from_quaternion(model.site_quat[found].reshape(-1, 4))[..., 2]
+    return Lights(model.site_pos[found].reshape(-1, 3).copy(), normal)
+
+
+def _numbered(names: list[str], prefix: str) -> list[int]:
+    """Indices of the names that start with `prefix`, by the number in the name: light2 before light10."""
+    found = []
+    for index, name in enumerate(names):
+        if name.startswith(prefix):
+            number = re.search(r"\d+", name)
+            found.append((int(number.group()) if number else 0, name, index))
+    return [index for _, _, index in sorted(found)]
