@@ -3,7 +3,6 @@
 Exit codes: 0 done, 2 a mistake of the user (one message, no traceback), 128 + n stopped by signal n (130: Ctrl-C).
 """
 
-import os
 import sys
 from collections.abc import Callable
 from enum import StrEnum
@@ -12,9 +11,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from swarm import study_commands
+from swarm import calibrate_command, layout_command, study_commands
 from swarm.errors import SwarmError
-from swarm.terminal import experiment_and_report, fly_and_report, mistakes
+from swarm.terminal import experiment_and_report, fly_and_report, mistakes, stoppable
 
 if TYPE_CHECKING:
     from swarm.results.progress import Progress
@@ -30,9 +29,9 @@ Begin with:
   swarm view runs/formation-7  look at it, in the viewer
   swarm check my.toml          is my own scenario right?
   swarm run my.toml --set swarm.count=16 --seed 3
-  swarm reproduce              the papers' experiments
   swarm study scaling          many runs, on all cores
   swarm report runs/scaling    one HTML page of them
+  swarm reproduce              the papers' experiments
 
 A run leaves a folder: recording.rrd for the viewer,
 telemetry.parquet with a row per craft and period,
@@ -57,13 +56,6 @@ class Source(StrEnum):
 
     PULSES = "pulses"
     ANGLES = "angles"
-
-
-class Poses(StrEnum):
-    """Whose poses a calibration goes by."""
-
-    TRUTH = "truth"
-    OWN = "own"
 
 
 Scenario = Annotated[
@@ -189,7 +181,9 @@ def view(
         recording = run if run.suffix == ".rrd" else open_run(run).recording
         if recording is None:
             raise SwarmError(f"{run} has no recording: it was flown with --no-recording, or recording.enabled = false")
-        raise typer.Exit(open_viewer(recording, web=web))
+        with stoppable():
+            code = open_viewer(recording, web=web)
+        raise typer.Exit(code)
 
 
 @app.command()
@@ -314,70 +308,8 @@ def reproduce(
         experiment_and_report(experiment, out=out, force=force, seed=seed, sizes=sizes_asked)
 
 
-@app.command()
-def calibrate(
-    survey: Annotated[
-        Path, typer.Argument(metavar="SURVEY", help="The folder of a run with angles, or a libsurvive recording.")
-    ],
-    out: Annotated[
-        Path, typer.Option("--out", metavar="FILE", help="The calibration file to write.", show_default=True)
-    ] = Path("calibration.toml"),
-    poses: Annotated[
-        Poses | None,
-        typer.Option("--poses", help="Known poses, or each craft's own as a start. Else truth where there is one."),
-    ] = None,
-    hold: Annotated[
-        str,
-        typer.Option(
-            "--hold",
-            metavar="LIST",
-            show_default=False,
-            help="What to leave as it is believed: of phase, tilt, curve, gibbous, photodiodes.",
-        ),
-    ] = "",
-    object_name: Annotated[
-        str | None, typer.Option("--object", metavar="NAME", help="Of a recording: the tracked object, such as HMD.")
-    ] = None,
-    lighthouse: Annotated[
-        int, typer.Option("--lighthouse", metavar="N", min=0, help="Of a recording: the station.", show_default=True)
-    ] = 0,
-    calibration: Annotated[
-        Path | None, typer.Option("--calibration", metavar="FILE", help="Of a recording: what to start from.")
-    ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace a file that is there already.")] = False,
-) -> None:
-    """Find the fans' errors and the photodiodes' places from a survey.
-
-    \b
-    swarm run survey
-    swarm calibrate runs/survey-1 --out calibration.toml
-    swarm run survey --seed 2 --calibration calibration.toml
-    swarm calibrate walk.rec.gz --object HMD --lighthouse 0 \\
-        --hold curve,gibbous
-    """
-    with mistakes():
-        # In threads, the small products of a calibration take longer than by themselves, much longer on a busy machine.
-        for library in ("OPENBLAS", "MKL", "OMP"):
-            os.environ.setdefault(f"{library}_NUM_THREADS", "1")
-        from rich.console import Console
-
-        from swarm.calibrate import calibrate_survey
-        from swarm.calibration_report import file_text, print_calibration
-        from swarm.recordings.calibration_file import held_parts, place_for, write_calibration
-        from swarm.survey import observe_recording, observe_run
-
-        held, file = held_parts(hold), place_for(out, force=force)
-        if survey.is_file():
-            seen = observe_recording(survey, object_name, lighthouse, calibration)
-        elif object_name is not None or calibration is not None:
-            raise SwarmError("--object and --calibration belong to a recording, and a run goes by its own scenario")
-        else:
-            seen = observe_run(survey)
-        found = calibrate_survey(seen, None if poses is None else poses.value, held)
-        write_calibration(file, file_text(found))
-        print_calibration(Console(), found, file)
-
-
+app.command()(calibrate_command.calibrate)
+app.command()(layout_command.layout)
 app.command()(study_commands.study)
 app.command()(study_commands.report)
 

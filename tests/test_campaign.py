@@ -139,9 +139,9 @@ def test_a_row_says_what_the_same_run_says(serial: list[dict[str, Any]]) -> None
     assert row["pnp_motion_bias_position_slope_y_s"] == summary["pnp_motion_bias"]["position_slope_s"][1]
 
 
-def test_ctrl_c_stops_and_resume_flies_only_the_rest(serial: list[dict[str, Any]]) -> None:
-    """The real program, stopped by the real signal."""
-    command = [sys.executable, "-m", "swarm", "study", write(SMALL), "--serial"]
+def test_ctrl_c_stops_and_resume_flies_only_the_rest() -> None:
+    """The real program, stopped by the real signal; 16 runs, so that a busy machine does not finish them first."""
+    command = [sys.executable, "-m", "swarm", "study", write(SMALL), "--serial", "--seeds", "8"]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     begun = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
     journal = Path("runs/small") / JOURNAL
@@ -150,15 +150,15 @@ def test_ctrl_c_stops_and_resume_flies_only_the_rest(serial: list[dict[str, Any]
     begun.send_signal(signal.SIGINT)
     _, told = begun.communicate(timeout=60)
     assert begun.returncode == 130
-    assert "Go on: swarm study small.toml --serial --resume" in told
+    assert "Go on: swarm study small.toml --serial --seeds 8 --resume" in told
     before = {row["key"]: row for row in open_study("runs/small").rows.to_pylist()}
-    assert 2 <= len(before) < 6
+    assert 2 <= len(before) < 16
     assert open_study("small").status == "interrupted"
 
     again = subprocess.run([*command, "--resume"], env=environment, capture_output=True, text=True, check=True)
-    assert "6 runs in" in again.stdout
+    assert "16 runs in" in again.stdout
     done = open_study("small")
-    assert numbers(done) == serial
+    assert numbers(done) == numbers(conduct.conduct(load_study("small.toml", seeds=8), out=Path("plain"), serial=True))
     # Seconds differ from one flight to the next: the same ones mean that nothing was flown again.
     after = {row["key"]: row for row in done.rows.to_pylist()}
     assert all(after[key]["seconds"] == row["seconds"] for key, row in before.items())
@@ -239,6 +239,10 @@ def test_folders_are_never_overwritten_by_accident(monkeypatch: pytest.MonkeyPat
     with pytest.raises(SwarmError, match="finished runs that this study does not plan"):
         conduct.conduct(load_study("small.toml", ["duration_s=0.1"], seeds=1), serial=True, resume=True)
     conduct.conduct(load_study("small.toml", ["duration_s=0.1"], seeds=1), serial=True, force=True)
+    busy = study_folder.StudyFolder.open(Path("busy"), plan(study), [], force=False, resume=False)
+    with pytest.raises(SwarmError, match="busy: a run is being written there now"):
+        conduct.conduct(study, out=Path("busy"), serial=True)
+    busy.release()
     Path("mine").mkdir()
     Path("mine/runs.parquet").touch()
     with pytest.raises(SwarmError, match=r"mine/runs\.parquet is not a study's"):

@@ -254,6 +254,27 @@ def test_motions_without_sense(motion, message):
         fleet(motion)
 
 
+def test_a_box_is_filled_evenly_and_places_do_not_depend_on_the_number() -> None:
+    """Boxes from one corner hold their share of the places, twice as nearly as of random ones at least."""
+    size, centre = np.array([4.0, 2.0, 1.0]), np.array([1.0, 0.0, 5.0])
+    motion = Hold((1.0, 0.0, 5.0), box_m=(4.0, 2.0, 1.0))
+    many = Fleet([Task(motion, i, 500) for i in range(500)]).at(0.0).position
+    few = Fleet([Task(motion, i, 20) for i in range(20)]).at(0.0).position
+    np.testing.assert_array_equal(few, many[:20])
+    np.testing.assert_allclose(many[0], centre)
+    share = (many - centre) / size + 0.5
+    assert share.min() >= 0
+    assert share.max() < 1
+    rng = np.random.default_rng(0)
+    corners = rng.random((2000, 3))
+
+    def discrepancy(places: np.ndarray) -> float:
+        inside = (places[None] < corners[:, None]).all(axis=-1).mean(axis=1)
+        return float(np.abs(inside - corners.prod(axis=1)).max())
+
+    assert discrepancy(share) < 0.5 * np.median([discrepancy(rng.random((500, 3))) for _ in range(9)])
+
+
 def test_wandering_keeps_to_its_bounds_its_speed_and_its_band():
     """An hour: RMS of 8 tones, the slowest of a minute, averages to 2 %; the bounds are exact."""
     bound, speed, step_s = np.array([2.0, 1.0, 1.5, 0.5]), np.array([0.2, 0.1, 0.2, 0.4]), 0.2
@@ -280,24 +301,3 @@ def test_wandering_follows_from_the_seed_and_the_craft_alone():
 def test_wandering_too_fast_for_its_box_is_refused():
     with pytest.raises(SwarmError, match=r"cannot stay within 0\.1 of the middle at bandwidth_hz = 0\.5"):
         fleet(Wander((0, 0, 3), (0.2, 0.2, 0.2), 1.0, 0.5, 0.5, 0.5))
-
-
-def test_a_box_is_filled_evenly_and_places_do_not_depend_on_the_number() -> None:
-    """Boxes from one corner hold their share of the places, twice as nearly as of random ones at least."""
-    size, centre = np.array([4.0, 2.0, 1.0]), np.array([1.0, 0.0, 5.0])
-    motion = Hold((1.0, 0.0, 5.0), box_m=(4.0, 2.0, 1.0))
-    many = Fleet([Task(motion, i, 500) for i in range(500)]).at(0.0).position
-    few = Fleet([Task(motion, i, 20) for i in range(20)]).at(0.0).position
-    np.testing.assert_array_equal(few, many[:20])
-    np.testing.assert_allclose(many[0], centre)
-    share = (many - centre) / size + 0.5
-    assert share.min() >= 0
-    assert share.max() < 1
-    rng = np.random.default_rng(0)
-    corners = rng.random((2000, 3))
-
-    def discrepancy(places: np.ndarray) -> float:
-        inside = (places[None] < corners[:, None]).all(axis=-1).mean(axis=1)
-        return float(np.abs(inside - corners.prod(axis=1)).max())
-
-    assert discrepancy(share) < 0.5 * np.median([discrepancy(rng.random((500, 3))) for _ in range(9)])

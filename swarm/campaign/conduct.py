@@ -50,6 +50,22 @@ def conduct(
     runs = plan(study)
     made_with = versions()
     folder = StudyFolder.open(out or default_folder(study), runs, made_with, force=force, resume=resume)
+    try:
+        return _conduct(study, runs, folder, made_with, scheduler, serial, command, progress)
+    finally:
+        folder.release()
+
+
+def _conduct(
+    study: Study,
+    runs: list[PlannedRun],
+    folder: StudyFolder,
+    made_with: list[str],
+    scheduler: str | None,
+    serial: bool,
+    command: str,
+    progress: Callable[[StudyProgress], None] | None,
+) -> FinishedStudy:
     write_text(folder.path / STUDY, study_toml(study, made_with))
     began, earlier_s = time.monotonic(), _earlier_s(folder)
     head = {

@@ -23,7 +23,7 @@ import pyarrow.parquet as pq
 from swarm.campaign.plan import PlannedRun
 from swarm.campaign.task import HEAD, LOST, SECONDS
 from swarm.errors import SwarmError, did_you_mean
-from swarm.results.disk import write_text, writing
+from swarm.results.disk import FolderLock, write_text, writing
 from swarm.results.run_folder import PROGRAM, RUNS
 from swarm.scenario.mistakes import split_unit
 from swarm.scenario.text import toml_value
@@ -66,6 +66,7 @@ class StudyFolder:
     path: Path
     parameters: Sequence[str]
     rows: dict[str, Row]
+    lock: FolderLock | None = None
 
     def __post_init__(self) -> None:
         self._written_s, self._cost_s = time.monotonic(), 0.0
@@ -76,21 +77,39 @@ class StudyFolder:
     ) -> "StudyFolder":
         """A new folder, or with `resume` one with the rows of an earlier start; `force` empties it.
 
-        Raises SwarmError where there is a study already, or files in the way, or where the earlier start does not fit:
-        another version, or finished runs that this study does not plan.
+        Nobody else can write there until `release`. Raises SwarmError where there is a study already, or files in the
+        way, or where the earlier start does not fit: another version, or finished runs that this study does not plan.
         """
+        with writing(path):
+            path.mkdir(parents=True, exist_ok=True)
+        lock = FolderLock(path)
+        try:
+            return cls._claim(path, runs, versions, lock, force=force, resume=resume)
+        except BaseException:
+            lock.release()
+            raise
+
+    @classmethod
+    def _claim(
+        cls,
+        path: Path,
+        runs: Sequence[PlannedRun],
+        versions: Sequence[str],
+        lock: FolderLock,
+        *,
+        force: bool,
+        resume: bool,
+    ) -> "StudyFolder":
         parameters = list(dict.fromkeys(key for run in runs for key in run.parameters))
         state = _state_of(path)
         if state is None:
             _refuse_strangers(path)
         elif force:
             _empty(path)
-        elif not resume:
+        elif not resume and _rows_of(path):
             raise SwarmError(f"{path} holds a study already; --resume continues it, --force starts again")
-        with writing(path):
-            path.mkdir(parents=True, exist_ok=True)
         kept = _kept(path, runs, versions, state) if state is not None and not force else {}
-        return cls(path, parameters, kept)
+        return cls(path, parameters, kept, lock)
 
     @cached_property
     def _journal(self) -> Any:
@@ -140,6 +159,11 @@ class StudyFolder:
         """Nothing more will come: everything is in runs.parquet, and the journal has done its work."""
         self.pause()
         (self.path / JOURNAL).unlink(missing_ok=True)
+
+    def release(self) -> None:
+        """Others may write there."""
+        if self.lock is not None:
+            self.lock.release()
 
 
 def open_study(path: str | Path) -> FinishedStudy:
@@ -217,11 +241,14 @@ def _rows_of(folder: Path) -> dict[str, Row]:
 
 def _kept(path: Path, runs: Sequence[PlannedRun], versions: Sequence[str], state: Mapping[str, Any]) -> dict[str, Row]:
     """The rows of an earlier start that this one need not compute again."""
+    rows = _rows_of(path)
+    if not rows:
+        return {}
     if differing := [f"{a} then, {b} now" for a, b in zip(state.get("versions", []), versions, strict=False) if a != b]:
         raise SwarmError(f"{path} was begun with other versions ({differing[0]}); --force starts again")
     planned = {run.key: run for run in runs}
     kept = {}
-    for key, row in _rows_of(path).items():
+    for key, row in rows.items():
         if key not in planned:
             raise SwarmError(
                 f"{path} has finished runs that this study does not plan, such as number {row['run']}; "

@@ -1,7 +1,8 @@
 """The figures of a scaling study: everything against the number of craft, and the central solver's cost as a line.
 
-The central solver's time is fitted by t = a + b N over the runs, relative errors counting alike; where the line meets
-the lighthouse's period T is the swarm that one computer like this can just follow.
+The central solver's time is fitted by t = a + b N over the runs, relative errors counting alike. The swarm that one
+computer like this can just follow is where the measured times, joined by straight lines and the last one carried on,
+meet the lighthouse's period.
 """
 
 from typing import NamedTuple
@@ -29,7 +30,7 @@ NEES_DOF = 6
 
 
 class Line(NamedTuple):
-    """t = start + slope N [us], and where it reaches the period: craft (None if it never does)."""
+    """t = start + slope N [us] over all sizes, and the number of craft at which the period is full (None if never)."""
 
     start_us: float
     slope_us: float
@@ -46,7 +47,17 @@ def central_line(rows: Rows) -> Line | None:
     matrix = np.stack([np.ones(known.sum()), craft[known]], axis=1) / cost[known, None]
     start, slope = np.linalg.lstsq(matrix, np.ones(known.sum()), rcond=None)[0]
     period_us = float(1e6 * np.nanmedian(rows.column("flown_s") / rows.column("periods")))
-    return Line(float(start), float(slope), period_us, float((period_us - start) / slope) if slope > 0 else None)
+    return Line(float(start), float(slope), period_us, _meets(rows, period_us))
+
+
+def _meets(rows: Rows, period_us: float) -> float | None:
+    """Where the mean times meet the period [craft]: between two sizes, or beyond the last; None if they do not rise."""
+    points, cost = rows.points, rows.spread("central_solve_us").mean
+    points, cost = points[np.isfinite(cost)], cost[np.isfinite(cost)]
+    above = np.flatnonzero(cost >= period_us)
+    end = min(max(int(above[0]) if above.size else len(cost) - 1, 1), len(cost) - 1)
+    rise = (cost[end] - cost[end - 1]) / (points[end] - points[end - 1])
+    return float(points[end] + (period_us - cost[end]) / rise) if rise > 0 else None
 
 
 def onboard(rows: Rows) -> Picture:
@@ -159,9 +170,6 @@ def central_cost(rows: Rows) -> Picture:
             s = rows.spread(name, 1e-3)
             band(axes, rows.points, s.low, s.mean, s.high, label, colour, marker="o")
         if line := central_line(rows):
-            reach = max(rows.points[-1], 1.6 * (line.limit_craft or 0))
-            grid = np.geomspace(rows.points[0], reach, 60)
-            axes.plot(grid, (line.start_us + line.slope_us * grid) * 1e-3, color=RED, linewidth=1, linestyle=":")
             axes.axhline(line.period_us * 1e-3, color=GREY, linewidth=1.2)
             axes.annotate(
                 f"one period, {line.period_us * 1e-3:.1f} ms",
@@ -171,6 +179,9 @@ def central_cost(rows: Rows) -> Picture:
                 color=GREY,
             )
             if line.limit_craft:
+                ends = rows.points[-1], line.limit_craft
+                last = rows.spread("central_solve_us").mean[-1]
+                axes.plot(ends, np.array([last, line.period_us]) * 1e-3, color=RED, linewidth=1, linestyle=":")
                 axes.plot([line.limit_craft], [line.period_us * 1e-3], "D", color=RED)
                 axes.annotate(
                     f"{number(line.limit_craft, 2)} craft",
@@ -187,7 +198,7 @@ def central_cost(rows: Rows) -> Picture:
     return picture(
         "central-cost",
         "Time to solve a period's poses: one central computer for all craft, and one craft for itself; "
-        "dotted, the straight line through the central solver's times.",
+        "dotted, carried on from the last two sizes.",
         paint,
     )
 
