@@ -15,9 +15,8 @@ import numpy as np
 
 from estimators.arrays import Bools
 from estimators.calibration_problem import Noise
-from estimators.rotation import quaternion_from_matrix
 from estimators.sweep import FanErrors
-from swarm import scenario
+from swarm import build_guidance, scenario
 from swarm.assets import find_model
 from swarm.build_cameras import cameras, craft_keys
 from swarm.errors import SwarmError, did_you_mean
@@ -38,7 +37,14 @@ FAN_ERROR_MAX_RAD = 0.1
 """What a fan's systematic errors can add to a sweep angle at most; the decoder believes angles so far outside."""
 WIDEST_HALF_FIELD_RAD = 1.57
 """Just below pi/2: no fan can be seen from behind."""
-_START_KEYS = {"ring": "radius_m", "waypoints": "points_m", "approach": "from_m", "wander": "centre_m"}
+_START_KEYS = {
+    "ring": "radius_m",
+    "waypoints": "points_m",
+    "approach": "from_m",
+    "wander": "centre_m",
+    "formation": "figures",
+    "dock": "from_m",
+}
 
 
 def check(settings: Scenario) -> None:
@@ -56,7 +62,10 @@ def fleet(settings: Scenario) -> Fleet:
     Raises SwarmError, naming scenario, key and value, where a motion makes no sense.
     """
     craft = scenario.craft(settings)
-    tasks = [Task(_motion(c.motion, settings), c.index, c.count) for c in craft]
+    tasks = [Task(_motion(c, settings), c.index, c.count) for c in craft]
+    for pair in build_guidance.matings(settings):
+        attitude = build_guidance.facing_port(pair, Fleet([tasks[pair.target]]).at(0.0))
+        tasks[pair.craft] = replace(tasks[pair.craft], motion=replace(tasks[pair.craft].motion, attitude=attitude))
     try:
         return Fleet(tasks, settings.seed)
     except SwarmError:
@@ -80,18 +89,19 @@ def world(settings: Scenario, motions: Fleet) -> World:
     Raises SwarmError, naming scenario, key and value: a model that cannot fly, or a craft inside another one.
     """
     craft = scenario.craft(settings)
-    start = motions.at(0.0)
-    quaternion = quaternion_from_matrix(start.rotation)
+    start = build_guidance.start(settings, motions)
     starts = [
-        CraftStart(c.name, c.model, start.position[i], quaternion[i], start.velocity[i], start.angular_rate[i])
+        CraftStart(c.name, c.model, start.position[i], start.quaternion[i], start.velocity[i], start.angular_rate[i])
         for i, c in enumerate(craft)
     ]
+    latches = [(pair.craft, pair.target) for pair in build_guidance.matings(settings)]
     with _blame(settings, craft):
         return World(
             starts,
             find_model(settings.lighthouse.model),
             settings.lighthouse.rate_hz,
             settings.physics.steps_per_period,
+            latches,
         )
 
 
@@ -212,12 +222,17 @@ def _fan(table: scenario.Fan) -> FanErrors:
     return FanErrors(table.phase_rad, table.tilt_rad, table.curve, table.gibbous_phase_rad, table.gibbous_magnitude)
 
 
-def _motion(table: scenario.AnyMotion, settings: Scenario) -> motion.Motion:
+def _motion(craft: Craft, settings: Scenario) -> motion.Motion:
+    table = craft.motion
+    if isinstance(table, scenario.Dock):
+        return build_guidance.beginning(table, craft, motion.Attitude())
     a = table.attitude
     attitude = motion.Attitude(
         a.facing, radians(a.roll_deg), radians(a.pitch_deg), radians(a.yaw_deg), radians(a.spin_deg_s)
     )
     match table:
+        case scenario.Keep() | scenario.Formation():
+            return build_guidance.beginning(table, craft, attitude)
         case scenario.Hold():
             return motion.Hold(table.position_m, table.spacing_m, attitude, table.box_m)
         case scenario.Ring():

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from estimators.arrays import Floats
 from estimators.rotation import matrix_from_quaternion
-from swarm import build, build_cameras
+from swarm import build, build_cameras, build_guidance
 from swarm.assets import find_model
+from swarm.guided_flight import GuidedFlight
 from swarm.onboard import control
 from swarm.onboard.control import Command, State
 from swarm.onboard.decoder import SweepAngles
@@ -73,7 +74,7 @@ def simulate(
     ) as writer:
         for frame in range(max(1, round(duration_s / flight.period_s))):
             time_s, truth, sight, estimate = flight.period(frame)
-            writer.append(frame, time_s, truth, sight, estimate, angles=flight.angles)
+            writer.append(frame, time_s, truth, sight, estimate, angles=flight.angles, extra=flight.guided.values)
             if observer is not None:
                 observer.period(frame, truth, estimate)
             if progress is not None:
@@ -108,6 +109,7 @@ class Flight:
         """What every craft's decoder made of the last period."""
         self.steers_by_estimate = np.array([craft.feedback == "estimate" for craft in craft(scenario)])
         self.period_s = 1 / settings.rate_hz
+        self.guided = GuidedFlight(scenario, self.motions, self.world, self.steers_by_estimate)
         self.scene = Scene(
             craft=self.world.names,
             visuals=[self.world.visuals(i) for i in range(layout.craft_count)],
@@ -126,8 +128,9 @@ class Flight:
                 )
                 for pair in pairs
             ],
+            extra=self.guided.columns,
         )
-        start = self.motions.start()
+        start = build_guidance.start(scenario, self.motions)
         self._true = State(matrix_from_quaternion(start.quaternion), start.angular_rate, start.position, start.velocity)
         self._estimated = control.unknown(layout.craft_count)
         self._command = Command(*np.zeros((2, layout.craft_count, 3)))
@@ -149,6 +152,7 @@ class Flight:
                 estimate.rotation, estimate.angular_rate, estimate.position, estimate.velocity
             ).ahead(self.period_s / 2)
         epoch = len(truth.time_s) // 2
+        self.guided.learn(truth, estimate)
         at_epoch = Truth(
             truth.position[epoch],
             truth.quaternion[epoch],
@@ -191,8 +195,8 @@ class Flight:
         believed = self._true
         if self.steers_by_estimate.any():
             believed = self._true.where(~self.steers_by_estimate, self._estimated)
-        reference = self.motions.at(frame * self.period_s)
-        command = control.command(reference, believed)
+        reference = self.guided.steer(frame * self.period_s, believed)
+        command = self.guided.command(reference, believed)
         force, torque = control.wrench(command, reference, believed, self.world.mass, self.world.inertia)
         if self.pushes.pushed.any():
             more = self.world.inertial_wrench(*self.pushes.at(frame))

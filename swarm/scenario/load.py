@@ -16,9 +16,9 @@ from swarm.assets import find_model, find_scenario, lighthouses, models
 from swarm.errors import SwarmError
 from swarm.scenario import mistakes, schema
 from swarm.scenario.cameras import Ccd
+from swarm.scenario.kinds import AnyMotion
 from swarm.scenario.mistakes import Problem, dotted, parse_path
-from swarm.scenario.motions import AnyMotion
-from swarm.scenario.schema import Disturbance, Scenario
+from swarm.scenario.schema import Disturbance, Scatter, Scenario
 from swarm.scenario.text import toml_value
 
 
@@ -35,6 +35,7 @@ class Craft:
     lighthouse: bool
     disturbance: Disturbance
     ccd: Ccd | None
+    scatter: Scatter
 
 
 class Override(NamedTuple):
@@ -121,7 +122,7 @@ def craft(scenario: Scenario) -> list[Craft]:
         for name, single in zip(names[swarm.count :], scenario.craft, strict=True)
     ]
     return [
-        Craft(name, file, of.feedback, of.motion, index, count, of.lighthouse, of.disturbance, ccd)
+        Craft(name, file, of.feedback, of.motion, index, count, of.lighthouse, of.disturbance, ccd, of.scatter)
         for name, file, of, index, count, ccd in group
     ]
 

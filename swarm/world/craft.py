@@ -3,7 +3,7 @@
 The body frame `b` is the frame of the file's one root body. Bodies below it that no joint moves are fused into it
 (geoms, photodiodes and inertia included), its pose in the file and its free joint are dropped: the world places it.
 The photodiodes are the sites whose name starts with `photodiode`; a site's z axis is the photodiode's outward normal.
-Cameras and lights of the CCD sensor: `swarm.world.optics`.
+Cameras and lights of the CCD sensor: `swarm.world.optics`. Docking ports: `swarm.world.docking`.
 """
 
 import re
@@ -21,7 +21,9 @@ from estimators.arrays import Floats
 from estimators.rotation import matrix_from_quaternion
 from swarm.errors import SwarmError
 from swarm.layout import Cameras, Lights
+from swarm.ports import Port
 from swarm.world import shapes
+from swarm.world.docking import port_of
 from swarm.world.optics import cameras_of, lights_of
 
 LEAST_PHOTODIODES = 4
@@ -63,6 +65,7 @@ class CraftModel(NamedTuple):
     visuals: tuple[Visual, ...]
     cameras: Cameras
     lights: Lights
+    port: Port | None
 
 
 @lru_cache(maxsize=64)
@@ -90,6 +93,7 @@ def _load_version(path: Path, modified_ns: int) -> CraftModel:
         visuals_of(model),
         cameras_of(model, path),
         lights_of(model),
+        port_of(model, path),
     )
 
 

@@ -21,6 +21,7 @@ from estimators.kernel import kernel
 from estimators.rotation import matrix_from_quaternion
 from swarm import layout
 from swarm.errors import SwarmError
+from swarm.world import docking
 from swarm.world.assembly import LIGHTHOUSE, Placement, assemble
 from swarm.world.craft import Visual, load_craft, quiet
 from swarm.world.nearby import Neighbourhood
@@ -69,8 +70,9 @@ class World:
         lighthouse: Path,
         rate_hz: float = 60.0,
         steps_per_period: int = 8,
+        latches: Sequence[tuple[int, int]] = (),
     ) -> None:
-        """Build the world; rate_hz is the lighthouse's.
+        """Build the world; rate_hz is the lighthouse's. latches: pairs of craft that `latch` can hold together.
 
         Raises SwarmError: two craft of one name, a model that `load_craft` refuses, or a craft that is inside another
         one or inside the lighthouse.
@@ -88,7 +90,7 @@ class World:
             Placement(name, model.spec, model.file_pose, position[i], quaternion[i])
             for i, (name, model) in enumerate(zip(self.names, self._models, strict=True))
         ]
-        self.model = assemble(placements, lighthouse, timestep_s)
+        self.model = assemble(placements, lighthouse, timestep_s, latches)
         self._data = mujoco.MjData(self.model)
 
         self.lighthouse_body = 1
@@ -109,6 +111,7 @@ class World:
         self.inertia: Floats = np.array([model.inertia for model in self._models]).reshape(-1, 3, 3)
         self.cameras = tuple(model.cameras for model in self._models)
         self.lights = tuple(model.lights for model in self._models)
+        self.ports = tuple(model.port for model in self._models)
         self.photodiodes = layout.pad([m.point_m for m in self._models], [m.normal for m in self._models])
         with quiet():
             mujoco.mj_forward(self.model, self._data)
@@ -149,6 +152,10 @@ class World:
         if not stable or any(self._data.warning.number):
             self._report_instability(pose, rate, time_s)
         return PeriodTruth(time_s, position, quaternion, velocity, angular_rate, contact)
+
+    def latch(self, number: int) -> None:
+        """Close a latch, by its place among those of the world: its craft stay together from now on, as they stand."""
+        docking.close(self.model, self._data, number)
 
     def inertial_wrench(self, acceleration: Floats, angular_acceleration: Floats) -> tuple[Floats, Floats]:
         """Force (C, 3) [N] and torque (C, 3) [N m] that give every craft these accelerations now.

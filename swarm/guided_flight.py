@@ -1,0 +1,94 @@
+"""The guided craft of one flight: between what the craft know, what their control does, and what truly happens.
+
+steer     what all craft should do now: the fixed motions, and what guidance decides
+command   the control's feedback towards that, kept clear of other craft
+learn     after the period: latches close, and the craft's switches and navigation are read for the next one
+"""
+
+import numpy as np
+
+from estimators.arrays import Bools, Floats
+from estimators.rotation import matrix_from_quaternion
+from swarm import build_guidance
+from swarm.guidance.guidance import Knowledge
+from swarm.motion.fleet import Fleet, Reference
+from swarm.onboard import control
+from swarm.onboard.control import Command, State
+from swarm.onboard.navigation import Estimate, Status
+from swarm.ports import Closing
+from swarm.results import guidance_columns
+from swarm.results.extra_columns import Extra
+from swarm.scenario import Scenario
+from swarm.world.world import PeriodTruth, World
+
+
+class GuidedFlight:
+    """The motions and the guidance of a scenario's C craft; without guided craft, just the motions."""
+
+    def __init__(self, settings: Scenario, motions: Fleet, world: World, steers_by_estimate: Bools) -> None:
+        station = motions.at(0.0)
+        self._motions, self._world = motions, world
+        self._blind = steers_by_estimate
+        self._matings = build_guidance.matings(settings)
+        self._guidance = build_guidance.guidance(settings, self._matings, station)
+        nothing = np.zeros(len(steers_by_estimate))
+        self._known = Knowledge(nothing > 0, nothing, nothing > 0)
+        self._period_s = 1 / settings.lighthouse.rate_hz
+        self._reference = station
+        self.columns: tuple[Extra, ...] = () if self._guidance is None else guidance_columns.COLUMNS
+        """The telemetry columns that this flight has beside the usual ones."""
+        if self._matings:
+            self.columns += guidance_columns.DOCKING_COLUMNS
+        self.values: Floats = np.zeros((len(nothing), 0))
+        """Their values for the last period, (C, N)."""
+
+    def steer(self, time_s: float, believed: State) -> Reference:
+        """Where every craft should be at `time_s` [s], as far as they know by `believed` where they are."""
+        steered = None if self._guidance is None else self._guidance.steer(time_s, believed, self._known)
+        self._reference = self._motions.at(time_s, steered)
+        return self._reference
+
+    def command(self, reference: Reference, believed: State) -> Command:
+        """What every craft orders its actuators to do, to get there."""
+        if self._guidance is None:
+            return control.command(reference, believed)
+        return self._guidance.clear(control.command(reference, believed, self._guidance.feedback), believed)
+
+    def learn(self, truth: PeriodTruth, estimate: Estimate) -> None:
+        """What the period that has ended brings."""
+        if self._guidance is None:
+            return
+        pairs = self._latch(truth)
+        sigma = np.sqrt(np.trace(estimate.covariance[:, 6:9, 6:9], axis1=1, axis2=2))
+        tracking = estimate.status == Status.TRACKING
+        self._known = self._known._replace(
+            tracking=np.where(self._blind, tracking, True), sigma_m=np.where(self._blind, sigma, 0.0)
+        )
+        epoch, wanted, half = len(truth.time_s) // 2, self._reference, self._period_s / 2
+        reference = wanted.position + wanted.velocity * half + wanted.acceleration * half**2 / 2
+        guidance = self._guidance
+        block = [guidance_columns.values(guidance.phase, guidance.gave_way, reference, truth.position[epoch])]
+        if self._matings:
+            block.append(guidance_columns.docking_values(len(guidance.phase), pairs))
+        self.values = np.concatenate(block, axis=1)
+
+    def _latch(self, truth: PeriodTruth) -> list[tuple[int, Closing]]:
+        """Close the latches that have met; how every pair stands at the epoch."""
+        at_epoch = len(truth.time_s) // 2
+        stands = []
+        for number, mating in enumerate(self._matings):
+            last, epoch = (
+                mating.closing(
+                    matrix_from_quaternion(truth.quaternion[k]),
+                    truth.position[k],
+                    truth.velocity[k],
+                    truth.angular_rate[k],
+                )
+                for k in (-1, at_epoch)
+            )
+            met = truth.contact[mating.craft] and truth.contact[mating.target]
+            if met and not self._known.latched[mating.craft] and mating.within_reach(last):
+                self._world.latch(number)
+                self._known.latched[mating.craft] = True
+            stands.append((mating.craft, epoch))
+        return stands
