@@ -17,8 +17,8 @@ from estimators.rotation import matrix_from_quaternion, quaternion_multiply
 from swarm.errors import SwarmError
 from swarm.ports import Closing, Port, closing, placed
 
-RELATIVE_POSE = slice(3, 10)
-"""Where MuJoCo's data of a weld has position and quaternion of the second body in the first one's frame."""
+ANCHOR, POSE, TORQUE = slice(0, 3), slice(3, 10), 10
+"""Where MuJoCo's data of a weld has its anchor in the second body, that body's pose in the first, its torque scale."""
 INVERSE = np.array([1.0, -1.0, -1.0, -1.0])
 
 
@@ -69,5 +69,7 @@ def close(model: mujoco.MjModel, data: mujoco.MjData, latch: int) -> None:
     one, other = int(model.eq_obj1id[latch]), int(model.eq_obj2id[latch])
     back = data.xquat[one] * INVERSE
     place = matrix_from_quaternion(back) @ (data.xpos[other] - data.xpos[one])
-    model.eq_data[latch, RELATIVE_POSE] = [*place, *quaternion_multiply(back, data.xquat[other])]
+    weld = model.eq_data[latch]
+    weld[ANCHOR], weld[TORQUE] = 0.0, 1.0
+    weld[POSE] = [*place, *quaternion_multiply(back, data.xquat[other])]
     data.eq_active[latch] = 1
