@@ -33,9 +33,9 @@ class DockingPlan:
 
     own, target: the ports, in the craft's body frame and in the lighthouse frame. start_m: where it waits at first.
     hold_ranges_m: ranges of the hold points, outermost first; hold_s: the time at each. closing_speed_m_s: at contact.
-    overtravel_m: how far beyond the port it feels for contact. lost_s, sigma_limit_m: without a pose for longer, or less
-    sure of its position (root of the covariance's trace), its navigation is lost. settle_s: good for so long, it is
-    trusted. retreats: how many before it gives up.
+    overtravel_m: how far beyond the port it feels for contact. lost_s, sigma_limit_m: without a pose for longer, or
+    less sure of its position (root of the covariance's trace), its navigation is lost. settle_s: good for so long, it
+    is trusted. retreats: how many before it gives up.
     """
 
     craft: int

@@ -43,7 +43,7 @@ class Formation:
         self._begun_s, self._length_s = 0.0, 0.0
 
     def at(self, time_s: float, heard: Heard) -> Motion:
-        """Where the craft of the formation should be now, (N, 3) each. heard: what decides places when a figure ends."""
+        """Where the craft of the formation should be now, (N, 3) each. heard: decides places when a figure ends."""
         after = self._current + 1
         if after < len(self._figures) and time_s >= self._figures[after].at_s:
             self._begin(time_s, heard)

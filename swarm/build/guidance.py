@@ -12,10 +12,7 @@ from math import radians
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from estimators import rotation as rot
-from estimators.rotation import matrix_from_quaternion
 from swarm import scenario
-from swarm.build_cameras import craft_keys
 from swarm.errors import SwarmError
 from swarm.guidance.corridor import Corridor
 from swarm.guidance.docking import Docking, DockingPlan
@@ -24,48 +21,13 @@ from swarm.guidance.gains import Gains, regulator
 from swarm.guidance.glideslope import Glideslope
 from swarm.guidance.guidance import Clearance, Guidance
 from swarm.guidance.shapes import Rigid, Shape
-from swarm.motion.fleet import Attitude, Fleet, Guided, Reference, Start, on_grid
+from swarm.motion.fleet import Attitude, Guided, Reference, on_grid
 from swarm.ports import Port, docked_pose, placed
 from swarm.scenario import Craft, Dock, Keep, Scenario
 from swarm.world.craft import load_craft
 from swarm.world.docking import Mating
 
-PURPOSE = 0x7374617274
-"""Spawn key of the random numbers: "start"."""
-
 GuidedTable = Keep | scenario.Formation | Dock
-
-
-def start(settings: Scenario, motions: Fleet) -> Start:
-    """How every craft starts; its scatter is drawn from the seed and its name alone."""
-    first = motions.start()
-    craft = scenario.craft(settings)
-    sigma = np.array(
-        [
-            (
-                c.scatter.position_m,
-                c.scatter.velocity_m_s,
-                radians(c.scatter.attitude_deg),
-                radians(c.scatter.angular_rate_deg_s),
-            )
-            for c in craft
-        ]
-    ).reshape(-1, 4, 1)
-    if not sigma.any():
-        return first
-    keys = craft_keys(settings)
-    draws = [
-        np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(PURPOSE, key))).standard_normal((4, 3))
-        for key in keys
-    ]
-    off = sigma * np.array(draws)
-    turned = rot.exp(off[:, 2]) @ matrix_from_quaternion(first.quaternion)
-    return Start(
-        first.position + off[:, 0],
-        rot.quaternion_from_matrix(turned),
-        first.velocity + off[:, 1],
-        first.angular_rate + off[:, 3],
-    )
 
 
 def beginning(table: GuidedTable, craft: Craft, attitude: Attitude) -> Guided:
