@@ -1,6 +1,7 @@
 """The command `swarm`: its commands put together. Everything heavy is imported by the command that uses it.
 
-Exit codes: 0 done, 2 a mistake of the user (one message, no traceback), 128 + n stopped by signal n (130: Ctrl-C).
+Exit codes: 0 done, 1 done but a criterion of the scenario did not hold, 2 a mistake of the user (one message, no
+traceback), 128 + n stopped by signal n (130: Ctrl-C).
 """
 
 import os

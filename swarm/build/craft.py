@@ -81,13 +81,8 @@ def start(settings: Scenario, motions: Fleet) -> Start:
     ).reshape(-1, 4, 1)
     if not sigma.any():
         return first
-    keys = craft_keys(settings)
-    draws = [
-        np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(START_PURPOSE, key))).standard_normal(
-            (4, 3)
-        )
-        for key in keys
-    ]
+    streams = (np.random.SeedSequence(settings.seed, spawn_key=(START_PURPOSE, key)) for key in craft_keys(settings))
+    draws = [np.random.default_rng(stream).standard_normal((4, 3)) for stream in streams]
     off = sigma * np.array(draws)
     turned = rot.exp(off[:, 2]) @ matrix_from_quaternion(first.quaternion)
     return Start(
