@@ -20,6 +20,7 @@ from estimators.sweep import FanErrors
 from swarm import scenario
 from swarm.assets import find_model
 from swarm.build_cameras import cameras, craft_keys
+from swarm.build_dynamics import orbit
 from swarm.errors import SwarmError, did_you_mean
 from swarm.layout import Photodiodes
 from swarm.motion import fleet as motion
@@ -92,6 +93,7 @@ def world(settings: Scenario, motions: Fleet) -> World:
             find_model(settings.lighthouse.model),
             settings.lighthouse.rate_hz,
             settings.physics.steps_per_period,
+            orbit(settings),
         )
 
 
@@ -156,6 +158,7 @@ def navigation(settings: Scenario) -> NavigationSettings:
         gate_probability=table.gate_probability,
         coast_limit_s=table.coast_limit_s,
         filter=table.filter,
+        orbit=orbit(settings),
     )
     if table.calibration is None:
         return made

@@ -14,9 +14,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.arrays import Floats
 from estimators.rotation import matrix_from_quaternion
-from swarm import build, build_cameras
+from swarm import build, build_cameras, build_dynamics
+from swarm.actuation.actuators import Drive
 from swarm.assets import find_model
 from swarm.onboard import control
 from swarm.onboard.control import Command, State
@@ -98,6 +98,8 @@ class Flight:
         pairs = [true for true, _ in cameras]
         self.ccd = Ccd(pairs, self.visibility, scenario.seed, scenario.duration_s) if cameras else None
         self.pushes = build.pushes(scenario)
+        self.orbit = build_dynamics.orbit(scenario)
+        self.actuators = build_dynamics.actuators(scenario, self.world)
         self.decoder = build.decoder(scenario, layout.present)
         navigation, own_layout = build.navigation(scenario), build.believed_layout(scenario, self.world.photodiodes)
         own_layout = own_layout._replace(present=layout.present)
@@ -126,6 +128,8 @@ class Flight:
                 )
                 for pair in pairs
             ],
+            thrusters=self.actuators.thrusters,
+            actuators=self.actuators.fitted,
         )
         start = self.motions.start()
         self._true = State(matrix_from_quaternion(start.quaternion), start.angular_rate, start.position, start.velocity)
@@ -155,6 +159,7 @@ class Flight:
             truth.velocity[epoch],
             truth.angular_rate[epoch],
             truth.contact,
+            self.actuators.effort,
         )
         return float(truth.time_s[epoch]), at_epoch, np.minimum(sight[..., 0], sight[..., 1]), estimate
 
@@ -163,8 +168,9 @@ class Flight:
 
         Returns the truth, and the `Sight` of every photodiode as each fan sweeps, (C, K, 2).
         """
-        force, torque, self._command = self._wrench(frame)
-        truth = self.world.advance(force, torque)
+        drive = self._wrench(frame)
+        self._command = drive.command
+        truth = self.world.advance(drive.force, drive.torque, drive.onboard)
         last = -1
         self._true = State(
             matrix_from_quaternion(truth.quaternion[last]),
@@ -182,8 +188,8 @@ class Flight:
             out[..., fan] = self.visibility.state(truth.position[k], truth.quaternion[k])
         return out
 
-    def _wrench(self, frame: int) -> tuple[Floats, Floats, Command]:
-        """Force and torque (C, 3) of every craft in period `frame`: its control, and what pushes it at random.
+    def _wrench(self, frame: int) -> Drive:
+        """What moves every craft in period `frame`: its control, through its actuators, and what pushes it at random.
 
         With the command that its navigation knows: none of a craft that is steered by the truth, which must not reach
         its filter that way.
@@ -192,8 +198,9 @@ class Flight:
         if self.steers_by_estimate.any():
             believed = self._true.where(~self.steers_by_estimate, self._estimated)
         reference = self.motions.at(frame * self.period_s)
-        command = control.command(reference, believed)
-        force, torque = control.wrench(command, reference, believed, self.world.mass, self.world.inertia)
+        command = control.command(reference, believed, self.orbit)
+        wanted = control.wrench(command, reference, believed, self.world.mass, self.world.inertia)
+        force, torque, onboard, command = self.actuators.drive(*wanted, believed, command)
         if self.pushes.pushed.any():
             more = self.world.inertial_wrench(*self.pushes.at(frame))
             # What the spin asks for anyway is in the control's own wrench already.
@@ -204,4 +211,4 @@ class Flight:
         if pushed.any():
             pushed_force, pushed_torque = self.world.inertial_wrench(*self.motions.disturbance(frame))
             force[pushed], torque[pushed] = pushed_force[pushed], pushed_torque[pushed]
-        return force, torque, command.only(self.steers_by_estimate)
+        return Drive(force, torque, onboard, command.only(self.steers_by_estimate))
