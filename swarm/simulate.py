@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.rotation import matrix_from_quaternion
-from swarm import build, build_cameras, build_dynamics
+from swarm import build
 from swarm.actuation.actuators import Drive
 from swarm.assets import find_model
 from swarm.onboard import control
@@ -73,7 +73,7 @@ def simulate(
     ) as writer:
         for frame in range(max(1, round(duration_s / flight.period_s))):
             time_s, truth, sight, estimate = flight.period(frame)
-            writer.append(frame, time_s, truth, sight, estimate, angles=flight.angles)
+            writer.append(frame, time_s, truth, sight, estimate, angles=flight.angles, extra=flight.actuators.work())
             if observer is not None:
                 observer.period(frame, truth, estimate)
             if progress is not None:
@@ -93,13 +93,13 @@ class Flight:
         self.visibility = Visibility(
             self.world.model, layout, self.world.craft_bodies, self.world.lighthouse_body, settings
         )
-        self.lighthouse = Lighthouse(layout, settings, scenario.seed, build_cameras.craft_keys(scenario))
-        cameras = build_cameras.cameras(scenario, self.world, self.motions.at(0.0))
+        self.lighthouse = Lighthouse(layout, settings, scenario.seed, build.craft_keys(scenario))
+        cameras = build.cameras(scenario, self.world, self.motions.at(0.0))
         pairs = [true for true, _ in cameras]
         self.ccd = Ccd(pairs, self.visibility, scenario.seed, scenario.duration_s) if cameras else None
         self.pushes = build.pushes(scenario)
-        self.orbit = build_dynamics.orbit(scenario)
-        self.actuators = build_dynamics.actuators(scenario, self.world)
+        self.orbit = build.orbit(scenario)
+        self.actuators = build.actuators(scenario, self.world)
         self.decoder = build.decoder(scenario, layout.present)
         navigation, own_layout = build.navigation(scenario), build.believed_layout(scenario, self.world.photodiodes)
         own_layout = own_layout._replace(present=layout.present)
@@ -128,8 +128,7 @@ class Flight:
                 )
                 for pair in pairs
             ],
-            thrusters=self.actuators.thrusters,
-            actuators=self.actuators.fitted,
+            extra=self.actuators.columns,
         )
         start = self.motions.start()
         self._true = State(matrix_from_quaternion(start.quaternion), start.angular_rate, start.position, start.velocity)
@@ -159,7 +158,6 @@ class Flight:
             truth.velocity[epoch],
             truth.angular_rate[epoch],
             truth.contact,
-            self.actuators.effort,
         )
         return float(truth.time_s[epoch]), at_epoch, np.minimum(sight[..., 0], sight[..., 1]), estimate
 

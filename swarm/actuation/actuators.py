@@ -24,9 +24,9 @@ from estimators.arrays import Floats, Ints
 from swarm.actuation.allocation import allocate
 from swarm.actuation.execution import ActuatorFaults, executed, obeyed
 from swarm.actuation.modulation import on_time, open_share
-from swarm.effort import Effort
 from swarm.layout import Thrusters, Wheels
 from swarm.onboard.control import Command, State
+from swarm.results.extra_columns import Extra
 from swarm.world.world import OnboardWrench
 
 THRUSTER_COST, WHEEL_COST, UNLOADING_COST = 1e-7, 1e-10, 1e-5
@@ -35,7 +35,14 @@ and where a wheel is unloaded, thrusters before wheels."""
 UNLOAD_ABOVE, UNLOAD_TO = 0.8, 0.1
 """Shares of its largest momentum at which a wheel begins and ends to be unloaded."""
 UNLOAD_S = 2.0
-"""The time in which a full wheel would be empty at its unloading torque, if that is within its limit."""
+"""The time in which a wheel would be empty at its unloading torque, if that is within its limit."""
+
+COLUMNS = (
+    Extra("delta_v_m_s", "m/s", "impulse of the craft's thrusters, or of its ideal force, over its mass", plotted=True),
+    Extra("thrusters_open", "1", "thrusters that were open in the period", "count"),
+    Extra("wheel_momentum_nms", "N m s", "momentum of the craft's reaction wheels together", plotted=True),
+)
+"""What telemetry shows of the actuators."""
 
 
 class Fitted(NamedTuple):
@@ -76,12 +83,11 @@ class Actuators:
         """fitted: of every craft, without thrusters and wheels for an ideal one. mass (C,) [kg], com_m (C, 3) [m],
         inertia (C, 3, 3) [kg m^2], body frame. steps: of the physics in a period of `period_s`. seed: draws the errors.
         """
-        self.thrusters = tuple(f.thrusters for f in fitted)
         self._period_s, self._steps = period_s, steps
         self._mass, self._count = mass, len(fitted)
         count: Ints = np.array([len(f.thrusters.force_n) for f in fitted], dtype=np.int64)
         wheels: Ints = np.array([len(f.wheels.torque_nm) for f in fitted], dtype=np.int64)
-        self._counts, self._has_thrusters = count, count > 0
+        self._has_thrusters = count > 0
         self._who = np.flatnonzero((count > 0) | (wheels > 0))
         mine = [fitted[i] for i in self._who]
         craft, most, most_wheels = len(mine), int(max(count, default=0)), int(max(wheels, default=0))
@@ -114,17 +120,17 @@ class Actuators:
         self._open = np.zeros((len(fitted), most), dtype=np.bool_)
 
     @property
-    def fitted(self) -> bool:
-        """Whether any craft has thrusters or wheels."""
-        return len(self._who) > 0
+    def columns(self) -> tuple[Extra, ...]:
+        """The telemetry columns of `work`; those of thrusters and wheels only where a craft has some."""
+        return COLUMNS if len(self._who) else COLUMNS[:1]
 
-    @property
-    def effort(self) -> Effort:
-        """What the actuators have done so far."""
-        momentum = np.full(self._count, np.nan)
+    def work(self) -> Floats:
+        """What the actuators have truly done by the end of the last period, (C, len(columns)); NaN for what is missing."""
+        firing = np.where(self._has_thrusters, np.count_nonzero(self._open, axis=1), np.nan)
+        momentum = np.full(len(firing), np.nan)
         stored = np.linalg.norm(self._stored(), axis=1)
         momentum[self._who] = np.where(self._momentum_limit.any(axis=1), stored, np.nan)
-        return Effort(self._delta_v.copy(), self._open.copy(), self._counts, momentum)
+        return np.stack([self._delta_v, firing, momentum], axis=1)[:, : len(self.columns)]
 
     def drive(
         self, force: Floats, torque: Floats, believed: State, command: Command, faults: ActuatorFaults | None = None

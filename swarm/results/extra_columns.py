@@ -15,13 +15,17 @@ Kind = Literal["number", "count", "yes"]
 
 
 class Extra(NamedTuple):
-    """One column. kind: doubles, whole numbers or booleans; names: what the codes 0, 1, ... stand for, if they do."""
+    """One column. kind: doubles, whole numbers or booleans; names: what the codes 0, 1, ... stand for, if they do.
+
+    plotted: numbers that the recording plots for every craft that it shows in detail.
+    """
 
     name: str
     unit: str
     meaning: str
     kind: Kind = "number"
     names: tuple[str, ...] = ()
+    plotted: bool = False
 
     @property
     def type(self) -> pa.DataType:
