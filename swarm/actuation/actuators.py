@@ -38,9 +38,9 @@ UNLOAD_S = 2.0
 """The time in which a wheel would be empty at its unloading torque, if that is within its limit."""
 
 COLUMNS = (
-    Extra("delta_v_m_s", "m/s", "impulse of the craft's thrusters, or of its ideal force, over its mass", plotted=True),
+    Extra("delta_v_m_s", "m/s", "impulse of the craft's thrusters, or of its ideal force, over its mass", plot="delta-v"),
     Extra("thrusters_open", "1", "thrusters that were open in the period", "count"),
-    Extra("wheel_momentum_nms", "N m s", "momentum of the craft's reaction wheels together", plotted=True),
+    Extra("wheel_momentum_nms", "N m s", "momentum of the craft's reaction wheels together", plot="wheel momentum"),
 )
 """What telemetry shows of the actuators."""
 

@@ -17,7 +17,7 @@ Kind = Literal["number", "count", "yes"]
 class Extra(NamedTuple):
     """One column. kind: doubles, whole numbers or booleans; names: what the codes 0, 1, ... stand for, if they do.
 
-    plotted: numbers that the recording plots for every craft that it shows in detail.
+    plot: title with which the recording plots these numbers for every craft that it shows in detail; none: not.
     """
 
     name: str
@@ -25,7 +25,7 @@ class Extra(NamedTuple):
     meaning: str
     kind: Kind = "number"
     names: tuple[str, ...] = ()
-    plotted: bool = False
+    plot: str = ""
 
     @property
     def type(self) -> pa.DataType:

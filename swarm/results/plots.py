@@ -301,7 +301,7 @@ def extra_plots(name: str, i: int, extra: Sequence[Extra]) -> list[Plot]:
         return lambda batch: batch.extra[:, i, column, None]
 
     return [
-        Plot(f"detail/{name}/{e.name}", f"{name}: {e.meaning} [{e.unit}]", [e.name], [BLUE], [MEDIUM], values(column))
+        Plot(f"detail/{name}/{e.name}", f"{name}: {e.plot} [{e.unit}]", [e.plot], [BLUE], [MEDIUM], values(column))
         for column, e in enumerate(extra)
-        if e.plotted
+        if e.plot
     ]
