@@ -38,7 +38,9 @@ UNLOAD_S = 2.0
 """The time in which a wheel would be empty at its unloading torque, if that is within its limit."""
 
 COLUMNS = (
-    Extra("delta_v_m_s", "m/s", "impulse of the craft's thrusters, or of its ideal force, over its mass", plot="delta-v"),
+    Extra(
+        "delta_v_m_s", "m/s", "impulse of the craft's thrusters, or of its ideal force, over its mass", plot="delta-v"
+    ),
     Extra("thrusters_open", "1", "thrusters that were open in the period", "count"),
     Extra("wheel_momentum_nms", "N m s", "momentum of the craft's reaction wheels together", plot="wheel momentum"),
 )
@@ -146,13 +148,13 @@ class Actuators:
         if not len(who):
             return Drive(force, torque, None, command)
         # A craft that does not know how it is turned can order nothing.
-        known = np.isfinite(believed.rotation[who]).all(axis=(1, 2)) & np.isfinite(believed.angular_rate[who]).all(axis=1)
+        known = np.isfinite(believed.rotation[who]).all(axis=(1, 2)) & np.isfinite(believed.angular_rate[who]).all(
+            axis=1
+        )
         rotation = np.where(known[:, None, None], believed.rotation[who], np.eye(3))
         rate = np.where(known[:, None], believed.angular_rate[who], 0.0)
         stored = self._stored()
-        wanted = np.concatenate(
-            [_into_body(rotation, force[who]), _into_body(rotation, torque[who])], axis=1
-        )
+        wanted = np.concatenate([_into_body(rotation, force[who]), _into_body(rotation, torque[who])], axis=1)
         body_rate = _into_body(rotation, rate)
         wanted[:, 3:] += np.cross(body_rate, stored)
         wanted[~known] = self._carried[~known] = 0.0
@@ -255,4 +257,3 @@ def _scale(effect: Floats) -> Floats:
     torque = np.linalg.norm(effect[:, 3:], axis=1).max(axis=1, initial=0.0)
     size = np.stack([force, torque], axis=1)
     return np.repeat(1 / np.where(size > 0, size, 1.0), 3, axis=1)
-
