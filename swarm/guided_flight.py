@@ -8,6 +8,7 @@ learn     after the period: latches close, and the craft's switches and navigati
 import numpy as np
 
 from estimators.arrays import Bools, Floats
+from estimators.relative_orbit import RelativeOrbit
 from estimators.rotation import matrix_from_quaternion
 from swarm import build
 from swarm.guidance.guidance import Knowledge
@@ -48,11 +49,13 @@ class GuidedFlight:
         self._reference = self._motions.at(time_s, steered)
         return self._reference
 
-    def command(self, reference: Reference, believed: State) -> Command:
-        """What every craft orders its actuators to do, to get there."""
+    def command(self, reference: Reference, believed: State, orbit: RelativeOrbit | None) -> Command:
+        """What every craft orders its actuators to do, to get there; orbit: the lighthouse's."""
         if self._guidance is None:
-            return control.command(reference, believed)
-        return self._guidance.clear(control.command(reference, believed, self._guidance.feedback), believed)
+            return control.command(reference, believed, orbit)
+        wanted = control.command(reference, believed, firm=self._guidance.feedback)
+        clear = self._guidance.clear(wanted, believed)
+        return clear if orbit is None else control.without_gravity(clear, reference.holds_position, believed, orbit)
 
     def learn(self, truth: PeriodTruth, estimate: Estimate) -> None:
         """What the period that has ended brings."""

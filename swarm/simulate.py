@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from estimators.arrays import Floats
 from estimators.rotation import matrix_from_quaternion
 from swarm import build
+from swarm.actuation.actuators import Drive
 from swarm.assets import find_model
 from swarm.guided_flight import GuidedFlight
 from swarm.onboard import control
@@ -74,7 +75,7 @@ def simulate(
     ) as writer:
         for frame in range(max(1, round(duration_s / flight.period_s))):
             time_s, truth, sight, estimate = flight.period(frame)
-            writer.append(frame, time_s, truth, sight, estimate, angles=flight.angles, extra=flight.guided.values)
+            writer.append(frame, time_s, truth, sight, estimate, angles=flight.angles, extra=flight.extra())
             if observer is not None:
                 observer.period(frame, truth, estimate)
             if progress is not None:
@@ -99,6 +100,8 @@ class Flight:
         pairs = [true for true, _ in cameras]
         self.ccd = Ccd(pairs, self.visibility, scenario.seed, scenario.duration_s) if cameras else None
         self.pushes = build.pushes(scenario)
+        self.orbit = build.orbit(scenario)
+        self.actuators = build.actuators(scenario, self.world)
         self.decoder = build.decoder(scenario, layout.present)
         navigation, own_layout = build.navigation(scenario), build.believed_layout(scenario, self.world.photodiodes)
         own_layout = own_layout._replace(present=layout.present)
@@ -128,7 +131,7 @@ class Flight:
                 )
                 for pair in pairs
             ],
-            extra=self.guided.columns,
+            extra=[*self.actuators.columns, *self.guided.columns],
         )
         start = build.start(scenario, self.motions)
         self._true = State(matrix_from_quaternion(start.quaternion), start.angular_rate, start.position, start.velocity)
@@ -162,13 +165,18 @@ class Flight:
         )
         return float(truth.time_s[epoch]), at_epoch, np.minimum(sight[..., 0], sight[..., 1]), estimate
 
+    def extra(self) -> Floats:
+        """What the scene's extra columns say of the last period, (C, N)."""
+        return np.concatenate([self.actuators.work(), self.guided.values], axis=1)
+
     def move(self, frame: int) -> tuple[PeriodTruth, NDArray[np.int8]]:
         """Move every craft through one lighthouse period, and no more: nobody measures, nobody navigates.
 
         Returns the truth, and the `Sight` of every photodiode as each fan sweeps, (C, K, 2).
         """
-        force, torque, self._command = self._wrench(frame)
-        truth = self.world.advance(force, torque)
+        drive = self._wrench(frame)
+        self._command = drive.command
+        truth = self.world.advance(drive.force, drive.torque, drive.onboard)
         last = -1
         self._true = State(
             matrix_from_quaternion(truth.quaternion[last]),
@@ -186,8 +194,8 @@ class Flight:
             out[..., fan] = self.visibility.state(truth.position[k], truth.quaternion[k])
         return out
 
-    def _wrench(self, frame: int) -> tuple[Floats, Floats, Command]:
-        """Force and torque (C, 3) of every craft in period `frame`: its control, and what pushes it at random.
+    def _wrench(self, frame: int) -> Drive:
+        """What moves every craft in period `frame`: its control, through its actuators, and what pushes it at random.
 
         With the command that its navigation knows: none of a craft that is steered by the truth, which must not reach
         its filter that way.
@@ -196,8 +204,9 @@ class Flight:
         if self.steers_by_estimate.any():
             believed = self._true.where(~self.steers_by_estimate, self._estimated)
         reference = self.guided.steer(frame * self.period_s, believed)
-        command = self.guided.command(reference, believed)
-        force, torque = control.wrench(command, reference, believed, self.world.mass, self.world.inertia)
+        command = self.guided.command(reference, believed, self.orbit)
+        wanted = control.wrench(command, reference, believed, self.world.mass, self.world.inertia)
+        force, torque, onboard, command = self.actuators.drive(*wanted, believed, command)
         if self.pushes.pushed.any():
             more = self.world.inertial_wrench(*self.pushes.at(frame))
             # What the spin asks for anyway is in the control's own wrench already.
@@ -208,4 +217,4 @@ class Flight:
         if pushed.any():
             pushed_force, pushed_torque = self.world.inertial_wrench(*self.motions.disturbance(frame))
             force[pushed], torque[pushed] = pushed_force[pushed], pushed_torque[pushed]
-        return force, torque, command.only(self.steers_by_estimate)
+        return Drive(force, torque, onboard, command.only(self.steers_by_estimate))

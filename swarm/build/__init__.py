@@ -6,6 +6,7 @@ found here, before anything is written.
 
 from swarm.build.cameras import cameras, craft_keys
 from swarm.build.craft import fleet, photodiodes, pushes, start, steers_by_estimate, world
+from swarm.build.dynamics import actuators, orbit
 from swarm.build.guidance import guidance, matings
 from swarm.build.navigation import believed_layout, navigation
 from swarm.build.station import ARCSEC, FAN_ERROR_MAX_RAD, angle_noise, decoder, lighthouse
@@ -14,6 +15,7 @@ from swarm.scenario import Scenario
 __all__ = [
     "ARCSEC",
     "FAN_ERROR_MAX_RAD",
+    "actuators",
     "angle_noise",
     "believed_layout",
     "cameras",
@@ -25,6 +27,7 @@ __all__ = [
     "lighthouse",
     "matings",
     "navigation",
+    "orbit",
     "photodiodes",
     "pushes",
     "start",

@@ -15,6 +15,7 @@ from estimators.rotation import matrix_from_quaternion
 from swarm import scenario
 from swarm.assets import find_model
 from swarm.build.cameras import craft_keys
+from swarm.build.dynamics import orbit
 from swarm.build.guidance import beginning, facing_port, matings
 from swarm.errors import SwarmError
 from swarm.layout import Photodiodes
@@ -111,6 +112,7 @@ def world(settings: Scenario, motions: Fleet) -> World:
             find_model(settings.lighthouse.model),
             settings.lighthouse.rate_hz,
             settings.physics.steps_per_period,
+            orbit(settings),
             latches,
         )
 
@@ -131,14 +133,14 @@ def pushes(settings: Scenario) -> Pushes:
 def _motion(craft: Craft, settings: Scenario) -> motion.Motion:
     table = craft.motion
     if isinstance(table, scenario.Dock):
-        return beginning(table, craft, motion.Attitude())
+        return beginning(craft, motion.Attitude(), orbit(settings))
     a = table.attitude
     attitude = motion.Attitude(
         a.facing, radians(a.roll_deg), radians(a.pitch_deg), radians(a.yaw_deg), radians(a.spin_deg_s)
     )
     match table:
         case scenario.Keep() | scenario.Formation():
-            return beginning(table, craft, attitude)
+            return beginning(craft, attitude, orbit(settings))
         case scenario.Hold():
             return motion.Hold(table.position_m, table.spacing_m, attitude, table.box_m)
         case scenario.Ring():

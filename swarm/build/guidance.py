@@ -12,7 +12,9 @@ from math import radians
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from estimators.relative_orbit import RelativeOrbit
 from swarm import scenario
+from swarm.build.dynamics import orbit
 from swarm.errors import SwarmError
 from swarm.guidance.corridor import Corridor
 from swarm.guidance.docking import Docking, DockingPlan
@@ -20,7 +22,7 @@ from swarm.guidance.formation import Figure, Formation
 from swarm.guidance.gains import Gains, regulator
 from swarm.guidance.glideslope import Glideslope
 from swarm.guidance.guidance import Clearance, Guidance
-from swarm.guidance.shapes import Rigid, Shape
+from swarm.guidance.shapes import ProjectedCircle, Rigid, Shape
 from swarm.motion.fleet import Attitude, Guided, Reference, on_grid
 from swarm.ports import Port, docked_pose, placed
 from swarm.scenario import Craft, Dock, Keep, Scenario
@@ -30,15 +32,17 @@ from swarm.world.docking import Mating
 GuidedTable = Keep | scenario.Formation | Dock
 
 
-def beginning(table: GuidedTable, craft: Craft, attitude: Attitude) -> Guided:
+def beginning(craft: Craft, attitude: Attitude, around: RelativeOrbit | None) -> Guided:
     """Where a guided craft's motion begins; how one that docks is turned is for `facing_port` to say."""
+    table = craft.motion
+    assert isinstance(table, GuidedTable)
     match table:
         case Dock():
             return Guided(table.from_m, attitude=Attitude(facing=False))
         case Keep():
             return Guided(on_grid(table.position_m, table.spacing_m, craft.index, craft.count), attitude=attitude)
         case scenario.Formation():
-            first = _shape(table.figures[0], table).at(0.0, craft.count)
+            first = _shape(table.figures[0], table, around).at(0.0, craft.count)
             position, velocity = first.position[craft.index].tolist(), first.velocity[craft.index].tolist()
             return Guided(tuple(position), tuple(velocity), attitude)
 
@@ -77,7 +81,7 @@ def facing_port(mating: Mating, station: Reference) -> Attitude:
 
 def guidance(settings: Scenario, pairs: Sequence[Mating], station: Reference) -> Guidance | None:
     """Everything that guides. pairs: of `matings`. station: where every craft is at time 0."""
-    craft = scenario.craft(settings)
+    craft, around = scenario.craft(settings), orbit(settings)
     period_s = 1 / settings.lighthouse.rate_hz
     gains: list[Gains | None] = [
         regulator(c.motion.deviation_m, c.motion.effort_m_s2, period_s) if isinstance(c.motion, GuidedTable) else None
@@ -90,7 +94,7 @@ def guidance(settings: Scenario, pairs: Sequence[Mating], station: Reference) ->
     for i, c in enumerate(craft):
         if isinstance(c.motion, scenario.Formation) and c.index == 0:
             table = c.motion
-            figures = [Figure(figure.at_s, _shape(figure, table)) for figure in table.figures]
+            figures = [Figure(figure.at_s, _shape(figure, table, around)) for figure in table.figures]
             formations.append(Formation(np.arange(i, i + c.count), figures, table.speed_m_s))
     looking = [
         (i, c.motion.separation_m, c.motion.brake_m_s2)
@@ -126,10 +130,14 @@ def _plan(table: object, mating: Mating, station: Reference) -> DockingPlan:
     )
 
 
-def _shape(figure: scenario.Figure, table: scenario.Formation) -> Shape:
+def _shape(figure: scenario.Figure, table: scenario.Formation, around: RelativeOrbit | None) -> Shape:
     centre = table.centre_m if figure.centre_m is None else figure.centre_m
     if figure.shape == "projected-circle":
-        raise SwarmError("a projected circle needs [orbit]")
+        if around is None:
+            raise SwarmError(f"{figure.shape}: needs [orbit]")
+        along, across, down = around.axes
+        outwards = np.stack([-down, along, -across], axis=1)
+        return ProjectedCircle(centre, figure.radius_m or 0.0, around.mean_motion_rad_s, outwards)
     return Rigid(
         figure.shape,
         centre,

@@ -4,6 +4,7 @@ from dataclasses import replace
 from math import pi, radians, sqrt
 
 from swarm import scenario
+from swarm.build.dynamics import orbit
 from swarm.build.station import ARCSEC
 from swarm.errors import SwarmError, did_you_mean
 from swarm.layout import Photodiodes
@@ -31,6 +32,7 @@ def navigation(settings: Scenario) -> NavigationSettings:
         gate_probability=table.gate_probability,
         coast_limit_s=table.coast_limit_s,
         filter=table.filter,
+        orbit=orbit(settings),
     )
     if table.calibration is None:
         return made

@@ -2,6 +2,7 @@
 
 from swarm.scenario.cameras import Ccd, Outage
 from swarm.scenario.criteria import Criterion
+from swarm.scenario.dynamics import Actuation, Orbit
 from swarm.scenario.guided import Dock, Figure, Formation, Keep
 from swarm.scenario.kinds import AnyMotion
 from swarm.scenario.load import Craft, craft, for_replay, load, validate
@@ -11,6 +12,7 @@ from swarm.scenario.schema import Fan, Lighthouse, Navigation, Scatter, Scenario
 from swarm.scenario.text import to_toml
 
 __all__ = [
+    "Actuation",
     "AnyMotion",
     "Approach",
     "Attitude",
@@ -26,6 +28,7 @@ __all__ = [
     "Keep",
     "Lighthouse",
     "Navigation",
+    "Orbit",
     "Outage",
     "Ring",
     "Scatter",
