@@ -20,6 +20,7 @@ from swarm.ports import Closing
 from swarm.results import guidance_columns
 from swarm.results.extra_columns import Extra
 from swarm.scenario import Scenario
+from swarm.world.docking import Mating
 from swarm.world.world import PeriodTruth, World
 
 
@@ -77,21 +78,17 @@ class GuidedFlight:
 
     def _latch(self, truth: PeriodTruth) -> list[tuple[int, Closing]]:
         """Close the latches that have met; how every pair stands at the epoch."""
-        at_epoch = len(truth.time_s) // 2
-        stands = []
+        epoch, last = len(truth.time_s) // 2, -1
         for number, mating in enumerate(self._matings):
-            last, epoch = (
-                mating.closing(
-                    matrix_from_quaternion(truth.quaternion[k]),
-                    truth.position[k],
-                    truth.velocity[k],
-                    truth.angular_rate[k],
-                )
-                for k in (-1, at_epoch)
-            )
-            met = truth.contact[mating.craft] and truth.contact[mating.target]
-            if met and not self._known.latched[mating.craft] and mating.within_reach(last):
+            i = mating.craft
+            met = truth.contact[i] and truth.contact[mating.target] and not self._known.latched[i]
+            if met and mating.within_reach(_closing(mating, truth, last)):
                 self._world.latch(number)
-                self._known.latched[mating.craft] = True
-            stands.append((mating.craft, epoch))
-        return stands
+                self._known.latched[i] = True
+        return [(mating.craft, _closing(mating, truth, epoch)) for mating in self._matings]
+
+
+def _closing(mating: Mating, truth: PeriodTruth, knot: int) -> Closing:
+    """How the two ports stand at one knot of the period."""
+    rotation = matrix_from_quaternion(truth.quaternion[knot])
+    return mating.closing(rotation, truth.position[knot], truth.velocity[knot], truth.angular_rate[knot])

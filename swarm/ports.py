@@ -53,5 +53,6 @@ def closing(own: Port, target: Port, velocity: Floats) -> Closing:
     distance = np.sum(away * axis, axis=-1)
     across = away - distance[..., None] * axis
     facing = own.rotation[..., :, 2]
-    angle = np.arctan2(np.linalg.norm(np.cross(facing, axis), axis=-1), -np.sum(facing * axis, axis=-1))
+    # Of the chord between the axis and the opposite of the other: exact also where the angle is nearly nothing.
+    angle = 2 * np.arcsin(np.minimum(np.linalg.norm(facing + axis, axis=-1) / 2, 1.0))
     return Closing(distance, np.linalg.norm(across, axis=-1), angle, -np.sum(velocity * axis, axis=-1))

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
+from estimators.rotation import skew
 from swarm.guidance.avoidance import barriers, safe
 from swarm.guidance.broadcast import Broadcasts
 from swarm.guidance.docking import Docking
@@ -115,4 +116,4 @@ def _stands(docking: Docking, believed: State) -> Closing:
     plan, i = docking.plan, docking.plan.craft
     own = placed(plan.own, believed.rotation[i], believed.position[i])
     arm = believed.rotation[i] @ plan.own.position
-    return closing(own, plan.target, believed.velocity[i] + np.cross(believed.angular_rate[i], arm))
+    return closing(own, plan.target, believed.velocity[i] + skew(believed.angular_rate[i]) @ arm)

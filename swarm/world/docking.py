@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from estimators.arrays import Floats
-from estimators.rotation import matrix_from_quaternion, quaternion_multiply
+from estimators.rotation import matrix_from_quaternion, quaternion_multiply, skew
 from swarm.errors import SwarmError
 from swarm.ports import Closing, Port, closing, placed
 
@@ -39,7 +39,7 @@ class Mating(NamedTuple):
         who = (self.craft, self.target)
         own, at = (placed(p, rotation[i], position[i]) for p, i in zip((self.own, self.at), who, strict=True))
         # Both velocities at the craft's own port.
-        here, there = (velocity[i] + np.cross(angular_rate[i], own.position - position[i]) for i in who)
+        here, there = (velocity[i] + skew(angular_rate[i]) @ (own.position - position[i]) for i in who)
         return closing(own, at, here - there)
 
     def within_reach(self, at: Closing) -> bool:
