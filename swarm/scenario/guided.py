@@ -16,7 +16,10 @@ class Flown(Table):
     """What every guided motion has: how firmly it is held."""
 
     deviation_m: float = Field(
-        default=0.01, gt=0, le=100, description="A deviation as bad as the effort effort_m_s2: the regulator's weight."
+        default=0.002,
+        gt=0,
+        le=100,
+        description="A deviation as bad as the effort effort_m_s2: only their ratio counts.",
     )
     effort_m_s2: float = Field(
         default=0.001, gt=0, le=100, description="An acceleration as bad as the deviation deviation_m."
