@@ -10,8 +10,8 @@ there. The exact solution of (CW) (`estimators.relative_orbit`) has, at equidist
 in (V-bar, H-bar, R-bar), where u + h a / 2 is the difference over both intervals. It follows by putting the solution's
 three motions in: the drift x' = 3/2 n z with z constant has none, the ellipse (2 sin, cos) and the oscillation across
 have -s times themselves. With this a the length of the step costs nothing, whatever it is; (CW) at the knots themselves
-would be off by millimetres after one orbit that begins 10 m away, at eight steps per period. The velocity at the start is
-made the mean over an interval before it (`velocity_before`). Other forces add as they do without an orbit.
+would be off by millimetres after one orbit that begins 10 m away, at eight steps per period. The velocity at the start
+is made the mean over an interval before it (`velocity_before`). Other forces add as they do without an orbit.
 """
 
 from math import sin, tan
@@ -25,8 +25,8 @@ from estimators.relative_orbit import RelativeOrbit, transition
 
 
 class OrbitStep(NamedTuple):
-    """What one step needs: axes (3, 3), V-bar, H-bar, R-bar as rows in the lighthouse frame; mean motion n [rad/s], step
-    h [s], and the coefficients d [1/s], s [1/s^2], b [1/s] above. Without an orbit all numbers are zero.
+    """What one step needs: axes (3, 3), V-bar, H-bar, R-bar as rows in the lighthouse frame; mean motion n [rad/s],
+    step h [s], and the coefficients d [1/s], s [1/s^2], b [1/s] above. Without an orbit all numbers are zero.
     """
 
     axes: Floats
@@ -49,7 +49,7 @@ def orbit_step(orbit: RelativeOrbit, step_s: float) -> OrbitStep:
 
 
 def velocity_before(orbit: RelativeOrbit, position: Floats, velocity: Floats, step_s: float) -> Floats:
-    """Mean velocity (C, 3) [m/s] over the `step_s` [s] before craft are at position, velocity (C, 3), in free motion."""
+    """Mean velocity (C, 3) [m/s] over the `step_s` [s] before craft in free motion are at position, velocity (C, 3)."""
     back = transition(orbit, -step_s)
     before = np.concatenate([position, velocity], axis=-1) @ back[:3].T
     out: Floats = (position - before) / step_s

@@ -67,8 +67,8 @@ class PeriodTruth(NamedTuple):
 class OnboardWrench(NamedTuple):
     """What the craft's own actuators do in each physics step of a period, (S, C, 3), in the body frame.
 
-    force [N] through, torque [N m] about the centre of mass. wheel_momentum [N m s]: of the wheels in mid-step, which the
-    craft has to turn with itself.
+    force [N] through, torque [N m] about the centre of mass. wheel_momentum [N m s]: of the wheels in mid-step, which
+    the craft has to turn with itself.
     """
 
     force: Floats
@@ -205,7 +205,9 @@ class World:
             self.mass,
             force,
             torque,
-            *(part[step] for part in onboard),
+            onboard.force[step],
+            onboard.torque[step],
+            onboard.wheel_momentum[step],
             self._orbit,
             self._data.xfrc_applied[-len(self.names) :],
         )
