@@ -24,6 +24,7 @@ TIMED = 6000
 
 
 def world(orbit):
+    """The three craft in an orbit, or without one."""
     still = np.zeros(3)
     craft = [
         CraftStart(str(i), find_model("cubesat6u"), s[:3], np.array([1.0, 0, 0, 0]), s[3:], still)
@@ -33,6 +34,7 @@ def world(orbit):
 
 
 def period_us(built):
+    """Mean time of one period of the world."""
     nothing = np.zeros((len(STARTS), 3))
     started = time.perf_counter()
     for _ in range(TIMED):
@@ -41,6 +43,7 @@ def period_us(built):
 
 
 def main():
+    """Fly, compare, print."""
     orbit, nothing = circular(400e3), np.zeros((len(STARTS), 3))
     period_us(world(orbit))
     cost_us, without_us = period_us(world(orbit)), period_us(world(None))

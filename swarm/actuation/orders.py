@@ -9,8 +9,9 @@ Everything is in the body frame, for all craft that have actuators:
     c = B (u - what is ordered)       what is too small to fire adds up until it is not
 
 What the thrusters cannot give for lack of force is not carried over. A wheel that has stored most of what it can is
-unloaded: it gives its momentum back, against the thrusters. The computer goes by the design: it knows neither the
-errors nor the faults of its thrusters (`execution`).
+unloaded: the thrusters owe it the momentum that it should give up, and get it as a torque of their own once a pulse is
+long enough; the wheel, which makes up for that torque, then turns slower. The computer goes by the design: it knows
+neither the errors nor the faults of its thrusters (`execution`).
 """
 
 from typing import NamedTuple
@@ -22,9 +23,9 @@ from swarm.actuation.allocation import allocate
 from swarm.actuation.hardware import Hardware
 from swarm.actuation.modulation import on_time
 
-THRUSTER_COST, WHEEL_COST, UNLOADING_COST = 1e-7, 1e-10, 1e-5
+THRUSTER_COST, WHEEL_COST = 1e-7, 1e-10
 """Of the squared share of an actuator's most, beside the squared share of the wrench that is missed: wheels before
-thrusters, which cost propellant; and where a wheel is unloaded, thrusters before wheels."""
+thrusters, which cost propellant."""
 UNLOAD_ABOVE, UNLOAD_TO = 0.8, 0.1
 """Shares of its largest momentum at which a wheel begins and ends to be unloaded."""
 UNLOAD_S = 2.0
@@ -55,6 +56,9 @@ class Orders:
         self._carried = np.zeros((len(hardware.who), 6))
         self.momentum = np.zeros_like(hardware.torque_nm)
         self._unloading = np.zeros(self.momentum.shape, dtype=np.bool_)
+        self._owed = np.zeros((len(hardware.who), 3))
+        thrusters, wheels = hardware.has_thruster.shape[1], hardware.torque_nm.shape[1]
+        self._cost = np.tile(np.repeat([THRUSTER_COST, WHEEL_COST], [thrusters, wheels]), (len(hardware.who), 1))
 
     def give(self, force: Floats, torque: Floats, rate: Floats, able: Bools) -> Order:
         """Order what comes nearest to force (A, 3) [N] and torque (A, 3) [N m] of craft that turn at rate (A, 3)
@@ -65,15 +69,17 @@ class Orders:
         wanted = np.concatenate([force, torque + np.cross(rate, self.stored)], axis=1) + self._carried
         wanted[~able] = 0.0
         thrusters = self._hardware.has_thruster.shape[1]
-        cost, preferred, low, high = self._bounds()
-        best, _ = allocate(self._effect, self._scale, cost, preferred, low, high, wanted)
-        open_s = on_time(best[:, :thrusters], self._hardware.shortest_s, self._period_s)
+        low, high = self._bounds()
+        best = self._allocate(wanted, low, high)
+        asked = self._with_what_is_owed(wanted, best, low, high)[:, :thrusters]
+        open_s = on_time(asked, self._hardware.shortest_s, self._period_s)
         low[:, :thrusters] = high[:, :thrusters] = open_s / self._period_s
-        final, _ = allocate(self._effect, self._scale, cost, preferred, low, high, wanted)
-        self._carried = (self._effect @ (best - final)[..., None])[..., 0]
+        final = self._allocate(wanted, low, high)
+        self._carried = _wrench(self._effect, best - final)
+        self._book_what_is_owed(asked - low[:, :thrusters])
         wheel_torque = final[:, thrusters:] * self._hardware.torque_nm
         self.momentum = self.momentum - wheel_torque * self._period_s
-        return Order(open_s, wheel_torque, (self._effect @ final[..., None])[..., 0])
+        return Order(open_s, wheel_torque, _wrench(self._effect, final))
 
     @property
     def stored(self) -> Floats:
@@ -81,24 +87,46 @@ class Orders:
         out: Floats = np.einsum("aw,awi->ai", self.momentum, self._hardware.axis)
         return out
 
-    def _bounds(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """Cost, preferred value, lowest and highest (A, N + W) of every actuator, in shares of its most."""
+    def _allocate(self, wanted: Floats, low: Floats, high: Floats) -> Floats:
+        return allocate(self._effect, self._scale, self._cost, np.zeros_like(low), low, high, wanted)[0]
+
+    def _bounds(self) -> tuple[Floats, Floats]:
+        """Lowest and highest (A, N + W) of every actuator, in shares of its most."""
         limit, real = self._hardware.momentum_nms, self._hardware.torque_nm > 0
-        full = np.abs(self.momentum) / np.where(real, limit, 1.0)
-        self._unloading = (full > UNLOAD_ABOVE) | (self._unloading & (full > UNLOAD_TO))
-        torque = np.where(real, self._hardware.torque_nm, 1.0)
+        full = np.where(real, self._hardware.torque_nm, 1.0) * self._period_s
         # So that the momentum stays within its limit to the end of the period.
-        low = np.clip((self.momentum - limit) / (torque * self._period_s), -1.0, 1.0) * real
-        high = np.clip((self.momentum + limit) / (torque * self._period_s), -1.0, 1.0) * real
-        unload = np.where(self._unloading, self.momentum / (UNLOAD_S * torque), 0.0)
-        wheel_cost = np.where(self._unloading, UNLOADING_COST, WHEEL_COST)
-        shut, open_ = np.zeros(self._hardware.has_thruster.shape), self._hardware.has_thruster.astype(np.float64)
-        return (
-            np.concatenate([np.full_like(shut, THRUSTER_COST), wheel_cost], axis=1),
-            np.concatenate([shut, np.clip(unload, low, high)], axis=1),
-            np.concatenate([shut, low], axis=1),
-            np.concatenate([open_, high], axis=1),
-        )
+        low = np.clip((self.momentum - limit) / full, -1.0, 1.0) * real
+        high = np.clip((self.momentum + limit) / full, -1.0, 1.0) * real
+        thrusters = self._hardware.has_thruster
+        shut = np.zeros(thrusters.shape)
+        return np.concatenate([shut, low], axis=1), np.concatenate([thrusters, high], axis=1)
+
+    def _with_what_is_owed(self, wanted: Floats, best: Floats, low: Floats, high: Floats) -> Floats:
+        """Shares (A, N + W), as `best`, but with the thrusters giving what they owe to the wheels as well."""
+        limit, thrusters = self._hardware.momentum_nms, self._hardware.has_thruster.shape[1]
+        full = np.abs(self.momentum) / np.where(limit > 0, limit, 1.0)
+        self._unloading = (full > UNLOAD_ABOVE) | (self._unloading & (full > UNLOAD_TO))
+        torque = np.clip(self.momentum / UNLOAD_S, -self._hardware.torque_nm, self._hardware.torque_nm)
+        given_up = np.einsum("aw,awi->ai", torque * self._unloading * self._period_s, self._hardware.axis)
+        can: Bools = np.asarray(self._hardware.has_thruster.any(axis=1) & self._unloading.any(axis=1))
+        self._owed = np.where(can[:, None], self._owed - given_up, 0.0)
+        if not can.any():
+            return best
+        low, high = low.copy(), high.copy()
+        low[:, thrusters:] = high[:, thrusters:] = best[:, thrusters:]
+        more = np.concatenate([np.zeros_like(self._owed), self._owed / self._period_s], axis=1)
+        return np.where(can[:, None], self._allocate(wanted + more, low, high), best)
+
+    def _book_what_is_owed(self, missed: Floats) -> None:
+        """Keep owing the torque that thrusters miss, by (A, N) of their shares, of what they were asked for."""
+        torque = _wrench(self._effect[:, 3:, : missed.shape[1]], missed)
+        self._owed = np.clip(torque * self._period_s, np.minimum(self._owed, 0.0), np.maximum(self._owed, 0.0))
+
+
+def _wrench(effect: Floats, share: Floats) -> Floats:
+    """What actuators of `effect` (A, k, n) give at shares (A, n) of their most: (A, k)."""
+    out: Floats = (effect @ share[..., None])[..., 0]
+    return out
 
 
 def _scale(effect: Floats) -> Floats:

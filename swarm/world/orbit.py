@@ -57,16 +57,21 @@ def velocity_before(orbit: RelativeOrbit, position: Floats, velocity: Floats, st
 
 
 @kernel
-def orbit_acceleration_into(step: OrbitStep, position: Floats, velocity: Floats, out: Floats) -> None:
-    """Write a (3,) [m/s^2], lighthouse frame, for the step from a knot at position (3,), velocity (3,), into `out`."""
-    e, h = step.axes, step.h
+def orbit_acceleration_into(
+    axes: Floats, n: float, h: float, d: float, s: float, b: float, position: Floats, velocity: Floats, out: Floats
+) -> None:
+    """Write a (3,) [m/s^2], lighthouse frame, for the step from a knot at position (3,), velocity (3,), into `out`.
+
+    The first six are an `OrbitStep`, taken apart: a kernel takes longer to unpack a record than to do its work.
+    """
+    e = axes
     y = z = ux = uz = 0.0
     for i in range(3):
         y, z = y + e[1, i] * position[i], z + e[2, i] * position[i]
         ux, uz = ux + e[0, i] * velocity[i], uz + e[2, i] * velocity[i]
     # The two equations of the plane, solved for a_z.
     half = h / 2
-    az = step.b * (ux + half * step.d * uz - 1.5 * step.n * z) / (1 - step.b * step.d * half * half)
-    ax, ay = step.d * (uz + half * az), -step.s * y
+    az = b * (ux + half * d * uz - 1.5 * n * z) / (1 - b * d * half * half)
+    ax, ay = d * (uz + half * az), -s * y
     for i in range(3):
         out[i] = e[0, i] * ax + e[1, i] * ay + e[2, i] * az
