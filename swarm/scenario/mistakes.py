@@ -26,6 +26,7 @@ UNITS = {
     "rad_s": "rad/s",
     "m_s": "m/s",
     "hz": "Hz",
+    "percent": "%",
     **{unit: unit for unit in ("arcsec", "arcmin", "deg", "rad", "mm", "um", "cm", "km", "ms", "us", "ns", "m", "s")},
 }
 """Suffixes of keys, the longer first where one ends with another, and how the unit is written."""

@@ -28,7 +28,7 @@ from swarm.world import docking
 from swarm.world.assembly import LIGHTHOUSE, Placement, assemble
 from swarm.world.craft import Visual, load_craft, quiet
 from swarm.world.nearby import Neighbourhood
-from swarm.world.orbit import NO_ORBIT, OrbitStep, orbit_acceleration_into, orbit_step, velocity_before
+from swarm.world.orbit import NO_ORBIT, orbit_acceleration_into, orbit_step, velocity_before
 
 LARGEST = 1e6
 """A coordinate [m], velocity [m/s] or rate [rad/s] beyond this is a simulation that has blown up."""
@@ -70,8 +70,8 @@ class PeriodTruth(NamedTuple):
 class OnboardWrench(NamedTuple):
     """What the craft's own actuators do in each physics step of a period, (S, C, 3), in the body frame.
 
-    force [N] through, torque [N m] about the centre of mass. wheel_momentum [N m s]: of the wheels in mid-step, which the
-    craft has to turn with itself.
+    force [N] through, torque [N m] about the centre of mass. wheel_momentum [N m s]: of the wheels in mid-step, which
+    the craft has to turn with itself.
     """
 
     force: Floats
@@ -165,9 +165,11 @@ class World:
         self._data.xfrc_applied[-count:, 3:] = torque
         most = self._most_force(force, onboard)
         self._look_for_contacts(self._neighbourhood.can_touch(self._pose, self._rate, most, 1 / self._rate_hz))
+        if onboard is None and most is not force:
+            onboard = OnboardWrench(*np.zeros((3, steps, count, 3)))
         with quiet():
             for step in range(1, steps + 1):
-                if most is not force:
+                if onboard is not None:
                     self._apply(force, torque, onboard, step - 1)
                 mujoco.mj_step(self.model, self._data)
                 pose[step], rate[step] = self._pose, self._rate
@@ -203,11 +205,8 @@ class World:
         torque = (inertia @ angular_acceleration[..., None])[..., 0] + np.cross(rate, momentum)
         return force, torque
 
-    def _apply(self, force: Floats, torque: Floats, onboard: OnboardWrench | None, step: int) -> None:
+    def _apply(self, force: Floats, torque: Floats, onboard: OnboardWrench, step: int) -> None:
         """Set the wrench of one step: constant, from the orbit, and from the actuators."""
-        if onboard is None:
-            onboard = OnboardWrench(*np.zeros((3, 1, len(self.names), 3)))
-            step = 0
         _wrench_into(
             self._pose,
             self._rate,
@@ -215,8 +214,10 @@ class World:
             self.mass,
             force,
             torque,
-            *(part[step] for part in onboard),
-            self._orbit,
+            onboard.force[step],
+            onboard.torque[step],
+            onboard.wheel_momentum[step],
+            *self._orbit,
             self._data.xfrc_applied[-len(self.names) :],
         )
 
@@ -296,20 +297,26 @@ def _wrench_into(
     onboard_force: Floats,
     onboard_torque: Floats,
     wheel_momentum: Floats,
-    orbit: OrbitStep,
+    axes: Floats,
+    n: float,
+    h: float,
+    d: float,
+    s: float,
+    b: float,
     out: Floats,
 ) -> None:
     """Write force and torque (C, 6) about the centre of mass, lighthouse frame, for one step from MuJoCo's pose (C, 7)
-    and rate (C, 6): the constant ones, the actuators' from the body frame, the wheels' -w x h, and the orbit's.
+    and rate (C, 6): the constant ones, the actuators' from the body frame, the wheels' -w x h, and the orbit's, whose
+    `OrbitStep` is axes ... b.
     """
     place, speed, pull, body = np.empty(3), np.empty(3), np.empty(3), np.empty((2, 3))
     for c in range(len(pose)):
         w, x, y, z = pose[c, 3], pose[c, 4], pose[c, 5], pose[c, 6]
         p, q, r = rate[c, 3], rate[c, 4], rate[c, 5]
-        a, b, e = com[c, 0], com[c, 1], com[c, 2]
+        cx, cy, cz = com[c, 0], com[c, 1], com[c, 2]
         h0, h1, h2 = wheel_momentum[c, 0], wheel_momentum[c, 1], wheel_momentum[c, 2]
         # In the body frame: the velocity of the centre of mass about the origin, and the torque.
-        about = (q * e - r * b, r * a - p * e, p * b - q * a)
+        about = (q * cz - r * cy, r * cx - p * cz, p * cy - q * cx)
         gyroscopic = (q * h2 - r * h1, r * h0 - p * h2, p * h1 - q * h0)
         turn = (
             (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
@@ -320,11 +327,11 @@ def _wrench_into(
             body[0, i], body[1, i] = onboard_force[c, i], onboard_torque[c, i] - gyroscopic[i]
         for i in range(3):
             row = turn[i]
-            place[i] = pose[c, i] + row[0] * a + row[1] * b + row[2] * e
+            place[i] = pose[c, i] + row[0] * cx + row[1] * cy + row[2] * cz
             speed[i] = rate[c, i] + row[0] * about[0] + row[1] * about[1] + row[2] * about[2]
             out[c, i] = force[c, i] + row[0] * body[0, 0] + row[1] * body[0, 1] + row[2] * body[0, 2]
             out[c, 3 + i] = torque[c, i] + row[0] * body[1, 0] + row[1] * body[1, 1] + row[2] * body[1, 2]
-        orbit_acceleration_into(orbit, place, speed, pull)
+        orbit_acceleration_into(axes, n, h, d, s, b, place, speed, pull)
         for i in range(3):
             out[c, i] += mass[c] * pull[i]
 
