@@ -146,6 +146,32 @@ class Lighthouse(Table):
             )
 
 
+class Integrity(Table):
+    """How far a craft trusts its own pose: docs/integrity.md."""
+
+    residual_test: bool | None = Field(
+        default=None,
+        description="Test the residuals of every pose, and drop photodiodes that disagree. Unset: where the angle noise "
+        "accounts for every error, that is, with motion compensation, and with a calibration where fans or mountings "
+        "have errors.",
+    )
+    false_alarm_probability: float = Field(
+        default=1e-7, gt=0, lt=0.5, description="Of the residual test, per honest pose."
+    )
+    missed_detection_probability: float = Field(
+        default=1e-4, gt=0, lt=0.5, description="Of a fault as large as the protection level allows for."
+    )
+    integrity_risk: float = Field(
+        default=1e-7, gt=0, lt=0.2, description="That an error exceeds its protection level, per estimate."
+    )
+    alert_position_mm: float | None = Field(
+        default=None, gt=0, le=1e6, description="Alert where the position's protection level is above. Unset: never."
+    )
+    alert_attitude_deg: float | None = Field(
+        default=None, gt=0, le=180, description="Alert where the attitude's protection level is above. Unset: never."
+    )
+
+
 class Navigation(Table):
     """What every craft computes on board."""
 
@@ -187,6 +213,7 @@ class Navigation(Table):
         description="File with the fans' systematic errors and the photodiodes' places that the craft go by, as "
         "`swarm calibrate` writes it; relative to this file. Unset: none.",
     )
+    integrity: Integrity = Field(default=Integrity(), description="How far a craft trusts its own pose.")
 
 
 class Recording(Table):
