@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.arrays import Floats
+from estimators.arrays import Bools, Floats
 from estimators.rotation import matrix_from_quaternion
 from swarm import build
 from swarm.assets import find_model
@@ -22,6 +22,7 @@ from swarm.onboard import control
 from swarm.onboard.control import Command, State
 from swarm.onboard.decoder import SweepAngles
 from swarm.onboard.navigation import Estimate, Navigator
+from swarm.results import integrity_columns
 from swarm.results.angles import believed
 from swarm.results.progress import Progress
 from swarm.results.recorder import CcdScene, Scene
@@ -73,7 +74,7 @@ def simulate(
     ) as writer:
         for frame in range(max(1, round(duration_s / flight.period_s))):
             time_s, truth, sight, estimate = flight.period(frame)
-            writer.append(frame, time_s, truth, sight, estimate, angles=flight.angles)
+            writer.append(frame, time_s, truth, sight, estimate, angles=flight.angles, extra=flight.extra)
             if observer is not None:
                 observer.period(frame, truth, estimate)
             if progress is not None:
@@ -98,6 +99,7 @@ class Flight:
         pairs = [true for true, _ in cameras]
         self.ccd = Ccd(pairs, self.visibility, scenario.seed, scenario.duration_s) if cameras else None
         self.pushes = build.pushes(scenario)
+        self.faults = build.faults(scenario, self.lighthouse, self.visibility)
         self.decoder = build.decoder(scenario, layout.present)
         navigation, own_layout = build.navigation(scenario), build.believed_layout(scenario, self.world.photodiodes)
         own_layout = own_layout._replace(present=layout.present)
@@ -106,6 +108,9 @@ class Flight:
         self.believed = believed(self.world.names, own_layout, fans, noise)
         self.angles: SweepAngles | None = None
         """What every craft's decoder made of the last period."""
+        fault = [] if self.faults is None else [integrity_columns.fault_column(self.faults.schedule.names)]
+        self.extra: Floats | None = None
+        """The last period's values of the telemetry's extra columns, (C, N)."""
         self.steers_by_estimate = np.array([craft.feedback == "estimate" for craft in craft(scenario)])
         self.period_s = 1 / settings.rate_hz
         self.scene = Scene(
@@ -126,6 +131,7 @@ class Flight:
                 )
                 for pair in pairs
             ],
+            extra=[*integrity_columns.COLUMNS, *fault],
         )
         start = self.motions.start()
         self._true = State(matrix_from_quaternion(start.quaternion), start.angular_rate, start.position, start.velocity)
@@ -138,8 +144,7 @@ class Flight:
         Returns its epoch [s], the truth at the epoch, the `Sight` of every photodiode (C, K), what each craft knows.
         """
         truth, sight = self.move(frame)
-        pulses = self.lighthouse.sweep(truth, frame, sight == Sight.LIT)
-        self.angles = self.decoder.decode(pulses)
+        self.angles = self._measure(truth, frame, sight == Sight.LIT)
         images = self.ccd.expose(truth, frame) if self.ccd is not None else None
         estimate = self.navigator.step(self.angles, images, self._command)
 
@@ -148,6 +153,8 @@ class Flight:
             self._estimated = State(
                 estimate.rotation, estimate.angular_rate, estimate.position, estimate.velocity
             ).ahead(self.period_s / 2)
+        states = [] if self.faults is None else [self.faults.states()[:, None]]
+        self.extra = np.concatenate([integrity_columns.values(estimate.integrity), *states], axis=1)
         epoch = len(truth.time_s) // 2
         at_epoch = Truth(
             truth.position[epoch],
@@ -158,11 +165,26 @@ class Flight:
         )
         return float(truth.time_s[epoch]), at_epoch, np.minimum(sight[..., 0], sight[..., 1]), estimate
 
+    def _measure(self, truth: PeriodTruth, frame: int, lit: Bools) -> SweepAngles:
+        """What every craft's decoder makes of this period's light, (C, K, 2), and of what is wrong with it."""
+        faults = self.faults
+        if faults is None:
+            return self.decoder.decode(self.lighthouse.sweep(truth, frame, lit))
+        lit, off = faults.light(lit), faults.restarting()
+        pulses = faults.pulses(truth, lit, self.lighthouse.sweep(truth, frame, lit, faults.rotor()))
+        if off.any():
+            self.decoder.forget(off)
+            self.navigator.forget(off)
+        angles = self.decoder.decode(pulses)
+        return angles._replace(lit=angles.lit & ~off[:, None])
+
     def move(self, frame: int) -> tuple[PeriodTruth, NDArray[np.int8]]:
         """Move every craft through one lighthouse period, and no more: nobody measures, nobody navigates.
 
         Returns the truth, and the `Sight` of every photodiode as each fan sweeps, (C, K, 2).
         """
+        if self.faults is not None:
+            self.faults.begin(frame)
         force, torque, self._command = self._wrench(frame)
         truth = self.world.advance(force, torque)
         last = -1
@@ -191,6 +213,9 @@ class Flight:
         believed = self._true
         if self.steers_by_estimate.any():
             believed = self._true.where(~self.steers_by_estimate, self._estimated)
+        if self.faults is not None:
+            idle = self.faults.out_of_control() | self.faults.restarting()
+            believed = believed.where(~idle, control.unknown(len(idle)))
         reference = self.motions.at(frame * self.period_s)
         command = control.command(reference, believed)
         force, torque = control.wrench(command, reference, believed, self.world.mass, self.world.inertia)
@@ -200,6 +225,11 @@ class Flight:
             still = np.zeros_like(force)
             spin = self.world.inertial_wrench(still, still)
             force, torque = force + more[0] - spin[0], torque + more[1] - spin[1]
+        kick = None if self.faults is None else self.faults.kick()
+        if kick is not None:
+            kicked = np.any(np.concatenate(kick, axis=1) != 0, axis=1)
+            more = self.world.inertial_wrench(*(change / self.period_s for change in kick))
+            force[kicked], torque[kicked] = more[0][kicked], more[1][kicked]
         pushed = self.motions.pushed
         if pushed.any():
             pushed_force, pushed_torque = self.world.inertial_wrench(*self.motions.disturbance(frame))

@@ -13,7 +13,8 @@ Per lighthouse period, after PnP:
   tail of one normal variable beyond K, for any K above 1.24 (Szekely and Bakirov, Probab. Theory Relat. Fields 126,
   2003). The second one is the fault: one false photodiode that the residual test has missed (`estimators.slope`), L being
   the noncentrality that it misses with the probability `missed_detection`. A filter that coasts keeps the second term of
-  the last pose that it took in.
+  the last pose that it took in. Where its gate refuses a pose, one of the two is wrong: the filter's level then reaches
+  as far beyond the pose as the pose's own level.
 - the alert is raised where the filter's level passes its limit, or there is no estimate to have one.
 
 The rotor's speed is watched on the way: flashes come once per turn, and a turn that is too long or short by the craft's
@@ -38,6 +39,7 @@ from estimators.integrity import (
     thresholds,
 )
 from estimators.pnp import PoseSolution
+from estimators.rotation import angle_between
 from swarm.onboard.decoder import SweepAngles
 
 LARGEST_SPEED_ERROR = 1e-3
@@ -88,6 +90,19 @@ class Screened(NamedTuple):
     solution: PoseSolution
     lit: Bools
     dropped: Ints
+
+
+class Filtered(NamedTuple):
+    """What became of the poses in the filters: by_lighthouse (C,), whose filter took this period's in; refused (C,), of
+    the gate; active (C,), who has a filter; its rotation (C, 3, 3), position (C, 3) [m], covariance (C, 12, 12).
+    """
+
+    by_lighthouse: Bools
+    refused: Bools
+    active: Bools
+    rotation: Floats
+    position: Floats
+    covariance: Floats
 
 
 class Monitor:
@@ -157,22 +172,23 @@ class Monitor:
                 part[c] = own[0]
         return Screened(parts, lit, dropped)
 
-    def levels(
-        self, screened: Screened, precision: Dilution, by_lighthouse: Bools, active: Bools, covariance: Floats
-    ) -> Integrity:
-        """Protection levels of this period's poses, and of the filters' (C, 12, 12) `covariance` after them.
-
-        by_lighthouse: (C,), whose filter took this period's pose in; active: who has a filter.
-        """
+    def levels(self, screened: Screened, precision: Dilution, filtered: Filtered) -> Integrity:
+        """Protection levels of this period's poses, and of the filters after them."""
         s, missed = self.settings, self._missed[np.count_nonzero(screened.lit, axis=1)]
         noise = self._quantile * self._sigma_rad * np.stack([precision.pdop_m_per_rad, precision.adop_deg_per_rad])
         slope = np.stack([precision.position_slope_m_per_rad, precision.attitude_slope_deg_per_rad])
         fault = slope * (missed * self._noise.own_rad) if s.residual_test else np.zeros_like(slope)
-        self._held = np.where(by_lighthouse, fault, np.where(active, self._held, 0.0))
-        variance = np.diagonal(covariance, axis1=1, axis2=2)
+        single = noise + fault
+        self._held = np.where(filtered.by_lighthouse, fault, np.where(filtered.active, self._held, 0.0))
+        variance = np.diagonal(filtered.covariance, axis1=1, axis2=2)
         sigma = np.sqrt(np.stack([variance[:, 6:9].sum(axis=1), variance[:, :3].sum(axis=1)]))
         sigma[1] = np.rad2deg(sigma[1])
-        single, level = noise + fault, self._quantile * sigma + self._held
+        level = self._quantile * sigma + self._held
+        if filtered.refused.any():
+            at, pose = np.flatnonzero(filtered.refused), screened.solution
+            distance = np.linalg.norm(pose.position[at] - filtered.position[at], axis=1)
+            angle = np.rad2deg(angle_between(pose.rotation[at], filtered.rotation[at]))
+            level[:, at] = np.fmax(level[:, at], np.stack([distance, angle]) + single[:, at])
         limits = np.array([[s.alert_position_m], [np.rad2deg(s.alert_attitude_rad)]])
         watched = np.isfinite(limits)
         with np.errstate(invalid="ignore"):

@@ -44,7 +44,7 @@ from swarm.onboard.acquisition import NONE, Hypotheses, Sighting, advance
 from swarm.onboard.ccd import CcdCalibration, CcdFix, CcdState
 from swarm.onboard.control import Command
 from swarm.onboard.decoder import SweepAngles
-from swarm.onboard.integrity import Integrity, IntegritySettings, Monitor, Screened
+from swarm.onboard.integrity import Filtered, Integrity, IntegritySettings, Monitor, Screened
 
 MIN_LIT = 4
 """Photodiodes that a pose needs (source 1, section 2)."""
@@ -203,6 +203,7 @@ class Navigator:
             pnp.rotation, pnp.position, screened.lit, *sweeps[2:], s.rotor_correlation, pnp.solved
         )
         nis, fresh, refused = self._filter_poses(pnp, precision, found)
+        by_gate = refused
         sensor = np.where(fresh, Sensor.LIGHTHOUSE, Sensor.NONE)
         seen = None
         if images is not None:
@@ -211,7 +212,7 @@ class Navigator:
             kind = np.where(seen.state == CcdState.STEREO, Sensor.STEREO, Sensor.CAMERA)
             sensor = np.where(by_camera, sensor | kind, sensor)
         self._count(fresh, refused)
-        return self._estimate(angles, visible, screened, precision, nis, sensor, seen)
+        return self._estimate(angles, visible, screened, precision, nis, sensor, seen, by_gate)
 
     def _rate_covariance(self, craft: int) -> Floats:
         """Of the rates (angular, linear) that a craft assumes within the period, (6, 6): predicted, or none at all."""
@@ -297,25 +298,27 @@ class Navigator:
         nis: Floats,
         sensor: Ints,
         seen: CcdFix | None,
+        refused: Bools,
     ) -> Estimate:
-        bank, covariance = self._filter, self._filter.covariance
-        by_lighthouse = (sensor & Sensor.LIGHTHOUSE) != 0
+        bank, by_lighthouse = self._filter, (sensor & Sensor.LIGHTHOUSE) != 0
+        active, pose = bank.active, (bank.rotation, bank.position, bank.covariance)
+        filtered = Filtered(by_lighthouse, refused & active, active, *pose)
         status = np.where(self._undecided, Status.AMBIGUOUS, Status.SEARCHING)
         fresh = np.where(self._since_update_s == 0.0, Status.TRACKING, Status.COASTING)
         return Estimate(
-            status=np.where(bank.active, fresh, status).astype(np.int64),
+            status=np.where(active, fresh, status).astype(np.int64),
             visible=visible,
             pnp=screened.solution,
             dilution=precision,
-            rotation=bank.rotation,
-            position=bank.position,
+            rotation=filtered.rotation,
+            position=filtered.position,
             angular_rate=bank.angular_rate,
             velocity=bank.velocity,
-            covariance=covariance,
+            covariance=filtered.covariance,
             nis=nis,
             missed_sync=angles.missed_sync,
             rejected=angles.rejected,
             sensor=sensor.astype(np.int64),
             ccd=seen,
-            integrity=self._monitor.levels(screened, precision, by_lighthouse, bank.active, covariance),
+            integrity=self._monitor.levels(screened, precision, filtered),
         )

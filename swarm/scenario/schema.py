@@ -12,6 +12,7 @@ from pydantic import Field, Strict
 
 from swarm.errors import did_you_mean
 from swarm.scenario.cameras import Ccd
+from swarm.scenario.faults import AnyFault, OfCraft, Reflection
 from swarm.scenario.motions import AnyMotion, Hold, Mistake, Table
 
 NAME_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_.-]*$"
@@ -249,6 +250,9 @@ class Scenario(Table):
     craft: Annotated[tuple[SingleCraft, ...], Strict(False)] = Field(
         default=(), description="Single craft beside the swarm, one [[craft]] each."
     )
+    fault: Annotated[tuple[AnyFault, ...], Strict(False)] = Field(
+        default=(), description="What goes wrong, one [[fault]] each."
+    )
     recording: Recording = Field(default=Recording(), description="The recording for the viewer.")
 
     @property
@@ -269,6 +273,12 @@ class Scenario(Table):
             if names[i] in names[:i]:
                 yield "another craft has this name", f"craft[{i - self.swarm.count}].name"
         yield from self._ccd_mistakes(names)
+        for i, fault in enumerate(self.fault):
+            for key in ("craft", "mirrors"):
+                owner = fault if isinstance(fault, Reflection if key == "mirrors" else OfCraft) else None
+                for j, name in enumerate(getattr(owner, key, ())):
+                    if name not in names:
+                        yield f"no craft has the name {name!r}{did_you_mean(name, names)}", f"fault[{i}].{key}[{j}]"
         for i, name in enumerate(self.recording.detail):
             if name not in names:
                 yield f"no craft has this name{did_you_mean(name, names)}", f"recording.detail[{i}]"
