@@ -1,10 +1,10 @@
-"""Reflections in a share of the sweeps: what they cost, and whether any accepted pose is off beyond its protection level.
+"""Reflections in a share of the sweeps: what they cost, and whether accepted poses keep to their protection levels.
 
     python benchmarks/integrity.py [--scenario formation] [--seeds 7] [--share 0.05] [--spread-deg 5] [--poses 100000]
 
-Every seed is flown twice, clean and with the ghosts (kind `ghosts` of `[[fault]]`), until so many poses with ghosts have
-been accepted. Prints JSON: position error RMS of both, over craft and periods with an estimate, their ratio, the poses
-and estimates beyond their protection levels, and the worst error as a share of its level.
+Every seed is flown twice, clean and with the ghosts (kind `ghosts` of `[[fault]]`), until so many poses with ghosts
+have been accepted. Prints JSON: position error RMS of both, over craft and periods with an estimate, their ratio,
+the poses and estimates beyond their protection levels, and the worst error as a share of its level.
 """
 
 import argparse

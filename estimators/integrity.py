@@ -5,9 +5,9 @@ solution and M = I - J (J^T J)^-1 J^T, the residuals are r = M e of the angle er
 
     e = own + V c,   own ~ N(0, a^2 I),   c ~ N(0, C)
 
-V has a column of ones per fan, the rotor's part common to a sweep (19), C = b^2, and six columns tau_i J_i, the error of
-the rates that were assumed within the period, C their covariance. Their weight in r is not known beforehand, so they are
-taken out as nuisances: with U = M V and the noise's own covariance a^2 M + U C U^T of r, by Woodbury's identity
+V has a column of ones per fan, the rotor's part common to a sweep (19), C = b^2, and six columns tau_i J_i, the error
+of the rates that were assumed within the period, C their covariance. With U = M V and Cov(r) = a^2 M + U C U^T, by
+Woodbury's identity,
 
     T = r^T Cov(r)^+ r = (r^T r - g^T (a^2 C^-1 + U^T U)^-1 g) / a^2,   g = V^T r
 
@@ -64,7 +64,7 @@ class Sweeps(NamedTuple):
 
     def of(self, chosen: Ints) -> "Sweeps":
         """The same for some of the craft."""
-        return Sweeps(*(part[chosen] for part in self))
+        return Sweeps._make(part[chosen] for part in self)
 
 
 class Subset(NamedTuple):
@@ -132,9 +132,7 @@ def _rows_all(
                 i += 1
 
 
-def statistic(
-    sweeps: Sweeps, rotation: Floats, position: Floats, noise: AngleNoise, rate_covariance: Floats
-) -> Floats:
+def statistic(sweeps: Sweeps, rotation: Floats, position: Floats, noise: AngleNoise, rate_covariance: Floats) -> Floats:
     """T (C,) of the solved poses `rotation` (C, 3, 3), `position` (C, 3) [m]; NaN where a pose is.
 
     rate_covariance: (C, 6, 6) of the assumed (angular rate, velocity) [rad/s, m/s].
@@ -143,7 +141,7 @@ def statistic(
         ValueError: an array's shape does not fit `lit`; the message names the argument.
     """
     craft, photodiodes = sweeps.lit.shape
-    solved = np.isfinite(position).all(axis=1) & np.isfinite(rotation).all(axis=(1, 2))
+    solved: Bools = np.all(np.isfinite(position), axis=1) & np.all(np.isfinite(rotation), axis=(1, 2))
     jacobian = np.zeros((craft, 2, photodiodes, 6))
     residual, instant = np.zeros((2, craft, 2, photodiodes))
     uv = projections(checked("theta", sweeps.theta, (craft, photodiodes, 2)))
@@ -175,7 +173,8 @@ def statistic(
     own = noise.own_rad**2
     explained = np.swapaxes(g, 1, 2) @ np.linalg.solve(own * np.eye(8) + inside, g)
     out: Floats = ((np.swapaxes(r, 1, 2) @ r - explained) / own)[:, 0, 0]
-    return np.where(solved, out, np.nan)
+    out[~solved] = np.nan
+    return out
 
 
 def _root(shared_rad: float, rate_covariance: Floats) -> Floats:
@@ -231,6 +230,5 @@ def consistent_subset(
         best = int(np.argmin(value))
         if value[best] <= limit:
             one = slice(int(near[best]), int(near[best]) + 1)
-            return Subset(kept[one][0], PoseSolution(*(part[one] for part in solution)))
+            return Subset(kept[one][0], PoseSolution._make(part[one] for part in solution))
     return None
-

@@ -32,7 +32,8 @@ def _greater_eigenvalue(
     """Of [[a, b], [b, c]]^-1 [[x.x, x.y], [x.y, y.y]]; over: one over the determinant of the first."""
     xx, xy, yy = x0 * x0 + x1 * x1 + x2 * x2, x0 * y0 + x1 * y1 + x2 * y2, y0 * y0 + y1 * y1 + y2 * y2
     half = 0.5 * (c * xx - 2 * b * xy + a * yy) * over
-    return half + np.sqrt(max(half * half - (xx * yy - xy * xy) * over, 0.0))
+    greater: float = half + np.sqrt(max(half * half - (xx * yy - xy * xy) * over, 0.0))
+    return greater
 
 
 @kernel

@@ -154,9 +154,7 @@ class Faults:
             case _:
                 raise TypeError(f"{fault.kind} is no fault of pulses")
 
-    def _reflected(
-        self, fault: Reflection, craft: int, row: Row, clock: Clock, truth: Motion, lit: Bools
-    ) -> Row:
+    def _reflected(self, fault: Reflection, craft: int, row: Row, clock: Clock, truth: Motion, lit: Bools) -> Row:
         """With the sweeps by way of mirrors, as the craft stand at the physics' knot in mid-sweep."""
         if any(isinstance(window.fault, LighthouseDark) for window in self._now):
             return row

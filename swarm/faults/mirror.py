@@ -1,13 +1,13 @@
 """Reflections: by way of which flat faces of other craft the lighthouse's light reaches a photodiode.
 
-A face with outward normal n lies in the plane n . x + d = 0 of the lighthouse frame. The light from the origin o meets a
-photodiode at p by way of the point q where the line from o's mirror image to p passes the plane:
+A face with outward normal n lies in the plane n . x + d = 0 of the lighthouse frame. The light from the origin meets a
+photodiode at p by way of the point q where the line from the origin's mirror image o' to p passes the plane:
 
     o' = -2 d n,    q = o' + (p - o') d / (d + h),    h = n . p + d
 
-q is on the face if it is inside all other planes of the convex solid that has the face; both o and p lie in front of it
-(d > 0, h > 0). The photodiode sees the light if it comes from within its incidence limit, q is in the lighthouse's field
-and the way is not longer than its range, and nothing stands in either leg of it. It is then swept when the fan passes q.
+q is on the face if it is inside all other planes of the convex solid that has the face; origin and p lie in front of it
+(d > 0, h > 0). The photodiode sees the light if it comes from within its incidence limit, q is in the lighthouse's
+field, the way is not longer than its range, and nothing stands in either leg. It is swept when the fan passes q.
 
 Every flat face is a perfect mirror: those of boxes and of convex meshes.
 """
@@ -30,7 +30,7 @@ OFF_FACE_M = 1e-4
 
 
 class Ghost(NamedTuple):
-    """Light by way of mirrors: photodiode (n,), the point q (n, 3) [m] in the lighthouse frame, length of the way [m]."""
+    """Light by way of mirrors: photodiode (n,); q (n, 3) [m] in the lighthouse frame; length of the way (n,) [m]."""
 
     photodiode: Ints
     point_m: Floats

@@ -59,23 +59,17 @@ def row_of(pulses: Pulses, craft: int) -> Row:
 
 def with_rows(pulses: Pulses, rows: Mapping[int, Row]) -> Pulses:
     """The same pulses with those of some craft replaced."""
-    craft, most = pulses.rise_tick.shape
-    room = max([most, *(len(row.rise) for row in rows.values())])
-    out = Pulses(
-        np.full((craft, room), -1, dtype=np.int16),
-        np.zeros((craft, room), dtype=np.int64),
-        np.zeros((craft, room), dtype=np.int32),
-        pulses.total.copy(),
-    )
-    for new, old in zip(out[:3], pulses[:3], strict=True):
-        new[:, :most] = old
+    most = pulses.rise_tick.shape[1]
+    wider = ((0, 0), (0, max([0, *(len(row.rise) - most for row in rows.values())])))
+    photodiode = np.pad(pulses.photodiode, wider, constant_values=-1)
+    rise, width = np.pad(pulses.rise_tick, wider), np.pad(pulses.width_tick, wider)
+    total = pulses.total.copy()
     for c, row in rows.items():
         count = len(row.rise)
-        out.photodiode[c] = -1
-        for new, part in zip(out[:3], row, strict=True):
-            new[c, :count] = part
-        out.total[c] = count
-    return out
+        photodiode[c, count:] = -1
+        photodiode[c, :count], rise[c, :count], width[c, :count] = row
+        total[c] = count
+    return Pulses(photodiode, rise, width, total)
 
 
 def only(row: Row, keep: Bools) -> Row:
@@ -126,5 +120,5 @@ class Register:
             if set(clock.fan(now).tolist()) != {0, 1}:
                 return row
             self._held, self._at_s = now, clock.instant(now)
-        repeated = clock.pulse(self._held.photodiode, self._at_s, self._held.width * clock.tick_s)
+        repeated = clock.pulse(self._held.photodiode, self._at_s, self._held.width.astype(np.float64) * clock.tick_s)
         return joined(only(row, ~own), repeated)

@@ -36,9 +36,15 @@ class Schedule:
     """All windows of a run."""
 
     def __init__(
-        self, faults: Sequence[AnyFault], names: Sequence[str], keys: Sequence[int], seed: int, rate_hz: float, end_s: float
+        self,
+        faults: Sequence[AnyFault],
+        names: Sequence[str],
+        keys: Sequence[int],
+        seed: int,
+        rate_hz: float,
+        end_s: float,
     ) -> None:
-        """names, keys: of the craft; a key is the number of a craft's streams, whatever its place. end_s: of the run."""
+        """names, keys: of the craft; a key numbers a craft's streams, whatever its place. end_s: of the run."""
         self._craft = len(names)
         self.windows: list[Window] = []
         for number, fault in enumerate(faults):
@@ -92,7 +98,8 @@ def _spans(fault: AnyFault, seed: np.random.SeedSequence, end_s: float) -> list[
         to_s = until_s if until_s is not None else np.inf if length_s is None else fault.at_s + length_s
         return [(fault.at_s, min(to_s, end_s))] if fault.at_s < end_s else []
     assert fault.probability_per_s is not None
-    stream, spans, time_s = np.random.default_rng(seed), [], 0.0
+    stream, time_s = np.random.default_rng(seed), 0.0
+    spans: list[tuple[float, float]] = []
     while True:
         time_s += stream.exponential(1 / fault.probability_per_s)
         if time_s >= end_s:

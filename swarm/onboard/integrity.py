@@ -7,14 +7,14 @@ Per lighthouse period, after PnP:
 - a protection level bounds the error of what passed: with K the normal quantile of the integrity risk,
 
       PL = K s PDOP + slope sqrt(L) sqrt(1 - rho) s     of this period's pose, likewise with ADOP for the attitude
-      PL = K sqrt(tr P) + the same second term          of the filter's estimate, P its position or attitude covariance
+      PL = K sqrt(tr P) + the same second term          of the filter's estimate, P its position's or attitude's
 
   The first term is the noise: for every Gaussian of covariance P, P(|e| > K sqrt(tr P)) is no more than the two-sided
   tail of one normal variable beyond K, for any K above 1.24 (Szekely and Bakirov, Probab. Theory Relat. Fields 126,
-  2003). The second one is the fault: one false photodiode that the residual test has missed (`estimators.slope`), L being
-  the noncentrality that it misses with the probability `missed_detection`. A filter that coasts keeps the second term of
-  the last pose that it took in. Where its gate refuses a pose, one of the two is wrong: the filter's level then reaches
-  as far beyond the pose as the pose's own level.
+  2003). The second one is the fault: one false photodiode that the residual test has missed (`estimators.slope`), L
+  being the noncentrality that it misses with the probability `missed_detection`. A filter that coasts keeps the second
+  term of the last pose that it took in. Where its gate refuses a pose, one of the two is wrong: the filter's level then
+  reaches as far beyond the pose as the pose's own level.
 - the alert is raised where the filter's level passes its limit, or there is no estimate to have one.
 
 The rotor's speed is watched on the way: flashes come once per turn, and a turn that is too long or short by the craft's
@@ -71,8 +71,8 @@ class Integrity(NamedTuple):
     """What C craft make of their own pose, each (C,).
 
     dropped: photodiodes left out as false; -1: the residuals failed and no subset agreed. pnp_position_m,
-    pnp_attitude_deg: protection levels of this period's pose, NaN without one. position_m, attitude_deg: of the filter's
-    estimate, NaN without one. alert: one of those has passed its limit; watched: whether there is any limit.
+    pnp_attitude_deg: protection levels of this period's pose, NaN without one. position_m, attitude_deg: of the
+    filter's estimate, NaN without one. alert: one of those has passed its limit; watched: whether there is any.
     """
 
     dropped: Ints
@@ -154,7 +154,7 @@ class Monitor:
         doubtful = np.flatnonzero(asked & ~sound)
         if not len(doubtful):
             return Screened(solution, lit, dropped)
-        parts = PoseSolution(*(np.array(part) for part in solution))
+        parts = PoseSolution._make(part.copy() for part in solution)
         covariance = np.array([rate_covariance(int(c)) for c in doubtful])
         some = sweeps.of(doubtful)._replace(lit=lit[doubtful])
         value = statistic(some, parts.rotation[doubtful], parts.position[doubtful], self._noise, covariance)
@@ -193,7 +193,7 @@ class Monitor:
         watched = np.isfinite(limits)
         with np.errstate(invalid="ignore"):
             alert = np.any(watched & ~(level <= limits), axis=0)
-        return Integrity(screened.dropped, *single, *level, alert, bool(watched.any()))
+        return Integrity(screened.dropped, single[0], single[1], level[0], level[1], alert, bool(watched.any()))
 
 
 class RotorWatch:

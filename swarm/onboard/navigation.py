@@ -199,9 +199,7 @@ class Navigator:
         start = start_rotation, start_position
         screened = self._monitor.screen(sweeps, known, pnp, start, self._rate_covariance)
         pnp = screened.solution
-        precision = dilution(
-            pnp.rotation, pnp.position, screened.lit, *sweeps[2:], s.rotor_correlation, pnp.solved
-        )
+        precision = dilution(pnp.rotation, pnp.position, screened.lit, *sweeps[2:], s.rotor_correlation, pnp.solved)
         nis, fresh, refused = self._filter_poses(pnp, precision, found)
         by_gate = refused
         sensor = np.where(fresh, Sensor.LIGHTHOUSE, Sensor.NONE)

@@ -54,4 +54,6 @@ def values(integrity: Integrity) -> Floats:
 
 def fault_column(names: Sequence[str]) -> Extra:
     """The column of a run with faults; names: what may be wrong, the codes' meanings."""
-    return Extra("fault", "", "what is wrong with the craft, or the lighthouse; the craft is not told", names=tuple(names))
+    return Extra(
+        "fault", "", "what is wrong with the craft, or the lighthouse; the craft is not told", names=tuple(names)
+    )

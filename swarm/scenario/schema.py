@@ -152,9 +152,9 @@ class Integrity(Table):
 
     residual_test: bool | None = Field(
         default=None,
-        description="Test the residuals of every pose, and drop photodiodes that disagree. Unset: where the angle noise "
-        "accounts for every error, that is, with motion compensation, and with a calibration where fans or mountings "
-        "have errors.",
+        description="Test the residuals of every pose, and drop photodiodes that disagree. Unset: where the angle "
+        "noise accounts for every error, that is, with motion compensation, and with a calibration where fans or "
+        "mountings have errors.",
     )
     false_alarm_probability: float = Field(
         default=1e-7, gt=0, lt=0.5, description="Of the residual test, per honest pose."
