@@ -1,4 +1,4 @@
-"""Where the photodiodes sit on each craft: the one thing that the sensor and the on-board computer share."""
+"""Where photodiodes, cameras, lights, thrusters and wheels sit on a craft: what physics and on-board computer share."""
 
 from typing import NamedTuple
 
@@ -58,3 +58,32 @@ class Lights(NamedTuple):
 
     point_m: Floats
     normal: Floats
+
+
+class Thrusters(NamedTuple):
+    """A craft's on-off thrusters: point_m (N, 3) [m] and exhaust (N, 3), unit, in its body frame; the force on the craft
+    is against the exhaust. force_n: (N,) [N] while open. minimum_impulse_ns: (N,) [N s] of the shortest pulse.
+    """
+
+    point_m: Floats
+    exhaust: Floats
+    force_n: Floats
+    minimum_impulse_ns: Floats
+
+    def none(self) -> "Thrusters":
+        """The same craft without any."""
+        return Thrusters(*(part[:0] for part in self))
+
+
+class Wheels(NamedTuple):
+    """A craft's reaction wheels: axis (W, 3), unit, in its body frame; torque_nm (W,) [N m] and momentum_nms (W,)
+    [N m s], the most of each in either direction.
+    """
+
+    axis: Floats
+    torque_nm: Floats
+    momentum_nms: Floats
+
+    def none(self) -> "Wheels":
+        """The same craft without any."""
+        return Wheels(*(part[:0] for part in self))

@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from estimators.arrays import Bools, Floats
 from estimators.rotation import matrix_from_quaternion
 from swarm import build
+from swarm.actuation.actuators import Drive
+from swarm.actuation.execution import ActuatorFaults
 from swarm.assets import find_model
 from swarm.onboard import control
 from swarm.onboard.control import Command, State
@@ -99,7 +101,9 @@ class Flight:
         pairs = [true for true, _ in cameras]
         self.ccd = Ccd(pairs, self.visibility, scenario.seed, scenario.duration_s) if cameras else None
         self.pushes = build.pushes(scenario)
-        self.faults = build.faults(scenario, self.lighthouse, self.visibility)
+        self.faults = build.faults(scenario, self.world, self.lighthouse, self.visibility)
+        self.orbit = build.orbit(scenario)
+        self.actuators = build.actuators(scenario, self.world)
         self.decoder = build.decoder(scenario, layout.present)
         navigation, own_layout = build.navigation(scenario), build.believed_layout(scenario, self.world.photodiodes)
         own_layout = own_layout._replace(present=layout.present)
@@ -131,7 +135,7 @@ class Flight:
                 )
                 for pair in pairs
             ],
-            extra=[*integrity_columns.COLUMNS, *fault],
+            extra=[*integrity_columns.COLUMNS, *self.actuators.columns, *fault],
         )
         start = self.motions.start()
         self._true = State(matrix_from_quaternion(start.quaternion), start.angular_rate, start.position, start.velocity)
@@ -154,7 +158,8 @@ class Flight:
                 estimate.rotation, estimate.angular_rate, estimate.position, estimate.velocity
             ).ahead(self.period_s / 2)
         states = [] if self.faults is None else [self.faults.states()[:, None]]
-        self.extra = np.concatenate([integrity_columns.values(estimate.integrity), *states], axis=1)
+        own = integrity_columns.values(estimate.integrity)
+        self.extra = np.concatenate([own, self.actuators.work(), *states], axis=1)
         epoch = len(truth.time_s) // 2
         at_epoch = Truth(
             truth.position[epoch],
@@ -185,8 +190,9 @@ class Flight:
         """
         if self.faults is not None:
             self.faults.begin(frame)
-        force, torque, self._command = self._wrench(frame)
-        truth = self.world.advance(force, torque)
+        drive = self._wrench(frame)
+        self._command = drive.command
+        truth = self.world.advance(drive.force, drive.torque, drive.onboard)
         last = -1
         self._true = State(
             matrix_from_quaternion(truth.quaternion[last]),
@@ -204,8 +210,18 @@ class Flight:
             out[..., fan] = self.visibility.state(truth.position[k], truth.quaternion[k])
         return out
 
-    def _wrench(self, frame: int) -> tuple[Floats, Floats, Command]:
-        """Force and torque (C, 3) of every craft in period `frame`: its control, and what pushes it at random.
+    def _stuck(self) -> ActuatorFaults | None:
+        """The thrusters that do not obey."""
+        stuck = [] if self.faults is None else self.faults.thrusters()
+        if not stuck:
+            return None
+        open_, shut = np.zeros((2, len(self.world.names), self.actuators.most_thrusters), dtype=np.bool_)
+        for who, thruster, on in stuck:
+            (open_ if on else shut)[who, thruster] = True
+        return ActuatorFaults(open_, shut)
+
+    def _wrench(self, frame: int) -> Drive:
+        """What moves every craft in period `frame`: its control, through its actuators, and what pushes it at random.
 
         With the command that its navigation knows: none of a craft that is steered by the truth, which must not reach
         its filter that way.
@@ -217,8 +233,9 @@ class Flight:
             idle = self.faults.out_of_control() | self.faults.restarting()
             believed = believed.where(~idle, control.unknown(len(idle)))
         reference = self.motions.at(frame * self.period_s)
-        command = control.command(reference, believed)
-        force, torque = control.wrench(command, reference, believed, self.world.mass, self.world.inertia)
+        command = control.command(reference, believed, self.orbit)
+        wanted = control.wrench(command, reference, believed, self.world.mass, self.world.inertia)
+        force, torque, onboard, command = self.actuators.drive(*wanted, believed, command, self._stuck())
         if self.pushes.pushed.any():
             more = self.world.inertial_wrench(*self.pushes.at(frame))
             # What the spin asks for anyway is in the control's own wrench already.
@@ -234,4 +251,4 @@ class Flight:
         if pushed.any():
             pushed_force, pushed_torque = self.world.inertial_wrench(*self.motions.disturbance(frame))
             force[pushed], torque[pushed] = pushed_force[pushed], pushed_torque[pushed]
-        return force, torque, command.only(self.steers_by_estimate)
+        return Drive(force, torque, onboard, command.only(self.steers_by_estimate))

@@ -6,6 +6,7 @@ found here, before anything is written.
 
 from swarm.build.cameras import cameras, craft_keys
 from swarm.build.craft import fleet, photodiodes, pushes, steers_by_estimate, world
+from swarm.build.dynamics import actuators, orbit
 from swarm.build.faults import check_faults, faults
 from swarm.build.navigation import believed_layout, navigation
 from swarm.build.station import ARCSEC, FAN_ERROR_MAX_RAD, angle_noise, decoder, lighthouse
@@ -14,6 +15,7 @@ from swarm.scenario import Scenario
 __all__ = [
     "ARCSEC",
     "FAN_ERROR_MAX_RAD",
+    "actuators",
     "angle_noise",
     "believed_layout",
     "cameras",
@@ -24,6 +26,7 @@ __all__ = [
     "fleet",
     "lighthouse",
     "navigation",
+    "orbit",
     "photodiodes",
     "pushes",
     "steers_by_estimate",
@@ -41,4 +44,4 @@ def check(settings: Scenario) -> None:
     believed_layout(settings, made.photodiodes)
     cameras(settings, made, motions.at(0.0))
     navigation(settings)
-    check_faults(settings, made.photodiodes)
+    check_faults(settings, made)

@@ -13,6 +13,7 @@ from estimators.rotation import quaternion_from_matrix
 from swarm import scenario
 from swarm.assets import find_model
 from swarm.build.cameras import craft_keys
+from swarm.build.dynamics import orbit
 from swarm.errors import SwarmError
 from swarm.layout import Photodiodes
 from swarm.motion import fleet as motion
@@ -67,6 +68,7 @@ def world(settings: Scenario, motions: Fleet) -> World:
             find_model(settings.lighthouse.model),
             settings.lighthouse.rate_hz,
             settings.physics.steps_per_period,
+            orbit(settings),
         )
 
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 from math import inf, pi, radians, sqrt
 
 from swarm import scenario
+from swarm.build.dynamics import orbit
 from swarm.build.station import ARCSEC
 from swarm.errors import SwarmError, did_you_mean
 from swarm.layout import Photodiodes
@@ -36,6 +37,7 @@ def navigation(settings: Scenario) -> NavigationSettings:
         coast_limit_s=table.coast_limit_s,
         filter=table.filter,
         integrity=_integrity(settings),
+        orbit=orbit(settings),
     )
     if table.calibration is None:
         return made

@@ -5,7 +5,8 @@
 
 with e = log(R_ref R^T) the attitude error as an active rotation vector in the lighthouse frame, I the inertia about
 the centre of mass turned into that frame, and the gyroscopic torque cancelled. The closed loop of each axis is a
-second-order system of natural frequency w_p (w_a) and damping z. The wrench is ideal: no thruster limits it.
+second-order system of natural frequency w_p (w_a) and damping z. In an orbit the force is less by what gravity and the
+turning frame do anyway (`estimators.relative_orbit`). What thrusters and wheels make of it: `swarm.actuation`.
 """
 
 from typing import NamedTuple
@@ -16,6 +17,8 @@ from estimators import rotation as rot
 from estimators.arrays import Bools, Floats
 from estimators.error_state import log_into
 from estimators.kernel import kernel
+from estimators.relative_orbit import RelativeOrbit
+from estimators.relative_orbit import acceleration as orbital_acceleration
 from estimators.rotation import multiply_into
 from swarm.motion.fleet import Reference
 
@@ -72,11 +75,21 @@ class Command(NamedTuple):
         return Command(np.where(flat, self.acceleration, 0.0), np.where(flat, self.angular_acceleration, 0.0))
 
 
-def command(reference: Reference, state: State) -> Command:
-    """The feedback above; zero where `state` is NaN, as where the reference holds neither position nor attitude."""
+def command(reference: Reference, state: State, orbit: RelativeOrbit | None = None) -> Command:
+    """The feedback above; zero where `state` is NaN, as where the reference holds neither position nor attitude.
+
+    orbit: the lighthouse's, in which the actuators need only do what gravity does not.
+    """
     out = Command(*np.zeros((2, len(reference.position), 3)))
     _command_into(*reference, *_contiguous(state), *out)
-    return out
+    return out if orbit is None else without_gravity(out, reference.holds_position, state, orbit)
+
+
+def without_gravity(order: Command, holds_position: Bools, state: State, orbit: RelativeOrbit) -> Command:
+    """The order for a wanted acceleration: less by the orbit's own at `state`, for craft that hold and know theirs."""
+    pull = orbital_acceleration(orbit, state.position, state.velocity)
+    known = holds_position[:, None] & np.isfinite(pull).all(axis=1, keepdims=True)
+    return order._replace(acceleration=order.acceleration - np.where(known, pull, 0.0))
 
 
 def wrench(order: Command, reference: Reference, state: State, mass: Floats, inertia: Floats) -> tuple[Floats, Floats]:

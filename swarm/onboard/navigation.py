@@ -36,6 +36,7 @@ from estimators.filter_bank import FilterBank
 from estimators.integrity import Sweeps
 from estimators.pnp import PoseSolution, refine
 from estimators.pose_filter import PoseFilterBank
+from estimators.relative_orbit import RelativeOrbit, acceleration
 from estimators.sweep import FanErrors, correct
 from swarm.images import LightImages
 from swarm.layout import Photodiodes
@@ -78,7 +79,8 @@ class NavigationSettings:
 
     angle_noise_rad and rotor_correlation are s and rho of (18), (19). residual_limit_rad: a worse fit is not a pose.
     rejections_limit: so many poses in a row refused by the gate mean that the filter is wrong, not they. filter:
-    "filterpy", "compiled", which has the same numbers sooner, or "auto", which goes by the number of craft.
+    "filterpy", "compiled", which has the same numbers sooner, or "auto", which goes by the number of craft. orbit: the
+    lighthouse's, None in weightless space.
     """
 
     frame_s: float
@@ -96,6 +98,7 @@ class NavigationSettings:
     fan_x: FanErrors = field(default_factory=FanErrors)
     fan_y: FanErrors = field(default_factory=FanErrors)
     integrity: IntegritySettings = field(default_factory=IntegritySettings)
+    orbit: RelativeOrbit | None = None
 
 
 class Estimate(NamedTuple):
@@ -183,7 +186,11 @@ class Navigator:
         enough = visible >= MIN_LIT
 
         active = bank.active
+        pull = None if s.orbit is None else acceleration(s.orbit, bank.position, bank.velocity)
         bank.predict(s.frame_s, active)
+        if pull is not None:
+            still = np.zeros_like(pull)
+            bank.add_motion(active, still, still, pull * s.frame_s**2 / 2, pull * s.frame_s)
         if command is not None:
             self._add_command(command)
         found, start_rotation, start_position = self._acquire(theta, lit, angles.offset_s, enough)

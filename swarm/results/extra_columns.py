@@ -15,13 +15,17 @@ Kind = Literal["number", "count", "yes"]
 
 
 class Extra(NamedTuple):
-    """One column. kind: doubles, whole numbers or booleans; names: what the codes 0, 1, ... stand for, if they do."""
+    """One column. kind: doubles, whole numbers or booleans; names: what the codes 0, 1, ... stand for, if they do.
+
+    plot: title with which the recording plots these numbers for every craft that it shows in detail; none: not.
+    """
 
     name: str
     unit: str
     meaning: str
     kind: Kind = "number"
     names: tuple[str, ...] = ()
+    plot: str = ""
 
     @property
     def type(self) -> pa.DataType:

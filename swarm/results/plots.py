@@ -14,6 +14,7 @@ from scipy.special import gammaincinv
 from estimators.arrays import Bools, Floats, Ints
 from swarm.results import ccd_columns
 from swarm.results.ccd_columns import CCD_STATES
+from swarm.results.extra_columns import Extra
 from swarm.results.recorder import Period
 from swarm.results.telemetry import STATUS
 
@@ -290,4 +291,17 @@ def craft_plots(name: str, i: int, replay: bool, ccd: bool = False) -> list[Plot
         plot("attitude_error", f"{name}: attitude error [deg]", three, errors(1, 3, 5, scale=(1.0, 1.0, 3.0))),
         plot("nees", f"{name}: NEES", {"NEES": (YELLOW, THIN), **limits}, banded(lambda b: b.errors[:, i, 6])),
         plot("nis", f"{name}: NIS", {"NIS": (YELLOW, THIN), **limits}, banded(lambda b: b.nis[:, i])),
+    ]
+
+
+def extra_plots(name: str, i: int, extra: Sequence[Extra]) -> list[Plot]:
+    """A plot of each extra column of numbers that is to be plotted, of the craft with index `i`."""
+
+    def values(column: int) -> Callable[[Batch], Floats]:
+        return lambda batch: batch.extra[:, i, column, None]
+
+    return [
+        Plot(f"detail/{name}/{e.name}", f"{name}: {e.plot} [{e.unit}]", [e.plot], [BLUE], [MEDIUM], values(column))
+        for column, e in enumerate(extra)
+        if e.plot
     ]

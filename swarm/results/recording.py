@@ -40,6 +40,7 @@ from swarm.results.plots import (
     STATUS_COLOURS,
     Batch,
     craft_plots,
+    extra_plots,
     kept,
     stacked,
     swarm_plots,
@@ -155,7 +156,13 @@ class Recording:
         inks = [int.from_bytes(colour[:3].tobytes() + b"\xb4", "big") for colour in self._colour]
         swarm = swarm_plots(craft, inks, self._crowd, self._replay)
         watching = {pair.craft for pair in scene.ccd}
-        single = {craft[i]: craft_plots(craft[i], i, self._replay, i in watching) for i in self._detail}
+        single = {
+            craft[i]: [
+                *craft_plots(craft[i], i, self._replay, i in watching),
+                *extra_plots(craft[i], i, scene.extra),
+            ]
+            for i in self._detail
+        }
         self._plots = [*swarm, *(plot for plots in single.values() for plot in plots)]
         self._stream.send_blueprint(blueprint(swarm, single, known, len(self._near), self._live))
         self._static("world", rr.ViewCoordinates.RDF)

@@ -1,6 +1,7 @@
 """The scenario: what a run's file may say, loading it with every mistake named, and writing it out again."""
 
 from swarm.scenario.cameras import Ccd, Outage
+from swarm.scenario.dynamics import Actuation, Orbit
 from swarm.scenario.load import Craft, craft, for_replay, load, validate
 from swarm.scenario.motions import AnyMotion, Approach, Attitude, Drift, Hold, Ring, Tumble, Wander, Waypoints
 from swarm.scenario.reference import json_schema, markdown_reference
@@ -8,6 +9,7 @@ from swarm.scenario.schema import Fan, Lighthouse, Navigation, Scenario, Swarm
 from swarm.scenario.text import to_toml
 
 __all__ = [
+    "Actuation",
     "AnyMotion",
     "Approach",
     "Attitude",
@@ -18,6 +20,7 @@ __all__ = [
     "Hold",
     "Lighthouse",
     "Navigation",
+    "Orbit",
     "Outage",
     "Ring",
     "Scenario",

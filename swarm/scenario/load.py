@@ -16,6 +16,7 @@ from swarm.assets import find_model, find_scenario, lighthouses, models
 from swarm.errors import SwarmError
 from swarm.scenario import mistakes, schema
 from swarm.scenario.cameras import Ccd
+from swarm.scenario.dynamics import Actuation
 from swarm.scenario.mistakes import Problem, dotted, parse_path
 from swarm.scenario.motions import AnyMotion
 from swarm.scenario.schema import Disturbance, Scenario
@@ -34,6 +35,7 @@ class Craft:
     count: int
     lighthouse: bool
     disturbance: Disturbance
+    actuation: Actuation
     ccd: Ccd | None
 
 
@@ -121,7 +123,7 @@ def craft(scenario: Scenario) -> list[Craft]:
         for name, single in zip(names[swarm.count :], scenario.craft, strict=True)
     ]
     return [
-        Craft(name, file, of.feedback, of.motion, index, count, of.lighthouse, of.disturbance, ccd)
+        Craft(name, file, of.feedback, of.motion, index, count, of.lighthouse, of.disturbance, of.actuation, ccd)
         for name, file, of, index, count, ccd in group
     ]
 

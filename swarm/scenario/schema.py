@@ -12,6 +12,7 @@ from pydantic import Field, Strict
 
 from swarm.errors import did_you_mean
 from swarm.scenario.cameras import Ccd
+from swarm.scenario.dynamics import Actuation, Orbit
 from swarm.scenario.faults import AnyFault, OfCraft, Reflection
 from swarm.scenario.motions import AnyMotion, Hold, Mistake, Table
 
@@ -35,6 +36,7 @@ class Craft(Table):
     motion: AnyMotion = Field(default=Hold(kind="hold"), description="How it moves: a table with a `kind`.")
     lighthouse: bool = Field(default=True, description="Whether it carries photodiodes for the lighthouse on board.")
     disturbance: Disturbance = Field(default=Disturbance(), description="What pushes it beside its own control.")
+    actuation: Actuation = Field(default=Actuation(), description="How its orders are carried out.")
 
 
 class Swarm(Craft):
@@ -242,6 +244,7 @@ class Scenario(Table):
     duration_s: float = Field(default=30.0, gt=0, le=86400, description="Simulated time.")
     seed: int = Field(default=0, ge=0, lt=10**18, description="Every random draw follows from it.")
     physics: Physics = Field(default=Physics(), description="The simulation of the bodies.")
+    orbit: Orbit | None = Field(default=None, description="The lighthouse's orbit. Unset: weightless space.")
     lighthouse: Lighthouse = Field(
         default=Lighthouse(), description="The emitter, and what photodiodes make of its light."
     )

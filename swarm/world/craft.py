@@ -3,7 +3,7 @@
 The body frame `b` is the frame of the file's one root body. Bodies below it that no joint moves are fused into it
 (geoms, photodiodes and inertia included), its pose in the file and its free joint are dropped: the world places it.
 The photodiodes are the sites whose name starts with `photodiode`; a site's z axis is the photodiode's outward normal.
-Cameras and lights of the CCD sensor: `swarm.world.optics`.
+Cameras and lights of the CCD sensor: `swarm.world.optics`; thrusters and reaction wheels: `swarm.world.propulsion`.
 """
 
 import re
@@ -20,9 +20,10 @@ import numpy as np
 from estimators.arrays import Floats
 from estimators.rotation import matrix_from_quaternion
 from swarm.errors import SwarmError
-from swarm.layout import Cameras, Lights
+from swarm.layout import Cameras, Lights, Thrusters, Wheels
 from swarm.world import shapes
 from swarm.world.optics import cameras_of, lights_of
+from swarm.world.propulsion import thrusters_of, wheels_of
 
 LEAST_PHOTODIODES = 4
 """What PnP needs (section 2 of source 1)."""
@@ -63,6 +64,8 @@ class CraftModel(NamedTuple):
     visuals: tuple[Visual, ...]
     cameras: Cameras
     lights: Lights
+    thrusters: Thrusters
+    wheels: Wheels
 
 
 @lru_cache(maxsize=64)
@@ -75,9 +78,9 @@ def _load_version(path: Path, modified_ns: int) -> CraftModel:
             f"{LEAST_PHOTODIODES} are needed for a pose"
         )
     turn = matrix_from_quaternion(model.body_iquat[1])
-    # Read, the sites have done their duty: MuJoCo would place every one of them at every step.
-    for site in list(spec.sites):
-        spec.delete(site)
+    # Read, sites and numbers have done their duty: MuJoCo would place every site at every step.
+    for element in [*spec.sites, *spec.numerics]:
+        spec.delete(element)
     return CraftModel(
         path,
         spec,
@@ -90,6 +93,8 @@ def _load_version(path: Path, modified_ns: int) -> CraftModel:
         visuals_of(model),
         cameras_of(model, path),
         lights_of(model),
+        thrusters_of(model, path),
+        wheels_of(model, path),
     )
 
 

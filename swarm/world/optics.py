@@ -20,7 +20,7 @@ HALF_TURN_ABOUT_X = np.diag([1.0, -1.0, -1.0])
 
 def cameras_of(model: mujoco.MjModel, path: Path) -> Cameras:
     """The cameras of the one rigid body of `model`, read from `path`. Raises SwarmError for one camera or three."""
-    found = _numbered([model.cam(i).name for i in range(model.ncam)], "ccd")
+    found = numbered([model.cam(i).name for i in range(model.ncam)], "ccd")
     if len(found) not in (0, 2):
         raise SwarmError(f"{path}: {len(found)} cameras (whose name starts with 'ccd'): a pair is two, main and backup")
     rotation = matrix_from_quaternion(model.cam_quat[found].reshape(-1, 4)) @ HALF_TURN_ABOUT_X
@@ -29,12 +29,12 @@ def cameras_of(model: mujoco.MjModel, path: Path) -> Cameras:
 
 def lights_of(model: mujoco.MjModel) -> Lights:
     """The lights of the one rigid body of `model`; any number, also none."""
-    found = _numbered([model.site(i).name for i in range(model.nsite)], "light")
+    found = numbered([model.site(i).name for i in range(model.nsite)], "light")
     normal = matrix_from_quaternion(model.site_quat[found].reshape(-1, 4))[..., 2]
     return Lights(model.site_pos[found].reshape(-1, 3).copy(), normal)
 
 
-def _numbered(names: list[str], prefix: str) -> list[int]:
+def numbered(names: list[str], prefix: str) -> list[int]:
     """Indices of the names that start with `prefix`, by the number in the name: light2 before light10."""
     found = []
     for index, name in enumerate(names):

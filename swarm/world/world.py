@@ -7,6 +7,8 @@ rigid body with a free joint. A step h of MuJoCo's `implicitfast` integrator is
 
 so the motion between two knots is a straight line and a constant-rate rotation, both at the rates of the LATER knot.
 A craft's position and velocity are those of the origin of its body frame, by convention its centre of mass.
+In an orbit the frame turns with the station, and gravity and that turning accelerate every craft (`swarm.world.orbit`);
+the attitude is the one against this frame, whose own turning (n = 1e-3 rad/s) a craft's rotation does not feel.
 """
 
 from collections.abc import Sequence
@@ -18,12 +20,14 @@ import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
+from estimators.relative_orbit import RelativeOrbit
 from estimators.rotation import matrix_from_quaternion
 from swarm import layout
 from swarm.errors import SwarmError
 from swarm.world.assembly import LIGHTHOUSE, Placement, assemble
 from swarm.world.craft import Visual, load_craft, quiet
 from swarm.world.nearby import Neighbourhood
+from swarm.world.orbit import NO_ORBIT, OrbitStep, orbit_acceleration_into, orbit_step, velocity_before
 
 LARGEST = 1e6
 """A coordinate [m], velocity [m/s] or rate [rad/s] beyond this is a simulation that has blown up."""
@@ -60,6 +64,18 @@ class PeriodTruth(NamedTuple):
     contact: Bools
 
 
+class OnboardWrench(NamedTuple):
+    """What the craft's own actuators do in each physics step of a period, (S, C, 3), in the body frame.
+
+    force [N] through, torque [N m] about the centre of mass. wheel_momentum [N m s]: of the wheels in mid-step, which the
+    craft has to turn with itself.
+    """
+
+    force: Floats
+    torque: Floats
+    wheel_momentum: Floats
+
+
 class World:
     """The one place that holds MuJoCo's state. Arrays over craft are in the order of the `CraftStart` records."""
 
@@ -69,8 +85,9 @@ class World:
         lighthouse: Path,
         rate_hz: float = 60.0,
         steps_per_period: int = 8,
+        orbit: RelativeOrbit | None = None,
     ) -> None:
-        """Build the world; rate_hz is the lighthouse's.
+        """Build the world; rate_hz is the lighthouse's; orbit: the station's, or weightless space.
 
         Raises SwarmError: two craft of one name, a model that `load_craft` refuses, or a craft that is inside another
         one or inside the lighthouse.
@@ -84,6 +101,7 @@ class World:
         quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
         velocity, rate = _table([s.velocity for s in craft], 3), _table([s.angular_rate for s in craft], 3)
         timestep_s = 1 / (rate_hz * steps_per_period)
+        self._orbit = NO_ORBIT if orbit is None else orbit_step(orbit, timestep_s)
         placements = [
             Placement(name, model.spec, model.file_pose, position[i], quaternion[i])
             for i, (name, model) in enumerate(zip(self.names, self._models, strict=True))
@@ -103,12 +121,16 @@ class World:
         # MuJoCo keeps a free joint's angular rate in the body frame.
         body_rate = (np.swapaxes(matrix_from_quaternion(quaternion), -1, -2) @ rate[..., None])[..., 0]
         self._rate[:] = np.concatenate([velocity, body_rate], axis=1)
+        if orbit is not None:
+            self._begin_in_orbit(orbit, timestep_s)
 
         self.mass: Floats = np.array([model.mass for model in self._models])
         self.com_m: Floats = np.array([model.com_m for model in self._models]).reshape(-1, 3)
         self.inertia: Floats = np.array([model.inertia for model in self._models]).reshape(-1, 3, 3)
         self.cameras = tuple(model.cameras for model in self._models)
         self.lights = tuple(model.lights for model in self._models)
+        self.thrusters = tuple(model.thrusters for model in self._models)
+        self.wheels = tuple(model.wheels for model in self._models)
         self.photodiodes = layout.pad([m.point_m for m in self._models], [m.normal for m in self._models])
         with quiet():
             mujoco.mj_forward(self.model, self._data)
@@ -118,10 +140,11 @@ class World:
         """What to draw of a craft, in its body frame; the same object for every craft of one model."""
         return self._models[craft].visuals
 
-    def advance(self, force: Floats, torque: Floats) -> PeriodTruth:
+    def advance(self, force: Floats, torque: Floats, onboard: OnboardWrench | None = None) -> PeriodTruth:
         """Fly one lighthouse period under a constant wrench on every craft.
 
         force: (C, 3) [N], through the centre of mass, and torque: (C, 3) [N m] about it, in the lighthouse frame.
+        onboard: what the craft's actuators add, turning with them.
         Raises SwarmError, with the craft and the time, where the wrench is not finite or the simulation unstable.
         """
         count, steps = len(self.names), self._steps
@@ -134,9 +157,12 @@ class World:
         # The craft's bodies are the last ones, in order.
         self._data.xfrc_applied[-count:, :3] = force
         self._data.xfrc_applied[-count:, 3:] = torque
-        self._look_for_contacts(self._neighbourhood.can_touch(self._pose, self._rate, force, 1 / self._rate_hz))
+        most = self._most_force(force, onboard)
+        self._look_for_contacts(self._neighbourhood.can_touch(self._pose, self._rate, most, 1 / self._rate_hz))
         with quiet():
             for step in range(1, steps + 1):
+                if most is not force:
+                    self._apply(force, torque, onboard, step - 1)
                 mujoco.mj_step(self.model, self._data)
                 pose[step], rate[step] = self._pose, self._rate
                 if self._data.ncon:
@@ -166,6 +192,49 @@ class World:
         momentum = (inertia @ rate[..., None])[..., 0]
         torque = (inertia @ angular_acceleration[..., None])[..., 0] + np.cross(rate, momentum)
         return force, torque
+
+    def _apply(self, force: Floats, torque: Floats, onboard: OnboardWrench | None, step: int) -> None:
+        """Set the wrench of one step: constant, from the orbit, and from the actuators."""
+        if onboard is None:
+            onboard = OnboardWrench(*np.zeros((3, 1, len(self.names), 3)))
+            step = 0
+        _wrench_into(
+            self._pose,
+            self._rate,
+            self.com_m,
+            self.mass,
+            force,
+            torque,
+            *(part[step] for part in onboard),
+            self._orbit,
+            self._data.xfrc_applied[-len(self.names) :],
+        )
+
+    def _most_force(self, force: Floats, onboard: OnboardWrench | None) -> Floats:
+        """A force (C, 3) [N] at least as long as any in this period; `force` itself where nothing is added to it."""
+        n = self._orbit.n
+        if onboard is None and n == 0:
+            return force
+        push = np.linalg.norm(force, axis=1)
+        if onboard is not None:
+            push += np.linalg.norm(onboard.force, axis=2).max(axis=0)
+        # (CW) is at most 3 n^2 |p| + 2 n |v|; within a period it grows by a share of n T, and by 2 n T of the push.
+        distance = np.linalg.norm(self._pose[:, :3], axis=1) + np.linalg.norm(self.com_m, axis=1)
+        speed = np.linalg.norm(self._rate[:, :3], axis=1) + np.linalg.norm(self._rate[:, 3:], axis=1) * distance
+        orbital = self.mass * (3 * n**2 * distance + 2 * n * speed)
+        most: Floats = np.zeros_like(force)
+        most[:, 0] = (push + orbital) * (1 + 8 * n / self._rate_hz)
+        return most
+
+    def _begin_in_orbit(self, orbit: RelativeOrbit, timestep_s: float) -> None:
+        """Make the velocities those that MuJoCo's steps begin with (`swarm.world.orbit`)."""
+        rotation = matrix_from_quaternion(self._pose[:, 3:])
+        com = np.array([model.com_m for model in self._models]).reshape(-1, 3)
+        arm = (rotation @ com[..., None])[..., 0]
+        spin = (rotation @ self._rate[:, 3:, None])[..., 0]
+        velocity = self._rate[:, :3] + np.cross(spin, arm)
+        before = velocity_before(orbit, self._pose[:, :3] + arm, velocity, timestep_s)
+        self._rate[:, :3] += before - velocity
 
     def _look_for_contacts(self, wanted: bool) -> None:
         """Let MuJoCo look for contacts, or spare it the search where there can be none."""
@@ -200,6 +269,50 @@ class World:
             )
         which = int(np.flatnonzero(self._data.warning.number)[0])
         raise SwarmError(f"MuJoCo: {mujoco.mju_warningText(which, 0)} at {time_s[-1]:.4f} s")
+
+
+@kernel
+def _wrench_into(
+    pose: Floats,
+    rate: Floats,
+    com: Floats,
+    mass: Floats,
+    force: Floats,
+    torque: Floats,
+    onboard_force: Floats,
+    onboard_torque: Floats,
+    wheel_momentum: Floats,
+    orbit: OrbitStep,
+    out: Floats,
+) -> None:
+    """Write force and torque (C, 6) about the centre of mass, lighthouse frame, for one step from MuJoCo's pose (C, 7)
+    and rate (C, 6): the constant ones, the actuators' from the body frame, the wheels' -w x h, and the orbit's.
+    """
+    place, speed, pull, body = np.empty(3), np.empty(3), np.empty(3), np.empty((2, 3))
+    for c in range(len(pose)):
+        w, x, y, z = pose[c, 3], pose[c, 4], pose[c, 5], pose[c, 6]
+        p, q, r = rate[c, 3], rate[c, 4], rate[c, 5]
+        a, b, e = com[c, 0], com[c, 1], com[c, 2]
+        h0, h1, h2 = wheel_momentum[c, 0], wheel_momentum[c, 1], wheel_momentum[c, 2]
+        # In the body frame: the velocity of the centre of mass about the origin, and the torque.
+        about = (q * e - r * b, r * a - p * e, p * b - q * a)
+        gyroscopic = (q * h2 - r * h1, r * h0 - p * h2, p * h1 - q * h0)
+        turn = (
+            (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+            (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+            (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+        )
+        for i in range(3):
+            body[0, i], body[1, i] = onboard_force[c, i], onboard_torque[c, i] - gyroscopic[i]
+        for i in range(3):
+            row = turn[i]
+            place[i] = pose[c, i] + row[0] * a + row[1] * b + row[2] * e
+            speed[i] = rate[c, i] + row[0] * about[0] + row[1] * about[1] + row[2] * about[2]
+            out[c, i] = force[c, i] + row[0] * body[0, 0] + row[1] * body[0, 1] + row[2] * body[0, 2]
+            out[c, 3 + i] = torque[c, i] + row[0] * body[1, 0] + row[1] * body[1, 1] + row[2] * body[1, 2]
+        orbit_acceleration_into(orbit, place, speed, pull)
+        for i in range(3):
+            out[c, i] += mass[c] * pull[i]
 
 
 @kernel
