@@ -14,12 +14,14 @@ Woodbury's identity,
 is chi-square with 2 n - 6 degrees of freedom as long as no photodiode lies. T <= r^T r / a^2, the cost of PnP, which
 alone lets nearly every honest pose pass: T itself is computed only for the rest.
 
-A pose that fails is searched for the fewest photodiodes without which the others agree: all subsets of n - 1, then of
-n - 2 ..., each solved anew; of those that pass, the one of least T (Parkinson and Axelrad, Navigation 35, 1988, for
-satellites). At least five must remain, so that what remains can still be tested: six or more lit find and drop the
+A pose that fails is searched for a few photodiodes without which the others agree (Parkinson and Axelrad, Navigation
+35, 1988, for satellites): every n - 1, and of those that pass the ones of least T; then the n - 2, n - 3 ... that lie
+nearest to where the start pose, a prediction, has them, but for a shift of all; then every n - 2, n - 3 ... Each is
+solved anew. At least five must remain, so that what remains can still be tested: six or more lit find and drop the
 false one, five or four only detect it.
 """
 
+from collections.abc import Sequence
 from itertools import combinations
 from math import comb
 from typing import NamedTuple
@@ -36,7 +38,9 @@ from estimators.projection import COLUMNS, TAU, angle_weights, checked, gather, 
 FEWEST_KEPT = 5
 """Photodiodes that must remain after others are dropped."""
 MOST_SUBSETS = 1000
-"""Subsets of one size that are tried: 4 of 12, 3 of 18; a craft with more false ones has no pose in that period."""
+"""Subsets of one size that are all tried: 4 of 12, 3 of 18."""
+HOPELESS = 100.0
+"""A cost that exceeds the limit by this factor is not explained by the error of any predicted rates."""
 ITERATIONS = 10
 """Of PnP on a subset, which starts at the prediction: one that needs more has a false photodiode in it."""
 
@@ -132,23 +136,17 @@ def _rows_all(
                 i += 1
 
 
-def statistic(sweeps: Sweeps, rotation: Floats, position: Floats, noise: AngleNoise, rate_covariance: Floats) -> Floats:
-    """T (C,) of the solved poses `rotation` (C, 3, 3), `position` (C, 3) [m]; NaN where a pose is.
-
-    rate_covariance: (C, 6, 6) of the assumed (angular rate, velocity) [rad/s, m/s].
-
-    Raises:
-        ValueError: an array's shape does not fit `lit`; the message names the argument.
-    """
+def _linearised(sweeps: Sweeps, rotation: Floats, position: Floats) -> tuple[Floats, Floats, Floats]:
+    """J (C, 2, K, 6), r (C, 2, K) and tau (C, 2, K) at these poses; zero where not lit, or where the pose is NaN."""
     craft, photodiodes = sweeps.lit.shape
-    solved: Bools = np.all(np.isfinite(position), axis=1) & np.all(np.isfinite(rotation), axis=(1, 2))
+    known: Bools = np.all(np.isfinite(position), axis=1)
     jacobian = np.zeros((craft, 2, photodiodes, 6))
     residual, instant = np.zeros((2, craft, 2, photodiodes))
     uv = projections(checked("theta", sweeps.theta, (craft, photodiodes, 2)))
     _rows_all(
         uv,
         angle_weights(uv),
-        np.ascontiguousarray(sweeps.lit & solved[:, None]),
+        np.ascontiguousarray(sweeps.lit & known[:, None]),
         checked("point_m", sweeps.point_m, (craft, photodiodes, 3)),
         checked("rotation", rotation, (craft, 3, 3)),
         checked("position", position, (craft, 3)),
@@ -159,6 +157,20 @@ def statistic(sweeps: Sweeps, rotation: Floats, position: Floats, noise: AngleNo
         residual,
         instant,
     )
+    return jacobian, residual, instant
+
+
+def statistic(sweeps: Sweeps, rotation: Floats, position: Floats, noise: AngleNoise, rate_covariance: Floats) -> Floats:
+    """T (C,) of the solved poses `rotation` (C, 3, 3), `position` (C, 3) [m]; NaN where a pose is.
+
+    rate_covariance: (C, 6, 6) of the assumed (angular rate, velocity) [rad/s, m/s].
+
+    Raises:
+        ValueError: an array's shape does not fit `lit`; the message names the argument.
+    """
+    craft, photodiodes = sweeps.lit.shape
+    solved: Bools = np.all(np.isfinite(position), axis=1)
+    jacobian, residual, instant = _linearised(sweeps, rotation, position)
     ones = np.zeros((craft, 2, photodiodes, 2))
     for fan in range(2):
         ones[:, fan, :, fan] = sweeps.lit
@@ -194,41 +206,67 @@ def consistent_subset(
     rate_covariance: Floats,
     threshold: Floats,
 ) -> Subset | None:
-    """The lit photodiodes of one craft, a batch of one, less the fewest that must be false; None if none can be found.
+    """The lit photodiodes of one craft, a batch of one, less some that must be false; None if the others never agree.
 
     rotation (3, 3), position (3,) [m]: where PnP starts for every subset, near the pose. rate_covariance: (6, 6).
     threshold: of `thresholds`.
     """
     lit = np.flatnonzero(sweeps.lit[0])
-    uv = projections(sweeps.theta[0])
-    weight = angle_weights(uv)
-    for dropped in range(1, len(lit) - FEWEST_KEPT + 1):
-        if comb(len(lit), dropped) > MOST_SUBSETS:
-            return None
-        without = np.array(list(combinations(lit, dropped)))
-        count = len(without)
-        kept = np.tile(sweeps.lit[0], (count, 1))
-        kept[np.arange(count)[:, None], without] = False
-        tried = sweeps.of(np.zeros(count, dtype=np.int64))._replace(lit=kept)
-        solution = refine_projections(
-            np.broadcast_to(uv, (count, *uv.shape)),
-            np.broadcast_to(weight, (count, *uv.shape)),
-            kept,
-            tried.point_m,
-            np.broadcast_to(rotation, (count, 3, 3)),
-            np.broadcast_to(position, (count, 3)),
-            *tried[3:],
-            iterations_max=ITERATIONS,
-        )
-        # What exceeds the limit a hundredfold is not saved by any nuisance that a filter leaves.
-        limit = threshold[len(lit) - dropped]
-        near = np.flatnonzero(solution.solved & (solution.cost < 100 * limit * noise.own_rad**2))
-        if not len(near):
-            continue
-        covariance = np.broadcast_to(rate_covariance, (len(near), 6, 6))
-        value = statistic(tried.of(near), solution.rotation[near], solution.position[near], noise, covariance)
-        best = int(np.argmin(value))
-        if value[best] <= limit:
-            one = slice(int(near[best]), int(near[best]) + 1)
-            return Subset(kept[one][0], PoseSolution._make(part[one] for part in solution))
+    most = len(lit) - FEWEST_KEPT
+    far = lit[np.argsort(_deviation(sweeps, rotation, position)[lit], kind="stable")[::-1]]
+
+    def best(dropped: Sequence[Sequence[int]]) -> Subset | None:
+        return _best(sweeps, dropped, rotation, position, noise, rate_covariance, threshold)
+
+    if most < 1:
+        return None
+    if found := best(list(combinations(lit.tolist(), 1))):
+        return found
+    for count in range(2, most + 1):
+        if found := best([far[:count].tolist()]):
+            return found
+    for count in range(2, most + 1):
+        if comb(len(lit), count) > MOST_SUBSETS:
+            break
+        if found := best(list(combinations(lit.tolist(), count))):
+            return found
     return None
+
+
+def _deviation(sweeps: Sweeps, rotation: Floats, position: Floats) -> Floats:
+    """How far the angles of one craft (K,) lie from a pose [rad], their median shift taken off."""
+    residual = _linearised(sweeps, rotation[None], position[None])[1][0]
+    out: Floats = np.hypot(*(residual - np.median(residual[:, sweeps.lit[0]], axis=1)[:, None]))
+    return out
+
+
+def _best(
+    sweeps: Sweeps,
+    dropped: Sequence[Sequence[int]],
+    rotation: Floats,
+    position: Floats,
+    noise: AngleNoise,
+    rate_covariance: Floats,
+    threshold: Floats,
+) -> Subset | None:
+    """The subset of least T, of those without each of these equally long lists of photodiodes, if it passes."""
+    without = np.array(dropped, dtype=np.int64)
+    count = len(without)
+    kept = np.tile(sweeps.lit[0], (count, 1))
+    kept[np.arange(count)[:, None], without] = False
+    tried = sweeps.of(np.zeros(count, dtype=np.int64))._replace(lit=kept)
+    uv = projections(tried.theta)
+    start = np.broadcast_to(rotation, (count, 3, 3)), np.broadcast_to(position, (count, 3))
+    weight, motion = angle_weights(uv), (tried.offset_s, tried.angular_rate, tried.velocity)
+    solution = refine_projections(uv, weight, kept, tried.point_m, *start, *motion, iterations_max=ITERATIONS)
+    limit = threshold[np.count_nonzero(kept[0])]
+    near = np.flatnonzero(solution.solved & (solution.cost < HOPELESS * limit * noise.own_rad**2))
+    if not len(near):
+        return None
+    covariance = np.broadcast_to(rate_covariance, (len(near), 6, 6))
+    value = statistic(tried.of(near), solution.rotation[near], solution.position[near], noise, covariance)
+    least = int(np.argmin(value))
+    if not value[least] <= limit:
+        return None
+    one = slice(int(near[least]), int(near[least]) + 1)
+    return Subset(kept[one][0], PoseSolution._make(part[one] for part in solution))
