@@ -113,6 +113,8 @@ class Flight:
         self.angles: SweepAngles | None = None
         """What every craft's decoder made of the last period."""
         fault = [] if self.faults is None else [integrity_columns.fault_column(self.faults.schedule.names)]
+        limits = scenario.navigation.integrity
+        watched = bool(fault) or limits.alert_position_mm is not None or limits.alert_attitude_deg is not None
         self.extra: Floats | None = None
         """The last period's values of the telemetry's extra columns, (C, N)."""
         self.steers_by_estimate = np.array([craft.feedback == "estimate" for craft in craft(scenario)])
@@ -135,7 +137,7 @@ class Flight:
                 )
                 for pair in pairs
             ],
-            extra=[*integrity_columns.COLUMNS, *self.actuators.columns, *fault],
+            extra=[*integrity_columns.columns(watched), *self.actuators.columns, *fault],
         )
         start = self.motions.start()
         self._true = State(matrix_from_quaternion(start.quaternion), start.angular_rate, start.position, start.velocity)

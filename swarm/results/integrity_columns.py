@@ -52,6 +52,12 @@ def values(integrity: Integrity) -> Floats:
     return out
 
 
+def columns(watched: bool) -> list[Extra]:
+    """`COLUMNS`; of a run in which something goes wrong, or may raise an alert, the recording plots the levels too."""
+    titles = {"position_protection_m": "protection level", "attitude_protection_deg": "protection level"}
+    return [column._replace(plot=titles.get(column.name, "") if watched else "") for column in COLUMNS]
+
+
 def fault_column(names: Sequence[str]) -> Extra:
     """The column of a run with faults; names: what may be wrong, the codes' meanings."""
     return Extra(
