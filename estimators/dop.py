@@ -19,6 +19,8 @@ An error of the motion assumed within the period moves the angle of instant tau 
 pose errs, to first order, by B times the error of the rates:
 
     B = (J^T J)^-1 sum tau_i J_i^T J_i
+
+What one false photodiode can do to the pose without being noticed is `estimators.slope`'s, from the same rows.
 """
 
 from typing import NamedTuple
@@ -29,6 +31,7 @@ from estimators.arrays import Bools, Floats
 from estimators.kernel import kernel
 from estimators.linear import invert_spd_into
 from estimators.projection import COLUMNS, TAU, WEIGHT, checked, checked_lit, gather, project, spans_plane
+from estimators.slope import worst_slopes
 
 
 class Dilution(NamedTuple):
@@ -37,12 +40,16 @@ class Dilution(NamedTuple):
     covariance: (C, 6, 6) H of (18) for unit angle noise, (attitude, position), lighthouse frame, left-active error.
     adop_deg_per_rad, pdop_m_per_rad: (C,), (22). rate_coupling: (C, 6, 6) [s], B of
     pose_solved - pose_true = B (rates_true - rates_assumed) + noise, rates (angular rate, velocity).
+    attitude_slope_deg_per_rad, position_slope_m_per_rad: (C,), of `estimators.slope`; infinite where some photodiode's
+    fault would not show at all.
     """
 
     covariance: Floats
     adop_deg_per_rad: Floats
     pdop_m_per_rad: Floats
     rate_coupling: Floats
+    attitude_slope_deg_per_rad: Floats
+    position_slope_m_per_rad: Floats
 
 
 @kernel
@@ -55,8 +62,11 @@ def _sums_into(
     normal: Floats,
     moved: Floats,
     fan_sum: Floats,
+    rows: Floats,
 ) -> bool:
     """Write the lower triangles of J^T J and sum tau J^T J (6, 6), and the fans' sums of rows (2, 6), of one craft.
+
+    rows (2, 5, K): the rows themselves, without the derivative by the other fan's coordinate.
 
     angles: of equal noise; else the table's weights stand for (13). False where a photodiode is behind. A row has no
     derivative by the other fan's coordinate: it is not added up.
@@ -74,6 +84,7 @@ def _sums_into(
             row = (slope * r0, slope * r1, slope * r2, slope * g, slope * gz)
             tau = table[i, TAU]
             for a in range(5):
+                rows[fan, a, i - fan * n] = row[a]
                 to = a if a < 3 else (place if a == 3 else 5)
                 fan_sum[fan, to] += row[a]
                 for b in range(a + 1):
@@ -97,6 +108,7 @@ def _dilution_all(
     mask: Bools,
     covariance: Floats,
     coupling: Floats,
+    slope: Floats,
 ) -> None:
     """(13) to (18) for every craft; leaves the outputs alone where the pose is not determined.
 
@@ -106,6 +118,7 @@ def _dilution_all(
     table, row = np.empty((2 * lit.shape[1], COLUMNS)), np.empty(6)
     normal, moved, inverse = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
     fan_sum, spread = np.empty((2, 6)), np.empty((2, 6))
+    rows, square = np.empty((2, 5, lit.shape[1])), np.empty((2, lit.shape[1]))
     for c in range(lit.shape[0]):
         if not (mask[c] and spans_plane(lit[c], point[c])):
             continue
@@ -116,7 +129,7 @@ def _dilution_all(
                 if lit[c, k]:
                     table[i, WEIGHT], table[n + i, WEIGHT] = weight[c, k, 0], weight[c, k, 1]
                     i += 1
-        if not _sums_into(table, n, rotation[c], position[c], angles, normal, moved, fan_sum):
+        if not _sums_into(table, n, rotation[c], position[c], angles, normal, moved, fan_sum, rows):
             continue
         if not invert_spd_into(normal, inverse):
             continue
@@ -140,6 +153,7 @@ def _dilution_all(
                     row[b] += factor * moved[k, b]
             for b in range(6):
                 coupling[c, a, b] = row[b]
+        slope[0, c], slope[1, c] = worst_slopes(rows, n, inverse, fan_sum, spread, rho, square)
 
 
 def factors(covariance: Floats) -> tuple[Floats, Floats]:
@@ -161,7 +175,7 @@ def dilution(
     rotor_correlation: float,
     mask: Bools,
 ) -> Dilution:
-    """H, ADOP, PDOP and the rate coupling B of C craft at their measured poses.
+    """H, ADOP, PDOP, the rate coupling B and the slopes of C craft at their measured poses.
 
     Args:
         rotation: (C, 3, 3) R_l_b at the epoch.
@@ -219,6 +233,7 @@ def _checked_dilution(
         raise ValueError(f"mask has shape {mask.shape}, expected {(craft,)}")
     offset_s, angular_rate, velocity = motion
     covariance, coupling = np.full((2, craft, 6, 6), np.nan)
+    slope = np.full((2, craft), np.nan)
     _dilution_all(
         checked("rotation", rotation, (craft, 3, 3)),
         checked("position", position, (craft, 3)),
@@ -232,5 +247,6 @@ def _checked_dilution(
         mask,
         covariance,
         coupling,
+        slope,
     )
-    return Dilution(covariance, *factors(covariance), coupling)
+    return Dilution(covariance, *factors(covariance), coupling, np.rad2deg(slope[0]), slope[1])

@@ -64,7 +64,7 @@ class GuidedFlight:
             return
         pairs = self._latch(truth)
         sigma = np.sqrt(np.trace(estimate.covariance[:, 6:9, 6:9], axis1=1, axis2=2))
-        tracking = estimate.status == Status.TRACKING
+        tracking = (estimate.status == Status.TRACKING) & ~estimate.integrity.alert
         self._known = self._known._replace(
             tracking=np.where(self._blind, tracking, True), sigma_m=np.where(self._blind, sigma, 0.0)
         )

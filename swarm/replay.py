@@ -99,7 +99,10 @@ class Playback:
         self._decoder = PulseDecoder(
             self.layout.present, self.windows.tick_s, frame_s=self.windows.frame_s, slot=self.windows.slot
         )
-        navigation = replace(build.navigation(settings), frame_s=self.windows.frame_s)
+        navigation = build.navigation(settings)
+        # A real station's noise is only guessed: what its residuals should be is not known.
+        untested = replace(navigation.integrity, residual_test=False, tick_s=None)
+        navigation = replace(navigation, frame_s=self.windows.frame_s, integrity=untested)
         if known is not None:
             navigation = replace(navigation, fan_x=known.fan_x, fan_y=known.fan_y)
         self._navigator = Navigator(self.layout, navigation)

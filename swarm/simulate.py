@@ -14,16 +14,18 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.arrays import Floats
+from estimators.arrays import Bools, Floats
 from estimators.rotation import matrix_from_quaternion
 from swarm import build
 from swarm.actuation.actuators import Drive
+from swarm.actuation.execution import ActuatorFaults
 from swarm.assets import find_model
 from swarm.guided_flight import GuidedFlight
 from swarm.onboard import control
 from swarm.onboard.control import Command, State
 from swarm.onboard.decoder import SweepAngles
 from swarm.onboard.navigation import Estimate, Navigator
+from swarm.results import integrity_columns
 from swarm.results.angles import believed
 from swarm.results.progress import Progress
 from swarm.results.recorder import CcdScene, Scene
@@ -75,7 +77,7 @@ def simulate(
     ) as writer:
         for frame in range(max(1, round(duration_s / flight.period_s))):
             time_s, truth, sight, estimate = flight.period(frame)
-            writer.append(frame, time_s, truth, sight, estimate, angles=flight.angles, extra=flight.extra())
+            writer.append(frame, time_s, truth, sight, estimate, angles=flight.angles, extra=flight.extra)
             if observer is not None:
                 observer.period(frame, truth, estimate)
             if progress is not None:
@@ -100,6 +102,7 @@ class Flight:
         pairs = [true for true, _ in cameras]
         self.ccd = Ccd(pairs, self.visibility, scenario.seed, scenario.duration_s) if cameras else None
         self.pushes = build.pushes(scenario)
+        self.faults = build.faults(scenario, self.world, self.lighthouse, self.visibility)
         self.orbit = build.orbit(scenario)
         self.actuators = build.actuators(scenario, self.world)
         self.decoder = build.decoder(scenario, layout.present)
@@ -110,6 +113,11 @@ class Flight:
         self.believed = believed(self.world.names, own_layout, fans, noise)
         self.angles: SweepAngles | None = None
         """What every craft's decoder made of the last period."""
+        fault = [] if self.faults is None else [integrity_columns.fault_column(self.faults.schedule.names)]
+        limits = scenario.navigation.integrity
+        watched = bool(fault) or limits.alert_position_mm is not None or limits.alert_attitude_deg is not None
+        self.extra: Floats | None = None
+        """The last period's values of the telemetry's extra columns, (C, N)."""
         self.steers_by_estimate = np.array([craft.feedback == "estimate" for craft in craft(scenario)])
         self.period_s = 1 / settings.rate_hz
         self.guided = GuidedFlight(scenario, self.motions, self.world, self.steers_by_estimate)
@@ -131,7 +139,7 @@ class Flight:
                 )
                 for pair in pairs
             ],
-            extra=[*self.actuators.columns, *self.guided.columns],
+            extra=[*integrity_columns.columns(watched), *self.actuators.columns, *self.guided.columns, *fault],
         )
         start = build.start(scenario, self.motions)
         self._true = State(matrix_from_quaternion(start.quaternion), start.angular_rate, start.position, start.velocity)
@@ -144,8 +152,7 @@ class Flight:
         Returns its epoch [s], the truth at the epoch, the `Sight` of every photodiode (C, K), what each craft knows.
         """
         truth, sight = self.move(frame)
-        pulses = self.lighthouse.sweep(truth, frame, sight == Sight.LIT)
-        self.angles = self.decoder.decode(pulses)
+        self.angles = self._measure(truth, frame, sight == Sight.LIT)
         images = self.ccd.expose(truth, frame) if self.ccd is not None else None
         estimate = self.navigator.step(self.angles, images, self._command)
 
@@ -154,8 +161,11 @@ class Flight:
             self._estimated = State(
                 estimate.rotation, estimate.angular_rate, estimate.position, estimate.velocity
             ).ahead(self.period_s / 2)
-        epoch = len(truth.time_s) // 2
+        states = [] if self.faults is None else [self.faults.states()[:, None]]
+        own = integrity_columns.values(estimate.integrity)
         self.guided.learn(truth, estimate)
+        self.extra = np.concatenate([own, self.actuators.work(), self.guided.values, *states], axis=1)
+        epoch = len(truth.time_s) // 2
         at_epoch = Truth(
             truth.position[epoch],
             truth.quaternion[epoch],
@@ -165,15 +175,26 @@ class Flight:
         )
         return float(truth.time_s[epoch]), at_epoch, np.minimum(sight[..., 0], sight[..., 1]), estimate
 
-    def extra(self) -> Floats:
-        """What the scene's extra columns say of the last period, (C, N)."""
-        return np.concatenate([self.actuators.work(), self.guided.values], axis=1)
+    def _measure(self, truth: PeriodTruth, frame: int, lit: Bools) -> SweepAngles:
+        """What every craft's decoder makes of this period's light, (C, K, 2), and of what is wrong with it."""
+        faults = self.faults
+        if faults is None:
+            return self.decoder.decode(self.lighthouse.sweep(truth, frame, lit))
+        lit, off = faults.light(lit), faults.restarting()
+        pulses = faults.pulses(truth, lit, self.lighthouse.sweep(truth, frame, lit, faults.rotor()))
+        if off.any():
+            self.decoder.forget(off)
+            self.navigator.forget(off)
+        angles = self.decoder.decode(pulses)
+        return angles._replace(lit=angles.lit & ~off[:, None])
 
     def move(self, frame: int) -> tuple[PeriodTruth, NDArray[np.int8]]:
         """Move every craft through one lighthouse period, and no more: nobody measures, nobody navigates.
 
         Returns the truth, and the `Sight` of every photodiode as each fan sweeps, (C, K, 2).
         """
+        if self.faults is not None:
+            self.faults.begin(frame)
         drive = self._wrench(frame)
         self._command = drive.command
         truth = self.world.advance(drive.force, drive.torque, drive.onboard)
@@ -194,6 +215,16 @@ class Flight:
             out[..., fan] = self.visibility.state(truth.position[k], truth.quaternion[k])
         return out
 
+    def _stuck(self) -> ActuatorFaults | None:
+        """The thrusters that do not obey."""
+        stuck = [] if self.faults is None else self.faults.thrusters()
+        if not stuck:
+            return None
+        open_, shut = np.zeros((2, len(self.world.names), self.actuators.most_thrusters), dtype=np.bool_)
+        for who, thruster, on in stuck:
+            (open_ if on else shut)[who, thruster] = True
+        return ActuatorFaults(open_, shut)
+
     def _wrench(self, frame: int) -> Drive:
         """What moves every craft in period `frame`: its control, through its actuators, and what pushes it at random.
 
@@ -203,16 +234,24 @@ class Flight:
         believed = self._true
         if self.steers_by_estimate.any():
             believed = self._true.where(~self.steers_by_estimate, self._estimated)
+        if self.faults is not None:
+            idle = self.faults.out_of_control() | self.faults.restarting()
+            believed = believed.where(~idle, control.unknown(len(idle)))
         reference = self.guided.steer(frame * self.period_s, believed)
         command = self.guided.command(reference, believed, self.orbit)
         wanted = control.wrench(command, reference, believed, self.world.mass, self.world.inertia)
-        force, torque, onboard, command = self.actuators.drive(*wanted, believed, command)
+        force, torque, onboard, command = self.actuators.drive(*wanted, believed, command, self._stuck())
         if self.pushes.pushed.any():
             more = self.world.inertial_wrench(*self.pushes.at(frame))
             # What the spin asks for anyway is in the control's own wrench already.
             still = np.zeros_like(force)
             spin = self.world.inertial_wrench(still, still)
             force, torque = force + more[0] - spin[0], torque + more[1] - spin[1]
+        kick = None if self.faults is None else self.faults.kick()
+        if kick is not None:
+            kicked = np.any(np.concatenate(kick, axis=1) != 0, axis=1)
+            more = self.world.inertial_wrench(*(change / self.period_s for change in kick))
+            force[kicked], torque[kicked] = more[0][kicked], more[1][kicked]
         pushed = self.motions.pushed
         if pushed.any():
             pushed_force, pushed_torque = self.world.inertial_wrench(*self.motions.disturbance(frame))

@@ -7,6 +7,7 @@ found here, before anything is written.
 from swarm.build.cameras import cameras, craft_keys
 from swarm.build.craft import fleet, photodiodes, pushes, start, steers_by_estimate, world
 from swarm.build.dynamics import actuators, orbit
+from swarm.build.faults import check_faults, faults
 from swarm.build.guidance import guidance, matings
 from swarm.build.navigation import believed_layout, navigation
 from swarm.build.station import ARCSEC, FAN_ERROR_MAX_RAD, angle_noise, decoder, lighthouse
@@ -22,6 +23,7 @@ __all__ = [
     "check",
     "craft_keys",
     "decoder",
+    "faults",
     "fleet",
     "guidance",
     "lighthouse",
@@ -37,9 +39,13 @@ __all__ = [
 
 
 def check(settings: Scenario) -> None:
-    """Build everything once. Raises SwarmError as `fleet`, `world`, `believed_layout`, `navigation`, `cameras` do."""
+    """Build everything once.
+
+    Raises SwarmError as `fleet`, `world`, `believed_layout`, `navigation`, `cameras`, `faults` do.
+    """
     motions = fleet(settings)
     made = world(settings, motions)
     believed_layout(settings, made.photodiodes)
     cameras(settings, made, motions.at(0.0))
     navigation(settings)
+    check_faults(settings, made)

@@ -1,16 +1,20 @@
 """What every craft's computer is configured with and believes, in SI units."""
 
 from dataclasses import replace
-from math import pi, radians, sqrt
+from math import inf, pi, radians, sqrt
 
 from swarm import scenario
 from swarm.build.dynamics import orbit
 from swarm.build.station import ARCSEC
 from swarm.errors import SwarmError, did_you_mean
 from swarm.layout import Photodiodes
+from swarm.onboard.integrity import IntegritySettings
 from swarm.onboard.navigation import NavigationSettings
 from swarm.recordings.station_calibration import read_calibration
 from swarm.scenario import Scenario
+
+SPEED_TOLERANCE = 20e-6
+"""A rotor whose speed is off by less errs by 31 urad at boresight: below the rotor's part of the angle noise."""
 
 
 def navigation(settings: Scenario) -> NavigationSettings:
@@ -32,12 +36,36 @@ def navigation(settings: Scenario) -> NavigationSettings:
         gate_probability=table.gate_probability,
         coast_limit_s=table.coast_limit_s,
         filter=table.filter,
+        integrity=_integrity(settings),
         orbit=orbit(settings),
     )
     if table.calibration is None:
         return made
     calibration = read_calibration(table.calibration)
     return replace(made, fan_x=calibration.fan_x, fan_y=calibration.fan_y)
+
+
+def _integrity(settings: Scenario) -> IntegritySettings:
+    table, station = settings.navigation.integrity, settings.lighthouse
+    uncalibrated = settings.navigation.calibration is None and (
+        station.mounting_error_mm > 0 or station.fan_x != scenario.Fan() or station.fan_y != scenario.Fan()
+    )
+    test = settings.navigation.motion_compensation and not uncalibrated
+    tick_s, jitter_s = station.tick_ns * 1e-9, station.sync_jitter_ns * 1e-9
+    # Two flashes, each a tick's rounding and eight sigma of jitter off at worst.
+    doubt = (2 * tick_s + 8 * sqrt(2) * jitter_s) * station.rate_hz
+    position_mm, attitude_deg = table.alert_position_mm, table.alert_attitude_deg
+    return IntegritySettings(
+        residual_test=test if table.residual_test is None else table.residual_test,
+        false_alarm=table.false_alarm_probability,
+        missed_detection=table.missed_detection_probability,
+        risk=table.integrity_risk,
+        rounding_rad=2 * pi * station.rate_hz * tick_s / sqrt(12),
+        alert_position_m=inf if position_mm is None else position_mm * 1e-3,
+        alert_attitude_rad=inf if attitude_deg is None else radians(attitude_deg),
+        tick_s=tick_s,
+        speed_tolerance=max(SPEED_TOLERANCE, doubt),
+    )
 
 
 def believed_layout(settings: Scenario, drawn: Photodiodes) -> Photodiodes:

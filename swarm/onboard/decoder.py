@@ -202,6 +202,10 @@ class PulseDecoder:
         self._last = np.full((len(present), 2), np.nan)
         self._seen = np.full((len(present), 2), np.nan)
 
+    def forget(self, mask: Bools) -> None:
+        """Forget every flash of these craft (C,), as a computer does that has just started."""
+        self._last[mask] = self._seen[mask] = np.nan
+
     def decode(self, pulses: Pulses) -> SweepAngles:
         """Advance every craft by one period and read its sweeps: to be called once per period, without exception.
 

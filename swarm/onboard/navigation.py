@@ -4,6 +4,7 @@ Per lighthouse period and craft:
 
     angles, less the known errors of the fans            estimators.sweep
     -> pose at the epoch, LM on (7) from the prediction   estimators.pnp        (searching: from nothing, acquisition)
+    -> residuals tested, false photodiodes dropped        estimators.integrity, by swarm.onboard.integrity
     -> H, ADOP, PDOP at that pose (13) to (22)            estimators.dop
     -> EKF with measurement covariance s^2 H              estimators.pose_filter, or for a large swarm compiled_filter
 
@@ -26,8 +27,13 @@ from estimators import rotation as rot
 from estimators.arrays import Bools, Floats, Ints
 from estimators.compiled_filter import CompiledFilterBank
 from estimators.dop import Dilution, dilution
-from estimators.error_state import DEFAULT_ACCELERATION_NOISE_M_S2, DEFAULT_ANGULAR_ACCELERATION_NOISE_RAD_S2
+from estimators.error_state import (
+    DEFAULT_ACCELERATION_NOISE_M_S2,
+    DEFAULT_ANGULAR_ACCELERATION_NOISE_RAD_S2,
+    RATE_COLUMNS,
+)
 from estimators.filter_bank import FilterBank
+from estimators.integrity import Sweeps
 from estimators.pnp import PoseSolution, refine
 from estimators.pose_filter import PoseFilterBank
 from estimators.relative_orbit import RelativeOrbit, acceleration
@@ -39,6 +45,7 @@ from swarm.onboard.acquisition import NONE, Hypotheses, Sighting, advance
 from swarm.onboard.ccd import CcdCalibration, CcdFix, CcdState
 from swarm.onboard.control import Command
 from swarm.onboard.decoder import SweepAngles
+from swarm.onboard.integrity import Filtered, Integrity, IntegritySettings, Monitor, Screened
 
 MIN_LIT = 4
 """Photodiodes that a pose needs (source 1, section 2)."""
@@ -90,6 +97,7 @@ class NavigationSettings:
     filter: str = "auto"
     fan_x: FanErrors = field(default_factory=FanErrors)
     fan_y: FanErrors = field(default_factory=FanErrors)
+    integrity: IntegritySettings = field(default_factory=IntegritySettings)
     orbit: RelativeOrbit | None = None
 
 
@@ -100,7 +108,8 @@ class Estimate(NamedTuple):
     those poses. rotation (C, 3, 3), position (C, 3) [m], angular_rate (C, 3) [rad/s], velocity (C, 3) [m/s] and
     covariance (C, 12, 12), ordered (attitude, angular rate, position, velocity): the filter's, in the lighthouse frame.
     nis: (C,), normalised innovation squared of this period's pose. missed_sync, rejected: (C,), from the decoder.
-    sensor: (C,), of `Sensor`. ccd: what the cameras found; None where no craft has any.
+    sensor: (C,), of `Sensor`. ccd: what the cameras found; None where no craft has any. integrity: what the craft make
+    of their own poses.
     """
 
     status: Ints
@@ -117,6 +126,7 @@ class Estimate(NamedTuple):
     rejected: Ints
     sensor: Ints
     ccd: CcdFix | None
+    integrity: Integrity
 
 
 class Navigator:
@@ -147,6 +157,19 @@ class Navigator:
         self._since_update_s = np.zeros(craft)
         self._rejections = np.zeros(craft, dtype=np.int64)
         self._independent_noise_rad = settings.angle_noise_rad * float(np.sqrt(1 - settings.rotor_correlation))
+        noise = settings.angle_noise_rad, settings.rotor_correlation
+        self._monitor = Monitor(settings.integrity, *noise, (craft, photodiodes.present.shape[1]))
+
+    def forget(self, mask: Bools) -> None:
+        """Forget everything that the computers of these craft (C,) have found out, as one does that starts again."""
+        self._filter.stop(mask)
+        for craft in np.flatnonzero(mask):
+            self._hypotheses[craft] = NONE
+        self._undecided[mask] = False
+        self._since_update_s[mask], self._rejections[mask] = 0.0, 0
+        if self._command is not None:
+            self._command = self._command.only(~mask)
+        self._monitor.forget(mask)
 
     def step(self, angles: SweepAngles, images: LightImages | None = None, command: Command | None = None) -> Estimate:
         """Advance every craft by one lighthouse period; the result refers to the epoch of `angles`.
@@ -155,7 +178,9 @@ class Navigator:
         their actuators to do in this period, from its beginning to its end.
         """
         s, bank = self.settings, self._filter
-        theta = correct(angles.theta, (s.fan_x, s.fan_y))
+        speed = self._monitor.speed(angles, s.frame_s)
+        turned = angles.theta if speed is None else angles.theta * speed[:, None, None]
+        theta = correct(turned, (s.fan_x, s.fan_y))
         lit = angles.lit & np.isfinite(theta[..., 0]) & np.isfinite(theta[..., 1])
         visible = np.count_nonzero(lit, axis=1)
         enough = visible >= MIN_LIT
@@ -175,30 +200,15 @@ class Navigator:
         moves = active[:, None] & s.motion_compensation
         angular_rate = np.where(moves, bank.angular_rate, 0.0)
         velocity = np.where(moves, bank.velocity, 0.0)
-        pnp = refine(
-            theta,
-            lit & known[:, None],
-            self._point_m,
-            start_rotation,
-            start_position,
-            angles.offset_s,
-            angular_rate,
-            velocity,
-        )
-        solved = pnp.solved & (pnp.residual_rad < s.residual_limit_rad)
-        pnp = pnp._replace(solved=solved)
-        precision = dilution(
-            pnp.rotation,
-            pnp.position,
-            lit,
-            self._point_m,
-            angles.offset_s,
-            angular_rate,
-            velocity,
-            s.rotor_correlation,
-            solved,
-        )
+        sweeps = Sweeps(theta, lit & known[:, None], self._point_m, angles.offset_s, angular_rate, velocity)
+        pnp = refine(*sweeps[:3], start_rotation, start_position, *sweeps[3:])
+        pnp = pnp._replace(solved=pnp.solved & (pnp.residual_rad < s.residual_limit_rad))
+        start = start_rotation, start_position
+        screened = self._monitor.screen(sweeps, known, pnp, start, self._rate_covariance)
+        pnp = screened.solution
+        precision = dilution(pnp.rotation, pnp.position, screened.lit, *sweeps[2:], s.rotor_correlation, pnp.solved)
         nis, fresh, refused = self._filter_poses(pnp, precision, found)
+        by_gate = refused
         sensor = np.where(fresh, Sensor.LIGHTHOUSE, Sensor.NONE)
         seen = None
         if images is not None:
@@ -207,7 +217,14 @@ class Navigator:
             kind = np.where(seen.state == CcdState.STEREO, Sensor.STEREO, Sensor.CAMERA)
             sensor = np.where(by_camera, sensor | kind, sensor)
         self._count(fresh, refused)
-        return self._estimate(angles, visible, pnp, precision, nis, sensor, seen)
+        return self._estimate(angles, visible, screened, precision, nis, sensor, seen, by_gate)
+
+    def _rate_covariance(self, craft: int) -> Floats:
+        """Of the rates (angular, linear) that a craft assumes within the period, (6, 6): predicted, or none at all."""
+        if self._filter.active[craft]:
+            covariance: Floats = self._filter.covariance[craft][np.ix_(RATE_COLUMNS, RATE_COLUMNS)]
+            return covariance
+        return np.diag(np.repeat(np.square(UNKNOWN_RATE), 3))
 
     def _add_command(self, command: Command) -> None:
         """Add what the craft did between the epochs, T apart: half a period by the last command, half by this one."""
@@ -281,28 +298,32 @@ class Navigator:
         self,
         angles: SweepAngles,
         visible: Ints,
-        pnp: PoseSolution,
+        screened: Screened,
         precision: Dilution,
         nis: Floats,
         sensor: Ints,
         seen: CcdFix | None,
+        refused: Bools,
     ) -> Estimate:
-        bank = self._filter
+        bank, by_lighthouse = self._filter, (sensor & Sensor.LIGHTHOUSE) != 0
+        active, pose = bank.active, (bank.rotation, bank.position, bank.covariance)
+        filtered = Filtered(by_lighthouse, refused & active, active, *pose)
         status = np.where(self._undecided, Status.AMBIGUOUS, Status.SEARCHING)
         fresh = np.where(self._since_update_s == 0.0, Status.TRACKING, Status.COASTING)
         return Estimate(
-            status=np.where(bank.active, fresh, status).astype(np.int64),
+            status=np.where(active, fresh, status).astype(np.int64),
             visible=visible,
-            pnp=pnp,
+            pnp=screened.solution,
             dilution=precision,
-            rotation=bank.rotation,
-            position=bank.position,
+            rotation=filtered.rotation,
+            position=filtered.position,
             angular_rate=bank.angular_rate,
             velocity=bank.velocity,
-            covariance=bank.covariance,
+            covariance=filtered.covariance,
             nis=nis,
             missed_sync=angles.missed_sync,
             rejected=angles.rejected,
             sensor=sensor.astype(np.int64),
             ccd=seen,
+            integrity=self._monitor.levels(screened, precision, filtered),
         )

@@ -286,7 +286,35 @@ def _ccd(rows: _Rows, period_s: float) -> dict[str, Any]:
     }
 
 
-def _figures(rows: _Rows, period_s: float, replay: bool, ccd: bool) -> dict[str, Any]:
+def _integrity(rows: _Rows) -> dict[str, Any]:
+    """How the craft's trust in their own poses held: errors against protection levels, in position or attitude."""
+    tracking = rows.column("status") == STATUS.index("tracking")
+    dropped = rows.column("dropped_photodiodes")
+
+    def worst(prefix: str, among: Bools) -> tuple[Floats, dict[str, Any]]:
+        shares = [
+            rows.column(f"{prefix}{kind}_error_{unit}") / rows.column(f"{prefix}{kind}_protection_{unit}")
+            for kind, unit in (("position", "m"), ("attitude", "deg"))
+        ]
+        share = np.fmax(*shares)[among]
+        return share, {"samples": int(np.count_nonzero(np.isfinite(share))), "beyond": int(np.count_nonzero(share > 1))}
+
+    pose, of_poses = worst("pnp_", tracking)
+    estimate, of_estimates = worst("", np.ones(len(tracking), dtype=np.bool_))
+    return {
+        "integrity": {
+            "accepted_poses": {**of_poses, "worst_share_of_level": _max(pose)},
+            "estimates": {**of_estimates, "worst_share_of_level": _max(estimate)},
+            "position_protection_median_m": _median(rows.column("position_protection_m")),
+            "attitude_protection_median_deg": _median(rows.column("attitude_protection_deg")),
+            "mean_dropped_photodiodes": _mean(np.maximum(dropped, 0)),
+            "failed_residual_test_share": _mean(np.where(np.isfinite(dropped), dropped < 0, np.nan)),
+            "alert_share": _mean(rows.column("alert")),
+        }
+    }
+
+
+def _figures(rows: _Rows, period_s: float, replay: bool, ccd: bool, integrity: bool) -> dict[str, Any]:
     visible, solved = rows.column("visible"), np.isfinite(rows.column("pnp_px_m"))
     pnp = rows.column("pnp_position_error_m"), rows.column("pnp_attitude_error_deg")
     ekf = rows.column("position_error_m"), rows.column("attitude_error_deg")
@@ -329,6 +357,8 @@ def _figures(rows: _Rows, period_s: float, replay: bool, ccd: bool) -> dict[str,
     }
     if ccd:
         out |= _ccd(rows, period_s)
+    if integrity:
+        out |= _integrity(rows)
     return {**out, **_peer_scatter(rows)} if replay else out
 
 
@@ -347,7 +377,7 @@ def summarise_run(folder: Path) -> dict[str, Any]:
 
 
 def _summary(load: Callable[[str], pa.Table], columns: Sequence[str]) -> dict[str, Any]:
-    kind = "peer_px_m" in columns, "ccd" in columns
+    kind = "peer_px_m" in columns, "ccd" in columns, "dropped_photodiodes" in columns
     craft = load("craft")
     codes = _codes(craft, "craft").astype(np.int64)
     everything = _Rows(load, np.argsort(codes, kind="stable"), (0, len(codes)))

@@ -58,7 +58,11 @@ def _sections() -> Iterator[str]:
         for table in tables_of(field.annotation):
             yield from _section(f"`[[{key}]]`" if key in ("craft", "criteria") else f"`[{key}]`", key, table)
             for inner, below in table.model_fields.items():
-                for part in tables_of(below.annotation) if key in ("lighthouse", "craft") and inner != "motion" else ():
+                for part in (
+                    tables_of(below.annotation)
+                    if key in ("lighthouse", "navigation", "craft") and inner != "motion"
+                    else ()
+                ):
                     yield from _section(f"`[{key}.{inner}]`", key, part)
                     for name, least in part.model_fields.items():
                         for entry in tables_of(least.annotation):

@@ -14,6 +14,7 @@ from swarm.errors import did_you_mean
 from swarm.scenario.cameras import Ccd
 from swarm.scenario.criteria import Criterion
 from swarm.scenario.dynamics import Actuation, Orbit
+from swarm.scenario.faults import AnyFault, OfCraft, Reflection
 from swarm.scenario.kinds import AnyMotion
 from swarm.scenario.motions import Hold, Mistake, Table
 
@@ -160,6 +161,32 @@ class Lighthouse(Table):
             )
 
 
+class Integrity(Table):
+    """How far a craft trusts its own pose: docs/integrity.md."""
+
+    residual_test: bool | None = Field(
+        default=None,
+        description="Test the residuals of every pose, and drop photodiodes that disagree. Unset: where the angle "
+        "noise accounts for every error, that is, with motion compensation, and with a calibration where fans or "
+        "mountings have errors.",
+    )
+    false_alarm_probability: float = Field(
+        default=1e-7, gt=0, lt=0.5, description="Of the residual test, per honest pose."
+    )
+    missed_detection_probability: float = Field(
+        default=1e-4, gt=0, lt=0.5, description="Of a fault as large as the protection level allows for."
+    )
+    integrity_risk: float = Field(
+        default=1e-7, gt=0, lt=0.2, description="That an error exceeds its protection level, per estimate."
+    )
+    alert_position_mm: float | None = Field(
+        default=None, gt=0, le=1e6, description="Alert where the position's protection level is above. Unset: never."
+    )
+    alert_attitude_deg: float | None = Field(
+        default=None, gt=0, le=180, description="Alert where the attitude's protection level is above. Unset: never."
+    )
+
+
 class Navigation(Table):
     """What every craft computes on board."""
 
@@ -201,6 +228,7 @@ class Navigation(Table):
         description="File with the fans' systematic errors and the photodiodes' places that the craft go by, as "
         "`swarm calibrate` writes it; relative to this file. Unset: none.",
     )
+    integrity: Integrity = Field(default=Integrity(), description="How far a craft trusts its own pose.")
 
 
 class Recording(Table):
@@ -237,6 +265,9 @@ class Scenario(Table):
     craft: Annotated[tuple[SingleCraft, ...], Strict(False)] = Field(
         default=(), description="Single craft beside the swarm, one [[craft]] each."
     )
+    fault: Annotated[tuple[AnyFault, ...], Strict(False)] = Field(
+        default=(), description="What goes wrong, one [[fault]] each."
+    )
     criteria: Annotated[tuple[Criterion, ...], Strict(False)] = Field(
         default=(), description="What must hold for the run to have succeeded, one [[criteria]] each."
     )
@@ -262,6 +293,12 @@ class Scenario(Table):
         yield from self._ccd_mistakes(names)
         yield from self._dock_mistakes(names)
         yield from self._criteria_mistakes(names)
+        for i, fault in enumerate(self.fault):
+            for key in ("craft", "mirrors"):
+                owner = fault if isinstance(fault, Reflection if key == "mirrors" else OfCraft) else None
+                for j, name in enumerate(getattr(owner, key, ())):
+                    if name not in names:
+                        yield f"no craft has the name {name!r}{did_you_mean(name, names)}", f"fault[{i}].{key}[{j}]"
         for i, name in enumerate(self.recording.detail):
             if name not in names:
                 yield f"no craft has this name{did_you_mean(name, names)}", f"recording.detail[{i}]"

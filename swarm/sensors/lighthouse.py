@@ -79,6 +79,13 @@ class Motion(Protocol):
         """(n + 1, C, 4) wxyz."""
 
 
+class Rotor(NamedTuple):
+    """How the rotor turns in one period: its speed against the nominal one, and how late its zeros come [s]."""
+
+    speed: float = 1.0
+    phase_s: float = 0.0
+
+
 class Purpose(IntEnum):
     """What a random stream is for: the second number of its spawn key."""
 
@@ -144,8 +151,11 @@ class Lighthouse:
         self._block = -1
         self._draws: _Draws | None = None
 
-    def sweep(self, truth: Motion, frame: int, lit: Bools) -> Pulses:
-        """Pulses of the period `frame` with motion `truth`; `lit` (C, K, 2): in line of sight as fan X, Y sweeps."""
+    def sweep(self, truth: Motion, frame: int, lit: Bools, rotor: Rotor | None = None) -> Pulses:
+        """Pulses of the period `frame` with motion `truth`; `lit` (C, K, 2): in line of sight as fan X, Y sweeps.
+
+        rotor: how it turns, if not as it should.
+        """
         settings, true = self.settings, self.photodiodes
         shape = (*true.present.shape, 2)
         if lit.shape != shape:
@@ -153,13 +163,14 @@ class Lighthouse:
         if truth.position.shape[1:] != (true.craft_count, 3) or truth.quaternion.shape[1:] != (true.craft_count, 4):
             raise ValueError(f"motion of {true.craft_count} craft needed, not {truth.position.shape}")
         draws, i = self._drawn(frame)
-        period = 1 / settings.rate_hz
+        period, turn = 1 / settings.rate_hz, rotor or Rotor()
+        turn_s = period / turn.speed
         rho, noise = settings.rotor_correlation, settings.angle_noise_rad
         angle_error = (noise * np.sqrt(1 - rho)) * draws.angle[i]
         angle_error += (noise * np.sqrt(rho)) * draws.rotor[i]
         instant, width = np.empty(shape), np.empty(shape)
         cross_into(
-            np.ascontiguousarray(truth.time_s - truth.time_s[0]),
+            np.ascontiguousarray(truth.time_s - truth.time_s[0] - turn.phase_s),
             np.ascontiguousarray(truth.position),
             np.ascontiguousarray(truth.quaternion),
             true.point_m,
@@ -167,12 +178,14 @@ class Lighthouse:
             lit,
             angle_error,
             self._errors,
-            period,
+            turn_s,
             settings.photodiode_diameter_m,
             instant,
             width,
         )
-        flash = np.array([0.0, period / 2]) + settings.sync_jitter_s * draws.sync[i]
+        if rotor is not None:
+            instant += turn.phase_s
+        flash = turn.phase_s + np.array([0.0, turn_s / 2]) + settings.sync_jitter_s * draws.sync[i]
         flash_width = (SYNC_WIDTH_S + SYNC_WIDTH_STEP_S * np.arange(2)) / settings.tick_s
         # A stray: which of its photodiodes, which instant of the period, how long.
         scale = np.stack([self._count, np.full(shape[0], period), np.full(shape[0], STRAY_WIDTH_MAX_S)], axis=-1)

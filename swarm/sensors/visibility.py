@@ -150,11 +150,23 @@ class Visibility:
             if 0 <= hit < distance - THICKNESS_M:
                 out[c, k] = Sight.BLOCKED
 
-    def blocked(self, origin: Floats, point: Floats, position: Floats, quaternion: Floats) -> Bools:
+    @property
+    def solids(self) -> Solids:
+        """What can stand in the light, by craft."""
+        return self._solids
+
+    def blocked(
+        self,
+        origin: Floats,
+        point: Floats,
+        position: Floats,
+        quaternion: Floats,
+        through_lighthouse: bool = False,
+    ) -> Bools:
         """Whether something stands between `origin` (3,) [m], a camera, and each of the points (N, 3) [m].
 
         The craft are at `position` (C, 3), `quaternion` (C, 4). The camera's own craft blocks too: a pinhole stands
-        clear of its surface.
+        clear of its surface. through_lighthouse: the lighthouse's own body does not, as for its own light.
         """
         ray = point - origin
         distance = np.linalg.norm(ray, axis=-1)
@@ -168,7 +180,7 @@ class Visibility:
             vec=np.ascontiguousarray(ray / distance[:, None]).ravel(),
             geomgroup=None,
             flg_static=True,
-            bodyexclude=-1,
+            bodyexclude=self._lighthouse_body if through_lighthouse else -1,
             geomid=geom,
             dist=hit,
             normal=None,

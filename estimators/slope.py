@@ -1,0 +1,110 @@
+"""How far one false photodiode can move the pose for what the residuals show of it: the slope of receiver autonomy.
+
+One photodiode k errs by b = (b_x, b_y) in its two angles, beside the noise. With the rows J of the angles (`dop`),
+N = J^T J, M = I - J N^-1 J^T, and E_k, which picks the two angles of k,
+
+    pose error         N^-1 J^T E_k b
+    noncentrality      b^T A_k b / ((1 - rho) s^2),   A = M - U ((1 - rho) / rho I + U^T U)^-1 U^T,   U = M (1_x, 1_y)
+
+of the residual test (`integrity`), which takes what looks like the rotor's part, common to a fan, out of the residuals.
+The worst ratio over b of the squared position error to b^T A_k b is the greater eigenvalue of A_k^-1 B_k, B_k = E_k^T J
+N^-1 P^T P N^-1 J^T E_k with P the position's rows; its root, the largest over k, is the slope: with the smallest
+noncentrality L that the test does not miss, no undetected single fault moves the position by more than
+
+    slope sqrt(L) sqrt(1 - rho) s
+
+and likewise the attitude. Walter and Enge (ION GPS 1995) have the same for a GPS receiver and one faulty range.
+"""
+
+import numpy as np
+
+from estimators.arrays import Floats
+from estimators.kernel import kernel
+
+SHOWN = 1e-8
+"""A fault of which the residuals show less than this share, against rounding, they do not show at all."""
+
+
+@kernel
+def _greater_eigenvalue(
+    a: float, b: float, c: float, over: float, x0: float, x1: float, x2: float, y0: float, y1: float, y2: float
+) -> float:
+    """Of [[a, b], [b, c]]^-1 [[x.x, x.y], [x.y, y.y]]; over: one over the determinant of the first."""
+    xx, xy, yy = x0 * x0 + x1 * x1 + x2 * x2, x0 * y0 + x1 * y1 + x2 * y2, y0 * y0 + y1 * y1 + y2 * y2
+    half = 0.5 * (c * xx - 2 * b * xy + a * yy) * over
+    greater: float = half + np.sqrt(max(half * half - (xx * yy - xy * xy) * over, 0.0))
+    return greater
+
+
+@kernel
+def worst_slopes(
+    rows: Floats, n: int, inverse: Floats, fan_sum: Floats, spread: Floats, rho: float, square: Floats
+) -> tuple[float, float]:
+    """Slopes of attitude [rad/rad] and position [m/rad]; infinite where a photodiode's fault shows nowhere.
+
+    rows (2, 5, K): derivatives of each fan's first n angles by the attitude, the fan's own coordinate and z. inverse
+    (6, 6): N^-1. fan_sum, spread (2, 6): sum of each fan's rows, and N^-1 times it. square: scratch (2, K).
+    """
+    s, t = fan_sum, spread
+    # U^T U, and W = ((1 - rho) / rho I + U^T U)^-1 written so that rho may be zero.
+    u00, u01, u11 = float(n), 0.0, float(n)
+    for a in range(6):
+        u00 -= s[0, a] * t[0, a]
+        u01 -= s[0, a] * t[1, a]
+        u11 -= s[1, a] * t[1, a]
+    d00, d01, d11 = 1 - rho + rho * u00, rho * u01, 1 - rho + rho * u11
+    scale = rho / (d00 * d11 - d01 * d01)
+    w00, w01, w11 = scale * d11, -scale * d01, scale * d00
+
+    i00, i01, i02, i03, i04, i05 = inverse[0]
+    i11, i12, i13, i14, i15 = inverse[1, 1], inverse[1, 2], inverse[1, 3], inverse[1, 4], inverse[1, 5]
+    i22, i23, i24, i25 = inverse[2, 2], inverse[2, 3], inverse[2, 4], inverse[2, 5]
+    i33, i34, i35, i44, i45, i55 = (
+        inverse[3, 3],
+        inverse[3, 4],
+        inverse[3, 5],
+        inverse[4, 4],
+        inverse[4, 5],
+        inverse[5, 5],
+    )
+    s00, s01, s02, s03, s04, s05 = s[0]
+    s10, s11, s12, s13, s14, s15 = s[1]
+    # Straight through, without a branch, so that several photodiodes go through side by side.
+    for k in range(n):
+        x0, x1, x2, x3, x5 = rows[0, 0, k], rows[0, 1, k], rows[0, 2, k], rows[0, 3, k], rows[0, 4, k]
+        y0, y1, y2, y4, y5 = rows[1, 0, k], rows[1, 1, k], rows[1, 2, k], rows[1, 3, k], rows[1, 4, k]
+        # N^-1 times the rows.
+        p0 = i00 * x0 + i01 * x1 + i02 * x2 + i03 * x3 + i05 * x5
+        p1 = i01 * x0 + i11 * x1 + i12 * x2 + i13 * x3 + i15 * x5
+        p2 = i02 * x0 + i12 * x1 + i22 * x2 + i23 * x3 + i25 * x5
+        p3 = i03 * x0 + i13 * x1 + i23 * x2 + i33 * x3 + i35 * x5
+        p4 = i04 * x0 + i14 * x1 + i24 * x2 + i34 * x3 + i45 * x5
+        p5 = i05 * x0 + i15 * x1 + i25 * x2 + i35 * x3 + i55 * x5
+        q0 = i00 * y0 + i01 * y1 + i02 * y2 + i04 * y4 + i05 * y5
+        q1 = i01 * y0 + i11 * y1 + i12 * y2 + i14 * y4 + i15 * y5
+        q2 = i02 * y0 + i12 * y1 + i22 * y2 + i24 * y4 + i25 * y5
+        q3 = i03 * y0 + i13 * y1 + i23 * y2 + i34 * y4 + i35 * y5
+        q4 = i04 * y0 + i14 * y1 + i24 * y2 + i44 * y4 + i45 * y5
+        q5 = i05 * y0 + i15 * y1 + i25 * y2 + i45 * y4 + i55 * y5
+        # The photodiode's rows of U.
+        ux0 = 1 - (p0 * s00 + p1 * s01 + p2 * s02 + p3 * s03 + p4 * s04 + p5 * s05)
+        ux1 = -(p0 * s10 + p1 * s11 + p2 * s12 + p3 * s13 + p4 * s14 + p5 * s15)
+        uy0 = -(q0 * s00 + q1 * s01 + q2 * s02 + q3 * s03 + q4 * s04 + q5 * s05)
+        uy1 = 1 - (q0 * s10 + q1 * s11 + q2 * s12 + q3 * s13 + q4 * s14 + q5 * s15)
+        # A_k
+        axx = 1 - (x0 * p0 + x1 * p1 + x2 * p2 + x3 * p3 + x5 * p5)
+        axx -= w00 * ux0 * ux0 + 2 * w01 * ux0 * ux1 + w11 * ux1 * ux1
+        axy = -(x0 * q0 + x1 * q1 + x2 * q2 + x3 * q3 + x5 * q5)
+        axy -= w00 * ux0 * uy0 + w01 * (ux0 * uy1 + ux1 * uy0) + w11 * ux1 * uy1
+        ayy = 1 - (y0 * q0 + y1 * q1 + y2 * q2 + y4 * q4 + y5 * q5)
+        ayy -= w00 * uy0 * uy0 + 2 * w01 * uy0 * uy1 + w11 * uy1 * uy1
+        determinant = axx * ayy - axy * axy
+        over = 1 / determinant if determinant > SHOWN else np.inf
+        square[0, k] = _greater_eigenvalue(axx, axy, ayy, over, p0, p1, p2, q0, q1, q2)
+        square[1, k] = _greater_eigenvalue(axx, axy, ayy, over, p3, p4, p5, q3, q4, q5)
+    attitude = position = 0.0
+    for k in range(n):
+        # Infinity less infinity: as infinite as either.
+        attitude = np.inf if np.isnan(square[0, k]) else max(attitude, square[0, k])
+        position = np.inf if np.isnan(square[1, k]) else max(position, square[1, k])
+    return np.sqrt(attitude), np.sqrt(position)

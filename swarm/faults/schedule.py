@@ -1,0 +1,118 @@
+"""When which fault strikes whom: the `[[fault]]` tables of a scenario as windows of lighthouse periods.
+
+A fault is on in the periods that begin within [from, to). At random, the gaps between its end and its next strike are
+exponential with the given rate, a stream of its own for every fault and craft: another craft, or another fault, changes
+none of them.
+"""
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators.arrays import Floats, Ints
+from swarm.scenario.faults import KINDS, AnyFault, OfCraft
+
+PURPOSE = 0x6661756C74
+"""Spawn key of the random numbers: "fault"."""
+NONE = "none"
+"""The name of no fault."""
+
+
+class Window(NamedTuple):
+    """One fault of one craft, or of the lighthouse (craft -1), in the periods first ... past - 1.
+
+    number: the fault's place in the scenario.
+    """
+
+    fault: AnyFault
+    number: int
+    craft: int
+    first: int
+    past: int
+
+
+class Schedule:
+    """All windows of a run."""
+
+    def __init__(
+        self,
+        faults: Sequence[AnyFault],
+        names: Sequence[str],
+        keys: Sequence[int],
+        seed: int,
+        rate_hz: float,
+        end_s: float,
+    ) -> None:
+        """names, keys: of the craft; a key numbers a craft's streams, whatever its place. end_s: of the run."""
+        self._craft = len(names)
+        self.windows: list[Window] = []
+        for number, fault in enumerate(faults):
+            for craft in _struck(fault, names):
+                key = keys[craft] if craft >= 0 else 0
+                spans = _spans(fault, np.random.SeedSequence(seed, spawn_key=(PURPOSE, number, key)), end_s)
+                for from_s, to_s in spans:
+                    # A time on a period's edge belongs to the period that begins there, whatever its last bit.
+                    first, past = (int(np.ceil(time_s * rate_hz - 1e-6)) for time_s in (from_s, to_s))
+                    self.windows.append(Window(fault, number, craft, first, max(past, first + 1)))
+        self._first = np.array([window.first for window in self.windows], dtype=np.int64)
+        self._past = np.array([window.past for window in self.windows], dtype=np.int64)
+        changes = np.unique(np.concatenate([[0], self._first, self._past]))
+        codes = {int(code) for frame in changes for code in self._bits(int(frame))}
+        self._codes = np.array(sorted(codes | {0}), dtype=np.int64)
+        self.names = tuple(_name(int(code)) for code in self._codes)
+        """What may be wrong with a craft at one time, "none" first."""
+
+    def at(self, frame: int) -> list[Window]:
+        """The windows that a period is in, in the order of the scenario."""
+        return [self.windows[i] for i in np.flatnonzero((self._first <= frame) & (frame < self._past))]
+
+    def states(self, frame: int) -> Ints:
+        """Which of `names` is true of every craft (C,)."""
+        out: Ints = np.searchsorted(self._codes, self._bits(frame))
+        return out
+
+    def _bits(self, frame: int) -> Ints:
+        bits = np.zeros(self._craft, dtype=np.int64)
+        for window in self.at(frame):
+            bit = 1 << KINDS.index(window.fault.kind)
+            bits[slice(None) if window.craft < 0 else window.craft] |= bit
+        return bits
+
+
+def _name(code: int) -> str:
+    return " + ".join(kind for i, kind in enumerate(KINDS) if code >> i & 1) or NONE
+
+
+def _struck(fault: AnyFault, names: Sequence[str]) -> Iterable[int]:
+    if not isinstance(fault, OfCraft):
+        return (-1,)
+    return [names.index(name) for name in dict.fromkeys(fault.craft)] if fault.craft else range(len(names))
+
+
+def _spans(fault: AnyFault, seed: np.random.SeedSequence, end_s: float) -> list[tuple[float, float]]:
+    """Beginnings and ends [s] within the run."""
+    length_s: float | None = fault.for_s
+    until_s: float | None = getattr(fault, "until_s", None)
+    if fault.at_s is not None:
+        to_s = until_s if until_s is not None else np.inf if length_s is None else fault.at_s + length_s
+        return [(fault.at_s, min(to_s, end_s))] if fault.at_s < end_s else []
+    assert fault.probability_per_s is not None
+    stream, time_s = np.random.default_rng(seed), 0.0
+    spans: list[tuple[float, float]] = []
+    while True:
+        time_s += stream.exponential(1 / fault.probability_per_s)
+        if time_s >= end_s:
+            return spans
+        to_s = end_s if length_s is None else min(time_s + length_s, end_s)
+        spans.append((time_s, to_s))
+        time_s = to_s
+
+
+def speed_swing(time_s: Floats | float, length_s: float, amplitude: float) -> tuple[Floats, Floats]:
+    """Speed error and phase [s] of a rotor that hunts once, as a sine, `time_s` [s] after it began: see `RotorDrift`.
+
+    With d = amplitude sin(2 pi t / length) the rotor runs ahead by the integral of d: its zero comes that much sooner.
+    """
+    angle = 2 * np.pi * np.asarray(time_s) / length_s
+    return amplitude * np.sin(angle), -amplitude * length_s / (2 * np.pi) * (1 - np.cos(angle))
