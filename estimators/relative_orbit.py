@@ -1,14 +1,14 @@
 """Motion beside a station in circular orbit: the Clohessy-Wiltshire equations, their solution and their integral.
 
-Seen from the station, in axes that turn with it (W. Fehse, *Automated Rendezvous and Docking of Spacecraft*, 2003, 3.2.3
-and appendix A): V-bar along its velocity, R-bar towards the Earth, H-bar against the orbit's angular momentum, so that
-(V, H, R) is right-handed. With the mean motion n = sqrt(mu / a^3) and a craft at (x, y, z) in these axes, gravity and
-the turning axes accelerate it by
+Seen from the station, in axes that turn with it (W. Fehse, *Automated Rendezvous and Docking of Spacecraft*, 2003,
+3.2.3 and appendix A): V-bar along its velocity, R-bar towards the Earth, H-bar against the orbit's angular momentum, so
+that (V, H, R) is right-handed. With the mean motion n = sqrt(mu / a^3) and a craft at (x, y, z) in these axes, gravity
+and the turning axes accelerate it by
 
     x'' = 2 n z'            y'' = -n^2 y            z'' = 3 n^2 z - 2 n x'                              (CW)
 
-which is gravity to first order in distance / a: what is left out is about 3/2 n^2 d^2 / a, 3e-10 m/s^2 at d = 10 m in an
-orbit of 400 km. Free motion is a drift and an ellipse in the plane and an oscillation across it, in closed form
+which is gravity to first order in distance / a: what is left out is at most 3 n^2 d^2 / a, 6e-11 m/s^2 at d = 10 m in
+an orbit of 400 km. Free motion is a drift and an ellipse in the plane and an oscillation across it, in closed form
 (`transition`), and keeps v^2/2 - 3/2 n^2 z^2 + 1/2 n^2 y^2 (`integral`).
 Arguments and results are in the lighthouse frame; the lighthouse stands in the station's centre of mass and looks along
 one of the axes.
@@ -93,7 +93,7 @@ def transition(orbit: RelativeOrbit, time_s: float) -> Floats:
 
 
 def integral(orbit: RelativeOrbit, position: Floats, velocity: Floats) -> Floats:
-    """v^2/2 - 3/2 n^2 z^2 + 1/2 n^2 y^2 (...,) [m^2/s^2] at `position` (..., 3), `velocity` (..., 3): free motion keeps it."""
+    """v^2/2 - 3/2 n^2 z^2 + 1/2 n^2 y^2 (...,) [m^2/s^2] of craft at `position` (..., 3) with `velocity` (..., 3)."""
     place = position @ orbit.axes.T
     square = orbit.mean_motion_rad_s**2
     out: Floats = np.sum(velocity**2, axis=-1) / 2 + square / 2 * (place[..., 1] ** 2 - 3 * place[..., 2] ** 2)

@@ -61,8 +61,8 @@ class Lights(NamedTuple):
 
 
 class Thrusters(NamedTuple):
-    """A craft's on-off thrusters: point_m (N, 3) [m] and exhaust (N, 3), unit, in its body frame; the force on the craft
-    is against the exhaust. force_n: (N,) [N] while open. minimum_impulse_ns: (N,) [N s] of the shortest pulse.
+    """A craft's on-off thrusters: point_m (N, 3) [m] and exhaust (N, 3), unit, in its body frame; the force on the
+    craft is against the exhaust. force_n: (N,) [N] while open. minimum_impulse_ns: (N,) [N s] of the shortest pulse.
     """
 
     point_m: Floats

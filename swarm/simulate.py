@@ -20,6 +20,7 @@ from swarm import build
 from swarm.actuation.actuators import Drive
 from swarm.actuation.execution import ActuatorFaults
 from swarm.assets import find_model
+from swarm.guided_flight import GuidedFlight
 from swarm.onboard import control
 from swarm.onboard.control import Command, State
 from swarm.onboard.decoder import SweepAngles
@@ -119,6 +120,7 @@ class Flight:
         """The last period's values of the telemetry's extra columns, (C, N)."""
         self.steers_by_estimate = np.array([craft.feedback == "estimate" for craft in craft(scenario)])
         self.period_s = 1 / settings.rate_hz
+        self.guided = GuidedFlight(scenario, self.motions, self.world, self.steers_by_estimate)
         self.scene = Scene(
             craft=self.world.names,
             visuals=[self.world.visuals(i) for i in range(layout.craft_count)],
@@ -137,9 +139,9 @@ class Flight:
                 )
                 for pair in pairs
             ],
-            extra=[*integrity_columns.columns(watched), *self.actuators.columns, *fault],
+            extra=[*integrity_columns.columns(watched), *self.actuators.columns, *self.guided.columns, *fault],
         )
-        start = self.motions.start()
+        start = build.start(scenario, self.motions)
         self._true = State(matrix_from_quaternion(start.quaternion), start.angular_rate, start.position, start.velocity)
         self._estimated = control.unknown(layout.craft_count)
         self._command = Command(*np.zeros((2, layout.craft_count, 3)))
@@ -161,7 +163,8 @@ class Flight:
             ).ahead(self.period_s / 2)
         states = [] if self.faults is None else [self.faults.states()[:, None]]
         own = integrity_columns.values(estimate.integrity)
-        self.extra = np.concatenate([own, self.actuators.work(), *states], axis=1)
+        self.guided.learn(truth, estimate)
+        self.extra = np.concatenate([own, self.actuators.work(), self.guided.values, *states], axis=1)
         epoch = len(truth.time_s) // 2
         at_epoch = Truth(
             truth.position[epoch],
@@ -234,8 +237,8 @@ class Flight:
         if self.faults is not None:
             idle = self.faults.out_of_control() | self.faults.restarting()
             believed = believed.where(~idle, control.unknown(len(idle)))
-        reference = self.motions.at(frame * self.period_s)
-        command = control.command(reference, believed, self.orbit)
+        reference = self.guided.steer(frame * self.period_s, believed)
+        command = self.guided.command(reference, believed, self.orbit)
         wanted = control.wrench(command, reference, believed, self.world.mass, self.world.inertia)
         force, torque, onboard, command = self.actuators.drive(*wanted, believed, command, self._stuck())
         if self.pushes.pushed.any():

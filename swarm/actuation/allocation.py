@@ -1,16 +1,17 @@
 """Which actuators make a wrench: bounded least squares, craft by craft, as one compiled loop.
 
 The six numbers w (force [N], torque about the centre of mass [N m], body frame) are to come from n actuators, each of
-which makes b_i u_i with u_i between its bounds. In units of what is available, x = u / unit and S, one over a typical force
-and torque,
+which makes b_i u_i with u_i between its bounds. In units of what is available, x = u / unit and S, one over a typical
+force and torque,
 
     minimise  |S (B x - w)|^2 + sum_i cost_i (x_i - wanted_i)^2    subject to  low <= x <= high
 
 with costs so small (1e-6 and less) that they decide among equally good answers only: how strongly an actuator is
-preferred, and where it would rather be. With a positive cost the minimum is unique. It is found by the active set method of
-C. L. Lawson and R. J. Hanson, *Solving Least Squares Problems* (1974), for two bounds after P. B. Stark and R. L. Parker,
-*Bounded-variable least squares*, Comput. Stat. 10 (1995) 129: solve for the free x; where that leaves the bounds, go as far
-as they allow and hold what met its bound; else release the held one that would gain most, until none would.
+preferred, and where it would rather be. With a positive cost the minimum is unique. It is found by the active set
+method of C. L. Lawson and R. J. Hanson, *Solving Least Squares Problems* (1974), for two bounds after P. B. Stark and
+R. L. Parker, *Bounded-variable least squares*, Comput. Stat. 10 (1995) 129: solve for the free x; where that leaves the
+bounds, go as far as they allow and hold what met its bound; else release the held one that would gain most, until none
+would.
 """
 
 import numpy as np
@@ -28,9 +29,9 @@ def allocate(
 ) -> tuple[Floats, Ints]:
     """The x (C, n) above, and the rounds that it took, (C,).
 
-    effect: (C, 6, n), B: the wrench of a unit of each. scale: (C, 6), S. cost, wanted: (C, n), cost positive. low, high:
-    (C, n), an actuator between equal bounds stays there. wrench: (C, 6). Raises ValueError where shapes do not fit, a
-    cost is not positive or a bound above the other.
+    effect: (C, 6, n), B: the wrench of a unit of each. scale: (C, 6), S. cost, wanted: (C, n), cost positive. low,
+    high: (C, n), an actuator between equal bounds stays there. wrench: (C, 6). Raises ValueError where shapes do not
+    fit, a cost is not positive or a bound above the other.
     """
     craft, actuators = cost.shape
     shapes = (effect.shape, scale.shape, wrench.shape, wanted.shape, low.shape, high.shape)

@@ -1,11 +1,10 @@
 """What thrusters really do: their own errors of size and direction, and the faults that a schedule gives them."""
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from estimators.arrays import Bools, Floats
+from estimators.arrays import Bools, Floats, Ints
 from estimators.rotation import exp
 from swarm.layout import Thrusters
 
@@ -23,12 +22,13 @@ class ActuatorFaults(NamedTuple):
     stuck_shut: Bools
 
 
-def executed(thrusters: Thrusters, magnitude: float, direction_rad: float, key: int, seed: int) -> Floats:
+def executed(thrusters: Thrusters, errors: tuple[float, float], key: int, seed: int) -> Floats:
     """The force vectors (N, 3) [N], body frame, that a craft's thrusters really give while open.
 
-    magnitude: 1 sigma of a thruster's relative error of force; direction_rad: of its tilt about each axis across. Drawn
-    once per thruster from the seed and the craft's `key` alone.
+    errors: 1 sigma of a thruster's relative error of force, and of its tilt about each axis across [rad]; drawn once
+    per thruster from the seed and the craft's `key` alone.
     """
+    magnitude, direction_rad = errors
     stream = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(PURPOSE, key)))
     draws = stream.standard_normal((len(thrusters.force_n), 4))
     tilt = direction_rad * draws[:, 1:]
@@ -40,7 +40,7 @@ def executed(thrusters: Thrusters, magnitude: float, direction_rad: float, key: 
     return out
 
 
-def obeyed(share: Floats, who: Sequence[int], faults: ActuatorFaults | None) -> Floats:
+def obeyed(share: Floats, who: Ints, faults: ActuatorFaults | None) -> Floats:
     """Shares of steps (S, A, N) in which the thrusters of the craft `who` (A,) are open, with the faults in force."""
     if faults is None:
         return share

@@ -1,9 +1,9 @@
 """From the mean force of a period to the pulse of an on-off thruster.
 
-A thruster is open or shut: a mean force f over a period T is one pulse of t = T f / F in the middle of the period, with F
-its force while open. A pulse below the shortest (minimum impulse I: t < I / F) is not fired; its impulse is for the caller
-to carry over. In mid-period, at the epoch, a pulse changes the velocity as the constant force f would. The physics gets
-its mean over each of its steps: impulses are exact, their instants to one step.
+A thruster is open or shut: a mean force f over a period T is one pulse of t = T f / F in the middle of the period, with
+F its force while open. A pulse below the shortest (minimum impulse I: t < I / F) is not fired; its impulse is for the
+caller to carry over. In mid-period, at the epoch, a pulse changes the velocity as the constant force f would. The
+physics gets its mean over each of its steps: impulses are exact, their instants to one step.
 """
 
 import numpy as np
@@ -12,14 +12,14 @@ from estimators.arrays import Floats
 
 
 def on_time(share: Floats, shortest_s: Floats, period_s: float) -> Floats:
-    """Seconds that each thruster is open, like `share`: of its force in the mean, 0 to 1; shortest_s: I / F, likewise."""
+    """How long each thruster opens [s] to give `share` of its force in the mean, 0 to 1; shortest_s: I / F [s]."""
     open_s = period_s * np.clip(share, 0.0, 1.0)
     out: Floats = np.where(open_s < shortest_s, 0.0, open_s)
     return out
 
 
 def open_share(open_s: Floats, period_s: float, steps: int) -> Floats:
-    """Share of each of `steps` physics steps, (S, ...), in which a pulse of `open_s` (...) [s] in mid-period is open."""
+    """Share (S, ...) of each of `steps` physics steps in which a pulse of `open_s` (...) [s] in mid-period is open."""
     edge = (np.linspace(0.0, period_s, steps + 1) - period_s / 2).reshape(-1, *[1] * open_s.ndim)
     # How much of the pulse has passed by each step's edge.
     passed = np.clip(edge + open_s / 2, 0.0, open_s)

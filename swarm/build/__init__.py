@@ -5,9 +5,10 @@ found here, before anything is written.
 """
 
 from swarm.build.cameras import cameras, craft_keys
-from swarm.build.craft import fleet, photodiodes, pushes, steers_by_estimate, world
+from swarm.build.craft import fleet, photodiodes, pushes, start, steers_by_estimate, world
 from swarm.build.dynamics import actuators, orbit
 from swarm.build.faults import check_faults, faults
+from swarm.build.guidance import guidance, matings
 from swarm.build.navigation import believed_layout, navigation
 from swarm.build.station import ARCSEC, FAN_ERROR_MAX_RAD, angle_noise, decoder, lighthouse
 from swarm.scenario import Scenario
@@ -24,11 +25,14 @@ __all__ = [
     "decoder",
     "faults",
     "fleet",
+    "guidance",
     "lighthouse",
+    "matings",
     "navigation",
     "orbit",
     "photodiodes",
     "pushes",
+    "start",
     "steers_by_estimate",
     "world",
 ]

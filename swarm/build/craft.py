@@ -3,27 +3,39 @@
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from math import radians
 from typing import cast
 
 import numpy as np
 
+from estimators import rotation as rot
 from estimators.arrays import Bools
-from estimators.rotation import quaternion_from_matrix
+from estimators.rotation import matrix_from_quaternion
 from swarm import scenario
 from swarm.assets import find_model
 from swarm.build.cameras import craft_keys
 from swarm.build.dynamics import orbit
+from swarm.build.guidance import beginning, facing_port, matings
 from swarm.errors import SwarmError
 from swarm.layout import Photodiodes
 from swarm.motion import fleet as motion
 from swarm.motion.disturbance import Pushes
-from swarm.motion.fleet import Fleet, Task, Vector
+from swarm.motion.fleet import Fleet, Start, Task, Vector
 from swarm.scenario import Craft, Scenario
 from swarm.scenario.text import toml_value
 from swarm.world.world import CraftStart, World
 
-_START_KEYS = {"ring": "radius_m", "waypoints": "points_m", "approach": "from_m", "wander": "centre_m"}
+START_PURPOSE = 0x7374617274
+"""Spawn key of the random numbers of the scatter: "start"."""
+_START_KEYS = {
+    "ring": "radius_m",
+    "waypoints": "points_m",
+    "approach": "from_m",
+    "wander": "centre_m",
+    "formation": "figures",
+    "dock": "from_m",
+}
 
 
 def fleet(settings: Scenario) -> Fleet:
@@ -32,7 +44,10 @@ def fleet(settings: Scenario) -> Fleet:
     Raises SwarmError, naming scenario, key and value, where a motion makes no sense.
     """
     craft = scenario.craft(settings)
-    tasks = [Task(_motion(c.motion, settings), c.index, c.count) for c in craft]
+    tasks = [Task(_motion(c, settings), c.index, c.count) for c in craft]
+    for pair in matings(settings):
+        attitude = facing_port(pair, Fleet([tasks[pair.target]]).at(0.0))
+        tasks[pair.craft] = replace(tasks[pair.craft], motion=replace(tasks[pair.craft].motion, attitude=attitude))
     try:
         return Fleet(tasks, settings.seed)
     except SwarmError:
@@ -50,18 +65,47 @@ def steers_by_estimate(settings: Scenario) -> Bools:
     return np.array([craft.feedback == "estimate" for craft in scenario.craft(settings)], dtype=np.bool_)
 
 
+def start(settings: Scenario, motions: Fleet) -> Start:
+    """How every craft starts; its scatter is drawn from the seed and its name alone."""
+    first = motions.start()
+    craft = scenario.craft(settings)
+    sigma = np.array(
+        [
+            (
+                c.scatter.position_m,
+                c.scatter.velocity_m_s,
+                radians(c.scatter.attitude_deg),
+                radians(c.scatter.angular_rate_deg_s),
+            )
+            for c in craft
+        ]
+    ).reshape(-1, 4, 1)
+    if not sigma.any():
+        return first
+    streams = (np.random.SeedSequence(settings.seed, spawn_key=(START_PURPOSE, key)) for key in craft_keys(settings))
+    draws = [np.random.default_rng(stream).standard_normal((4, 3)) for stream in streams]
+    off = sigma * np.array(draws)
+    turned = rot.exp(off[:, 2]) @ matrix_from_quaternion(first.quaternion)
+    return Start(
+        first.position + off[:, 0],
+        rot.quaternion_from_matrix(turned),
+        first.velocity + off[:, 1],
+        first.angular_rate + off[:, 3],
+    )
+
+
 def world(settings: Scenario, motions: Fleet) -> World:
     """The world with every craft where its motion starts.
 
     Raises SwarmError, naming scenario, key and value: a model that cannot fly, or a craft inside another one.
     """
     craft = scenario.craft(settings)
-    start = motions.at(0.0)
-    quaternion = quaternion_from_matrix(start.rotation)
+    first = start(settings, motions)
     starts = [
-        CraftStart(c.name, c.model, start.position[i], quaternion[i], start.velocity[i], start.angular_rate[i])
+        CraftStart(c.name, c.model, first.position[i], first.quaternion[i], first.velocity[i], first.angular_rate[i])
         for i, c in enumerate(craft)
     ]
+    latches = [(pair.craft, pair.target) for pair in matings(settings)]
     with _blame(settings, craft):
         return World(
             starts,
@@ -69,6 +113,7 @@ def world(settings: Scenario, motions: Fleet) -> World:
             settings.lighthouse.rate_hz,
             settings.physics.steps_per_period,
             orbit(settings),
+            latches,
         )
 
 
@@ -85,12 +130,17 @@ def pushes(settings: Scenario) -> Pushes:
     return Pushes(sigma, craft_keys(settings), settings.seed)
 
 
-def _motion(table: scenario.AnyMotion, settings: Scenario) -> motion.Motion:
+def _motion(craft: Craft, settings: Scenario) -> motion.Motion:
+    table = craft.motion
+    if isinstance(table, scenario.Dock):
+        return beginning(craft, motion.Attitude(), orbit(settings))
     a = table.attitude
     attitude = motion.Attitude(
         a.facing, radians(a.roll_deg), radians(a.pitch_deg), radians(a.yaw_deg), radians(a.spin_deg_s)
     )
     match table:
+        case scenario.Keep() | scenario.Formation():
+            return beginning(craft, attitude, orbit(settings))
         case scenario.Hold():
             return motion.Hold(table.position_m, table.spacing_m, attitude, table.box_m)
         case scenario.Ring():

@@ -77,7 +77,18 @@ def _fly(order: Order) -> tuple[dict[str, Any], bytes | None]:
         telemetry = (run.folder / "telemetry.parquet").read_bytes() if order.telemetry else None
     summary = run.summary
     head = {"periods": summary["periods"], "flown_s": summary["duration_s"], "craft_count": summary["craft_count"]}
-    return {**head, **dict(_flat(summary["swarm"])), **instruments.metrics(summary)}, telemetry
+    metrics = {**head, **dict(_flat(summary["swarm"])), **_criteria(summary), **instruments.metrics(summary)}
+    return metrics, telemetry
+
+
+def _criteria(summary: Mapping[str, Any]) -> dict[str, Any]:
+    """Whether all criteria held, which did not, and the value of each."""
+    verdicts = summary.get("criteria")
+    if not verdicts:
+        return {}
+    missed = ", ".join(verdict["name"] for verdict in verdicts if not verdict["held"])
+    figures = {f"criterion_{verdict['name']}": verdict["value"] for verdict in verdicts}
+    return {"criteria_held": summary["criteria_held"], "criteria_missed": missed, **figures}
 
 
 def _flat(figures: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

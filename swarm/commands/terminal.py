@@ -52,6 +52,8 @@ def fly_and_report(title: str, folder: Path, fly: Callable[[Callable[["Progress"
     print_report(Console(), run.summary, run.folder)
     if run.status != "complete":
         raise typer.Exit(128 + signal.SIGINT)
+    if run.summary.get("criteria_held") is False:
+        raise typer.Exit(1)
 
 
 def experiment_and_report(

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators import rotation as rot
-from estimators.arrays import Bools, Floats
+from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
 from estimators.rotation import multiply_into
 from swarm.errors import SwarmError
@@ -128,7 +128,16 @@ class Wander:
     attitude: Attitude = Attitude()
 
 
-Motion = Hold | Ring | Waypoints | Approach | Tumble | Drift | Wander
+@dataclass(frozen=True)
+class Guided:
+    """Starts at a place, at a velocity; then it goes where its guidance says, or on so where that says nothing."""
+
+    position_m: Vector
+    velocity_m_s: Vector = (0.0, 0.0, 0.0)
+    attitude: Attitude = Attitude()
+
+
+Motion = Hold | Ring | Waypoints | Approach | Tumble | Drift | Wander | Guided
 
 
 @dataclass(frozen=True)
@@ -155,6 +164,14 @@ class Reference(NamedTuple):
     angular_acceleration: Floats
     holds_position: Bools
     holds_attitude: Bools
+
+
+class Steered(NamedTuple):
+    """Where guidance wants some craft to be now: craft (G,), motion (G, 3) each, free (G,): do not hold it."""
+
+    craft: Ints
+    motion: paths.Motion
+    free: Bools
 
 
 class Start(NamedTuple):
@@ -222,9 +239,9 @@ class Fleet:
         self._start_rotation = start.rotation
         self._free_rate = self._spin[:, None] * start.rotation[:, :, 2] + tumbling.reshape(-1, 3)
 
-    def at(self, time_s: float) -> Reference:
-        """The reference of every craft at `time_s` [s]."""
-        held = self._on_path(time_s, self._facing & ~self._free)
+    def at(self, time_s: float, steered: Steered | None = None) -> Reference:
+        """The reference of every craft at `time_s` [s]; steered: of those that guidance wants elsewhere."""
+        held = self._on_path(time_s, self._facing & ~self._free, steered)
         if not self._free.any():
             return held
         free = self._free[:, None]
@@ -266,10 +283,15 @@ class Fleet:
                 part[craft] = of_kind
         return out
 
-    def _on_path(self, time_s: float, turned: Bools) -> Reference:
+    def _on_path(self, time_s: float, turned: Bools, steered: Steered | None = None) -> Reference:
         """The reference on the paths, with the front towards the lighthouse where `turned`."""
         count = len(self._free)
         position, velocity, acceleration = self._paths_at(time_s)
+        holds = ~self._free
+        if steered is not None:
+            for part, wanted in zip((position, velocity, acceleration), steered.motion, strict=True):
+                part[steered.craft] = wanted
+            holds[steered.craft] = ~steered.free
         out = Reference(
             position,
             velocity,
@@ -277,8 +299,8 @@ class Fleet:
             np.empty((count, 3, 3)),
             np.zeros((count, 3)),
             np.zeros((count, 3)),
-            ~self._free,
-            ~self._free,
+            holds,
+            holds.copy(),
         )
         if turned.all():
             frame, rate, change = facing(position, velocity, acceleration)
@@ -337,6 +359,8 @@ def _path(task: Task, rng: np.random.Generator) -> paths.Circle | paths.Pieces |
     match motion:
         case Hold():
             return paths.line(_place(motion, task), (0, 0, 0))
+        case Guided():
+            return paths.line(motion.position_m, motion.velocity_m_s)
         case Tumble() | Drift():
             return paths.line(_place(motion, task), motion.velocity_m_s)
         case Ring():
@@ -366,7 +390,7 @@ def _turn(motion: Wander, rng: np.random.Generator) -> wander.Tones:
 
 def _place(motion: Hold | Tumble | Drift, task: Task) -> Vector:
     if motion.box_m is None:
-        return _on_grid(motion.position_m, motion.spacing_m, task)
+        return on_grid(motion.position_m, motion.spacing_m, task.index, task.count)
     return _in_box(motion.position_m, motion.box_m, task.index)
 
 
@@ -381,9 +405,10 @@ def _in_box(centre_m: Vector, size_m: Vector, index: int) -> Vector:
     return x, y, z
 
 
-def _on_grid(centre_m: Vector, spacing_m: float, task: Task) -> Vector:
-    side = int(np.ceil(np.sqrt(task.count)))
-    rows = -(-task.count // side)
-    row, column = divmod(task.index, side)
+def on_grid(centre_m: Vector, spacing_m: float, index: int, count: int) -> Vector:
+    """Place `index` of `count` on a square grid perpendicular to z, row by row."""
+    side = int(np.ceil(np.sqrt(count)))
+    rows = -(-count // side)
+    row, column = divmod(index, side)
     x, y, z = centre_m
     return x + (column - (side - 1) / 2) * spacing_m, y + (row - (rows - 1) / 2) * spacing_m, z

@@ -61,6 +61,18 @@ def unknown(craft: int) -> State:
     return State(np.full((craft, 3, 3), np.nan), nothing, nothing, nothing)
 
 
+class Feedback(NamedTuple):
+    """How firmly C craft hold their reference's place: stiffness (C,) [1/s^2] and damping (C,) [1/s]."""
+
+    stiffness: Floats
+    damping: Floats
+
+
+def feedback(craft: int) -> Feedback:
+    """The feedback above, w_p^2 and 2 z w_p, for every craft."""
+    return Feedback(np.full(craft, POSITION_FREQUENCY_RAD_S**2), np.full(craft, 2 * DAMPING * POSITION_FREQUENCY_RAD_S))
+
+
 class Command(NamedTuple):
     """What C craft order their actuators to do for one period: acceleration (C, 3) [m/s^2] and angular_acceleration
     (C, 3) [rad/s^2], lighthouse frame; zero where a craft orders nothing.
@@ -75,13 +87,16 @@ class Command(NamedTuple):
         return Command(np.where(flat, self.acceleration, 0.0), np.where(flat, self.angular_acceleration, 0.0))
 
 
-def command(reference: Reference, state: State, orbit: RelativeOrbit | None = None) -> Command:
+def command(
+    reference: Reference, state: State, orbit: RelativeOrbit | None = None, firm: Feedback | None = None
+) -> Command:
     """The feedback above; zero where `state` is NaN, as where the reference holds neither position nor attitude.
 
-    orbit: the lighthouse's, in which the actuators need only do what gravity does not.
+    orbit: the lighthouse's, in which the actuators need only do what gravity does not. firm: of the places, where not
+    every craft has the usual one.
     """
     out = Command(*np.zeros((2, len(reference.position), 3)))
-    _command_into(*reference, *_contiguous(state), *out)
+    _command_into(*reference, *_contiguous(state), *(firm or feedback(len(reference.position))), *out)
     return out if orbit is None else without_gravity(out, reference.holds_position, state, orbit)
 
 
@@ -129,12 +144,13 @@ def _command_into(
     rate: Floats,
     position: Floats,
     velocity: Floats,
+    stiffness: Floats,
+    damping: Floats,
     acceleration: Floats,
     angular_acceleration: Floats,
 ) -> None:
     """`command` of every craft, into (C, 3) each, which are zero."""
     difference, error = np.empty((3, 3)), np.empty(3)
-    stiffness, damping = POSITION_FREQUENCY_RAD_S**2, 2 * DAMPING * POSITION_FREQUENCY_RAD_S
     turn_stiffness, turn_damping = ATTITUDE_FREQUENCY_RAD_S**2, 2 * DAMPING * ATTITUDE_FREQUENCY_RAD_S
     for c in range(len(position)):
         if not np.isfinite(position[c, 0] + position[c, 1] + position[c, 2]):
@@ -143,8 +159,8 @@ def _command_into(
             for i in range(3):
                 acceleration[c, i] = (
                     with_acceleration[c, i]
-                    + stiffness * (to_position[c, i] - position[c, i])
-                    + damping * (to_velocity[c, i] - velocity[c, i])
+                    + stiffness[c] * (to_position[c, i] - position[c, i])
+                    + damping[c] * (to_velocity[c, i] - velocity[c, i])
                 )
         if holds_attitude[c]:
             multiply_into(to_rotation[c], rotation[c].T, difference)

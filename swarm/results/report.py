@@ -6,7 +6,7 @@ against the truth, in a replay) has no column. Errors are the filter's unless th
 
 import math
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -90,6 +90,9 @@ REPLAY_COLUMNS = (
 def print_report(console: Console, summary: Mapping[str, Any], folder: Path) -> None:
     """Print the table and the findings of a run's `summary`, and where the run's `folder` is."""
     console.print(results(summary, console.width))
+    if verdicts := summary.get("criteria"):
+        console.print()
+        console.print(criteria_table(verdicts))
     if summary.get("status") != "complete":
         reason = summary.get("reason", "the program was killed")
         console.print(Text(f"\nThis run is not complete ({reason}); this is what there is until then.", style="yellow"))
@@ -101,6 +104,20 @@ def print_report(console: Console, summary: Mapping[str, Any], folder: Path) -> 
         console.print(
             f"swarm view {shlex.quote(str(folder))}", style="bold", highlight=False, markup=False, soft_wrap=True
         )
+
+
+def criteria_table(verdicts: Sequence[Mapping[str, Any]]) -> Table:
+    """Which criteria held: name, value, limits, and whose value it is."""
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, GAP - 1, 0, 0))
+    for head, side in (("criterion", "left"), ("", "left"), ("value", "right"), ("limits", "left"), ("craft", "left")):
+        table.add_column(head, justify="right" if side == "right" else "left", no_wrap=head == "")
+    for v in verdicts:
+        at_least, at_most = ("" if v[key] is None else f"{v[key]:g}" for key in ("min", "max"))
+        limits = f"{at_least} to {at_most}" if at_least and at_most else (at_most and f"≤ {at_most}") or f"≥ {at_least}"
+        held = Text("held", "green") if v["held"] else Text("MISSED", "bold red")
+        value = NOTHING if v["value"] is None else f"{v['value']:.4g}"
+        table.add_row(Text(v["name"]), held, value, limits, Text(v["craft"] or ""))
+    return table
 
 
 def results(summary: Mapping[str, Any], width: int) -> RenderableType:

@@ -14,11 +14,12 @@ from estimators.arrays import Floats
 from swarm import __version__
 from swarm.errors import SwarmError
 from swarm.results.angles import AngleWriter, Believed, SweepAngles
+from swarm.results.criteria import check_measures, judge, summary_of
 from swarm.results.progress import Progress
 from swarm.results.recorder import NullRecording, Period, Recorder, Scene
 from swarm.results.run_folder import Run, RunFolder, open_run
 from swarm.results.summary import summarise_run
-from swarm.results.telemetry import STATUS, Estimate, Peer, Telemetry, Truth
+from swarm.results.telemetry import STATUS, Estimate, Peer, Telemetry, Truth, read_telemetry, schema
 from swarm.scenario import Scenario, to_toml
 
 VERSIONS = ("mujoco", "numpy", "scipy", "numba", "filterpy", "rerun-sdk")
@@ -93,8 +94,10 @@ def writing_run(
     force: replace a run that is there. record: write recording.rrd of `scene`; live: show it meanwhile. replay: there
     is a peer instead of the truth. angles: what the craft believe, for a run that writes their sweep angles. A run that
     is stopped, by Ctrl-C or an error, is summarised as far as it went and marked as interrupted, and what stopped it is
-    raised on. Raises SwarmError where nothing can be written.
+    raised on; the scenario's criteria are judged at the end. Raises SwarmError where nothing can be written, or where a
+    criterion measures what this run does not.
     """
+    check_measures(scenario.criteria, schema(replay, bool(scene.ccd), scene.extra), scenario.name)
     with RunFolder.create(scenario.name, scenario.seed, None if out is None else Path(out), force) as folder:
         folder.write_scenario(to_toml(scenario, versions()))
         telemetry = Telemetry(folder.path, scene.craft, replay, ccd=bool(scene.ccd), extra=scene.extra)
@@ -127,7 +130,8 @@ def writing_run(
         telemetry.close()
         if angle_writer is not None:
             angle_writer.close()
-        folder.finish(summarise_run(folder.path))
+        verdicts = judge(scenario.criteria, lambda column: read_telemetry(folder.path, [column]))
+        folder.finish({**summarise_run(folder.path), **summary_of(verdicts)})
         writer.run = open_run(folder.path)
 
 

@@ -1,11 +1,14 @@
 """The scenario: what a run's file may say, loading it with every mistake named, and writing it out again."""
 
 from swarm.scenario.cameras import Ccd, Outage
+from swarm.scenario.criteria import Criterion
 from swarm.scenario.dynamics import Actuation, Orbit
+from swarm.scenario.guided import Dock, Figure, Formation, Keep
+from swarm.scenario.kinds import AnyMotion
 from swarm.scenario.load import Craft, craft, for_replay, load, validate
-from swarm.scenario.motions import AnyMotion, Approach, Attitude, Drift, Hold, Ring, Tumble, Wander, Waypoints
+from swarm.scenario.motions import Approach, Attitude, Drift, Hold, Ring, Tumble, Wander, Waypoints
 from swarm.scenario.reference import json_schema, markdown_reference
-from swarm.scenario.schema import Fan, Lighthouse, Navigation, Scenario, Swarm
+from swarm.scenario.schema import Fan, Lighthouse, Navigation, Scatter, Scenario, Swarm
 from swarm.scenario.text import to_toml
 
 __all__ = [
@@ -15,14 +18,20 @@ __all__ = [
     "Attitude",
     "Ccd",
     "Craft",
+    "Criterion",
+    "Dock",
     "Drift",
     "Fan",
+    "Figure",
+    "Formation",
     "Hold",
+    "Keep",
     "Lighthouse",
     "Navigation",
     "Orbit",
     "Outage",
     "Ring",
+    "Scatter",
     "Scenario",
     "Swarm",
     "Tumble",

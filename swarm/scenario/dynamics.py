@@ -24,8 +24,8 @@ class Orbit(Table):
 
 
 class Actuation(Table):
-    """How a craft's orders are carried out: by the thrusters (sites `thruster...`) and reaction wheels (`wheel...`) of its
-    model. A model without thrusters gets exactly the force that it orders, one without either the torque too.
+    """How a craft's orders are carried out: by the thrusters (sites `thruster...`) and reaction wheels (`wheel...`) of
+    its model. A model without thrusters gets exactly the force that it orders, one without either the torque too.
     """
 
     ideal: bool = Field(default=False, description="Exactly what is ordered, whatever the model has.")

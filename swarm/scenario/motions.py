@@ -172,6 +172,3 @@ class Wander(Motion):
     )
     turn_rate_deg_s: float = Field(default=30.0, ge=0, le=3600, description="RMS angular rate of that turning.")
     bandwidth_hz: float = Field(default=1.0, gt=0, le=30, description="The highest frequency in it.")
-
-
-AnyMotion = Annotated[Hold | Ring | Waypoints | Approach | Tumble | Drift | Wander, Field(discriminator="kind")]

@@ -56,7 +56,7 @@ def _sections() -> Iterator[str]:
     yield from _section("Top of the file", "", Scenario)
     for key, field in Scenario.model_fields.items():
         for table in tables_of(field.annotation):
-            yield from _section(f"`[[{key}]]`" if key == "craft" else f"`[{key}]`", key, table)
+            yield from _section(f"`[[{key}]]`" if key in ("craft", "criteria") else f"`[{key}]`", key, table)
             for inner, below in table.model_fields.items():
                 for part in (
                     tables_of(below.annotation)
@@ -71,6 +71,9 @@ def _sections() -> Iterator[str]:
     yield "## `motion`\n\nA table of `[swarm]` and of every `[[craft]]`; its `kind` says which of these it is.\n"
     for table in tables_of(motions.annotation):
         yield from _section(f'`kind = "{kind_of(table)}"`', "motion", table, level="###")
+        for key, field in table.model_fields.items():
+            for entry in tables_of(field.annotation) if key != "attitude" else ():
+                yield from _section(f"`[[motion.{key}]]`", "motion", entry, level="####")
     yield from _section("`attitude`", "motion", Attitude, level="###")
 
 
@@ -91,7 +94,7 @@ def _type(key: str, field: FieldInfo) -> str:
         return "table, see [motion](#motion)" if len(kinds) > 1 else "list of tables" if "tuple" in text else "table"
     if "Literal" in text:
         return " or ".join(f"`{toml_value(choice)}`" for choice in get_args(field.annotation))
-    if field.annotation == VECTOR or Box in get_args(field.annotation):
+    if field.annotation == VECTOR or {Vector, Box} & set(get_args(field.annotation)):
         return f"list of x, y, z, {unit}"
     if "tuple" in text:
         return f"list of {f'lists of x, y, z, {unit}' if text.count('tuple') > 1 else unit or 'strings'}"

@@ -12,9 +12,11 @@ from pydantic import Field, Strict
 
 from swarm.errors import did_you_mean
 from swarm.scenario.cameras import Ccd
+from swarm.scenario.criteria import Criterion
 from swarm.scenario.dynamics import Actuation, Orbit
 from swarm.scenario.faults import AnyFault, OfCraft, Reflection
-from swarm.scenario.motions import AnyMotion, Hold, Mistake, Table
+from swarm.scenario.kinds import AnyMotion
+from swarm.scenario.motions import Hold, Mistake, Table
 
 NAME_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_.-]*$"
 
@@ -24,6 +26,15 @@ class Disturbance(Table):
 
     acceleration_m_s2: float = Field(default=0.0, ge=0, le=100, description="1 sigma per axis.")
     angular_acceleration_deg_s2: float = Field(default=0.0, ge=0, le=36000, description="1 sigma per axis.")
+
+
+class Scatter(Table):
+    """How far from its motion's beginning a craft starts: drawn once per craft from the seed, 1 sigma per axis."""
+
+    position_m: float = Field(default=0.0, ge=0, le=100, description="Of its place.")
+    velocity_m_s: float = Field(default=0.0, ge=0, le=100, description="Of its velocity.")
+    attitude_deg: float = Field(default=0.0, ge=0, le=180, description="Of its attitude.")
+    angular_rate_deg_s: float = Field(default=0.0, ge=0, le=3600, description="Of its angular rate.")
 
 
 class Craft(Table):
@@ -37,6 +48,7 @@ class Craft(Table):
     lighthouse: bool = Field(default=True, description="Whether it carries photodiodes for the lighthouse on board.")
     disturbance: Disturbance = Field(default=Disturbance(), description="What pushes it beside its own control.")
     actuation: Actuation = Field(default=Actuation(), description="How its orders are carried out.")
+    scatter: Scatter = Field(default=Scatter(), description="How far from its motion's beginning it starts.")
 
 
 class Swarm(Craft):
@@ -46,7 +58,7 @@ class Swarm(Craft):
 
     def between_keys(self) -> Iterator[Mistake]:
         """No motion that would put all craft at one place."""
-        if self.count > 1 and self.motion.kind in ("waypoints", "approach"):
+        if self.count > 1 and self.motion.kind in ("waypoints", "approach", "dock"):
             yield (
                 f'must be 0 or 1 where motion.kind = "{self.motion.kind}", which would put all craft at one place; '
                 "give each its own [[craft]] entry",
@@ -256,6 +268,9 @@ class Scenario(Table):
     fault: Annotated[tuple[AnyFault, ...], Strict(False)] = Field(
         default=(), description="What goes wrong, one [[fault]] each."
     )
+    criteria: Annotated[tuple[Criterion, ...], Strict(False)] = Field(
+        default=(), description="What must hold for the run to have succeeded, one [[criteria]] each."
+    )
     recording: Recording = Field(default=Recording(), description="The recording for the viewer.")
 
     @property
@@ -276,6 +291,8 @@ class Scenario(Table):
             if names[i] in names[:i]:
                 yield "another craft has this name", f"craft[{i - self.swarm.count}].name"
         yield from self._ccd_mistakes(names)
+        yield from self._dock_mistakes(names)
+        yield from self._criteria_mistakes(names)
         for i, fault in enumerate(self.fault):
             for key in ("craft", "mirrors"):
                 owner = fault if isinstance(fault, Reflection if key == "mirrors" else OfCraft) else None
@@ -296,20 +313,42 @@ class Scenario(Table):
 
     def _ccd_mistakes(self, names: tuple[str, ...]) -> Iterator[Mistake]:
         """The cameras' target exists, is another craft, and stays where the craft knows it to be."""
-        groups = [self.swarm] * self.swarm.count + list(self.craft)
         for i, craft in enumerate(self.craft):
-            if craft.ccd is None:
-                continue
-            key, target = f"craft[{i}].ccd.target", craft.ccd.target
-            if target not in names:
-                yield f"no craft has this name{did_you_mean(target, names)}", key
-                continue
-            of = names.index(target)
-            group = groups[of]
-            table = "swarm" if of < self.swarm.count else f"craft[{of - self.swarm.count}]"
-            if of == self.swarm.count + i:
-                yield "a craft cannot look at itself", key
-            elif group.motion.kind != "hold" or group.motion.attitude.spin_deg_s:
-                yield "must hold its place without spin: its station is known on board", key, f"{table}.motion.kind"
-            elif group.feedback != "truth":
-                yield 'must hold its place exactly: feedback = "truth"', key, f"{table}.feedback"
+            if craft.ccd is not None:
+                yield from self._station_mistakes(
+                    names, self.swarm.count + i, craft.ccd.target, f"craft[{i}].ccd.target"
+                )
+
+    def _dock_mistakes(self, names: tuple[str, ...]) -> Iterator[Mistake]:
+        """The same of the ports that craft dock to."""
+        groups = [("swarm", self.swarm)] * self.swarm.count
+        for i, (key, group) in enumerate([*groups, *((f"craft[{k}]", c) for k, c in enumerate(self.craft))]):
+            if group.motion.kind == "dock":
+                yield from self._station_mistakes(names, i, group.motion.target, f"{key}.motion.target")
+
+    def _station_mistakes(self, names: tuple[str, ...], craft: int, target: str, key: str) -> Iterator[Mistake]:
+        """A craft's target exists, is another one, and stays where the craft knows it to be."""
+        if target not in names:
+            yield f"no craft has this name{did_you_mean(target, names)}", key
+            return
+        of = names.index(target)
+        group = self.swarm if of < self.swarm.count else self.craft[of - self.swarm.count]
+        table = "swarm" if of < self.swarm.count else f"craft[{of - self.swarm.count}]"
+        if of == craft:
+            yield "a craft cannot be its own target", key
+        elif group.motion.kind != "hold" or group.motion.attitude.spin_deg_s:
+            yield "must hold its place without spin: its station is known on board", key, f"{table}.motion.kind"
+        elif group.feedback != "truth":
+            yield 'must hold its place exactly: feedback = "truth"', key, f"{table}.feedback"
+
+    def _criteria_mistakes(self, names: tuple[str, ...]) -> Iterator[Mistake]:
+        """Criteria are about craft that exist, at times of the run, and have a name each."""
+        labels = [criterion.label for criterion in self.criteria]
+        for i, criterion in enumerate(self.criteria):
+            for k, name in enumerate(criterion.craft):
+                if name not in names:
+                    yield f"no craft has this name{did_you_mean(name, names)}", f"criteria[{i}].craft[{k}]"
+            if criterion.from_s >= self.duration_s:
+                yield f"must lie within the run (duration_s = {self.duration_s})", f"criteria[{i}].from_s", "duration_s"
+            if labels[i] in labels[:i]:
+                yield f"another criterion is called {labels[i]} too: give one of them a name", f"criteria[{i}].name"

@@ -15,6 +15,7 @@ import numpy as np
 from estimators.arrays import Floats
 from estimators.rotation import matrix_from_quaternion, quaternion_multiply
 from swarm.world.craft import FilePose, load_static, quiet
+from swarm.world.docking import add_latches
 
 LIGHTHOUSE = "lighthouse"
 """The lighthouse's prefix in the MuJoCo model; no craft may have this name."""
@@ -34,13 +35,20 @@ class Placement(NamedTuple):
     quaternion: Floats
 
 
-def assemble(craft: Sequence[Placement], lighthouse: Path, timestep_s: float) -> mujoco.MjModel:
-    """The compiled model: world, lighthouse, and the craft in their order. Raises SwarmError as `load_static` does."""
+def assemble(
+    craft: Sequence[Placement], lighthouse: Path, timestep_s: float, latches: Sequence[tuple[int, int]] = ()
+) -> mujoco.MjModel:
+    """The compiled model: world, lighthouse, and the craft in their order. Raises SwarmError as `load_static` does.
+
+    latches: pairs of craft that can be latched together.
+    """
     world = _empty(timestep_s)
     with quiet():
         station, pose = load_static(lighthouse)
         _attach(world, Placement(LIGHTHOUSE, station, pose, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])))
         _attach_group(world, craft, timestep_s)
+        bodies = [f"{single.name}/{single.spec.worldbody.bodies[0].name}" for single in craft]
+        add_latches(world, [(bodies[one], bodies[other]) for one, other in latches])
         world.memory = _memory_bytes(len(craft))
         return world.compile()
 

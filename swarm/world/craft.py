@@ -3,7 +3,8 @@
 The body frame `b` is the frame of the file's one root body. Bodies below it that no joint moves are fused into it
 (geoms, photodiodes and inertia included), its pose in the file and its free joint are dropped: the world places it.
 The photodiodes are the sites whose name starts with `photodiode`; a site's z axis is the photodiode's outward normal.
-Cameras and lights of the CCD sensor: `swarm.world.optics`; thrusters and reaction wheels: `swarm.world.propulsion`.
+Cameras and lights of the CCD sensor: `swarm.world.optics`; thrusters and reaction wheels: `swarm.world.propulsion`;
+docking ports: `swarm.world.docking`.
 """
 
 import re
@@ -21,7 +22,9 @@ from estimators.arrays import Floats
 from estimators.rotation import matrix_from_quaternion
 from swarm.errors import SwarmError
 from swarm.layout import Cameras, Lights, Thrusters, Wheels
+from swarm.ports import Port
 from swarm.world import shapes
+from swarm.world.docking import port_of
 from swarm.world.optics import cameras_of, lights_of
 from swarm.world.propulsion import thrusters_of, wheels_of
 
@@ -66,6 +69,7 @@ class CraftModel(NamedTuple):
     lights: Lights
     thrusters: Thrusters
     wheels: Wheels
+    port: Port | None
 
 
 @lru_cache(maxsize=64)
@@ -95,6 +99,7 @@ def _load_version(path: Path, modified_ns: int) -> CraftModel:
         lights_of(model),
         thrusters_of(model, path),
         wheels_of(model, path),
+        port_of(model, path),
     )
 
 

@@ -10,8 +10,8 @@ there. The exact solution of (CW) (`estimators.relative_orbit`) has, at equidist
 in (V-bar, H-bar, R-bar), where u + h a / 2 is the difference over both intervals. It follows by putting the solution's
 three motions in: the drift x' = 3/2 n z with z constant has none, the ellipse (2 sin, cos) and the oscillation across
 have -s times themselves. With this a the length of the step costs nothing, whatever it is; (CW) at the knots themselves
-would be off by millimetres after one orbit that begins 10 m away, at eight steps per period. The velocity at the start is
-made the mean over an interval before it (`velocity_before`). Other forces add as they do without an orbit.
+would be off by millimetres after one orbit that begins 10 m away, at eight steps per period. The velocity at the start
+is made the mean over an interval before it (`velocity_before`). Other forces add as they do without an orbit.
 """
 
 from math import sin, tan
@@ -25,8 +25,8 @@ from estimators.relative_orbit import RelativeOrbit, transition
 
 
 class OrbitStep(NamedTuple):
-    """What one step needs: axes (3, 3), V-bar, H-bar, R-bar as rows in the lighthouse frame; mean motion n [rad/s], step
-    h [s], and the coefficients d [1/s], s [1/s^2], b [1/s] above. Without an orbit all numbers are zero.
+    """What one step needs: axes (3, 3), V-bar, H-bar, R-bar as rows in the lighthouse frame; mean motion n [rad/s],
+    step h [s], and the coefficients d [1/s], s [1/s^2], b [1/s] above. Without an orbit all numbers are zero.
     """
 
     axes: Floats
@@ -49,7 +49,7 @@ def orbit_step(orbit: RelativeOrbit, step_s: float) -> OrbitStep:
 
 
 def velocity_before(orbit: RelativeOrbit, position: Floats, velocity: Floats, step_s: float) -> Floats:
-    """Mean velocity (C, 3) [m/s] over the `step_s` [s] before craft are at position, velocity (C, 3), in free motion."""
+    """Mean velocity (C, 3) [m/s] over the `step_s` [s] before craft in free motion are at position, velocity (C, 3)."""
     back = transition(orbit, -step_s)
     before = np.concatenate([position, velocity], axis=-1) @ back[:3].T
     out: Floats = (position - before) / step_s
@@ -57,16 +57,21 @@ def velocity_before(orbit: RelativeOrbit, position: Floats, velocity: Floats, st
 
 
 @kernel
-def orbit_acceleration_into(step: OrbitStep, position: Floats, velocity: Floats, out: Floats) -> None:
-    """Write a (3,) [m/s^2], lighthouse frame, for the step from a knot at position (3,), velocity (3,), into `out`."""
-    e, h = step.axes, step.h
+def orbit_acceleration_into(
+    axes: Floats, n: float, h: float, d: float, s: float, b: float, position: Floats, velocity: Floats, out: Floats
+) -> None:
+    """Write a (3,) [m/s^2], lighthouse frame, for the step from a knot at position (3,), velocity (3,), into `out`.
+
+    The first six are an `OrbitStep`, taken apart: a kernel takes longer to unpack a record than to do its work.
+    """
+    e = axes
     y = z = ux = uz = 0.0
     for i in range(3):
         y, z = y + e[1, i] * position[i], z + e[2, i] * position[i]
         ux, uz = ux + e[0, i] * velocity[i], uz + e[2, i] * velocity[i]
     # The two equations of the plane, solved for a_z.
     half = h / 2
-    az = step.b * (ux + half * step.d * uz - 1.5 * step.n * z) / (1 - step.b * step.d * half * half)
-    ax, ay = step.d * (uz + half * az), -step.s * y
+    az = b * (ux + half * d * uz - 1.5 * n * z) / (1 - b * d * half * half)
+    ax, ay = d * (uz + half * az), -s * y
     for i in range(3):
         out[i] = e[0, i] * ax + e[1, i] * ay + e[2, i] * az

@@ -1,9 +1,9 @@
 """A model's thrusters and reaction wheels, as a craft's MJCF file has them.
 
 Thrusters are the sites whose name starts with `thruster`, wheels those named `wheel...`, each by number. Like that of
-every site here, a thruster's z axis points away from the craft: it is where the exhaust goes, and the force on the craft is
-the other way. A wheel's z axis is the one that it turns about; where it sits does not matter. What they can do stands in
-the file's `<custom>` numbers, each a single value for all or one value per thruster (wheel):
+every site here, a thruster's z axis points away from the craft: it is where the exhaust goes, and the force on the
+craft is the other way. A wheel's z axis is the one that it turns about; where it sits does not matter. What they can do
+stands in the file's `<custom>` numbers, each a single value for all or one value per thruster (wheel):
 
     thruster_force_n, thruster_minimum_impulse_mns, wheel_torque_mnm, wheel_momentum_mnms
 """
@@ -27,7 +27,7 @@ NUMBERS = {
 
 
 def thrusters_of(model: mujoco.MjModel, path: Path) -> Thrusters:
-    """The thrusters of the one rigid body of `model`, read from `path`. Raises SwarmError for a number that is missing."""
+    """The thrusters of the one rigid body of `model`, read from `path`. Raises SwarmError where a number is missing."""
     sites = _sites(model, "thruster")
     force, minimum = _numbers(model, path, "thruster", len(sites))
     if np.any(minimum < 0):

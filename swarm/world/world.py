@@ -24,13 +24,16 @@ from estimators.relative_orbit import RelativeOrbit
 from estimators.rotation import matrix_from_quaternion
 from swarm import layout
 from swarm.errors import SwarmError
+from swarm.world import docking
 from swarm.world.assembly import LIGHTHOUSE, Placement, assemble
 from swarm.world.craft import Visual, load_craft, quiet
 from swarm.world.nearby import Neighbourhood
-from swarm.world.orbit import NO_ORBIT, OrbitStep, orbit_acceleration_into, orbit_step, velocity_before
+from swarm.world.orbit import NO_ORBIT, orbit_acceleration_into, orbit_step, velocity_before
 
 LARGEST = 1e6
 """A coordinate [m], velocity [m/s] or rate [rad/s] beyond this is a simulation that has blown up."""
+LARGE_CRAFT_M = 50.0
+"""A craft that is wider was perhaps drawn in millimetres."""
 
 NO_CONTACT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
 
@@ -67,8 +70,8 @@ class PeriodTruth(NamedTuple):
 class OnboardWrench(NamedTuple):
     """What the craft's own actuators do in each physics step of a period, (S, C, 3), in the body frame.
 
-    force [N] through, torque [N m] about the centre of mass. wheel_momentum [N m s]: of the wheels in mid-step, which the
-    craft has to turn with itself.
+    force [N] through, torque [N m] about the centre of mass. wheel_momentum [N m s]: of the wheels in mid-step, which
+    the craft has to turn with itself.
     """
 
     force: Floats
@@ -86,8 +89,10 @@ class World:
         rate_hz: float = 60.0,
         steps_per_period: int = 8,
         orbit: RelativeOrbit | None = None,
+        latches: Sequence[tuple[int, int]] = (),
     ) -> None:
-        """Build the world; rate_hz is the lighthouse's; orbit: the station's, or weightless space.
+        """Build the world; rate_hz is the lighthouse's; orbit: the station's, or weightless space. latches: pairs of
+        craft that `latch` can hold together.
 
         Raises SwarmError: two craft of one name, a model that `load_craft` refuses, or a craft that is inside another
         one or inside the lighthouse.
@@ -106,7 +111,7 @@ class World:
             Placement(name, model.spec, model.file_pose, position[i], quaternion[i])
             for i, (name, model) in enumerate(zip(self.names, self._models, strict=True))
         ]
-        self.model = assemble(placements, lighthouse, timestep_s)
+        self.model = assemble(placements, lighthouse, timestep_s, latches)
         self._data = mujoco.MjData(self.model)
 
         self.lighthouse_body = 1
@@ -131,6 +136,7 @@ class World:
         self.lights = tuple(model.lights for model in self._models)
         self.thrusters = tuple(model.thrusters for model in self._models)
         self.wheels = tuple(model.wheels for model in self._models)
+        self.ports = tuple(model.port for model in self._models)
         self.photodiodes = layout.pad([m.point_m for m in self._models], [m.normal for m in self._models])
         with quiet():
             mujoco.mj_forward(self.model, self._data)
@@ -159,9 +165,11 @@ class World:
         self._data.xfrc_applied[-count:, 3:] = torque
         most = self._most_force(force, onboard)
         self._look_for_contacts(self._neighbourhood.can_touch(self._pose, self._rate, most, 1 / self._rate_hz))
+        if onboard is None and most is not force:
+            onboard = OnboardWrench(*np.zeros((3, steps, count, 3)))
         with quiet():
             for step in range(1, steps + 1):
-                if most is not force:
+                if onboard is not None:
                     self._apply(force, torque, onboard, step - 1)
                 mujoco.mj_step(self.model, self._data)
                 pose[step], rate[step] = self._pose, self._rate
@@ -175,6 +183,10 @@ class World:
         if not stable or any(self._data.warning.number):
             self._report_instability(pose, rate, time_s)
         return PeriodTruth(time_s, position, quaternion, velocity, angular_rate, contact)
+
+    def latch(self, number: int) -> None:
+        """Close a latch, by its place among those of the world: its craft stay together from now on, as they stand."""
+        docking.close(self.model, self._data, number)
 
     def inertial_wrench(self, acceleration: Floats, angular_acceleration: Floats) -> tuple[Floats, Floats]:
         """Force (C, 3) [N] and torque (C, 3) [N m] that give every craft these accelerations now.
@@ -193,11 +205,8 @@ class World:
         torque = (inertia @ angular_acceleration[..., None])[..., 0] + np.cross(rate, momentum)
         return force, torque
 
-    def _apply(self, force: Floats, torque: Floats, onboard: OnboardWrench | None, step: int) -> None:
+    def _apply(self, force: Floats, torque: Floats, onboard: OnboardWrench, step: int) -> None:
         """Set the wrench of one step: constant, from the orbit, and from the actuators."""
-        if onboard is None:
-            onboard = OnboardWrench(*np.zeros((3, 1, len(self.names), 3)))
-            step = 0
         _wrench_into(
             self._pose,
             self._rate,
@@ -205,8 +214,10 @@ class World:
             self.mass,
             force,
             torque,
-            *(part[step] for part in onboard),
-            self._orbit,
+            onboard.force[step],
+            onboard.torque[step],
+            onboard.wheel_momentum[step],
+            *self._orbit,
             self._data.xfrc_applied[-len(self.names) :],
         )
 
@@ -255,7 +266,11 @@ class World:
         one, other = sorted(self._craft_of_geom[contact.geom[worst]], reverse=True)
         depth = -1e3 * float(contact.dist[worst])
         where = f"inside craft {self.names[other]!r}" if other >= 0 else "inside the lighthouse"
-        raise SwarmError(f"craft {self.names[one]!r} starts {where}: they overlap by {depth:.1f} mm; move them apart")
+        size = 2 * max(self._neighbourhood.radius(one), self._neighbourhood.radius(other) if other >= 0 else 0.0)
+        unit = f" (a model is {size:.0f} m across: lengths in MJCF are metres)" if size > LARGE_CRAFT_M else ""
+        raise SwarmError(
+            f"craft {self.names[one]!r} starts {where}: they overlap by {depth:.1f} mm; move them apart{unit}"
+        )
 
     def _report_instability(self, pose: Floats, rate: Floats, time_s: Floats) -> None:
         state = np.concatenate([pose, rate], axis=2)
@@ -282,20 +297,26 @@ def _wrench_into(
     onboard_force: Floats,
     onboard_torque: Floats,
     wheel_momentum: Floats,
-    orbit: OrbitStep,
+    axes: Floats,
+    n: float,
+    h: float,
+    d: float,
+    s: float,
+    b: float,
     out: Floats,
 ) -> None:
     """Write force and torque (C, 6) about the centre of mass, lighthouse frame, for one step from MuJoCo's pose (C, 7)
-    and rate (C, 6): the constant ones, the actuators' from the body frame, the wheels' -w x h, and the orbit's.
+    and rate (C, 6): the constant ones, the actuators' from the body frame, the wheels' -w x h, and the orbit's, whose
+    `OrbitStep` is axes ... b.
     """
     place, speed, pull, body = np.empty(3), np.empty(3), np.empty(3), np.empty((2, 3))
     for c in range(len(pose)):
         w, x, y, z = pose[c, 3], pose[c, 4], pose[c, 5], pose[c, 6]
         p, q, r = rate[c, 3], rate[c, 4], rate[c, 5]
-        a, b, e = com[c, 0], com[c, 1], com[c, 2]
+        cx, cy, cz = com[c, 0], com[c, 1], com[c, 2]
         h0, h1, h2 = wheel_momentum[c, 0], wheel_momentum[c, 1], wheel_momentum[c, 2]
         # In the body frame: the velocity of the centre of mass about the origin, and the torque.
-        about = (q * e - r * b, r * a - p * e, p * b - q * a)
+        about = (q * cz - r * cy, r * cx - p * cz, p * cy - q * cx)
         gyroscopic = (q * h2 - r * h1, r * h0 - p * h2, p * h1 - q * h0)
         turn = (
             (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
@@ -306,11 +327,11 @@ def _wrench_into(
             body[0, i], body[1, i] = onboard_force[c, i], onboard_torque[c, i] - gyroscopic[i]
         for i in range(3):
             row = turn[i]
-            place[i] = pose[c, i] + row[0] * a + row[1] * b + row[2] * e
+            place[i] = pose[c, i] + row[0] * cx + row[1] * cy + row[2] * cz
             speed[i] = rate[c, i] + row[0] * about[0] + row[1] * about[1] + row[2] * about[2]
             out[c, i] = force[c, i] + row[0] * body[0, 0] + row[1] * body[0, 1] + row[2] * body[0, 2]
             out[c, 3 + i] = torque[c, i] + row[0] * body[1, 0] + row[1] * body[1, 1] + row[2] * body[1, 2]
-        orbit_acceleration_into(orbit, place, speed, pull)
+        orbit_acceleration_into(axes, n, h, d, s, b, place, speed, pull)
         for i in range(3):
             out[c, i] += mass[c] * pull[i]
 

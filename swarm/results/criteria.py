@@ -1,0 +1,195 @@
+"""Whether a run has held the criteria of its scenario, judged on its telemetry.
+
+A criterion's value is a statistic of one column over the rows of its craft and its time, or one of the named measures:
+
+    contacts         rows in contact: craft times periods
+    tracking_share   share of the rows in which the craft tracks
+    longest_blind_s  the longest time that a craft went without a pose, once it had had one
+    separation_m     the least distance between the bodies' origins of any two of its craft, at the epochs
+
+`last` and `at_contact` are one value per craft, its last one and the last one before its first contact: each of them
+must lie within the limits, and the one farthest out, or least far in, is reported. What has no value is not held.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+
+from estimators.arrays import Bools, Floats, Ints
+from swarm.errors import SwarmError, did_you_mean
+from swarm.results.telemetry import STATUS, values
+from swarm.scenario import Criterion
+from swarm.scenario.criteria import NAMED
+
+PAIRS_AT_A_TIME = 1_000_000
+"""Distances between craft that are held in memory at a time."""
+
+Load = Callable[[str], pa.Table]
+
+
+class Verdict(NamedTuple):
+    """One criterion judged. value: None where there is none; craft: whose value it is, where it is one craft's."""
+
+    name: str
+    value: float | None
+    craft: str | None
+    min: float | None
+    max: float | None
+    held: bool
+
+
+def check_measures(criteria: Sequence[Criterion], schema: pa.Schema, scenario: str) -> None:
+    """Raises SwarmError where a criterion is about no named measure, nor about a column of numbers of `schema`."""
+
+    def counts(kind: pa.DataType) -> bool:
+        return bool(pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_boolean(kind))
+
+    known = [*NAMED, *(field.name for field in schema if counts(field.type))]
+    for i, criterion in enumerate(criteria):
+        if criterion.measure not in known:
+            raise SwarmError(
+                f"scenario {scenario}: criteria[{i}].measure = {criterion.measure!r}: this run measures no such "
+                f"number{did_you_mean(criterion.measure, known)}"
+            )
+
+
+def judge(criteria: Sequence[Criterion], load: Load) -> list[Verdict]:
+    """Every criterion, judged on the telemetry whose columns `load` gives, a table each."""
+    rows = _Rows(load)
+    return [_judge(criterion, rows) for criterion in criteria]
+
+
+def summary_of(verdicts: Sequence[Verdict]) -> dict[str, Any]:
+    """What summary.json says of them; nothing where there is none."""
+    if not verdicts:
+        return {}
+    return {
+        "criteria_held": all(verdict.held for verdict in verdicts),
+        "criteria": [verdict._asdict() for verdict in verdicts],
+    }
+
+
+class _Rows:
+    """The telemetry's columns as doubles, NaN where null."""
+
+    def __init__(self, load: Load) -> None:
+        self._load = load
+        self._columns: dict[str, Floats] = {}
+        craft = load("craft").column("craft").unify_dictionaries()
+        self.names: list[str] = craft.chunk(0).dictionary.to_pylist() if len(craft) else []
+        self.craft: Ints = np.concatenate([c.indices.to_numpy() for c in craft.chunks] or [np.zeros(0, np.int64)])
+
+    def column(self, name: str) -> Floats:
+        if name not in self._columns:
+            self._columns[name] = values(self._load(name), name)
+        return self._columns[name]
+
+    def tracking(self) -> Bools:
+        status = self._load("status").column("status").cast(pa.string())
+        return np.array(status.to_numpy() == STATUS[1], dtype=np.bool_)
+
+    def chosen(self, criterion: Criterion) -> Ints:
+        """The rows that the criterion is about, in their order."""
+        time_s = self.column("time_s")
+        mine = (time_s >= criterion.from_s) & (time_s <= (np.inf if criterion.to_s is None else criterion.to_s))
+        if criterion.craft:
+            mine &= np.isin(self.craft, [i for i, name in enumerate(self.names) if name in criterion.craft])
+        return np.flatnonzero(mine)
+
+    def by_craft(self, rows: Ints) -> Iterator[tuple[str, Ints]]:
+        """The rows of each craft among them."""
+        for code in np.unique(self.craft[rows]):
+            yield self.names[code], rows[self.craft[rows] == code]
+
+
+def _judge(criterion: Criterion, rows: _Rows) -> Verdict:
+    c, mine = criterion, rows.chosen(criterion)
+    who: str | None = None
+    value: float | None = None
+    if c.measure in NAMED:
+        value = _NAMED[c.measure](rows, mine)
+    elif c.statistic in ("last", "at_contact"):
+        single = [(name, _single(c, rows, own)) for name, own in rows.by_craft(mine)]
+        # Craft to which the column means nothing have no value; who only never touched anything has missed.
+        means = [(name, v) for name, v in single if c.craft or v is not None]
+        who, value = min(means, key=lambda pair: _margin(c, pair[1])) if means else (None, None)
+    else:
+        known = rows.column(c.measure)[mine]
+        known = known[np.isfinite(known)]
+        value = float(_OVER_ALL[c.statistic](known)) if len(known) else None
+    return Verdict(c.label, value, who, c.min, c.max, _margin(c, value) >= 0)
+
+
+def _margin(criterion: Criterion, value: float | None) -> float:
+    """How far within its limits a value is; below zero, outside."""
+    if value is None:
+        return -np.inf
+    below = np.inf if criterion.max is None else criterion.max - value
+    above = np.inf if criterion.min is None else value - criterion.min
+    return float(min(below, above))
+
+
+def _single(criterion: Criterion, rows: _Rows, own: Ints) -> float | None:
+    """One craft's last value, or its last one before its first contact."""
+    if criterion.statistic == "at_contact":
+        touching = np.flatnonzero(rows.column("contact")[own] == 1)
+        if not len(touching):
+            return None
+        own = own[: touching[0]]
+    known = rows.column(criterion.measure)[own]
+    known = known[np.isfinite(known)]
+    return float(known[-1]) if len(known) else None
+
+
+_OVER_ALL: dict[str, Callable[[Floats], Any]] = {
+    "rms": lambda x: np.sqrt(np.mean(x**2)),
+    "mean": np.mean,
+    "max": np.max,
+    "min": np.min,
+    "sum": np.sum,
+}
+
+
+def _contacts(rows: _Rows, mine: Ints) -> float | None:
+    return float(np.count_nonzero(rows.column("contact")[mine] == 1))
+
+
+def _tracking_share(rows: _Rows, mine: Ints) -> float | None:
+    return float(rows.tracking()[mine].mean()) if len(mine) else None
+
+
+def _longest_blind_s(rows: _Rows, mine: Ints) -> float | None:
+    tracking, time_s = rows.tracking(), rows.column("time_s")
+    longest = None
+    for _, own in rows.by_craft(mine):
+        seen = np.flatnonzero(tracking[own])
+        if len(seen):
+            # Up to the end of the rows, where it never came back.
+            at = np.append(time_s[own][seen], time_s[own][-1])
+            longest = max(longest or 0.0, float(np.diff(at).max()))
+    return longest
+
+
+def _separation_m(rows: _Rows, mine: Ints) -> float | None:
+    place = np.stack([rows.column(f"true_p{a}_m")[mine] for a in "xyz"], axis=1)
+    frame, count = rows.column("frame")[mine], len(np.unique(rows.craft[mine]))
+    if count < 2:
+        return None
+    order = np.argsort(frame, kind="stable")
+    place = place[order].reshape(-1, count, 3)
+    one, other = np.triu_indices(count, 1)
+    least, block = np.inf, max(1, PAIRS_AT_A_TIME // len(one))
+    for first in range(0, len(place), block):
+        part = place[first : first + block]
+        least = min(least, float(np.linalg.norm(part[:, one] - part[:, other], axis=2).min()))
+    return least
+
+
+_NAMED: dict[str, Callable[[_Rows, Ints], float | None]] = {
+    "contacts": _contacts,
+    "tracking_share": _tracking_share,
+    "longest_blind_s": _longest_blind_s,
+    "separation_m": _separation_m,
+}

@@ -1,0 +1,77 @@
+"""The `[[criteria]]` tables of a scenario: what must hold for its run to have succeeded. See docs/criteria.md."""
+
+from collections.abc import Iterator
+from typing import Annotated, Literal
+
+from pydantic import Field, Strict
+
+from swarm.scenario.motions import Mistake, Table
+
+Statistic = Literal["rms", "mean", "max", "min", "sum", "last", "at_contact"]
+
+
+class Criterion(Table):
+    """A figure of the run, judged on its telemetry, and the limits that it must lie within, ends included."""
+
+    measure: str = Field(
+        description="A column of numbers or of true and false of the telemetry, or contacts, tracking_share, "
+        "longest_blind_s, separation_m."
+    )
+    statistic: Statistic = Field(
+        default="max",
+        description="What of the column: over all its values, or each craft's last one, or its last before contact.",
+    )
+    min: float | None = Field(default=None, ge=-1e9, le=1e9, description="It must not be below. Unset: no limit.")
+    max: float | None = Field(default=None, ge=-1e9, le=1e9, description="It must not be above. Unset: no limit.")
+    craft: Annotated[tuple[str, ...], Strict(False)] = Field(
+        default=(), description="Names of the craft that it is about. Empty: all."
+    )
+    from_s: float = Field(default=0.0, ge=0, le=86400, description="From this time on.")
+    to_s: float | None = Field(default=None, gt=0, le=86400, description="Until this time. Unset: the end.")
+    name: str | None = Field(
+        default=None,
+        pattern=r"^[A-Za-z0-9][A-Za-z0-9_]*$",
+        max_length=64,
+        description="What it is called in reports and studies. Unset: measure and statistic.",
+    )
+
+    @property
+    def label(self) -> str:
+        """Its name, the unit last."""
+        if self.name is not None:
+            return self.name
+        if self.measure in NAMED or self.statistic == "max":
+            return self.measure
+        for unit in UNITS:
+            if self.measure.endswith(unit):
+                return f"{self.measure.removesuffix(unit)}_{self.statistic}{unit}"
+        return f"{self.measure}_{self.statistic}"
+
+    def between_keys(self) -> Iterator[Mistake]:
+        """There is a limit, and something within the limits."""
+        if self.min is None and self.max is None:
+            yield "needs a limit: set max, or min, or both", "max", "min"
+        elif self.min is not None and self.max is not None and self.min > self.max:
+            yield f"must be at most max = {self.max:g}", "min", "max"
+        if self.to_s is not None and self.to_s <= self.from_s:
+            yield f"must be after from_s = {self.from_s} s", "to_s", "from_s"
+
+
+NAMED = ("contacts", "tracking_share", "longest_blind_s", "separation_m")
+"""Measures that are no column: periods in contact, share of the rows that track, the longest time without a pose after
+the first one, the least distance between the bodies' origins of two craft."""
+UNITS = (
+    "_deg_s2",
+    "_rad_s2",
+    "_m_s2",
+    "_deg_s",
+    "_rad_s",
+    "_m_s",
+    "_deg_per_rad",
+    "_m_per_rad",
+    "_deg",
+    "_rad",
+    "_m",
+    "_s",
+)
+"""Ends of names that are units, the longer first where one ends with another."""
