@@ -106,7 +106,7 @@ def test_thresholds_and_noncentralities_are_scipys():
 
 
 def oracle_slopes(scene: Scene, craft: int) -> tuple[float, float, int, Floats]:
-    """Slopes of attitude and position [deg/rad, m/rad]; the photodiode (of the lit ones) and fault (2,) of the latter."""
+    """Slopes of attitude and position [deg/rad, m/rad]; the lit photodiode and the fault (2,) of the latter."""
     j, _, _ = scene.rows(craft, scene.truth.rotation[craft], scene.truth.position[craft])
     n = len(j) // 2
     gain = np.linalg.pinv(j)
