@@ -51,7 +51,8 @@ The axes are those of the lighthouse: x right (red), y down (green), z forward (
 
 *Errors* are distances and angles from the truth; below the *3σ* line the filter deserves its confidence.
 *NEES* is the squared error over the filter's own covariance: 6 on average if it is consistent; the band holds 95 % of
-the values of independent craft. A *protection level* bounds an error that the craft cannot know. *ADOP* and *PDOP* say how much attitude and position suffer from angle noise.
+the values of independent craft. *ADOP* and *PDOP* say how much attitude and position suffer from angle noise. A
+*protection level* is what the craft says its error is below, false photodiodes included.
 """
 
 

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from estimators.arrays import Bools, Floats, Ints
 from swarm.errors import SwarmError
-from swarm.results import ccd_columns
+from swarm.results import ccd_columns, integrity_columns
 from swarm.results.ccd_columns import CCD_STATES, CcdFix
 from swarm.results.disk import writing
 from swarm.results.extra_columns import Extra
@@ -233,6 +233,16 @@ def column_reference() -> str:
         unit, meaning = field.metadata[b"unit"].decode(), field.metadata[b"meaning"].decode()
         only = "" if i < ordinary else "; only in a replay" if i < replay else "; only with cameras"
         lines.append(f"| `{field.name}` | {kind} | {unit} | {meaning}{only} |")
+    lines += [
+        "",
+        "A simulated run has further columns at the end ([integrity](integrity.md), [faults](faults.md)):",
+        "",
+    ]
+    lines += ["| column | type | unit | meaning |", "|---|---|---|---|"]
+    for column in (*integrity_columns.COLUMNS, integrity_columns.fault_column(["none"])):
+        kind = "string" if column.names else str(column.type)
+        only = "; only with [[fault]] tables" if column.names else ""
+        lines.append(f"| `{column.name}` | {kind} | {column.unit} | {column.meaning}{only} |")
     return "\n".join(lines) + "\n"
 
 

@@ -20,6 +20,7 @@ Path = tuple[str | int, ...]
 """Where a value sits: ("craft", 1, "motion", "from_m", 0) is craft[1].motion.from_m[0]."""
 
 UNITS = {
+    "per_s": "1/s",
     "deg_s2": "deg/s²",
     "m_s2": "m/s²",
     "deg_s": "deg/s",

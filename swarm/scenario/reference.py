@@ -55,7 +55,7 @@ def markdown_reference() -> str:
 def _sections() -> Iterator[str]:
     yield from _section("Top of the file", "", Scenario)
     for key, field in Scenario.model_fields.items():
-        for table in tables_of(field.annotation):
+        for table in tables_of(field.annotation) if key != "fault" else ():
             yield from _section(f"`[[{key}]]`" if key in ("craft", "criteria") else f"`[{key}]`", key, table)
             for inner, below in table.model_fields.items():
                 for part in (
@@ -67,6 +67,9 @@ def _sections() -> Iterator[str]:
                     for name, least in part.model_fields.items():
                         for entry in tables_of(least.annotation):
                             yield from _section(f"`[[{key}.{inner}.{name}]]`", key, entry)
+    yield "## `[[fault]]`\n\nWhat goes wrong, and when ([how](faults.md)); its `kind` says which of these it is.\n"
+    for table in tables_of(Scenario.model_fields["fault"].annotation):
+        yield from _section(f'`kind = "{kind_of(table)}"`', "fault", table, level="###")
     motions = tables_of(Scenario.model_fields["craft"].annotation)[0].model_fields["motion"]
     yield "## `motion`\n\nA table of `[swarm]` and of every `[[craft]]`; its `kind` says which of these it is.\n"
     for table in tables_of(motions.annotation):
@@ -97,7 +100,8 @@ def _type(key: str, field: FieldInfo) -> str:
     if field.annotation == VECTOR or {Vector, Box} & set(get_args(field.annotation)):
         return f"list of x, y, z, {unit}"
     if "tuple" in text:
-        return f"list of {f'lists of x, y, z, {unit}' if text.count('tuple') > 1 else unit or 'strings'}"
+        entries = unit or ("whole numbers" if "[int," in text else "strings")
+        return f"list of {f'lists of x, y, z, {unit}' if text.count('tuple') > 1 else entries}"
     for name, word in (("bool", "true or false"), ("str", "string"), ("int", "whole number")):
         if name in text:
             return word
