@@ -23,7 +23,7 @@ from swarm.world.world import OnboardWrench
 
 COLUMNS = (
     Extra("delta_v_m_s", "m/s", "impulse of the craft's thrusters, or its ideal force, over its mass", plot="delta-v"),
-    Extra("thrusters_open", "1", "thrusters that were open in the period", "count"),
+    Extra("thrusters_open", "1", "thrusters that were open in the period", "count", plot="thrusters open"),
     Extra("wheel_momentum_nms", "N m s", "momentum of the craft's reaction wheels together", plot="wheel momentum"),
 )
 """What telemetry shows of the actuators: their true work up to the end of the period."""
