@@ -19,7 +19,7 @@ from swarm.actuation.modulation import open_share
 from swarm.actuation.orders import Order, Orders
 from swarm.onboard.control import Command, State
 from swarm.results.extra_columns import Extra
-from swarm.world.world import OnboardWrench
+from swarm.world.wrench import OnboardWrench
 
 COLUMNS = (
     Extra("delta_v_m_s", "m/s", "impulse of the craft's thrusters, or its ideal force, over its mass", plot="delta-v"),
