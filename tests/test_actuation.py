@@ -120,6 +120,19 @@ def test_thrusters_and_wheels_give_the_wrench_within_their_limits():
     assert most.onboard.force.mean(axis=0) == pytest.approx(np.tile([2.0, -2, 2], (2, 1)), rel=1e-6)
 
 
+def test_thrusters_alone_give_force_and_torque():
+    """A pulse of 14 mN m about x is 50 mN with 14 cm twice: 0.8 mN s, too short to fire; carried over, it adds up."""
+    _, actuators = flight([inspector(wheels=False)])
+    given = np.zeros(6)
+    for _ in range(120):
+        drive = push(actuators, resting(1), (1.0, 0.5, -0.8), (0.014, -0.01, 0.02))
+        mean = np.concatenate([drive.onboard.force[:, 0].mean(axis=0), drive.onboard.torque[:, 0].mean(axis=0)])
+        given += mean / 120
+    assert given[:3] == pytest.approx([1.0, 0.5, -0.8], abs=4e-3 / 2)
+    assert given[3:] == pytest.approx([0.014, -0.01, 0.02], abs=4e-3 * 0.14 / 2)
+    assert np.isnan(actuators.work()[0, 2])
+
+
 def test_impulses_too_small_to_fire_add_up():
     """10 mN is 0.17 mN s in a period; with two thrusters of 2 mN s at least, it fires some twice a second."""
     world, actuators = flight([inspector()])
@@ -357,6 +370,9 @@ def test_a_flight_on_thrusters_by_the_crafts_own_estimate(tmp_path):
     assert place[0] == pytest.approx([0.0, 0, 2.8], abs=5e-3)
     assert end[0]["delta_v_m_s"] < 2 * end[1]["delta_v_m_s"] + 0.05
     assert end[1]["thrusters_open"] is None
+    spent = [run.summary["craft"][name]["delta_v_m_s"] for name in ("craft-0", "craft-1")]
+    assert spent == [row["delta_v_m_s"] for row in end]
+    assert run.summary["swarm"]["delta_v_m_s"] == pytest.approx(np.mean(spent))
     assert 0 < end[0]["wheel_momentum_nms"] < 0.2
     status = run.telemetry["status"].to_pylist()
     assert status[4:].count("tracking") == len(status) - 4

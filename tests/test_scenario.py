@@ -22,7 +22,7 @@ from swarm.scenario.mistakes import split_unit, tables_of
 from swarm.scenario.motions import Table
 
 ROOT = Path(__file__).parent.parent
-DIMENSIONLESS = {"rotor_correlation", "curve", "gibbous_magnitude", "gate_probability"}
+DIMENSIONLESS = {"rotor_correlation", "curve", "gibbous_magnitude", "gate_probability", "integrity_risk", "share"}
 
 
 @pytest.fixture
@@ -417,7 +417,7 @@ def test_process_noise_defaults_are_the_filters() -> None:
 def test_drift_is_the_filters_own_model_unless_told() -> None:
     def drift(*overrides: str) -> motion.Drift:
         settings = load("drift", overrides)
-        made = build.craft._motion(settings.swarm.motion, settings)
+        made = build.craft._motion(scenario.craft(settings)[0], settings)
         assert isinstance(made, motion.Drift)
         return made
 
@@ -442,7 +442,7 @@ def test_every_motion_becomes_its_record(file: Path) -> None:
     entries = (f'[[craft]]\nmotion = {{ kind = "{k}", {rest}, {turned} }}\n' for k, rest in kinds.items())
     file.write_text("".join(entries))
     settings = load(file)
-    made = [build.craft._motion(c.motion, settings) for c in scenario.craft(settings)]
+    made = [build.craft._motion(c, settings) for c in scenario.craft(settings)]
     attitude = motion.Attitude(False, math.pi, math.pi / 2, math.pi / 4, 2 * math.pi)
     one, four = (1.0, 2.0, 3.0), (4.0, 5.0, 6.0)
     noise = settings.navigation

@@ -36,10 +36,21 @@ def column(run: Run, name: str, craft: str | None = None) -> np.ndarray:
 
 
 # The survey's craft is uncalibrated on purpose: its errors are not the noise that a filter can know of.
-# In the parade of faults a craft gets a kick that no filter can know of.
-@pytest.mark.parametrize(
-    "name", sorted(set(scenarios()) - {"drift", "survey", "ccd-docking", "swarm1000", "fault-parade"})
-)
+# In the parade of faults a craft gets a kick, in a docking the blow of contact, that no filter can know of. Guided craft
+# fly in shorter form in test_guided_flight.
+ELSEWHERE = {
+    "drift",
+    "survey",
+    "ccd-docking",
+    "swarm1000",
+    "fault-parade",
+    "docking",
+    "formation-reconfigure",
+    "inspection",
+}
+
+
+@pytest.mark.parametrize("name", sorted(set(scenarios()) - ELSEWHERE))
 def test_the_filter_is_neither_vain_nor_timid_in_any_scenario_with_one_set_of_process_noise(flown, name):
     # 6 is what the filter promises on motion like its own model; a smooth motion lies between the 4.5 of a filter that
     # expects accelerations which never come (alpha-beta theory at low tracking index) and 7.5.

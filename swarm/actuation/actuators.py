@@ -19,11 +19,11 @@ from swarm.actuation.modulation import open_share
 from swarm.actuation.orders import Order, Orders
 from swarm.onboard.control import Command, State
 from swarm.results.extra_columns import Extra
-from swarm.world.world import OnboardWrench
+from swarm.world.wrench import OnboardWrench
 
 COLUMNS = (
     Extra("delta_v_m_s", "m/s", "impulse of the craft's thrusters, or its ideal force, over its mass", plot="delta-v"),
-    Extra("thrusters_open", "1", "thrusters that were open in the period", "count"),
+    Extra("thrusters_open", "1", "thrusters that were open in the period", "count", plot="thrusters open"),
     Extra("wheel_momentum_nms", "N m s", "momentum of the craft's reaction wheels together", plot="wheel momentum"),
 )
 """What telemetry shows of the actuators: their true work up to the end of the period."""

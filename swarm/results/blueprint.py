@@ -12,6 +12,8 @@ import rerun.blueprint as rrb
 from estimators.arrays import Floats
 from swarm.results.plots import Plot
 
+MOST_LANES = 6
+"""Lanes of states that have room below the scene; of more, the others are scrolled to."""
 NOT_TO_POINT_AT = ("world/rays", "world/names", "world/trails", "world/lighthouse/fan_x", "world/lighthouse/fan_y")
 
 
@@ -68,7 +70,7 @@ def blueprint(
     columns = [_column(swarm, "Swarm"), *(_column(plots, name) for name, plots in single.items())]
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(scene, status, row_shares=[7, 0.5 + 0.4 * min(lanes, 4)]),
+            rrb.Vertical(scene, status, row_shares=[7, 0.5 + 0.4 * min(lanes, MOST_LANES)]),
             rrb.Tabs(*columns, about, active_tab=0),
             column_shares=[3, 2],
         ),

@@ -28,14 +28,14 @@ PHASES = (
 COLUMNS = (
     Extra("phase", "", f"what its guidance does: {', '.join(PHASES)}", names=PHASES),
     *(Extra(f"reference_p{a}_m", "m", f"where its guidance wants it: position, {a}") for a in "xyz"),
-    Extra("reference_error_m", "m", "distance of the truth from where its guidance wants it"),
+    Extra("reference_error_m", "m", "distance of the truth from where its guidance wants it", plot="off its reference"),
     Extra("gave_way", "", "flew otherwise than it wanted, to keep clear of another craft", "yes"),
 )
 DOCKING_COLUMNS = (
-    Extra("docking_range_m", "m", "its port before the target's, along the target's axis"),
-    Extra("docking_lateral_m", "m", "its port beside the target's axis"),
+    Extra("docking_range_m", "m", "its port before the target's, along the target's axis", plot="range of the ports"),
+    Extra("docking_lateral_m", "m", "its port beside the target's axis", plot="lateral offset of the ports"),
     Extra("docking_angle_deg", "deg", "angle between the axes of the two ports"),
-    Extra("docking_speed_m_s", "m/s", "closing speed of the two ports, along the target's axis"),
+    Extra("docking_speed_m_s", "m/s", "closing speed of the two ports, along the target's axis", plot="closing speed"),
 )
 
 

@@ -302,7 +302,11 @@ def extra_plots(name: str, i: int, extra: Sequence[Extra]) -> list[Plot]:
         return lambda batch: batch.extra[:, i, column, None]
 
     return [
-        Plot(f"detail/{name}/{e.name}", f"{name}: {e.plot} [{e.unit}]", [e.plot], [BLUE], [MEDIUM], values(column))
+        Plot(f"detail/{name}/{e.name}", f"{name}: {e.plot}{_unit(e)}", [e.plot], [BLUE], [MEDIUM], values(column))
         for column, e in enumerate(extra)
         if e.plot
     ]
+
+
+def _unit(column: Extra) -> str:
+    return "" if column.unit in ("", "1") else f" [{column.unit}]"

@@ -164,7 +164,9 @@ class Recording:
             for i in self._detail
         }
         self._plots = [*swarm, *(plot for plots in single.values() for plot in plots)]
-        self._stream.send_blueprint(blueprint(swarm, single, known, len(self._near), self._live))
+        self._stream.send_blueprint(
+            blueprint(swarm, single, known, len(self._near) * (1 + len(self._states())), self._live)
+        )
         self._static("world", rr.ViewCoordinates.RDF)
         solid = "the craft at its estimate: the truth is not known" if self._replay else "the craft where it truly is"
         trail_s, slowed = TRAIL_POINTS * TRAIL_STEP_S, FAN_TURN_S / REAL_FAN_TURN_S

@@ -153,6 +153,8 @@ def findings(figures: Figures) -> list[tuple[str, str]]:
     position, attitude = figures.get("ekf_to_pnp_position_ratio"), figures.get("ekf_to_pnp_attitude_ratio")
     if position is not None and attitude is not None:
         out.append((f"Filter error over raw PnP error: {position:.2f} in position, {attitude:.2f} in attitude", ""))
+    if delta_v := figures.get("delta_v_m_s"):
+        out.append((f"Delta-v: {delta_v:.3g} m/s a craft", ""))
     if ccd := figures.get("ccd"):
         shares = f"stereo {ccd['stereo_share']:.0%}, the main camera alone {ccd['camera_share']:.0%} of the images"
         out.append((f"Cameras: {shares}; the sensor in use changed {ccd['sensor_switches']} times", ""))

@@ -19,6 +19,7 @@ T/2 apart, leave about -T/4 in x and +T/4 in y, which along the velocity of a tu
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -388,7 +389,7 @@ def _summary(load: Callable[[str], pa.Table], columns: Sequence[str]) -> dict[st
     past = np.cumsum(np.bincount(codes, minlength=len(names))).tolist()
     span = int(frame.max() - frame.min())
     period_s = float(time_s.max() - time_s.min()) / span if span else 0.0
-    return {
+    out: dict[str, Any] = {
         "periods": len(np.unique(frame)),
         "duration_s": (span + 1) * period_s,
         "craft_count": len(names),
@@ -400,3 +401,10 @@ def _summary(load: Callable[[str], pa.Table], columns: Sequence[str]) -> dict[st
         },
         "notes": NOTES,
     }
+    if "delta_v_m_s" in columns:
+        spent = [_max(everything.of(first, last).column("delta_v_m_s")) for first, last in pairwise([0, *past])]
+        for name, delta_v in zip(names, spent, strict=True):
+            if name in out["craft"]:
+                out["craft"][name]["delta_v_m_s"] = delta_v
+        out["swarm"]["delta_v_m_s"] = _mean(np.array(spent, dtype=np.float64))
+    return out

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from estimators.arrays import Bools, Floats, Ints
 from swarm.errors import SwarmError
-from swarm.results import ccd_columns, integrity_columns
+from swarm.results import ccd_columns, guidance_columns, integrity_columns
 from swarm.results.ccd_columns import CCD_STATES, CcdFix
 from swarm.results.disk import writing
 from swarm.results.extra_columns import Extra
@@ -235,7 +235,8 @@ def column_reference() -> str:
         lines.append(f"| `{field.name}` | {kind} | {unit} | {meaning}{only} |")
     lines += [
         "",
-        "A simulated run has further columns at the end ([integrity](integrity.md), [faults](faults.md)):",
+        "A simulated run has further columns at the end ([integrity](integrity.md), [faults](faults.md),",
+        "[guidance](guidance.md); those of thrusters and wheels are in [actuation](actuation.md)):",
         "",
     ]
     lines += ["| column | type | unit | meaning |", "|---|---|---|---|"]
@@ -243,6 +244,10 @@ def column_reference() -> str:
         kind = "string" if column.names else str(column.type)
         only = "; only with [[fault]] tables" if column.names else ""
         lines.append(f"| `{column.name}` | {kind} | {column.unit} | {column.meaning}{only} |")
+    for column in (*guidance_columns.COLUMNS, *guidance_columns.DOCKING_COLUMNS):
+        kind = "string" if column.names else str(column.type)
+        only = "with guided craft" if column in guidance_columns.COLUMNS else "where a craft docks"
+        lines.append(f"| `{column.name}` | {kind} | {column.unit} | {column.meaning}; only {only} |")
     return "\n".join(lines) + "\n"
 
 

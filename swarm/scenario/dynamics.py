@@ -12,7 +12,7 @@ from swarm.scenario.motions import Table
 
 class Orbit(Table):
     """The lighthouse's circular orbit around the Earth: craft beside it move by the Clohessy-Wiltshire equations, and
-    every craft's computer knows it. Without this table there is weightless space. See docs/actuation.md.
+    every craft's computer knows it. Without this table there is weightless space. See docs/orbit.md.
     """
 
     altitude_km: float = Field(ge=120, le=100000, description="Above the equator's radius, 6378.137 km.")
@@ -26,6 +26,7 @@ class Orbit(Table):
 class Actuation(Table):
     """How a craft's orders are carried out: by the thrusters (sites `thruster...`) and reaction wheels (`wheel...`) of
     its model. A model without thrusters gets exactly the force that it orders, one without either the torque too.
+    See docs/actuation.md.
     """
 
     ideal: bool = Field(default=False, description="Exactly what is ordered, whatever the model has.")

@@ -40,7 +40,7 @@ def _table(name: str, table: BaseModel) -> Iterator[str]:
     for key, value in values.items():
         if value is None:
             yield f"# {key}: {_unset(table, key)}"
-        elif key not in tables and key not in lists and not (key in ("craft", "fault", "criteria") and value == ()):
+        elif key not in tables and key not in lists and not (key == "craft" and value == ()):
             yield f"{key} = {toml_value(value)}"
     for key, value in tables.items():
         inner = f"{name}.{key}".removeprefix(".")

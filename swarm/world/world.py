@@ -28,7 +28,8 @@ from swarm.world import docking
 from swarm.world.assembly import LIGHTHOUSE, Placement, assemble
 from swarm.world.craft import Visual, load_craft, quiet
 from swarm.world.nearby import Neighbourhood
-from swarm.world.orbit import NO_ORBIT, orbit_acceleration_into, orbit_step, velocity_before
+from swarm.world.orbit import NO_ORBIT, orbit_step, velocity_before
+from swarm.world.wrench import OnboardWrench, most_force, wrench_into
 
 LARGEST = 1e6
 """A coordinate [m], velocity [m/s] or rate [rad/s] beyond this is a simulation that has blown up."""
@@ -65,18 +66,6 @@ class PeriodTruth(NamedTuple):
     velocity: Floats
     angular_rate: Floats
     contact: Bools
-
-
-class OnboardWrench(NamedTuple):
-    """What the craft's own actuators do in each physics step of a period, (S, C, 3), in the body frame.
-
-    force [N] through, torque [N m] about the centre of mass. wheel_momentum [N m s]: of the wheels in mid-step, which
-    the craft has to turn with itself.
-    """
-
-    force: Floats
-    torque: Floats
-    wheel_momentum: Floats
 
 
 class World:
@@ -163,9 +152,12 @@ class World:
         # The craft's bodies are the last ones, in order.
         self._data.xfrc_applied[-count:, :3] = force
         self._data.xfrc_applied[-count:, 3:] = torque
-        most = self._most_force(force, onboard)
-        self._look_for_contacts(self._neighbourhood.can_touch(self._pose, self._rate, most, 1 / self._rate_hz))
-        if onboard is None and most is not force:
+        n, period_s = self._orbit.n, 1 / self._rate_hz
+        most = force
+        if onboard is not None or n:
+            most = most_force(self._pose, self._rate, self.mass, self.com_m, force, onboard, n, period_s)
+        self._look_for_contacts(self._neighbourhood.can_touch(self._pose, self._rate, most, period_s))
+        if onboard is None and n:
             onboard = OnboardWrench(*np.zeros((3, steps, count, 3)))
         with quiet():
             for step in range(1, steps + 1):
@@ -207,7 +199,7 @@ class World:
 
     def _apply(self, force: Floats, torque: Floats, onboard: OnboardWrench, step: int) -> None:
         """Set the wrench of one step: constant, from the orbit, and from the actuators."""
-        _wrench_into(
+        wrench_into(
             self._pose,
             self._rate,
             self.com_m,
@@ -220,22 +212,6 @@ class World:
             *self._orbit,
             self._data.xfrc_applied[-len(self.names) :],
         )
-
-    def _most_force(self, force: Floats, onboard: OnboardWrench | None) -> Floats:
-        """A force (C, 3) [N] at least as long as any in this period; `force` itself where nothing is added to it."""
-        n = self._orbit.n
-        if onboard is None and n == 0:
-            return force
-        push = np.linalg.norm(force, axis=1)
-        if onboard is not None:
-            push += np.linalg.norm(onboard.force, axis=2).max(axis=0)
-        # (CW) is at most 3 n^2 |p| + 2 n |v|; within a period it grows by a share of n T, and by 2 n T of the push.
-        distance = np.linalg.norm(self._pose[:, :3], axis=1) + np.linalg.norm(self.com_m, axis=1)
-        speed = np.linalg.norm(self._rate[:, :3], axis=1) + np.linalg.norm(self._rate[:, 3:], axis=1) * distance
-        orbital = self.mass * (3 * n**2 * distance + 2 * n * speed)
-        most: Floats = np.zeros_like(force)
-        most[:, 0] = (push + orbital) * (1 + 8 * n / self._rate_hz)
-        return most
 
     def _begin_in_orbit(self, orbit: RelativeOrbit, timestep_s: float) -> None:
         """Make the velocities those that MuJoCo's steps begin with (`swarm.world.orbit`)."""
@@ -284,56 +260,6 @@ class World:
             )
         which = int(np.flatnonzero(self._data.warning.number)[0])
         raise SwarmError(f"MuJoCo: {mujoco.mju_warningText(which, 0)} at {time_s[-1]:.4f} s")
-
-
-@kernel
-def _wrench_into(
-    pose: Floats,
-    rate: Floats,
-    com: Floats,
-    mass: Floats,
-    force: Floats,
-    torque: Floats,
-    onboard_force: Floats,
-    onboard_torque: Floats,
-    wheel_momentum: Floats,
-    axes: Floats,
-    n: float,
-    h: float,
-    d: float,
-    s: float,
-    b: float,
-    out: Floats,
-) -> None:
-    """Write force and torque (C, 6) about the centre of mass, lighthouse frame, for one step from MuJoCo's pose (C, 7)
-    and rate (C, 6): the constant ones, the actuators' from the body frame, the wheels' -w x h, and the orbit's, whose
-    `OrbitStep` is axes ... b.
-    """
-    place, speed, pull, body = np.empty(3), np.empty(3), np.empty(3), np.empty((2, 3))
-    for c in range(len(pose)):
-        w, x, y, z = pose[c, 3], pose[c, 4], pose[c, 5], pose[c, 6]
-        p, q, r = rate[c, 3], rate[c, 4], rate[c, 5]
-        cx, cy, cz = com[c, 0], com[c, 1], com[c, 2]
-        h0, h1, h2 = wheel_momentum[c, 0], wheel_momentum[c, 1], wheel_momentum[c, 2]
-        # In the body frame: the velocity of the centre of mass about the origin, and the torque.
-        about = (q * cz - r * cy, r * cx - p * cz, p * cy - q * cx)
-        gyroscopic = (q * h2 - r * h1, r * h0 - p * h2, p * h1 - q * h0)
-        turn = (
-            (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-            (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-            (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-        )
-        for i in range(3):
-            body[0, i], body[1, i] = onboard_force[c, i], onboard_torque[c, i] - gyroscopic[i]
-        for i in range(3):
-            row = turn[i]
-            place[i] = pose[c, i] + row[0] * cx + row[1] * cy + row[2] * cz
-            speed[i] = rate[c, i] + row[0] * about[0] + row[1] * about[1] + row[2] * about[2]
-            out[c, i] = force[c, i] + row[0] * body[0, 0] + row[1] * body[0, 1] + row[2] * body[0, 2]
-            out[c, 3 + i] = torque[c, i] + row[0] * body[1, 0] + row[1] * body[1, 1] + row[2] * body[1, 2]
-        orbit_acceleration_into(axes, n, h, d, s, b, place, speed, pull)
-        for i in range(3):
-            out[c, i] += mass[c] * pull[i]
 
 
 @kernel

@@ -1,0 +1,99 @@
+"""What moves the craft in a physics step: the constant wrench, their actuators, which turn with them, and the orbit."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators.arrays import Floats
+from estimators.kernel import kernel
+from swarm.world.orbit import orbit_acceleration_into
+
+
+class OnboardWrench(NamedTuple):
+    """What the craft's own actuators do in each physics step of a period, (S, C, 3), in the body frame.
+
+    force [N] through, torque [N m] about the centre of mass. wheel_momentum [N m s]: of the wheels in mid-step, which
+    the craft has to turn with itself.
+    """
+
+    force: Floats
+    torque: Floats
+    wheel_momentum: Floats
+
+
+def most_force(
+    pose: Floats,
+    rate: Floats,
+    mass: Floats,
+    com_m: Floats,
+    force: Floats,
+    onboard: OnboardWrench | None,
+    n: float,
+    period_s: float,
+) -> Floats:
+    """A force (C, 3) [N] at least as long as any that moves a craft within one period, for the search for contacts.
+
+    pose (C, 7), rate (C, 6): MuJoCo's, at the beginning. mass: (C,) [kg]. com_m: (C, 3) [m]. force: (C, 3) [N].
+    n: the orbit's mean motion [rad/s], 0 without one.
+    """
+    push = np.linalg.norm(force, axis=1)
+    if onboard is not None:
+        push += np.linalg.norm(onboard.force, axis=2).max(axis=0)
+    # (CW) is at most 3 n^2 |p| + 2 n |v|; within a period it grows by a share of n T, and by 2 n T of the push.
+    arm = np.linalg.norm(com_m, axis=1)
+    distance = np.linalg.norm(pose[:, :3], axis=1) + arm
+    speed = np.linalg.norm(rate[:, :3], axis=1) + np.linalg.norm(rate[:, 3:], axis=1) * arm
+    orbital = mass * (3 * n**2 * distance + 2 * n * speed)
+    most: Floats = np.zeros_like(force)
+    most[:, 0] = (push + orbital) * (1 + 8 * n * period_s)
+    return most
+
+
+@kernel
+def wrench_into(
+    pose: Floats,
+    rate: Floats,
+    com: Floats,
+    mass: Floats,
+    force: Floats,
+    torque: Floats,
+    onboard_force: Floats,
+    onboard_torque: Floats,
+    wheel_momentum: Floats,
+    axes: Floats,
+    n: float,
+    h: float,
+    d: float,
+    s: float,
+    b: float,
+    out: Floats,
+) -> None:
+    """Write force and torque (C, 6) about the centre of mass, lighthouse frame, for one step from MuJoCo's pose (C, 7)
+    and rate (C, 6): the constant ones, the actuators' from the body frame, the wheels' -w x h, and the orbit's, whose
+    `OrbitStep` is axes ... b.
+    """
+    place, speed, pull, body = np.empty(3), np.empty(3), np.empty(3), np.empty((2, 3))
+    for c in range(len(pose)):
+        w, x, y, z = pose[c, 3], pose[c, 4], pose[c, 5], pose[c, 6]
+        p, q, r = rate[c, 3], rate[c, 4], rate[c, 5]
+        cx, cy, cz = com[c, 0], com[c, 1], com[c, 2]
+        h0, h1, h2 = wheel_momentum[c, 0], wheel_momentum[c, 1], wheel_momentum[c, 2]
+        # In the body frame: the velocity of the centre of mass about the origin, and the torque.
+        about = (q * cz - r * cy, r * cx - p * cz, p * cy - q * cx)
+        gyroscopic = (q * h2 - r * h1, r * h0 - p * h2, p * h1 - q * h0)
+        turn = (
+            (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+            (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+            (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+        )
+        for i in range(3):
+            body[0, i], body[1, i] = onboard_force[c, i], onboard_torque[c, i] - gyroscopic[i]
+        for i in range(3):
+            row = turn[i]
+            place[i] = pose[c, i] + row[0] * cx + row[1] * cy + row[2] * cz
+            speed[i] = rate[c, i] + row[0] * about[0] + row[1] * about[1] + row[2] * about[2]
+            out[c, i] = force[c, i] + row[0] * body[0, 0] + row[1] * body[0, 1] + row[2] * body[0, 2]
+            out[c, 3 + i] = torque[c, i] + row[0] * body[1, 0] + row[1] * body[1, 1] + row[2] * body[1, 2]
+        orbit_acceleration_into(axes, n, h, d, s, b, place, speed, pull)
+        for i in range(3):
+            out[c, i] += mass[c] * pull[i]
