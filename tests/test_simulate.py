@@ -36,8 +36,8 @@ def column(run: Run, name: str, craft: str | None = None) -> np.ndarray:
 
 
 # The survey's craft is uncalibrated on purpose: its errors are not the noise that a filter can know of.
-# In the parade of faults a craft gets a kick, in a docking the blow of contact, that no filter can know of. Guided craft
-# fly in shorter form in test_guided_flight.
+# In the parade of faults a craft gets a kick, in a docking the blow of contact, that no filter can know of. Guided
+# craft fly in shorter form in test_guided_flight.
 ELSEWHERE = {
     "drift",
     "survey",

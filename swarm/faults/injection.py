@@ -150,7 +150,7 @@ class Faults:
             case PhotodiodeDead():
                 return pulses.only(row, ~pulses.of_photodiodes(row, fault.photodiodes))
             case SyncLoss():
-                return pulses.without_flashes(row, clock, self._draw(window, (2,)) < fault.probability)
+                return pulses.without_flashes(row, clock, self._draw(window, (2,)) < fault.missed_sync_probability)
             case _:
                 raise TypeError(f"{fault.kind} is no fault of pulses")
 

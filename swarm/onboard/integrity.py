@@ -38,6 +38,7 @@ from estimators.integrity import (
     statistic,
     thresholds,
 )
+from estimators.kernel import kernel
 from estimators.pnp import PoseSolution
 from estimators.rotation import angle_between
 from swarm.onboard.decoder import SweepAngles
@@ -85,10 +86,13 @@ class Integrity(NamedTuple):
 
 
 class Screened(NamedTuple):
-    """PnP's answer after the test: the poses, the photodiodes (C, K) that they are from, how many were dropped (C,)."""
+    """PnP's answer after the test: the poses, the photodiodes (C, K) that they are from, their number and that of those
+    that were dropped, (C,) each.
+    """
 
     solution: PoseSolution
     lit: Bools
+    used: Ints
     dropped: Ints
 
 
@@ -137,26 +141,27 @@ class Monitor:
         self,
         sweeps: Sweeps,
         asked: Bools,
+        count: Ints,
         solution: PoseSolution,
         start: tuple[Floats, Floats],
         rate_covariance: Callable[[int], Floats],
     ) -> Screened:
-        """Test the poses of the craft `asked` (C,), which were solved from `start`: rotation and position.
+        """Test the poses of the craft `asked` (C,), solved with `count` (C,) photodiodes from `start`, a pose of each.
 
         rate_covariance: of the rates that they assumed, (6, 6), asked for only of craft whose pose is in doubt.
         """
-        lit, dropped = sweeps.lit & asked[:, None], np.zeros(len(asked), dtype=np.int64)
+        dropped = np.zeros(len(asked), dtype=np.int64)
         if not self.settings.residual_test:
-            return Screened(solution, lit, dropped)
-        limit = self._threshold[np.count_nonzero(lit, axis=1)]
-        with np.errstate(invalid="ignore"):
-            sound = solution.solved & (solution.cost <= limit * self._noise.own_rad**2)
-        doubtful = np.flatnonzero(asked & ~sound)
+            return Screened(solution, sweeps.lit, count, dropped)
+        limit = self._threshold[count]
+        # A cost that is not a number is not below its limit.
+        doubtful = np.flatnonzero(asked & ~(solution.solved & (solution.cost <= limit * self._noise.own_rad**2)))
         if not len(doubtful):
-            return Screened(solution, lit, dropped)
+            return Screened(solution, sweeps.lit, count, dropped)
+        lit, count = sweeps.lit.copy(), count.copy()
         parts = PoseSolution._make(part.copy() for part in solution)
         covariance = np.array([rate_covariance(int(c)) for c in doubtful])
-        some = sweeps.of(doubtful)._replace(lit=lit[doubtful])
+        some = sweeps.of(doubtful)
         value = statistic(some, parts.rotation[doubtful], parts.position[doubtful], self._noise, covariance)
         for i, c in enumerate(doubtful):
             if parts.solved[c] and value[i] <= limit[c]:
@@ -166,34 +171,73 @@ class Monitor:
             if found is None:
                 parts.solved[c], dropped[c] = False, -1
                 continue
-            dropped[c] = np.count_nonzero(lit[c]) - np.count_nonzero(found.lit)
-            lit[c] = found.lit
+            lit[c], kept = found.lit, np.count_nonzero(found.lit)
+            dropped[c], count[c] = count[c] - kept, kept
             for part, own in zip(parts, found.solution, strict=True):
                 part[c] = own[0]
-        return Screened(parts, lit, dropped)
+        return Screened(parts, lit, count, dropped)
 
     def levels(self, screened: Screened, precision: Dilution, filtered: Filtered) -> Integrity:
         """Protection levels of this period's poses, and of the filters after them."""
-        s, missed = self.settings, self._missed[np.count_nonzero(screened.lit, axis=1)]
-        noise = self._quantile * self._sigma_rad * np.stack([precision.pdop_m_per_rad, precision.adop_deg_per_rad])
-        slope = np.stack([precision.position_slope_m_per_rad, precision.attitude_slope_deg_per_rad])
-        fault = slope * (missed * self._noise.own_rad) if s.residual_test else np.zeros_like(slope)
-        single = noise + fault
-        self._held = np.where(filtered.by_lighthouse, fault, np.where(filtered.active, self._held, 0.0))
-        variance = np.diagonal(filtered.covariance, axis1=1, axis2=2)
-        sigma = np.sqrt(np.stack([variance[:, 6:9].sum(axis=1), variance[:, :3].sum(axis=1)]))
-        sigma[1] = np.rad2deg(sigma[1])
-        level = self._quantile * sigma + self._held
+        s, out = self.settings, np.empty((4, len(screened.used)))
+        _levels_into(
+            precision[1:3],
+            precision[4:6],
+            screened.used,
+            self._missed * self._noise.own_rad if s.residual_test else np.zeros_like(self._missed),
+            self._quantile,
+            self._sigma_rad,
+            filtered.by_lighthouse,
+            filtered.active,
+            filtered.covariance,
+            self._held,
+            out,
+        )
         if filtered.refused.any():
             at, pose = np.flatnonzero(filtered.refused), screened.solution
             distance = np.linalg.norm(pose.position[at] - filtered.position[at], axis=1)
             angle = np.rad2deg(angle_between(pose.rotation[at], filtered.rotation[at]))
-            level[:, at] = np.fmax(level[:, at], np.stack([distance, angle]) + single[:, at])
-        limits = np.array([[s.alert_position_m], [np.rad2deg(s.alert_attitude_rad)]])
-        watched = np.isfinite(limits)
-        with np.errstate(invalid="ignore"):
-            alert = np.any(watched & ~(level <= limits), axis=0)
-        return Integrity(screened.dropped, single[0], single[1], level[0], level[1], alert, bool(watched.any()))
+            out[2:, at] = np.fmax(out[2:, at], np.stack([distance, angle]) + out[:2, at])
+        limits = s.alert_position_m, float(np.rad2deg(s.alert_attitude_rad))
+        watched = [i for i, limit in enumerate(limits) if np.isfinite(limit)]
+        alert = np.zeros(out.shape[1], dtype=np.bool_)
+        for i in watched:
+            alert |= ~(out[2 + i] <= limits[i])
+        return Integrity(screened.dropped, out[0], out[1], out[2], out[3], alert, bool(watched))
+
+
+@kernel
+def _levels_into(
+    factors: tuple[Floats, Floats],
+    slopes: tuple[Floats, Floats],
+    count: Ints,
+    missed: Floats,
+    quantile: float,
+    sigma: float,
+    by_lighthouse: Bools,
+    active: Bools,
+    covariance: Floats,
+    held: Floats,
+    out: Floats,
+) -> None:
+    """Write levels (4, C): position [m] and attitude [deg] of the poses, then of the filters; `held` (2, C) is kept.
+
+    factors, slopes: of attitude, then position, per radian; missed: sqrt(L) sqrt(1 - rho) s by the number of
+    photodiodes; sigma: s [rad].
+    """
+    for c in range(len(count)):
+        for i in range(2):
+            # Position comes first here, attitude there.
+            fault = slopes[1 - i][c] * missed[count[c]] if missed[count[c]] > 0 else 0.0
+            out[i, c] = quantile * sigma * factors[1 - i][c] + fault
+            if by_lighthouse[c]:
+                held[i, c] = fault
+            elif not active[c]:
+                held[i, c] = 0.0
+            first = 6 if i == 0 else 0
+            variance = covariance[c, first, first] + covariance[c, first + 1, first + 1]
+            spread = np.sqrt(variance + covariance[c, first + 2, first + 2])
+            out[2 + i, c] = quantile * (spread if i == 0 else np.degrees(spread)) + held[i, c]
 
 
 class RotorWatch:
@@ -212,10 +256,20 @@ class RotorWatch:
 
         A turn between two flashes that were seen is a measurement; without one, the last one stands.
         """
-        seen = (angles.epoch_tick >= 0) & (angles.missed_sync == 0)
-        turn = np.where(seen & (self._last >= 0), angles.epoch_tick - self._last, turn_tick)
-        off = np.abs(turn / turn_tick - 1)
-        measured = seen & (self._last >= 0) & (off < LARGEST_SPEED_ERROR)
-        self._last = np.where(seen, angles.epoch_tick, -1)
-        self._speed = np.where(measured, np.where(off > tolerance, turn_tick / turn, 1.0), self._speed)
-        return self._speed if np.any(self._speed != 1.0) else None
+        off = _watch(angles.epoch_tick, angles.missed_sync, turn_tick, tolerance, self._last, self._speed)
+        return self._speed if off else None
+
+
+@kernel
+def _watch(epoch: Ints, missed: Ints, turn_tick: float, tolerance: float, last: Ints, speed: Floats) -> bool:
+    """Bring `last` and `speed` (C,) up to date; whether any speed is off."""
+    off = False
+    for c in range(len(epoch)):
+        seen = epoch[c] >= 0 and missed[c] == 0
+        if seen and last[c] >= 0:
+            ratio = turn_tick / (epoch[c] - last[c])
+            if abs(ratio - 1) < LARGEST_SPEED_ERROR:
+                speed[c] = ratio if abs(ratio - 1) > tolerance else 1.0
+        last[c] = epoch[c] if seen else -1
+        off = off or speed[c] != 1.0
+    return off

@@ -204,7 +204,7 @@ class Navigator:
         pnp = refine(*sweeps[:3], start_rotation, start_position, *sweeps[3:])
         pnp = pnp._replace(solved=pnp.solved & (pnp.residual_rad < s.residual_limit_rad))
         start = start_rotation, start_position
-        screened = self._monitor.screen(sweeps, known, pnp, start, self._rate_covariance)
+        screened = self._monitor.screen(sweeps, known, visible, pnp, start, self._rate_covariance)
         pnp = screened.solution
         precision = dilution(pnp.rotation, pnp.position, screened.lit, *sweeps[2:], s.rotor_correlation, pnp.solved)
         nis, fresh, refused = self._filter_poses(pnp, precision, found)

@@ -118,7 +118,7 @@ class SyncLoss(Lasting, OfCraft):
     """A burst in which flashes are missed."""
 
     kind: Literal["sync-loss"] = Field(description="Flashes are missed.")
-    probability: float = Field(default=1.0, gt=0, le=1, description="That a flash is missed, each by itself.")
+    missed_sync_probability: float = Field(default=1.0, gt=0, le=1, description="Per flash, each craft by itself.")
 
 
 class ThrusterStuck(Lasting, OfCraft):

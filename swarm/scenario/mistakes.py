@@ -21,6 +21,7 @@ Path = tuple[str | int, ...]
 
 UNITS = {
     "per_s": "1/s",
+    "ppm": "ppm",
     "deg_s2": "deg/s²",
     "m_s2": "m/s²",
     "deg_s": "deg/s",
