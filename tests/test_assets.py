@@ -68,7 +68,7 @@ def test_folder_whose_only_model_has_another_name(tmp_path):
     ("name", "message"),
     [
         ("mokcup", "no model 'mokcup'; did you mean 'mockup'"),
-        ("qqqq", "known: berth, chaser, cubesat6u, derelict, inspector, lighthouse, marker-target, mockup, servicer"),
+        ("qqqq", "known: berth, chaser, cubesat12u, cubesat6u, derelict, lighthouse, marker-target, mockup, servicer"),
         ("craft/mokcup.xml", "mokcup.xml does not exist"),
     ],
 )
