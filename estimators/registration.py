@@ -7,13 +7,13 @@ with its closest surface point m_i (k-d tree), normal n_i, both in t; with q_i =
 
 gives the step d = (attitude, position): R <- Exp([d]x) R, p <- p + dp (Chen and Medioni 1992; error convention of this
 package: active, left). Only surface that the scanner can see takes part. w_i = b_i / s_i^2: an error of the range counts
-across the surface by the cosine of its incidence, s_i^2 = (noise cos)^2 + (0.3 noise)^2, and Tukey's b takes outliers
+across the surface by the cosine of its incidence, s_i^2 = (noise cos)^2 + (0.5 noise)^2, and Tukey's b takes outliers
 away, its width shrinking from the start's uncertainty to a few times the noise.
 
 Near the end two things become exact: the matches are where the points' own rays meet the mesh, and the scan's edges,
 where its lines leave the target, are matched with the shape's sharp edges: with T_i the edge's tangent,
 
-    N_i = x_i x T_i / |...|,   s_i = step along the line / sqrt(12)
+    N_i = x_i x T_i / |...|,   s_i^2 = step along the line^2 / 12 + (0.7 noise)^2
 
 in the same e_i and J_i. They determine what planes leave free, such as a turn about the line of sight.
 
@@ -35,7 +35,7 @@ from estimators.shape import Shape
 
 FEWEST_POINTS = 12
 """Matched points without which there is no answer."""
-FLOOR = 0.3
+FLOOR = 0.5
 """Of the noise: what no incidence takes away, of jitter and of the known shape itself."""
 GRAZING = 0.12
 """Cosine of the incidence (83 degrees) beyond which a return is not used."""
@@ -43,10 +43,12 @@ NEIGHBOURS = 4
 """Surface points that a return is compared with."""
 WEAK_ATTITUDE_RAD, WEAK_POSITION = 0.05, 0.05
 """A direction whose sigma is larger (position: against the shape's radius) is not determined."""
-EDGE_GATE = (0.05, 4.0)
+EDGE_GATE = (0.025, 4.0)
 """How far a scanned edge may be from the known one: at first, against the radius; at last, in sigmas."""
 JUMP = 0.1
 """A range that jumps by this, against the radius, is an edge."""
+EDGE_FLOOR = 0.7
+"""Of the noise: an edge is not known better than this, however fine the steps."""
 CLEAR = 0.4
 """Sine of the least angle between an edge and the line of sight, and between it and the scan's line."""
 POLISH_RAD = 3e-3
@@ -124,7 +126,8 @@ def register(
         normal, right = jacobian.T @ (weight[:, None] * jacobian), jacobian.T @ (weight * error)
         if polishing and edges is not None and len(edges.point):
             gate = max(0.75 * gate, EDGE_GATE[1] * float(np.max(edges.sigma_m)))
-            own_normal, own_right = _of_edges(edges, shape, edge_seen, edge_tree, rotation, position, gate)
+            sigma = np.hypot(edges.sigma_m, EDGE_FLOOR * noise_m)
+            own_normal, own_right = _of_edges(edges, sigma, shape, edge_seen, edge_tree, rotation, position, gate)
             normal, right = normal + own_normal, right + own_right
         used = weight > 0
         if np.count_nonzero(used) < FEWEST_POINTS:
@@ -192,9 +195,9 @@ def _linearised(
 
 
 def _of_edges(
-    edges: Edges, shape: Shape, seen: Ints, tree: cKDTree, rotation: Floats, position: Floats, gate: float
+    edges: Edges, sigma: Floats, shape: Shape, seen: Ints, tree: cKDTree, rotation: Floats, position: Floats, gate: float
 ) -> tuple[Floats, Floats]:
-    """What the scan's edges add: the normal matrix (6, 6) and its right side (6,)."""
+    """What the scan's edges, known to `sigma` (k,) [m], add: the normal matrix (6, 6) and its right side (6,)."""
     own = (edges.point - position) @ rotation
     distance, index = tree.query(own, distance_upper_bound=gate)
     found = np.isfinite(distance)
@@ -208,7 +211,7 @@ def _of_edges(
     error = np.sum(across * (x - turned - position), axis=1)
     crossing = np.abs(np.sum(across * edges.along[found], axis=1))
     clear = (size > CLEAR) & (crossing > CLEAR) & (np.abs(error) < gate)
-    weight = np.where(clear, (1 - (error / gate) ** 2) ** 2, 0.0) / edges.sigma_m[found] ** 2
+    weight = np.where(clear, (1 - (error / gate) ** 2) ** 2, 0.0) / sigma[found] ** 2
     jacobian = np.concatenate([np.cross(turned, across), across], axis=1)
     return jacobian.T @ (weight[:, None] * jacobian), jacobian.T @ (weight * error)
 

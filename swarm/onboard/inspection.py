@@ -199,7 +199,7 @@ class Inspection:
         me = Motion(own.rotation[o.craft], own.position[o.craft], own.angular_rate[o.craft], own.velocity[o.craft])
         if not np.isfinite(me.rotation).all():
             return self._fix(i, None, None, None, np.zeros((0, 3)), "no own fix")
-        known = self._motion(i) if bank.active[i] else self._motion(fused) if bank.active[fused] else None
+        known = self._motion(i) if bank.active[i] else None
         seen = at_epoch(scan, o.pattern, me, known, epoch_s)
         turn, place = scanner(me, o.pattern)
         found = self._found(i, seen, o, known, turn, place)
