@@ -7,7 +7,7 @@ with its closest surface point m_i (k-d tree), normal n_i, both in t; with q_i =
 
 gives the step d = (attitude, position): R <- Exp([d]x) R, p <- p + dp (Chen and Medioni 1992; error convention of this
 package: active, left). Only surface that the scanner can see takes part. w_i = b_i / s_i^2: an error of the range counts
-across the surface by the cosine of its incidence, s_i^2 = (noise cos)^2 + (0.5 noise)^2, and Tukey's b takes outliers
+across the surface by the cosine of its incidence, s_i^2 = (noise cos)^2 + (0.3 noise)^2, and Tukey's b takes outliers
 away, its width shrinking from the start's uncertainty to a few times the noise.
 
 Near the end two things become exact: the matches are where the points' own rays meet the mesh, and the scan's edges,
@@ -35,7 +35,7 @@ from estimators.shape import Shape
 
 FEWEST_POINTS = 12
 """Matched points without which there is no answer."""
-FLOOR = 0.5
+FLOOR = 0.3
 """Of the noise: what no incidence takes away, of jitter and of the known shape itself."""
 GRAZING = 0.12
 """Cosine of the incidence (83 degrees) beyond which a return is not used."""
@@ -174,8 +174,9 @@ def _along_rays(point: Floats, shape: Shape, rotation: Floats, position: Floats)
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     viewpoint = -rotation.T @ position
     hits = cast(shape.mesh, viewpoint, direction)
-    found = np.isfinite(hits.distance)
-    m = viewpoint + np.where(found, hits.distance, 0.0)[:, None] * direction
+    # On a rim, a ray of half a step's difference meets another face: what such a match says is chance.
+    found = np.isfinite(hits.distance) & shape.broad[hits.triangle]
+    m = viewpoint + np.where(np.isfinite(hits.distance), hits.distance, 0.0)[:, None] * direction
     return m, shape.mesh.normal[hits.triangle], found
 
 

@@ -24,6 +24,8 @@ VIEWS = 240
 """Directions of the views, 13 degrees apart."""
 VIEW_POINTS = 96
 """Points of a view that stand for all that is seen of it."""
+ALIKE, BROAD = 0.85, 0.4
+"""A triangle is in the midst of like surface if so much of its surroundings has its normal, within 32 degrees."""
 SHARP_RAD = np.radians(25)
 CELLS = 72
 """Cells of the grid along the longest side of the box around the shape."""
@@ -65,7 +67,7 @@ class SharpEdges(NamedTuple):
 class Shape:
     """The shape. point: (n, 3) [m], normal: (n, 3) outward, mesh: its triangles, radius_m: about the body's origin.
 
-    tree: a `cKDTree` of the points. spacing_m: typical distance between neighbouring points. edge: points on the sharp
+    broad: (F,), triangles that are no rims, no rods. tree: a `cKDTree` of the points. spacing_m: typical distance between neighbouring points. edge: points on the sharp
     edges, where a silhouette can be.
     """
 
@@ -91,7 +93,18 @@ class Shape:
         self.edge = SharpEdges(*(part[shown] for part in edge))
         self.tree = cKDTree(self.point)
         self.spacing_m = float(np.median(self.tree.query(self.point, k=2)[0][:, 1]))
+        self.broad = self._broad()
         self._rng = np.random.default_rng(seed)
+
+    def _broad(self) -> Bools:
+        """(F,): triangles in the midst of surface that looks the same way; not the rim of a plate, not a thin rod."""
+        m = self.mesh
+        reach = 2.5 * self.spacing_m
+        expected = np.pi * reach**2 * len(self.point) / _area(m)
+        near = self.tree.query_ball_point(m.corner + (m.edge1 + m.edge2) / 3, reach)
+        alike = [np.count_nonzero(self.normal[i] @ n > ALIKE) for i, n in zip(near, m.normal, strict=True)]
+        out: Bools = np.array(alike) > BROAD * expected
+        return out
 
     @cached_property
     def views(self) -> Views:
@@ -170,6 +183,10 @@ def sharp_edges(vertex: Floats, face: NDArray[np.integer], spacing_m: float) -> 
     number = np.arange(len(of)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
     along = (number + 0.5) / pieces[of] * length[of]
     return SharpEdges(start[of] + along[:, None] * tangent[of], tangent[of], between[of], a[of], b[of])
+
+
+def _area(mesh: Triangles) -> float:
+    return float(np.linalg.norm(np.cross(mesh.edge1, mesh.edge2), axis=1).sum() / 2)
 
 
 def _diameter(vertex: Floats) -> float:
