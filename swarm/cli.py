@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from swarm import calibrate_command, study_commands
+from swarm import calibrate_command, layout_command, study_commands
 from swarm.errors import SwarmError
 from swarm.terminal import experiment_and_report, fly_and_report, mistakes, stoppable
 
@@ -309,6 +309,7 @@ def reproduce(
 
 
 app.command()(calibrate_command.calibrate)
+app.command()(layout_command.layout)
 app.command()(study_commands.study)
 app.command()(study_commands.report)
 

@@ -38,7 +38,7 @@ HEAVY = {
     "jinja2",
 }
 ROOT = Path(__file__).parent.parent
-COMMANDS = ("list", "run", "view", "check", "replay", "calibrate", "reproduce", "study", "report")
+COMMANDS = ("list", "run", "view", "check", "replay", "calibrate", "layout", "reproduce", "study", "report")
 
 
 class Result(NamedTuple):

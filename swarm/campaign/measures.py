@@ -31,7 +31,9 @@ from estimators.dop import dilution
 from estimators.pnp import refine
 from estimators.sweep import correct
 from swarm import build
+from swarm.images import LightImages
 from swarm.layout import Photodiodes
+from swarm.onboard.control import Command
 from swarm.onboard.decoder import PulseDecoder, SweepAngles
 from swarm.onboard.navigation import Estimate, Navigator, Status
 from swarm.pulses import Pulses
@@ -121,6 +123,7 @@ class _Onboard:
         self._one = Photodiodes._make(part[:1] for part in layout)
         self._swarm_s: list[float] = []
         self._pulses: list[Pulses] = []
+        self._commands: list[Command | None] = []
         self._positions: list[Floats] = []
 
     def decode(self, pulses: Pulses) -> SweepAngles:
@@ -133,10 +136,11 @@ class _Onboard:
         self._swarm_s.append(thread_time() - began)
         return angles
 
-    def step(self, angles: SweepAngles) -> Estimate:
+    def step(self, angles: SweepAngles, images: LightImages | None = None, command: Command | None = None) -> Estimate:
         """Stand for the navigator."""
+        self._commands.append(None if command is None else Command._make(part[:1].copy() for part in command))
         began = thread_time()
-        estimate = self._navigator.step(angles)
+        estimate = self._navigator.step(angles, images, command)
         self._swarm_s[-1] += thread_time() - began
         self._positions.append(estimate.position[0].copy())
         return estimate
@@ -146,9 +150,9 @@ class _Onboard:
         decoder = build.decoder(self._scenario, self._one.present)
         navigator = Navigator(self._one, build.navigation(self._scenario))
         own_s, apart_m = [], 0.0
-        for pulses, position in zip(self._pulses, self._positions, strict=True):
+        for pulses, command, position in zip(self._pulses, self._commands, self._positions, strict=True):
             began = thread_time()
-            estimate = navigator.step(decoder.decode(pulses))
+            estimate = navigator.step(decoder.decode(pulses), None, command)
             own_s.append(thread_time() - began)
             apart = np.linalg.norm(estimate.position[0] - position)
             apart_m = max(apart_m, 0.0 if np.isnan(apart) else float(apart))
@@ -173,10 +177,10 @@ class _Central:
         self._sums: list[Floats] = []
         self._counts: list[tuple[int, int, int]] = []
 
-    def step(self, angles: SweepAngles) -> Estimate:
+    def step(self, angles: SweepAngles, images: LightImages | None = None, command: Command | None = None) -> Estimate:
         """Stand for the navigator; keep what the craft knew before and after this period."""
         self._before, self._angles = self._last, angles
-        self._last = self._navigator.step(angles)
+        self._last = self._navigator.step(angles, images, command)
         return self._last
 
     def compare(self, truth: Truth, estimate: Estimate) -> None:

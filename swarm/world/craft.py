@@ -73,8 +73,8 @@ class CraftModel(NamedTuple):
 
 @lru_cache(maxsize=64)
 def _load_version(path: Path, modified_ns: int) -> CraftModel:
-    spec, model = _rigid(path)
-    sites = _photodiode_sites(model)
+    spec, model = rigid(path)
+    sites = photodiode_sites(model)
     turn = matrix_from_quaternion(model.body_iquat[1])
     return CraftModel(
         path,
@@ -85,7 +85,7 @@ def _load_version(path: Path, modified_ns: int) -> CraftModel:
         turn @ np.diag(model.body_inertia[1]) @ turn.T,
         model.site_pos[sites].copy(),
         matrix_from_quaternion(model.site_quat[sites])[:, :, 2],
-        _visuals(model),
+        visuals_of(model),
         _lidar_site(model),
         cameras_of(model, path),
         lights_of(model),
@@ -113,14 +113,14 @@ def load_static(path: Path) -> tuple[mujoco.MjSpec, FilePose]:
     Raises SwarmError as `load_craft` does.
     """
     _modified_ns(path)
-    spec, model = _rigid(path, free=False)
+    spec, model = rigid(path, free=False)
     return spec, _file_pose(model)
 
 
 def visuals(path: Path) -> tuple[Visual, ...]:
     """What to draw of any model file with one root body, in the root body's frame. Raises SwarmError."""
     _modified_ns(path)
-    return _visuals(_rigid(path, free=False)[1])
+    return visuals_of(rigid(path, free=False)[1])
 
 
 @contextmanager
@@ -147,8 +147,11 @@ def _modified_ns(path: Path) -> int:
         raise SwarmError(f"model file {path} cannot be read: {error.strerror}") from None
 
 
-def _rigid(path: Path, free: bool = True) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
-    """The file's one root body with everything fused into it, and it compiled."""
+def rigid(path: Path, free: bool = True) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
+    """The file's one root body with everything fused into it, and it compiled.
+
+    Raises SwarmError as `load_craft` does, but for photodiodes that are missing.
+    """
     try:
         with quiet():
             spec = mesh_spec(path) if path.suffix.lower() in SUFFIXES else mujoco.MjSpec.from_file(str(path))
@@ -194,7 +197,7 @@ def _fuse(spec: mujoco.MjSpec, path: Path, free: bool) -> mujoco.MjModel:
     return model
 
 
-def _photodiode_sites(model: mujoco.MjModel) -> list[int]:
+def photodiode_sites(model: mujoco.MjModel) -> list[int]:
     """Site indices in the order of the numbers in their names: photodiode2 before photodiode10."""
     found = []
     for site in range(model.nsite):
@@ -212,7 +215,8 @@ def _lidar_site(model: mujoco.MjModel) -> tuple[Floats, Floats] | None:
     return None
 
 
-def _visuals(model: mujoco.MjModel) -> tuple[Visual, ...]:
+def visuals_of(model: mujoco.MjModel) -> tuple[Visual, ...]:
+    """What to draw of body 1 of a model, in its frame."""
     geoms = np.flatnonzero(model.geom_bodyid == 1)
     drawn = geoms[model.geom_group[geoms] < DRAWN_GROUPS]
     parts = []
