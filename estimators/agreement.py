@@ -1,7 +1,7 @@
 """How well a scan agrees with a pose of a known shape: every ray's range against the one that the pose predicts.
 
-The shape is looked at along the scan's own rays (`estimators.ray_cast`). With the measured range r, the predicted one g,
-incidence i and a tolerance c from noise and ray spacing, a ray
+The shape is looked at along the scan's own rays (`estimators.ray_cast`). With the measured range r, the predicted one
+g, incidence i and a tolerance c from noise and ray spacing, a ray
 
     agrees      |r - g| cos i <= c
     disagrees   both returned, but further apart; a return where none is predicted; none where one is predicted
@@ -39,7 +39,7 @@ class Agreement(NamedTuple):
 
 
 def agreement(scan: Scan, shape: Shape, rotation: Floats, position: Floats) -> Agreement:
-    """Compare `scan` (of the target and its surroundings only) with the target at rotation (3, 3), position (3,) [m]."""
+    """Compare `scan` (the target and its surroundings) with the target at rotation (3, 3), position (3,) [m]."""
     viewpoint = -rotation.T @ position
     direction = scan.direction @ rotation
     hits = cast(shape.mesh, viewpoint, direction)

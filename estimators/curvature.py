@@ -9,7 +9,7 @@ components (Feng et al. 2024; numbers in brackets are its equations, the formula
     K = (L N - M^2) / (E G - F^2),   H = (E N - 2 F M + G L) / (2 (E G - F^2))                              (13)
     k = H +- sqrt(H^2 - K)                                                                                  (14)
 
-The paper's quadric has no linear part; d and e let the normal be a little wrong, and are what makes z_x and z_y not zero.
+The paper's quadric has no linear part; d and e let the normal be a little wrong: without them z_x and z_y are zero.
 """
 
 from typing import NamedTuple
@@ -24,8 +24,8 @@ FEWEST_NEIGHBOURS = 8
 
 
 class Curvature(NamedTuple):
-    """gaussian (n,) [1/m^2], mean (n,) [1/m], principal (n, 2) [1/m], the larger magnitude first; normal (n, 3), without
-    a side. NaN where a point has too few neighbours.
+    """gaussian (n,) [1/m^2], mean (n,) [1/m], principal (n, 2) [1/m], the larger magnitude first; normal (n, 3),
+    without a side. NaN where a point has too few neighbours.
     """
 
     gaussian: Floats

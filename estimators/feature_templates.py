@@ -1,4 +1,4 @@
-"""Acquisition as in the paper: the cloud falls into panels, antenna and body; the most complete is matched to templates.
+"""Acquisition as in the paper: a cloud falls into panels, antenna and body; the most complete is matched to templates.
 
 Feng et al. 2024, section 1.2 (numbers in brackets: its equations; *derived*: rebuilt by us):
 
@@ -112,8 +112,8 @@ class Templates:
     def acquire(self, point: Floats, shape: Shape, noise_m: float, *, compare_whole: bool = False) -> TemplateMatch:
         """The pose of a scanned cloud (n, 3) [m]. Raises ValueError as `segment`, and where no feature is there.
 
-        compare_whole: the template in whose attitude the *whole* cloud lies nearest to the whole reference wins, since a
-        feature may look the same in several; the paper compares the feature alone.
+        compare_whole: the template in whose attitude the *whole* cloud lies nearest to the whole reference wins,
+        since a feature may look the same in several; the paper compares the feature alone.
         """
         found = segment(point, self.settings)
         usable = np.array([len(a) >= FEWEST and len(b) >= FEWEST for a, b in zip(found, self.features, strict=True)])

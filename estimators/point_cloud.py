@@ -70,7 +70,8 @@ def checked(point: Floats, least: int = 3) -> Floats:
 def ransac_plane(point: Floats, tolerance_m: float, rng: np.random.Generator, draws: int = 200) -> Plane:
     """The plane with the most points (n, 3) within `tolerance_m`, of `draws` planes through three points (4), (5).
 
-    It is then fitted to its inliers by least squares. Raises ValueError as `checked`, and where all points are on a line.
+    It is then fitted to its inliers by least squares. Raises ValueError as `checked`, and where all points are on one
+    line.
     """
     point = checked(point)
     corner = point[rng.integers(0, len(point), (draws, 3))]

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from estimators import rotation as rot
-from estimators.arrays import Floats, Ints
+from estimators.arrays import Floats
 from estimators.kernel import kernel
 from estimators.linear import cholesky_into, solve_cholesky
 from estimators.rotation import exp_into, multiply_into

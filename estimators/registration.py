@@ -6,9 +6,9 @@ with its closest surface point m_i (k-d tree), normal n_i, both in t; with q_i =
     e_i = N_i . (x_i - q_i),   J_i = [(R m_i) x N_i, N_i],   min sum_i w_i (e_i - J_i d)^2
 
 gives the step d = (attitude, position): R <- Exp([d]x) R, p <- p + dp (Chen and Medioni 1992; error convention of this
-package: active, left). Only surface that the scanner can see takes part. w_i = b_i / s_i^2: an error of the range counts
-across the surface by the cosine of its incidence, s_i^2 = (noise cos)^2 + (0.3 noise)^2, and Tukey's b takes outliers
-away, its width shrinking from the start's uncertainty to a few times the noise.
+package: active, left). Only surface that the scanner can see takes part. w_i = b_i / s_i^2: an error of the range
+counts across the surface by the cosine of its incidence, s_i^2 = (noise cos)^2 + (0.3 noise)^2, and Tukey's b takes
+outliers away, its width shrinking from the start's uncertainty to a few times the noise.
 
 Near the end two things become exact: the matches are where the points' own rays meet the mesh, and the scan's edges,
 where its lines leave the target, are matched with the shape's sharp edges: with T_i the edge's tangent,
@@ -17,9 +17,9 @@ where its lines leave the target, are matched with the shape's sharp edges: with
 
 in the same e_i and J_i. They determine what planes leave free, such as a turn about the line of sight.
 
-Directions that the matched surface does not determine (a single plane, a sphere) are left as they are, told apart by the
-eigenvalues of the normal matrix, and get an infinite variance. Covariance: (J^T W J)^-1, times the mean of w e^2 where
-that is above one.
+Directions that the matched surface does not determine (a single plane, a sphere) are left as they are, told apart by
+the eigenvalues of the normal matrix, and get an infinite variance. Covariance: (J^T W J)^-1, times the mean of
+w e^2 where that is above one.
 """
 
 from typing import NamedTuple
@@ -95,7 +95,8 @@ def register(
     """Refine the target's pose from a start near it.
 
     point: (n, 3) [m] in s. rotation (3, 3), position (3,): the start. noise_m: 1 sigma of a range. edges: where the
-    scan's lines leave the target. reach_m: how far points may lie from the surface at the start. Raises ValueError where an argument is not finite.
+    scan's lines leave the target. reach_m: how far points may lie from the surface at the start. Raises ValueError
+    where an argument is not finite.
     """
     if not (np.isfinite(point).all() and np.isfinite(rotation).all() and np.isfinite(position).all()):
         raise ValueError("point, rotation, position: not finite")
@@ -106,9 +107,10 @@ def register(
     visible = edge_seen = np.zeros(0, dtype=np.int64)
     gate = EDGE_GATE[0] * shape.radius_m
     tree = edge_tree = None
-    converged = polishing = False
+    converged, polishing = False, False
     number = 0
-    for number in range(1, iterations + 1):
+    while number < iterations:
+        number += 1
         viewpoint = -rotation.T @ position
         # What is visible changes with the pose: looked at again when the view has turned by more than 3 degrees.
         if tree is None or np.linalg.norm(viewpoint - seen_from) > 0.05 * np.linalg.norm(viewpoint):
@@ -138,7 +140,7 @@ def register(
         if small and polishing:
             converged = True
             break
-        polishing = polishing or (width <= least and np.linalg.norm(step[:3]) < POLISH_RAD)
+        polishing = polishing or bool(width <= least and np.linalg.norm(step[:3]) < POLISH_RAD)
         # The weights follow what is left of the error, but never widen again.
         rms = 1.5 * float(np.median(np.abs(error[used])))
         width = max(least, min(0.7 * width, 4.0 * rms + 0.3 * width))
@@ -146,9 +148,7 @@ def register(
     sigma = np.sqrt(max(1.0, float(np.sum(weight * error**2) / np.sum(bisquare))))
     _, covariance = _solve(normal, np.zeros(6), sigma, shape.radius_m)
     degenerate = not bool(np.isfinite(covariance).all())
-    return Registration(
-        rotation, position, covariance, converged, number, residual, float(np.mean(used)), degenerate
-    )
+    return Registration(rotation, position, covariance, converged, number, residual, float(np.mean(used)), degenerate)
 
 
 def _closest(
@@ -196,7 +196,14 @@ def _linearised(
 
 
 def _of_edges(
-    edges: Edges, sigma: Floats, shape: Shape, seen: Ints, tree: cKDTree, rotation: Floats, position: Floats, gate: float
+    edges: Edges,
+    sigma: Floats,
+    shape: Shape,
+    seen: Ints,
+    tree: cKDTree,
+    rotation: Floats,
+    position: Floats,
+    gate: float,
 ) -> tuple[Floats, Floats]:
     """What the scan's edges, known to `sigma` (k,) [m], add: the normal matrix (6, 6) and its right side (6,)."""
     own = (edges.point - position) @ rotation

@@ -53,8 +53,8 @@ class Views(NamedTuple):
 
 
 class SharpEdges(NamedTuple):
-    """point: (e, 3) [m]. tangent: (e, 3), along the edge. outward: (e, 3), between the faces' normals, which are one and
-    two, (e, 3); opposite to each other where there is one face only.
+    """point: (e, 3) [m]. tangent: (e, 3), along the edge. outward: (e, 3), between the faces' normals, which are one
+    and two, (e, 3); opposite to each other where there is one face only.
     """
 
     point: Floats
@@ -67,8 +67,8 @@ class SharpEdges(NamedTuple):
 class Shape:
     """The shape. point: (n, 3) [m], normal: (n, 3) outward, mesh: its triangles, radius_m: about the body's origin.
 
-    broad: (F,), triangles that are no rims, no rods. tree: a `cKDTree` of the points. spacing_m: typical distance between neighbouring points. edge: points on the sharp
-    edges, where a silhouette can be.
+    broad: (F,), triangles that are no rims, no rods. tree: a `cKDTree` of the points. spacing_m: typical distance
+    between neighbouring points. edge: points on the sharp edges, where a silhouette can be.
     """
 
     def __init__(self, vertex: Floats, face: NDArray[np.integer], points: int = POINTS, seed: int = 0) -> None:
@@ -158,7 +158,7 @@ def sphere(count: int) -> Floats:
 
 
 def sharp_edges(vertex: Floats, face: NDArray[np.integer], spacing_m: float) -> SharpEdges:
-    """Points every `spacing_m` along the edges of a mesh (V, 3), (F, 3) that are open or bend by more than `SHARP_RAD`."""
+    """Points every `spacing_m` along the edges of a mesh (V, 3), (F, 3) that are open or bend beyond `SHARP_RAD`."""
     corner, index = np.unique(np.round(vertex, 6), axis=0, return_inverse=True)
     triangle = index.reshape(-1)[face]
     across = np.cross(corner[triangle[:, 1]] - corner[triangle[:, 0]], corner[triangle[:, 2]] - corner[triangle[:, 0]])

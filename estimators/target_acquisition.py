@@ -138,7 +138,8 @@ def _of_object(scan: Scan, everything: Scan, shape: Shape, s: AcquisitionSetting
     rough = _refined(scan, shape, poses, point[:: max(1, len(point) // 300)])
     order = sorted(range(len(rough)), key=lambda i: rough[i].cost)
     # The best ones once more, with all points.
-    leaders = Poses(*(np.array([getattr(rough[i].fit, k) for i in order[:4]]) for k in ("rotation", "position")), np.zeros(0))
+    best_fits = [rough[i].fit for i in order[:4]]
+    leaders = Poses(np.array([f.rotation for f in best_fits]), np.array([f.position for f in best_fits]), np.zeros(0))
     fine = sorted(_refined(scan, shape, leaders, point), key=lambda c: c.cost)
     if not fine:
         return nothing(len(point))._replace(verdict=Verdict.NOT_RECOGNISED)

@@ -4,8 +4,8 @@ Registration from the prediction (`estimators.registration`); then every ray aga
 (`estimators.agreement`). The target is lost where the surface does not determine the pose, the residual is not noise,
 too few rays agree, or the registration walked away from the prediction.
 
-`chain` is the paper's own tracking (section 1.3): each scan against the previous *scan*, principal components first (15)
-to (19), then point to plane; its errors add up along the track. It is here to be compared.
+`chain` is the paper's own tracking (section 1.3): each scan against the previous *scan*, principal components first,
+(15) to (19), then point to plane; its errors add up along the track. It is here to be compared.
 """
 
 from dataclasses import dataclass
@@ -18,15 +18,14 @@ from scipy.spatial import cKDTree
 from estimators import rotation as rot
 from estimators.agreement import agreement
 from estimators.arrays import Floats
-from estimators.point_cloud import align_principal, checked as checked_points
+from estimators.point_cloud import align_principal
+from estimators.point_cloud import checked as checked_points
 from estimators.pose_search import search
 from estimators.registration import JUMP, register
 from estimators.scan import Scan, checked
 from estimators.shape import Shape
 
-AROUND = rot.exp(
-    np.concatenate([np.radians(angle) * axes for angle in (10, 20) for axes in (np.eye(3), -np.eye(3))])
-)
+AROUND = rot.exp(np.concatenate([np.radians(angle) * axes for angle in (10, 20) for axes in (np.eye(3), -np.eye(3))]))
 """Turns of the prediction that are tried where it leads to no agreement."""
 TRIED = 3
 
@@ -46,8 +45,8 @@ class Outcome(Enum):
 class TrackingSettings:
     """fewest: returns. reach: how far from the surface returns may lie at the start, against the shape's radius.
 
-    overlap_sure: with fewer rays that agree, other starts near the prediction are tried. residual_most: RMS, against the
-    noise. overlap_least: share of the rays that must agree. walk_most_rad: how far the attitude may be from the
+    overlap_sure: with fewer rays that agree, other starts near the prediction are tried. residual_most: RMS, against
+    the noise. overlap_least: share of the rays that must agree. walk_most_rad: how far the attitude may be from the
     prediction.
     """
 

@@ -43,7 +43,7 @@ _START_KEYS = {"ring": "radius_m", "waypoints": "points_m", "approach": "from_m"
 
 
 def check(settings: Scenario) -> None:
-    """Build everything once. Raises SwarmError as `fleet`, `world`, `believed_layout`, `navigation`, `cameras`, `lidars` do."""
+    """Build everything once. Raises SwarmError as `fleet`, `world`, `believed_layout`, `cameras`, `lidars` do."""
     motions = fleet(settings)
     made = world(settings, motions)
     believed_layout(settings, made.photodiodes)

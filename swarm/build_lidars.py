@@ -25,8 +25,8 @@ def lidars(settings: Scenario, world: World) -> list[Lidar]:
         where = world.lidars[i]
         if where is None:
             raise SwarmError(
-                f"scenario {settings.name}: craft[{i - settings.swarm.count}].lidar: {c.model} has no place for a LiDAR "
-                "(a site named 'lidar')"
+                f"scenario {settings.name}: craft[{i - settings.swarm.count}].lidar: {c.model} has no place for a LiDAR"
+                " (a site named 'lidar')"
             )
         mount = Mount(i, *where)
         found.append(Lidar(world.model, world.craft_bodies, [mount], _sensor(c.lidar), settings.seed, [key]))

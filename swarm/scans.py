@@ -11,8 +11,8 @@ from estimators.arrays import Floats, Ints
 class LidarScan(NamedTuple):
     """One scan of one craft's LiDAR, whose frame s has its origin in the scanner and its z axis as the spin axis.
 
-    direction: (N, 3), where the rays were meant to go. range_m: (N,) [m], NaN where nothing came back. time_s: (N,) [s],
-    when. line, step: (N,), which of the lines, and the number along it.
+    direction: (N, 3), where the rays were meant to go. range_m: (N,) [m], NaN where nothing came back. time_s: (N,)
+    [s], when. line, step: (N,), which of the lines, and the number along it.
     """
 
     direction: Floats
@@ -24,7 +24,8 @@ class LidarScan(NamedTuple):
 
 class LidarPattern(NamedTuple):
     """What a craft's computer knows of its LiDAR. rotation: (3, 3) R_b_s, position: (3,) [m], of the scanner in the
-    craft's body. spacing_rad: between lines, or steps if that is more. noise_m: 1 sigma of a range. period_s: of a scan.
+    craft's body. spacing_rad: between lines, or steps if that is more. noise_m: 1 sigma of a range. period_s: of
+    a scan.
     """
 
     rotation: Floats

@@ -1,7 +1,8 @@
 """What source 3's experiments share: a satellite on a turntable, and a 16-line LiDAR that looks at it.
 
 Everything is in the scanner's frame s, x towards the turntable, z up. The satellite's centre is 5 m away; at zero it
-turns its top, with dish and panels, to the scanner (body z against s's x, body y along s's y). The turntable turns it by
+turns its top, with dish and panels, to the scanner (body z against s's x, body y along s's y). The turntable turns it
+by
 
     R_s_t = Rz(yaw) Ry(pitch) Rx(roll) R_0                                                              (1)
 
@@ -13,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from estimators import rotation as rot
-from estimators.arrays import Floats
+from estimators.arrays import Bools, Floats
 from estimators.feature_templates import Templates, from_angles_zyx
 from estimators.scan import Scan
 from estimators.shape import Shape
@@ -48,7 +49,7 @@ class Turntable:
         self.position: Floats = np.array([distance_m, 0.0, 0.0])
         still = np.zeros(3)
         upright = np.array([1.0, 0.0, 0.0, 0.0])
-        away = _SCANNER_M + [0.0, 0.0, 50.0 + 5 * distance_m]
+        away = _SCANNER_M + np.array([0.0, 0.0, 50.0 + 5 * distance_m])
         world = World(
             [
                 CraftStart("scanner", find_model("inspector"), _SCANNER_M, upright, still, still),
@@ -89,7 +90,7 @@ def turned(angles_deg: Floats) -> Floats:
 
 def error_deg(true: Floats, found: Floats) -> Floats:
     """Angles [deg] between attitudes (..., 3, 3); NaN where not found."""
-    known = np.isfinite(found).all(axis=(-2, -1))
+    known: Bools = np.asarray(np.isfinite(found).all(axis=(-2, -1)))
     filled = np.where(known[..., None, None], found, np.eye(3))
     out: Floats = np.where(known, np.degrees(rot.angle_between(true, filled)), np.nan)
     return out

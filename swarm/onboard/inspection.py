@@ -1,4 +1,4 @@
-"""What craft with a LiDAR make of a target that does not cooperate: its pose in the lighthouse frame, per observer and fused.
+"""What craft with a LiDAR make of a target that does not cooperate: its pose, per observer and fused.
 
 Per scan and observer, at the epoch of the lighthouse period in which the scan is complete:
 
@@ -9,14 +9,15 @@ Per scan and observer, at the epoch of the lighthouse period in which the scan i
     -> pose of the target in the lighthouse frame, through the observer's own fix
     -> EKF, the same one as for craft                                     estimators.pose_filter
 
-With the observer at (R_o, p_o), the scanner at R_l_s and the target found at (R_s_t, p_s) in its frame, and r = p - p_o,
+All in the lighthouse frame. With the observer at (R_o, p_o), its scanner turned by R_l_s, the target found at
+(R_s_t, p_s) in the scanner's frame, and r = p - p_o,
 
     R = R_l_s R_s_t,   p = p_l_s + R_l_s p_s,   P = A P_own A^T + B P_scan B^T
     A = [[I, 0], [-[r]x, I]],   B = diag(R_l_s, R_l_s)
 
-The error of the observer's own fix lasts: several scans share it. Its part of P counts `own_correlation_s * rate` times,
-so that the filter does not take it for fresh noise. All rays of the target have an age tau; assuming the target's rates
-wrongly shifts the pose by tau times their error, which is the filter's coupling B = tau I.
+The error of the observer's own fix lasts: several scans share it. Its part of P counts `own_correlation_s * rate`
+times, so that the filter does not take it for fresh noise. All rays of the target have an age tau; wrong rates of the
+target shift the pose by tau times their error, which is the filter's coupling B = tau I.
 
 The observers' poses of one target also go into one filter more, observer by observer: the target's fused estimate.
 """
@@ -57,7 +58,7 @@ class Observer(NamedTuple):
 
 @dataclass(frozen=True)
 class InspectionSettings:
-    """In SI units. lost_after: so many scans in a row that do not track mean that the target is lost. own_correlation_s:
+    """In SI units. lost_after: so many scans in a row that do not track mean a lost target. own_correlation_s:
     how long an error of the observer's own fix lasts.
     """
 
@@ -74,9 +75,9 @@ class LidarFix(NamedTuple):
     """What became of one scan. craft, target: by index. outcome: of `estimators`' Verdict (acquisition) or Outcome
     (tracking), in words, or why nothing was tried. acquired: it was an acquisition. points: returns of the target.
 
-    rotation (3, 3), position (3,) [m], covariance (6, 6): the pose found, lighthouse frame, NaN where none. accepted: the
-    filter took it in; nis: its squared innovation. ekf_rotation, ekf_position, ekf_covariance (6, 6): the observer's own
-    filter afterwards. cloud: (n, 3) [m], the returns in the lighthouse frame, as the observer believes.
+    rotation (3, 3), position (3,) [m], covariance (6, 6): the pose found, lighthouse frame, NaN where none. accepted:
+    the filter took it in; nis: its squared innovation. ekf_rotation, ekf_position, ekf_covariance (6, 6): the
+    observer's own filter afterwards. cloud: (n, 3) [m], the returns in the lighthouse frame, as the observer believes.
     """
 
     craft: int
@@ -147,9 +148,7 @@ class Inspection:
         bank.predict(s.frame_s, bank.active)
         self._since_s += s.frame_s
         self._nis[:] = np.nan
-        fixes = [
-            self._observe(i, scan, own, epoch_s) for i, scan in enumerate(scans) if scan is not None
-        ]
+        fixes = [self._observe(i, scan, own, epoch_s) for i, scan in enumerate(scans) if scan is not None]
         bank.stop(bank.active & (self._since_s > s.coast_limit_s))
         return fixes
 
@@ -194,7 +193,7 @@ class Inspection:
         return Status.TRACKING if self._since_s[row] < 1.5 * slowest else Status.COASTING
 
     def _observe(self, i: int, scan: LidarScan, own: Estimate, epoch_s: float) -> LidarFix:
-        o, bank, s = self.observers[i], self._filter, self.settings
+        o, bank = self.observers[i], self._filter
         fused = len(self.observers) + self.targets.index(o.target)
         me = Motion(own.rotation[o.craft], own.position[o.craft], own.angular_rate[o.craft], own.velocity[o.craft])
         if not np.isfinite(me.rotation).all():
@@ -214,9 +213,7 @@ class Inspection:
         self._take_in(i, fused, found, rotation, position, covariance, age)
         return self._fix(i, found, (rotation, position), covariance, cloud)
 
-    def _found(
-        self, i: int, seen: Scan, o: Observer, known: Motion | None, turn: Floats, place: Floats
-    ) -> _Pose:
+    def _found(self, i: int, seen: Scan, o: Observer, known: Motion | None, turn: Floats, place: Floats) -> _Pose:
         """Track from the prediction, or acquire."""
         s = self.settings
         if known is not None and self._failures[i] < s.lost_after:
@@ -226,14 +223,30 @@ class Inspection:
                 word, confidence = t.outcome.value, 1.0 if t.tracked else 0.0
                 self._failures[i] = 0 if t.tracked else self._failures[i] + 1
                 return _Pose(
-                    t.rotation, t.position, t.covariance, word, t.tracked, False, t.points, t.residual_m, t.overlap,
+                    t.rotation,
+                    t.position,
+                    t.covariance,
+                    word,
+                    t.tracked,
+                    False,
+                    t.points,
+                    t.residual_m,
+                    t.overlap,
                     confidence,
                 )
         a = acquire(seen, o.shape)
         self._ambiguous[i] = a.verdict is Verdict.AMBIGUOUS
         self._failures[i] = 0 if a.found else s.lost_after
         return _Pose(
-            a.rotation, a.position, a.covariance, a.verdict.value, a.found, True, a.points, a.residual_m, a.overlap,
+            a.rotation,
+            a.position,
+            a.covariance,
+            a.verdict.value,
+            a.found,
+            True,
+            a.points,
+            a.residual_m,
+            a.overlap,
             a.confidence,
         )
 
@@ -241,24 +254,27 @@ class Inspection:
         self, i: int, fused: int, found: _Pose, rotation: Floats, position: Floats, covariance: Floats, age: float
     ) -> None:
         """Start, update or correct the observer's filter and the fused one."""
-        bank = self._filter
+        bank, s = self._filter, self.settings
         coupling = age * np.eye(6)
         for row in (i, fused):
             only = np.arange(len(self._since_s)) == row
-            arrays = [np.broadcast_to(a, (len(only), *a.shape)) for a in (rotation, position, covariance)]
-            couplings = np.broadcast_to(coupling, (len(only), 6, 6))
+            turns, places, covariances, couplings = (
+                np.broadcast_to(a, (len(only), *a.shape)) for a in (rotation, position, covariance, coupling)
+            )
             if bank.active[row]:
-                result = bank.update(only, *arrays, couplings)
+                result = bank.update(only, turns, places, covariances, couplings)
                 self._nis[row] = result.nis[row]
                 if result.accepted[row]:
                     self._since_s[row] = 0.0
                     continue
                 if row == i:
                     self._failures[i] += 1
-                # Acquired anew, and not where the filter has it: the filter is wrong, not the acquisition.
-                if not found.acquired:
+                # Acquired anew, and not where the filter has it: the filter is wrong, not the acquisition; unless
+                # the other observers have just confirmed it.
+                lone = self._since_s[row] > s.lost_after * self.observers[i].pattern.period_s
+                if not found.acquired or (row == fused and not lone):
                     continue
-            bank.start(only, *arrays, UNKNOWN_RATE, couplings)
+            bank.start(only, turns, places, covariances, UNKNOWN_RATE, couplings)
             self._since_s[row] = 0.0
 
     def _motion(self, row: int) -> Motion:

@@ -1,7 +1,7 @@
 """scans.parquet: one row per finished LiDAR scan and observer, of a run with LiDARs; and what the rows say in sum.
 
-The pose is the target's in the lighthouse frame at the epoch of the row's lighthouse period. `measured` is what this one
-scan gave, through the observer's own fix; `ekf` the observer's own filter afterwards. The fused estimate of all
+The pose is the target's in the lighthouse frame at the epoch of the row's lighthouse period. `measured` is what this
+one scan gave, through the observer's own fix; `ekf` the observer's own filter afterwards. The fused estimate of all
 observers is in telemetry.parquet, as the target's own row. What is not known is null.
 
 The file grows under another name and is renamed when it is complete: a run that was killed has none.
@@ -154,7 +154,9 @@ def _row(time_s: float, frame: int, craft: Sequence[str], fix: LidarFix, truth: 
         "confidence": fix.confidence,
         **{f"measured_p{a}_m": float(v) for a, v in zip("xyz", fix.position, strict=True)},
         **{f"measured_q{a}": float(v) for a, v in zip("wxyz", turn, strict=True)},
-        **dict(zip(("measured_position_error_m", "measured_attitude_error_deg", "measured_nees"), measured, strict=True)),
+        **dict(
+            zip(("measured_position_error_m", "measured_attitude_error_deg", "measured_nees"), measured, strict=True)
+        ),
         "nis": fix.nis,
         **dict(zip(("ekf_position_error_m", "ekf_attitude_error_deg", "ekf_nees"), ekf, strict=True)),
     }

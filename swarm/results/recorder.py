@@ -41,7 +41,7 @@ class Scene(NamedTuple):
     craft: names of the C craft. visuals: parts of each craft in its body frame (none: only its photodiodes are drawn).
     photodiodes: their layout. lighthouse: parts in the lighthouse frame. field_deg: full width of its field [deg].
     detail: names of the craft with plots of their own and, in a large swarm, the only ones drawn in detail; if empty,
-    the first. ccd: the pairs of cameras, in the order of their images. lidar: craft and target of every LiDAR, by index.
+    the first. ccd: the pairs of cameras, in the order of their images. lidar: craft and target of every LiDAR.
     """
 
     craft: Sequence[str]
@@ -66,8 +66,8 @@ class Period(NamedTuple):
     """One lighthouse period of C craft at its epoch.
 
     time_s: the epoch [s]. truth: None in a replay, where craft are drawn at their estimates. sight: (C, K) of OUTSIDE,
-    BLOCKED, LIT. errors: as telemetry computed them. peer: the recorded pose, in a replay. scans: the LiDARs' that became
-    complete.
+    BLOCKED, LIT. errors: as telemetry computed them. peer: the recorded pose, in a replay. scans: the
+    LiDARs' that became complete.
     """
 
     time_s: float

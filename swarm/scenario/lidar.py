@@ -26,7 +26,9 @@ class Lidar(Table):
         default=10.0, gt=0, le=1000, description="Scans per second; at most one per lighthouse period."
     )
     range_noise_mm: float = Field(default=10.0, ge=0, le=1000, description="Random error of a range, 1 sigma.")
-    jitter_deg: float = Field(default=0.02, ge=0, le=5, description="Random error of a ray's direction, 1 sigma per axis.")
+    jitter_deg: float = Field(
+        default=0.02, ge=0, le=5, description="Random error of a ray's direction, 1 sigma per axis."
+    )
     range_min_m: float = Field(default=0.3, ge=0, le=1000, description="Nothing returns from nearer than this.")
     range_max_m: float = Field(
         default=60.0, gt=0, le=10000, description="Nothing returns from further; returns fade before."

@@ -124,9 +124,7 @@ def craft(scenario: Scenario) -> list[Craft]:
         for name, single in zip(names[swarm.count :], scenario.craft, strict=True)
     ]
     return [
-        Craft(
-            name, file, of.feedback, of.motion, index, count, of.lighthouse, of.disturbance, ccd, of.passive, lidar
-        )
+        Craft(name, file, of.feedback, of.motion, index, count, of.lighthouse, of.disturbance, ccd, of.passive, lidar)
         for name, file, of, index, count, ccd, lidar in group
     ]
 

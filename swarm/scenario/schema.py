@@ -35,7 +35,8 @@ class Craft(Table):
     motion: AnyMotion = Field(default=Hold(kind="hold"), description="How it moves: a table with a `kind`.")
     lighthouse: bool = Field(default=True, description="Whether it carries photodiodes for the lighthouse on board.")
     passive: bool = Field(
-        default=False, description="A craft that does not cooperate: no photodiodes needed, nothing is computed on board."
+        default=False,
+        description="A craft that does not cooperate: no photodiodes needed, nothing is computed on board.",
     )
     disturbance: Disturbance = Field(default=Disturbance(), description="What pushes it beside its own control.")
 

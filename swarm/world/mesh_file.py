@@ -24,9 +24,7 @@ def mesh_spec(path: Path) -> mujoco.MjSpec:
     mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
     body = spec.worldbody.add_body(name=path.stem)
     body.add_freejoint()
-    body.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_MESH, meshname=path.stem, density=DENSITY, rgba=[0.75, 0.75, 0.72, 1.0]
-    )
+    body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=path.stem, density=DENSITY, rgba=[0.75, 0.75, 0.72, 1.0])
     if not path.is_file():
         raise SwarmError(f"mesh file {path} does not exist")
     return spec

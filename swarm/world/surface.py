@@ -1,4 +1,4 @@
-"""The shape of a craft as somebody who inspects it knows it: all its drawn parts as one mesh, ready for registration."""
+"""The shape of a craft as somebody who inspects it knows it: all its drawn parts as one mesh, for registration."""
 
 from functools import lru_cache
 from pathlib import Path
