@@ -20,19 +20,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.arrays import Bools, Floats
+from estimators.arrays import Bools, Floats, Ints
 from estimators.arrow import Arrow, covariances_into, eliminate, empty
 from estimators.kernel import kernel
 from estimators.pnp import DAMPING_FIRST, FEWEST_LIT, ITERATIONS_MAX, ROUNDING, STEP_SMALL
 from estimators.projection import (
+    COLUMNS,
+    VALUE,
+    WEIGHT,
     angle_weights,
-    arm_into,
     checked,
     checked_lit,
-    project_into,
+    gather,
+    project,
     projections,
     spans_plane,
-    turns_into,
 )
 from estimators.rotation import exp_into, multiply_into
 
@@ -58,46 +60,40 @@ class CentralSolution(NamedTuple):
 
 @kernel
 def _linearise(
-    uv: Floats,
-    weight: Floats,
-    lit: Bools,
-    point: Floats,
-    takes_part: Bools,
-    turn: Floats,
-    offset: Floats,
-    velocity: Floats,
+    table: Floats,
+    count: Ints,
     rotation: Floats,
     position: Floats,
     shared: Floats,
     kappa: float,
     out: Arrow,
 ) -> float:
-    """F [rad^2], or inf where a photodiode is behind the lighthouse; fills `out`. shared: (2,), eps."""
+    """F [rad^2], or inf where a photodiode is behind the lighthouse; fills `out`. shared: (2,), eps.
+
+    table: (C, 2 K, COLUMNS), every craft's angles as `gather` has them; count: (C,) photodiodes, 0: takes no part.
+    """
     normal, border, gradient, corner, slope = out
-    row, arm = np.empty(6), np.empty(3)
+    row = np.empty(6)
     cost = 0.0
     for fan in range(2):
         corner[fan], slope[fan] = kappa, kappa * shared[fan]
         cost += kappa * shared[fan] ** 2
-    for c in range(uv.shape[0]):
+    for c in range(len(count)):
         normal[c], border[c], gradient[c] = 0.0, 0.0, 0.0
-        if not takes_part[c]:
-            continue
-        for i in range(uv.shape[1]):
-            if not lit[c, i]:
-                continue
-            arm_into(rotation[c], point[c, i], arm)
-            for fan in range(2):
-                tau = offset[c, i, fan]
-                value, z = project_into(fan, arm, turn[c, i, fan], position[c], velocity[c], tau, row)
+        for fan in range(2):
+            row[:] = 0.0
+            for i in range(fan * count[c], (fan + 1) * count[c]):
+                value, z, r0, r1, r2, g, gz = project(table[c], i, rotation[c], position[c, fan], position[c, 2])
                 if not z > 0:
                     return np.inf
-                residual = weight[c, i, fan] * (value - uv[c, i, fan]) - shared[fan]
+                weight = np.sqrt(table[c, i, WEIGHT])
+                residual = weight * (value - table[c, i, VALUE]) - shared[fan]
                 cost += residual * residual
                 corner[fan] += 1.0
                 slope[fan] -= residual
+                row[0], row[1], row[2] = weight * r0, weight * r1, weight * r2
+                row[3 + fan], row[5] = weight * g, weight * gz
                 for a in range(6):
-                    row[a] *= weight[c, i, fan]
                     gradient[c, a] += row[a] * residual
                     border[c, a, fan] -= row[a]
                     for b in range(6):
@@ -107,14 +103,9 @@ def _linearise(
 
 @kernel
 def _solve(
-    uv: Floats,
-    weight: Floats,
-    lit: Bools,
-    point: Floats,
+    table: Floats,
+    count: Ints,
     takes_part: Bools,
-    turn: Floats,
-    offset: Floats,
-    velocity: Floats,
     rotation: Floats,
     position: Floats,
     shared: Floats,
@@ -128,9 +119,8 @@ def _solve(
     step, spread, schur = np.zeros((craft + 1, 6)), np.zeros((craft, 6, 2)), np.zeros((2, 2))
     turned, next_rotation, next_position = np.empty((3, 3)), rotation.copy(), position.copy()
     next_shared = np.zeros(2)
-    seen = (uv, weight, lit, point, takes_part, turn, offset, velocity)
     damping = 0.0
-    cost = _linearise(*seen, rotation, position, shared, kappa, arrow)
+    cost = _linearise(table, count, rotation, position, shared, kappa, arrow)
     if not np.isfinite(cost):
         return False, 0, np.nan
     for iteration in range(1, ITERATIONS_MAX + 1):
@@ -149,7 +139,7 @@ def _solve(
                 largest = max(largest, abs(step[c, a]))
         for fan in range(2):
             next_shared[fan] = shared[fan] + step[craft, fan]
-        next_cost = _linearise(*seen, next_rotation, next_position, next_shared, kappa, trial)
+        next_cost = _linearise(table, count, next_rotation, next_position, next_shared, kappa, trial)
         if next_cost <= cost + ROUNDING * np.sqrt(cost):
             cost = next_cost
             rotation[:], position[:], shared[:] = next_rotation, next_position, next_shared
@@ -163,22 +153,33 @@ def _solve(
 
 
 @kernel
-def _determined(uv: Floats, weight: Floats, lit: Bools, point: Floats, takes_part: Bools) -> None:
-    """Clear `takes_part` (C,) where a craft's photodiodes do not determine its pose."""
+def _gather_all(
+    uv: Floats,
+    weight: Floats,
+    lit: Bools,
+    point: Floats,
+    offset: Floats,
+    angular_rate: Floats,
+    velocity: Floats,
+    takes_part: Bools,
+    table: Floats,
+    count: Ints,
+) -> None:
+    """Fill `table` and `count`; clear `takes_part` (C,) where a craft's photodiodes do not determine its pose."""
     for c in range(len(lit)):
-        count = 0
-        for i in range(lit.shape[1]):
-            if lit[c, i]:
-                count += 1
+        if not takes_part[c]:
+            continue
+        n = gather(lit[c], point[c], offset[c], angular_rate[c], velocity[c], table[c])
+        takes_part[c] = n >= FEWEST_LIT and spans_plane(lit[c], point[c])
+        i = 0
+        for k in range(lit.shape[1]):
+            if lit[c, k]:
                 for fan in range(2):
-                    takes_part[c] = takes_part[c] and np.isfinite(weight[c, i, fan] * uv[c, i, fan])
-        takes_part[c] = takes_part[c] and count >= FEWEST_LIT and spans_plane(lit[c], point[c])
-
-
-@kernel
-def _turns(offset: Floats, angular_rate: Floats, out: Floats) -> None:
-    for c in range(len(offset)):
-        turns_into(offset[c], angular_rate[c], out[c])
+                    takes_part[c] = takes_part[c] and np.isfinite(weight[c, k, fan] * uv[c, k, fan])
+                    table[c, fan * n + i, VALUE] = uv[c, k, fan]
+                    table[c, fan * n + i, WEIGHT] = weight[c, k, fan] * weight[c, k, fan]
+                i += 1
+        count[c] = n if takes_part[c] else 0
 
 
 def solve(
@@ -217,26 +218,35 @@ def solve(
     angles = (craft, photodiodes, 2)
     uv = projections(checked("theta", theta, angles))
     weight = angle_weights(uv)
-    point = checked("point_m", point_m, (craft, photodiodes, 3))
-    offset = checked("offset_s", offset_s, angles)
     takes_part = checked_lit(mask, (craft,)).copy()
-    _determined(uv, weight, lit, point, takes_part)
-    turn = np.empty((craft, photodiodes, 2, 3, 3))
-    _turns(offset, checked("angular_rate", angular_rate, (craft, 3)), turn)
+    table, count = np.empty((craft, 2 * photodiodes, COLUMNS)), np.zeros(craft, dtype=np.int64)
+    _gather_all(
+        uv,
+        weight,
+        lit,
+        checked("point_m", point_m, (craft, photodiodes, 3)),
+        checked("offset_s", offset_s, angles),
+        checked("angular_rate", angular_rate, (craft, 3)),
+        checked("velocity", velocity, (craft, 3)),
+        takes_part,
+        table,
+        count,
+    )
     # Copies: the kernel works in place, and the starts belong to the caller.
     rotation = checked("rotation", rotation, (craft, 3, 3)).copy()
     position = checked("position", position, (craft, 3)).copy()
     shared, shares = np.zeros(2), rotor_correlation > 0
     kappa = (1 - rotor_correlation) / rotor_correlation if shares else 0.0
-    seen = uv, weight, lit, point, takes_part, turn, offset, checked("velocity", velocity, (craft, 3))
     arrow, trial = (empty(craft) for _ in range(2))
     converged, iterations, cost = False, 0, np.nan
     if takes_part.any():
-        converged, iterations, cost = _solve(*seen, rotation, position, shared, kappa, shares, arrow, trial)
+        converged, iterations, cost = _solve(
+            table, count, takes_part, rotation, position, shared, kappa, shares, arrow, trial
+        )
     covariance, known = np.full((2, craft, 6, 6), np.nan)
     shared_covariance = np.zeros((2, 2))
     if converged:
-        _linearise(*seen, rotation, position, shared, kappa, arrow)
+        _linearise(table, count, rotation, position, shared, kappa, arrow)
         covariances_into(arrow, takes_part, rotor_correlation, covariance, known, shared_covariance)
     solved = takes_part & converged
     return CentralSolution(

@@ -28,7 +28,7 @@ import numpy as np
 from estimators.arrays import Bools, Floats
 from estimators.kernel import kernel
 from estimators.linear import invert_spd_into
-from estimators.projection import arm_into, checked, checked_lit, project_into, spans_plane, turns_into
+from estimators.projection import COLUMNS, TAU, WEIGHT, checked, checked_lit, gather, project, spans_plane
 
 
 class Dilution(NamedTuple):
@@ -43,6 +43,44 @@ class Dilution(NamedTuple):
     adop_deg_per_rad: Floats
     pdop_m_per_rad: Floats
     rate_coupling: Floats
+
+
+@kernel
+def _sums_into(
+    table: Floats,
+    n: int,
+    rotation: Floats,
+    position: Floats,
+    angles: bool,
+    normal: Floats,
+    moved: Floats,
+    fan_sum: Floats,
+) -> bool:
+    """Write the lower triangles of J^T J and sum tau J^T J (6, 6), and the fans' sums of rows (2, 6), of one craft.
+
+    angles: of equal noise; else the table's weights stand for (13). False where a photodiode is behind. A row has no
+    derivative by the other fan's coordinate: it is not added up.
+    """
+    normal[:] = 0.0
+    moved[:] = 0.0
+    fan_sum[:] = 0.0
+    for fan in range(2):
+        place = 3 + fan
+        for i in range(fan * n, fan * n + n):
+            value, ahead, r0, r1, r2, g, gz = project(table, i, rotation, position[fan], position[2])
+            if not ahead > 0:
+                return False
+            slope = -1 / (1 + value * value) if angles else table[i, WEIGHT]
+            row = (slope * r0, slope * r1, slope * r2, slope * g, slope * gz)
+            tau = table[i, TAU]
+            for a in range(5):
+                to = a if a < 3 else (place if a == 3 else 5)
+                fan_sum[fan, to] += row[a]
+                for b in range(a + 1):
+                    by = b if b < 3 else (place if b == 3 else 5)
+                    normal[to, by] += row[a] * row[b]
+                    moved[to, by] += tau * row[a] * row[b]
+    return True
 
 
 @kernel
@@ -65,46 +103,43 @@ def _dilution_all(
     weight: (C, K, 2), inverse noise of each projection, or empty where the angles have equal noise.
     """
     angles = weight.size == 0
-    turn = np.empty((lit.shape[1], 2, 3, 3))
-    arm, row = np.empty(3), np.empty(6)
+    table, row = np.empty((2 * lit.shape[1], COLUMNS)), np.empty(6)
     normal, moved, inverse = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
     fan_sum, spread = np.empty((2, 6)), np.empty((2, 6))
     for c in range(lit.shape[0]):
         if not (mask[c] and spans_plane(lit[c], point[c])):
             continue
-        turns_into(offset[c], angular_rate[c], turn)
-        normal[:], moved[:], fan_sum[:] = 0.0, 0.0, 0.0
-        front = True
-        for i in range(lit.shape[1]):
-            if not lit[c, i]:
-                continue
-            arm_into(rotation[c], point[c, i], arm)
-            for fan in range(2):
-                tau = offset[c, i, fan]
-                value, z = project_into(fan, arm, turn[i, fan], position[c], velocity[c], tau, row)
-                front = front and z > 0
-                slope = -1 / (1 + value * value) if angles else weight[c, i, fan]
-                for a in range(6):
-                    row[a] *= slope
-                for a in range(6):
-                    fan_sum[fan, a] += row[a]
-                    for b in range(6):
-                        normal[a, b] += row[a] * row[b]
-                        moved[a, b] += tau * row[a] * row[b]
-        if not (front and invert_spd_into(normal, inverse)):
+        n = gather(lit[c], point[c], offset[c], angular_rate[c], velocity[c], table)
+        if not angles:
+            i = 0
+            for k in range(lit.shape[1]):
+                if lit[c, k]:
+                    table[i, WEIGHT], table[n + i, WEIGHT] = weight[c, k, 0], weight[c, k, 1]
+                    i += 1
+        if not _sums_into(table, n, rotation[c], position[c], angles, normal, moved, fan_sum):
             continue
+        if not invert_spd_into(normal, inverse):
+            continue
+        for a in range(6):
+            for b in range(a):
+                moved[b, a] = moved[a, b]
         for fan in range(2):
             for a in range(6):
-                spread[fan, a] = 0.0
+                value = 0.0
                 for b in range(6):
-                    spread[fan, a] += inverse[a, b] * fan_sum[fan, b]
+                    value += inverse[a, b] * fan_sum[fan, b]
+                spread[fan, a] = value
         for a in range(6):
             for b in range(6):
                 shared = spread[0, a] * spread[0, b] + spread[1, a] * spread[1, b]
                 covariance[c, a, b] = (1 - rho) * inverse[a, b] + rho * shared
-                coupling[c, a, b] = 0.0
-                for k in range(6):
-                    coupling[c, a, b] += inverse[a, k] * moved[k, b]
+                row[b] = 0.0
+            for k in range(6):
+                factor = inverse[a, k]
+                for b in range(6):
+                    row[b] += factor * moved[k, b]
+            for b in range(6):
+                coupling[c, a, b] = row[b]
 
 
 def factors(covariance: Floats) -> tuple[Floats, Floats]:

@@ -4,10 +4,12 @@ Kernels are written per craft, as loops that read like the equations, and mapped
 their caller; `np.linalg` stays out of them (it costs many seconds of compile time).
 """
 
-from collections.abc import Callable
-from typing import ParamSpec, TypeVar
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, ParamSpec, TypeVar
 
 import numba
+from numba.core import event
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -17,3 +19,29 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
     """Compile `function` with numba: cached, NumPy's division by zero (inf, nan), strict IEEE order."""
     compiled: Callable[P, R] = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=False)(function)
     return compiled
+
+
+class _Counter(event.Listener):
+    def __init__(self, tell: Callable[[int], None]) -> None:
+        self._tell, self._done = tell, 0
+
+    def on_start(self, event: Any) -> None:
+        self._tell(self._done)
+
+    def on_end(self, event: Any) -> None:
+        self._done += 1
+        self._tell(self._done)
+
+
+@contextmanager
+def told_of_compilation(tell: Callable[[int], None]) -> Iterator[None]:
+    """Within the block, call `tell` with the number of kernels compiled so far as each one begins and ends.
+
+    What comes out of the cache on disk is not compiled, and not told.
+    """
+    counter = _Counter(tell)
+    event.register("numba:compile", counter)  # type: ignore[no-untyped-call]
+    try:
+        yield
+    finally:
+        event.unregister("numba:compile", counter)  # type: ignore[no-untyped-call]

@@ -25,17 +25,19 @@ import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
-from estimators.linear import cholesky_into, solve_cholesky
+from estimators.linear import solve_spd
 from estimators.projection import (
+    COLUMNS,
+    VALUE,
+    WEIGHT,
     add_curvature,
     angle_weights,
-    arm_into,
     checked,
     checked_lit,
-    project_into,
+    gather,
+    project,
     projections,
     spans_plane,
-    turns_into,
 )
 from estimators.rotation import exp_into, multiply_into
 
@@ -73,95 +75,138 @@ class PoseSolution(NamedTuple):
     cost: Floats
 
 
+GRADIENT, SCALE = 6, 7
+"""Rows below the matrix, in what a Newton step needs (8, 6): J^T W^2 f, and the diagonal of J^T W^2 J."""
+
+
 @kernel
-def _evaluate(
+def _gather(
     uv: Floats,
     weight: Floats,
     lit: Bools,
     point: Floats,
-    rotation: Floats,
-    position: Floats,
-    turn: Floats,
     offset: Floats,
+    angular_rate: Floats,
     velocity: Floats,
-    curved: bool,
-    normal: Floats,
-    scale: Floats,
-    gradient: Floats,
-) -> float:
-    """F of (6), or inf if a photodiode is behind; writes `normal` (6, 6), `scale` (6,) and `gradient` (6,).
+    table: Floats,
+) -> int:
+    """`gather` with each angle's value and squared weight; the number of photodiodes, 0 where a value is not finite."""
+    n = gather(lit, point, offset, angular_rate, velocity, table)
+    i = 0
+    for k in range(lit.shape[0]):
+        if lit[k]:
+            for fan in range(2):
+                if not np.isfinite(weight[k, fan] * uv[k, fan]):
+                    return 0
+                table[fan * n + i, VALUE] = uv[k, fan]
+                table[fan * n + i, WEIGHT] = weight[k, fan] * weight[k, fan]
+            i += 1
+    return n
 
-    normal: J^T W^2 J of (11, 12), or where `curved` the Hessian of F / 2, which adds sum W^2 f d2f. scale: the diagonal
-    of J^T W^2 J. gradient: J^T W^2 f.
+
+@kernel
+def _evaluate(table: Floats, n: int, rotation: Floats, position: Floats, curved: bool, out: Floats, at: int) -> float:
+    """F of (6), or inf if a photodiode is behind; writes 8 rows of `out` (., 6) from `at` on: the lower
+    triangle of a matrix, and two rows.
+
+    The matrix is J^T W^2 J of (11, 12), or where `curved` the Hessian of F / 2, which adds sum W^2 f d2f. A row of J
+    has no derivative by the other fan's coordinate: what is zero is not added up.
     """
-    normal[:] = 0.0
-    scale[:] = 0.0
-    gradient[:] = 0.0
-    row, arm = np.empty(6), np.empty(3)
+    for k in range(8):
+        for m in range(6):
+            out[at + k, m] = 0.0
     cost = 0.0
-    for i in range(uv.shape[0]):
-        if not lit[i]:
-            continue
-        arm_into(rotation, point[i], arm)
-        for fan in range(2):
-            value, z = project_into(fan, arm, turn[i, fan], position, velocity, offset[i, fan], row)
-            if not z > 0:
+    for fan in range(2):
+        m00 = m10 = m11 = m20 = m21 = m22 = 0.0
+        across0 = across1 = across2 = ahead0 = ahead1 = ahead2 = 0.0
+        across_across = across_ahead = ahead_ahead = 0.0
+        b0 = b1 = b2 = b_across = b_ahead = 0.0
+        for row in range(fan * n, fan * n + n):
+            value, ahead, r0, r1, r2, g, gz = project(table, row, rotation, position[fan], position[2])
+            if not ahead > 0:
                 return np.inf
-            w = weight[i, fan] * weight[i, fan]
-            f = value - uv[i, fan]
-            cost += w * f * f
-            for a in range(6):
-                gradient[a] += w * row[a] * f
-                scale[a] += w * row[a] * row[a]
-                for b in range(a + 1):
-                    normal[a, b] += w * row[a] * row[b]
-            if curved:
-                add_curvature(fan, arm, turn[i, fan], row, value, z, w * f, normal)
-    for a in range(6):
-        for b in range(a):
-            normal[b, a] = normal[a, b]
+            w = table[row, WEIGHT]
+            f = value - table[row, VALUE]
+            w0, w1, w2, wg, wz, wf = w * r0, w * r1, w * r2, w * g, w * gz, w * f
+            cost += wf * f
+            m00 += w0 * r0
+            m10 += w1 * r0
+            m11 += w1 * r1
+            m20 += w2 * r0
+            m21 += w2 * r1
+            m22 += w2 * r2
+            across0 += w0 * g
+            across1 += w1 * g
+            across2 += w2 * g
+            ahead0 += w0 * gz
+            ahead1 += w1 * gz
+            ahead2 += w2 * gz
+            across_across += wg * g
+            across_ahead += wg * gz
+            ahead_ahead += wz * gz
+            b0 += wf * r0
+            b1 += wf * r1
+            b2 += wf * r2
+            b_across += wf * g
+            b_ahead += wf * gz
+        a = 3 + fan
+        out[at + 0, 0] += m00
+        out[at + 1, 0] += m10
+        out[at + 1, 1] += m11
+        out[at + 2, 0] += m20
+        out[at + 2, 1] += m21
+        out[at + 2, 2] += m22
+        out[at + a, 0] += across0
+        out[at + a, 1] += across1
+        out[at + a, 2] += across2
+        out[at + a, a] += across_across
+        out[at + 5, 0] += ahead0
+        out[at + 5, 1] += ahead1
+        out[at + 5, 2] += ahead2
+        out[at + 5, a] += across_ahead
+        out[at + 5, 5] += ahead_ahead
+        out[at + GRADIENT, 0] += b0
+        out[at + GRADIENT, 1] += b1
+        out[at + GRADIENT, 2] += b2
+        out[at + GRADIENT, a] += b_across
+        out[at + GRADIENT, 5] += b_ahead
+    for k in range(6):
+        out[at + SCALE, k] = out[at + k, k]
+    if curved:
+        for fan in range(2):
+            for row in range(fan * n, fan * n + n):
+                pose = rotation, position[fan], position[2]
+                residual = project(table, row, *pose)[0] - table[row, VALUE]
+                add_curvature(table, row, fan, *pose, table[row, WEIGHT] * residual, out[at : at + 6])
     return cost
 
 
 @kernel
 def _refine_one(
-    uv: Floats,
-    weight: Floats,
-    lit: Bools,
-    point: Floats,
-    rotation: Floats,
-    position: Floats,
-    turn: Floats,
-    offset: Floats,
-    velocity: Floats,
-    iterations_max: int,
+    table: Floats, n: int, rotation: Floats, position: Floats, iterations_max: int, work: Floats
 ) -> tuple[bool, int, float]:
     """Levenberg-Marquardt from `rotation` (3, 3), `position` (3,), overwritten; (converged, linear solves, F).
 
     The first steps are Gauss-Newton without damping: warm starts need no more. Once one fails to lower the cost or puts
     a photodiode behind the lighthouse, steps are damped; from then on, or after STEPS_PLAIN, the residuals' curvature
     is used too (Newton): a plane that faces the lighthouse has its mirror minima so near to their ridge that J alone
-    takes hundreds of steps.
+    takes hundreds of steps. work: scratch (34, 6).
     """
-    normal, scale, gradient = np.empty((6, 6)), np.empty(6), np.empty(6)
-    next_normal, next_scale, next_gradient = np.empty((6, 6)), np.empty(6), np.empty(6)
-    damped, lower, step = np.empty((6, 6)), np.empty((6, 6)), np.empty(6)
-    turned, next_rotation, next_position = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
-    seen = (uv, weight, lit, point)
-    motion = (turn, offset, velocity)
-    damping, curved = 0.0, False
-    cost = _evaluate(*seen, rotation, position, *motion, curved, normal, scale, gradient)
+    damped, lower, step = work[16:22], work[22:28], work[33]
+    turned, next_rotation, next_position = work[28:31, :3], work[28:31, 3:], work[31, :3]
+    here, damping, curved = 0, 0.0, False
+    cost = _evaluate(table, n, rotation, position, curved, work, 0)
     if not np.isfinite(cost):
         return False, 0, np.nan
     for iteration in range(1, iterations_max + 1):
-        damped[:] = normal
         for a in range(6):
-            damped[a, a] += damping * scale[a]
-            step[a] = -gradient[a]
-        if not cholesky_into(damped, lower):
+            for b in range(a + 1):
+                damped[a, b] = work[here + a, b]
+            damped[a, a] += damping * work[here + SCALE, a]
+            step[a] = -work[here + GRADIENT, a]
+        if not solve_spd(damped, lower, step):
             damping = max(10 * damping, DAMPING_FIRST)
             continue
-        solve_cholesky(lower, step)
         exp_into(step[:3], turned)
         multiply_into(turned, rotation, next_rotation)
         for k in range(3):
@@ -170,26 +215,27 @@ def _refine_one(
             step[0] ** 2 + step[1] ** 2 + step[2] ** 2 < STEP_SMALL**2
             and step[3] ** 2 + step[4] ** 2 + step[5] ** 2 < STEP_SMALL**2
         )
-        next_cost = _evaluate(
-            *seen, next_rotation, next_position, *motion, curved, next_normal, next_scale, next_gradient
-        )
+        # A step that damping made small proves nothing.
+        if small and damping < DAMPING_FIRST:
+            rotation[:] = next_rotation
+            position[:] = next_position
+            # To second order in the step F changes by the product of gradient and step.
+            for a in range(6):
+                cost += work[here + GRADIENT, a] * step[a]
+            return True, iteration, max(cost, 0.0)
+        next_cost = _evaluate(table, n, next_rotation, next_position, curved, work, 8 - here)
         # Near the minimum a step's gain drowns in the rounding of the residuals, 1e-16 each: it is taken none the less.
         if next_cost <= cost + ROUNDING * np.sqrt(cost):
             cost = next_cost
             rotation[:] = next_rotation
             position[:] = next_position
-            normal, next_normal = next_normal, normal
-            scale, next_scale = next_scale, scale
-            gradient, next_gradient = next_gradient, gradient
-            # A step that damping made small proves nothing.
-            if small and damping < DAMPING_FIRST:
-                return True, iteration, cost
+            here = 8 - here
             damping = 0.1 * damping if damping > DAMPING_FIRST**2 else 0.0
         else:
             damping = max(10 * damping, DAMPING_FIRST)
         if not curved and (damping > 0 or iteration == STEPS_PLAIN):
             curved = True
-            _evaluate(*seen, rotation, position, *motion, curved, normal, scale, gradient)
+            _evaluate(table, n, rotation, position, curved, work, here)
     return False, iterations_max, np.nan
 
 
@@ -211,35 +257,20 @@ def _refine_all(
     cost: Floats,
 ) -> None:
     """`_refine_one` for every craft: `rotation` and `position` hold the starts, then the answers or NaN."""
-    turn = np.empty((uv.shape[1], 2, 3, 3))
+    table, work = np.empty((2 * uv.shape[1], COLUMNS)), np.zeros((34, 6))
     for c in range(uv.shape[0]):
-        count, usable = 0, True
-        for i in range(uv.shape[1]):
-            if lit[c, i]:
-                count += 1
-                for fan in range(2):
-                    usable = usable and np.isfinite(weight[c, i, fan] * uv[c, i, fan])
-        solved[c], iterations[c], cost[c] = False, 0, np.nan
-        if usable and count >= FEWEST_LIT and spans_plane(lit[c], point[c]):
-            turns_into(offset[c], angular_rate[c], turn)
-            solved[c], iterations[c], cost[c] = _refine_one(
-                uv[c],
-                weight[c],
-                lit[c],
-                point[c],
-                rotation[c],
-                position[c],
-                turn,
-                offset[c],
-                velocity[c],
-                iterations_max,
-            )
-        residual[c] = np.sqrt(cost[c] / (2 * count))
-        if not solved[c]:
+        solved[c], iterations[c], cost[c], residual[c] = False, 0, np.nan, np.nan
+        n = 0
+        if spans_plane(lit[c], point[c]):
+            n = _gather(uv[c], weight[c], lit[c], point[c], offset[c], angular_rate[c], velocity[c], table)
+        if n >= FEWEST_LIT:
+            solved[c], iterations[c], cost[c] = _refine_one(table, n, rotation[c], position[c], iterations_max, work)
+        if solved[c]:
+            residual[c] = np.sqrt(cost[c] / (2 * n))
+        else:
             rotation[c] = np.nan
             position[c] = np.nan
             cost[c] = np.nan
-            residual[c] = np.nan
 
 
 def refine_projections(

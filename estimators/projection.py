@@ -9,7 +9,7 @@ import numpy as np
 
 from estimators.arrays import Bools, Floats
 from estimators.kernel import kernel
-from estimators.rotation import exp_into
+from estimators.rotation import sine_cosine
 
 COLLINEAR = 1e-6
 """Photodiodes that all lie nearer to one line than this share of its length are on it: micrometres per metre, far below
@@ -49,73 +49,92 @@ def angle_weights(uv: Floats) -> Floats:
     return out
 
 
-@kernel
-def turns_into(offset: Floats, angular_rate: Floats, out: Floats) -> None:
-    """Write Exp([w]x tau) for the instants (K, 2) [s] and the rate (3,) [rad/s] into `out` (K, 2, 3, 3)."""
-    vector = np.empty(3)
-    for i in range(offset.shape[0]):
-        for fan in range(2):
-            for k in range(3):
-                vector[k] = angular_rate[k] * offset[i, fan]
-            exp_into(vector, out[i, fan])
+TAU, VALUE, WEIGHT, COLUMNS = 11, 12, 13, 14
+"""Columns of a table of angles, a row for each: 0 the photodiode's place (3); the rows of Exp([w]x tau) that the
+projection uses, 3 the fan's own (3) and 6 the third (3); v tau, 9 along the fan's coordinate and 10 along z; tau; and
+what PnP adds, the measured value and its squared weight.
+"""
 
 
 @kernel
-def project_into(
-    fan: int, arm: Floats, turn: Floats, position: Floats, velocity: Floats, tau: float, row: Floats
-) -> tuple[float, float]:
-    """x/z (fan 0) or y/z (fan 1) of one photodiode and its z [m]; (10)(8), (attitude, position), into `row` (6,).
+def gather(lit: Bools, point: Floats, offset: Floats, angular_rate: Floats, velocity: Floats, out: Floats) -> int:
+    """Write one craft's lit angles into the table `out` (2 K, COLUMNS): n rows of fan X, n of fan Y; returns n."""
+    n = 0
+    for i in range(lit.shape[0]):
+        n += lit[i]
+    for fan in range(2):
+        row = fan * n
+        for i in range(lit.shape[0]):
+            if not lit[i]:
+                continue
+            tau = offset[i, fan]
+            x, y, z = angular_rate[0] * tau, angular_rate[1] * tau, angular_rate[2] * tau
+            s, c = sine_cosine(x * x + y * y + z * z)
+            out[row, 0], out[row, 1], out[row, 2] = point[i, 0], point[i, 1], point[i, 2]
+            if fan == 0:
+                out[row, 3], out[row, 4], out[row, 5] = 1 - c * (y * y + z * z), c * x * y - s * z, c * x * z + s * y
+            else:
+                out[row, 3], out[row, 4], out[row, 5] = c * x * y + s * z, 1 - c * (x * x + z * z), c * y * z - s * x
+            out[row, 6], out[row, 7], out[row, 8] = c * x * z - s * y, c * y * z + s * x, 1 - c * (x * x + y * y)
+            out[row, 9], out[row, 10], out[row, 11] = velocity[fan] * tau, velocity[2] * tau, tau
+            row += 1
+    return n
 
-    `arm` (3,) is R w_p at the epoch, `turn` (3, 3) is Exp([w]x tau). With the gradient g of the projection (10),
-    g^T dp/dd = -g^T turn [arm]x = (arm x (turn^T g))^T.
+
+@kernel
+def project(
+    table: Floats, row: int, rotation: Floats, place: float, depth: float
+) -> tuple[float, float, float, float, float, float, float]:
+    """x/z or y/z of an angle of a table, its z [m], and its derivatives (10)(8) that are not zero.
+
+    rotation (3, 3): R. place, depth: the fan's coordinate and the third one of t. With the arm r = R w_p at the epoch,
+    turn = Exp([w]x tau), and the gradient g of the projection (10), g^T dp/dd = -g^T turn [r]x = (r x (turn^T g))^T.
+    Returns value, z, the three derivatives by attitude, those by the fan's coordinate and by z.
     """
-    x = turn[fan, 0] * arm[0] + turn[fan, 1] * arm[1] + turn[fan, 2] * arm[2] + position[fan] + velocity[fan] * tau
-    z = turn[2, 0] * arm[0] + turn[2, 1] * arm[1] + turn[2, 2] * arm[2] + position[2] + velocity[2] * tau
-    value = x / z
-    g, gz = 1 / z, -value / z
-    a0 = turn[fan, 0] * g + turn[2, 0] * gz
-    a1 = turn[fan, 1] * g + turn[2, 1] * gz
-    a2 = turn[fan, 2] * g + turn[2, 2] * gz
-    row[0] = arm[1] * a2 - arm[2] * a1
-    row[1] = arm[2] * a0 - arm[0] * a2
-    row[2] = arm[0] * a1 - arm[1] * a0
-    row[3], row[4], row[5] = 0.0, 0.0, gz
-    row[3 + fan] = g
-    return value, z
+    a, b, c = table[row, 0], table[row, 1], table[row, 2]
+    x = rotation[0, 0] * a + rotation[0, 1] * b + rotation[0, 2] * c
+    y = rotation[1, 0] * a + rotation[1, 1] * b + rotation[1, 2] * c
+    z = rotation[2, 0] * a + rotation[2, 1] * b + rotation[2, 2] * c
+    across = table[row, 3] * x + table[row, 4] * y + table[row, 5] * z + table[row, 9] + place
+    ahead = table[row, 6] * x + table[row, 7] * y + table[row, 8] * z + table[row, 10] + depth
+    g = 1 / ahead
+    value = across * g
+    a0 = g * (table[row, 3] - value * table[row, 6])
+    a1 = g * (table[row, 4] - value * table[row, 7])
+    a2 = g * (table[row, 5] - value * table[row, 8])
+    return value, ahead, y * a2 - z * a1, z * a0 - x * a2, x * a1 - y * a0, g, -value * g
 
 
 @kernel
 def add_curvature(
-    fan: int, arm: Floats, turn: Floats, row: Floats, value: float, z: float, scale: float, normal: Floats
+    table: Floats, row: int, fan: int, rotation: Floats, place: float, depth: float, scale: float, normal: Floats
 ) -> None:
-    """Add `scale` times the second derivative of x/z (fan 0) or y/z (fan 1) to the lower triangle of `normal` (6, 6).
+    """Add `scale` times the second derivative of `project`'s value to the lower triangle of `normal` (6, 6).
 
     From p = turn (I + [d]x + [d]x^2 / 2) r + t, r the arm and a = turn^T g, with row_z the first derivatives of z:
 
         d2(x/z) = -(row row_z^T + row_z row^T) / z,  and for the attitude also  (a r^T + r a^T) / 2 - (a . r) I
     """
-    depth, pull = np.empty(6), np.empty(3)
-    along = 0.0
-    for k in range(3):
-        i, j = (k + 1) % 3, (k + 2) % 3
-        depth[k] = arm[i] * turn[2, j] - arm[j] * turn[2, i]
-        pull[k] = (turn[fan, k] - value * turn[2, k]) / z
-        along += pull[k] * arm[k]
-    depth[3], depth[4], depth[5] = 0.0, 0.0, 1.0
+    a, b, c = table[row, 0], table[row, 1], table[row, 2]
+    # Tuples, not arrays: nothing is allocated for each angle.
+    arm = (
+        rotation[0, 0] * a + rotation[0, 1] * b + rotation[0, 2] * c,
+        rotation[1, 0] * a + rotation[1, 1] * b + rotation[1, 2] * c,
+        rotation[2, 0] * a + rotation[2, 1] * b + rotation[2, 2] * c,
+    )
+    value, _, r0, r1, r2, g, gz = project(table, row, rotation, place, depth)
+    first = (r0, r1, r2, g if fan == 0 else 0.0, g if fan == 1 else 0.0, gz)
+    x, y, z = table[row, 6], table[row, 7], table[row, 8]
+    ahead = (arm[1] * z - arm[2] * y, arm[2] * x - arm[0] * z, arm[0] * y - arm[1] * x, 0.0, 0.0, 1.0)
+    pull = ((table[row, 3] - value * x) * g, (table[row, 4] - value * y) * g, (table[row, 5] - value * z) * g)
+    along = pull[0] * arm[0] + pull[1] * arm[1] + pull[2] * arm[2]
     for i in range(6):
         for j in range(i + 1):
-            normal[i, j] -= scale * (row[i] * depth[j] + depth[i] * row[j]) / z
+            normal[i, j] -= scale * g * (first[i] * ahead[j] + ahead[i] * first[j])
     for i in range(3):
         normal[i, i] -= scale * along
         for j in range(i + 1):
             normal[i, j] += scale * (pull[i] * arm[j] + arm[i] * pull[j]) / 2
-
-
-@kernel
-def arm_into(rotation: Floats, point: Floats, out: Floats) -> None:
-    """Write R w_p (3,) of one photodiode into `out`."""
-    for k in range(3):
-        out[k] = rotation[k, 0] * point[0] + rotation[k, 1] * point[1] + rotation[k, 2] * point[2]
 
 
 @kernel

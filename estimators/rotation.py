@@ -65,15 +65,20 @@ def left_jacobian(v: Floats) -> Floats:
 
 def matrix_from_quaternion(q: Floats) -> Floats:
     """Rotation matrices (..., 3, 3) of unit quaternions (..., 4) wxyz."""
-    w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
     out = np.empty((*q.shape[:-1], 3, 3))
-    out[..., 0, 0] = 1 - 2 * (y * y + z * z)
-    out[..., 1, 1] = 1 - 2 * (x * x + z * z)
-    out[..., 2, 2] = 1 - 2 * (x * x + y * y)
-    out[..., 0, 1], out[..., 1, 0] = 2 * (x * y - w * z), 2 * (x * y + w * z)
-    out[..., 0, 2], out[..., 2, 0] = 2 * (x * z + w * y), 2 * (x * z - w * y)
-    out[..., 1, 2], out[..., 2, 1] = 2 * (y * z - w * x), 2 * (y * z + w * x)
+    _matrices_into(np.ascontiguousarray(q, dtype=np.float64).reshape(-1, 4), out.reshape(-1, 3, 3))
     return out
+
+
+@kernel
+def _matrices_into(q: Floats, out: Floats) -> None:
+    for n in range(len(q)):
+        w, x, y, z = q[n, 0], q[n, 1], q[n, 2], q[n, 3]
+        out[n, 0, 0], out[n, 1, 1] = 1 - 2 * (y * y + z * z), 1 - 2 * (x * x + z * z)
+        out[n, 2, 2] = 1 - 2 * (x * x + y * y)
+        out[n, 0, 1], out[n, 1, 0] = 2 * (x * y - w * z), 2 * (x * y + w * z)
+        out[n, 0, 2], out[n, 2, 0] = 2 * (x * z + w * y), 2 * (x * z - w * y)
+        out[n, 1, 2], out[n, 2, 1] = 2 * (y * z - w * x), 2 * (y * z + w * x)
 
 
 def quaternion_from_matrix(rotation: Floats) -> Floats:
@@ -143,16 +148,23 @@ def passive_jacobian(phi: Floats) -> Floats:
 
 
 @kernel
+def sine_cosine(square: float) -> tuple[float, float]:
+    """sin(a)/a and (1 - cos a)/a^2 of Rodrigues' formula, from a^2."""
+    if square < 1e-2:
+        # Taylor: the first neglected terms are below 1e-17, and no sine has to be called for a turn within a period.
+        s = 1 - square * (1 / 6) * (1 - square * (1 / 20) * (1 - square * (1 / 42) * (1 - square * (1 / 72))))
+        c = 0.5 - square * (1 / 24) * (1 - square * (1 / 30) * (1 - square * (1 / 56) * (1 - square * (1 / 90))))
+        return s, c
+    angle = np.sqrt(square)
+    half = np.sin(angle / 2)
+    return np.sin(angle) / angle, 2 * half * half / square
+
+
+@kernel
 def exp_into(v: Floats, out: Floats) -> None:
     """Write Exp([v]x) of one rotation vector (3,) [rad] into `out` (3, 3)."""
     x, y, z = v[0], v[1], v[2]
-    square = x * x + y * y + z * z
-    angle = np.sqrt(square)
-    if angle < SMALL_ANGLE:
-        s, c = 1 - square / 6, 0.5 - square / 24
-    else:
-        half = np.sin(angle / 2)
-        s, c = np.sin(angle) / angle, 2 * half * half / square
+    s, c = sine_cosine(x * x + y * y + z * z)
     out[0, 0], out[0, 1], out[0, 2] = 1 - c * (y * y + z * z), c * x * y - s * z, c * x * z + s * y
     out[1, 0], out[1, 1], out[1, 2] = c * x * y + s * z, 1 - c * (x * x + z * z), c * y * z - s * x
     out[2, 0], out[2, 1], out[2, 2] = c * x * z - s * y, c * y * z + s * x, 1 - c * (x * x + y * y)

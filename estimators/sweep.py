@@ -90,9 +90,11 @@ def correct(theta: Floats, errors: FanPair) -> Floats:
     between its two sweeps, the other angle is old by half a period, which matters to second order only.
     """
     _check_pair(theta)
-    measured = theta - HALF_PI
     if all(error == FanErrors() for error in errors):
-        return np.where(np.all(np.abs(measured) < HALF_PI, axis=-1, keepdims=True), theta, np.nan)
+        out = np.ascontiguousarray(theta, dtype=np.float64).copy()
+        _keep_front(out.reshape(-1, 2))
+        return out
+    measured = theta - HALF_PI
     a = measured
     step = np.full_like(a, np.inf)
     for _ in range(_ROUNDS):
@@ -104,6 +106,14 @@ def correct(theta: Floats, errors: FanPair) -> Floats:
             break
     settled = np.all(np.abs(step) <= _CONVERGED, axis=-1, keepdims=True)
     return np.where(settled, HALF_PI + a, np.nan)
+
+
+@kernel
+def _keep_front(theta: Floats) -> None:
+    """Make pairs of angles (N, 2) NaN where either is, or where the direction is not in front."""
+    for i in range(len(theta)):
+        if not (abs(theta[i, 0] - HALF_PI) < HALF_PI and abs(theta[i, 1] - HALF_PI) < HALF_PI):
+            theta[i, 0] = theta[i, 1] = np.nan
 
 
 def from_libsurvive(

@@ -159,6 +159,7 @@ def navigation(settings: Scenario) -> NavigationSettings:
         angular_acceleration_noise_rad_s2=radians(table.angular_acceleration_noise_deg_s2),
         gate_probability=table.gate_probability,
         coast_limit_s=table.coast_limit_s,
+        filter=table.filter,
     )
     if table.calibration is None:
         return made

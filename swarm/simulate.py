@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.arrays import Bools, Floats
+from estimators.arrays import Floats
 from estimators.rotation import matrix_from_quaternion
 from swarm import build, build_cameras, build_lidars
 from swarm.assets import find_model
@@ -154,10 +154,11 @@ class Flight:
             self.scans = self.inspection.step(found, estimate, float(truth.time_s[epoch]))
             estimate = self.inspection.into(estimate)
 
-        # The estimate is of the epoch; the next wrench begins half a period later.
-        self._estimated = State(estimate.rotation, estimate.angular_rate, estimate.position, estimate.velocity).ahead(
-            self.period_s / 2
-        )
+        if self.steers_by_estimate.any():
+            # The estimate is of the epoch; the next wrench begins half a period later.
+            self._estimated = State(
+                estimate.rotation, estimate.angular_rate, estimate.position, estimate.velocity
+            ).ahead(self.period_s / 2)
         at_epoch = Truth(
             truth.position[epoch],
             truth.quaternion[epoch],
@@ -165,7 +166,7 @@ class Flight:
             truth.angular_rate[epoch],
             truth.contact,
         )
-        return float(truth.time_s[epoch]), at_epoch, sight.min(axis=-1), estimate
+        return float(truth.time_s[epoch]), at_epoch, np.minimum(sight[..., 0], sight[..., 1]), estimate
 
     def move(self, frame: int) -> tuple[PeriodTruth, NDArray[np.int8]]:
         """Move every craft through one lighthouse period, and no more: nobody measures, nobody navigates.
@@ -186,10 +187,10 @@ class Flight:
     def _sight(self, truth: PeriodTruth) -> NDArray[np.int8]:
         """The `Sight` of every photodiode as each fan sweeps, (C, K, 2): taken at the knots in mid-sweep."""
         steps = len(truth.time_s) - 1
-        return np.stack(
-            [self.visibility.state(truth.position[k], truth.quaternion[k]) for k in (steps // 4, 3 * steps // 4)],
-            axis=-1,
-        )
+        out = np.empty((*self.visibility.shape, 2), dtype=np.int8)
+        for fan, k in enumerate((steps // 4, 3 * steps // 4)):
+            out[..., fan] = self.visibility.state(truth.position[k], truth.quaternion[k])
+        return out
 
     def _wrench(self, frame: int) -> tuple[Floats, Floats, Command]:
         """Force and torque (C, 3) of every craft in period `frame`: its control, and what pushes it at random.
@@ -197,7 +198,9 @@ class Flight:
         With the command that its navigation knows: none of a craft that is steered by the truth, which must not reach
         its filter that way.
         """
-        believed = self._true.where(~self.steers_by_estimate, self._estimated)
+        believed = self._true
+        if self.steers_by_estimate.any():
+            believed = self._true.where(~self.steers_by_estimate, self._estimated)
         reference = self.motions.at(frame * self.period_s)
         command = control.command(reference, believed)
         force, torque = control.wrench(command, reference, believed, self.world.mass, self.world.inertia)
@@ -207,9 +210,8 @@ class Flight:
             still = np.zeros_like(force)
             spin = self.world.inertial_wrench(still, still)
             force, torque = force + more[0] - spin[0], torque + more[1] - spin[1]
-        push = self.motions.disturbance(frame)
-        pushed: Bools = (push.acceleration.any(axis=1) | push.angular_acceleration.any(axis=1)).reshape(-1, 1)
+        pushed = self.motions.pushed
         if pushed.any():
-            pushed_force, pushed_torque = self.world.inertial_wrench(*push)
-            force, torque = np.where(pushed, pushed_force, force), np.where(pushed, pushed_torque, torque)
+            pushed_force, pushed_torque = self.world.inertial_wrench(*self.motions.disturbance(frame))
+            force[pushed], torque[pushed] = pushed_force[pushed], pushed_torque[pushed]
         return force, torque, command.only(self.steers_by_estimate)

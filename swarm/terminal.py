@@ -28,12 +28,17 @@ def fly_and_report(title: str, folder: Path, fly: Callable[[Callable[["Progress"
     """Run it under a progress bar, then report; stopped on the way, report what there is."""
     from rich.console import Console
 
+    from estimators.kernel import told_of_compilation
     from swarm.results.progress import ProgressDisplay
     from swarm.results.report import print_report
     from swarm.results.run_folder import open_run
 
     try:
-        with stoppable(), ProgressDisplay(Console(stderr=True), title) as progress:
+        with (
+            stoppable(),
+            ProgressDisplay(Console(stderr=True), title) as progress,
+            told_of_compilation(progress.compiling),
+        ):
             run = fly(progress)
     except KeyboardInterrupt as stop:
         number = stopped_by(stop)

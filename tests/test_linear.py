@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estimators.arrays import Floats
-from estimators.linear import cholesky_into, invert_spd_into, solve_cholesky
+from estimators.linear import cholesky_into, invert_spd_into, solve_cholesky, solve_spd
 
 SIZES = [1, 2, 3, 6, 12]
 
@@ -66,3 +66,15 @@ def test_singular_is_false_or_shows(n: int) -> None:
 @pytest.mark.parametrize("a", [np.zeros((3, 3)), -np.eye(3), np.full((3, 3), np.nan), np.diag([1.0, -1.0, 1.0])])
 def test_not_positive_definite_is_false(a: Floats) -> None:
     assert not cholesky_into(a, np.empty((3, 3)))
+
+
+@pytest.mark.parametrize("n", SIZES)
+def test_solve_spd_is_numpy_and_says_where_there_is_no_solution(n: int) -> None:
+    for seed in range(20):
+        a, b = positive_definite(n, 1e4, seed), np.random.default_rng(seed).standard_normal(n)
+        x, lower = b.copy(), np.full((n, n), np.nan)
+        assert solve_spd(a, lower, x)
+        # Rounding, 1e-16, times the condition, 1e4, of a solution of size up to 1e4, some times over.
+        np.testing.assert_allclose(x, np.linalg.solve(a, b), atol=1e-7)
+        np.testing.assert_allclose(a @ x, b, atol=1e-10)
+    assert not solve_spd(np.ones((n + 1, n + 1)), np.empty((n + 1, n + 1)), np.ones(n + 1))

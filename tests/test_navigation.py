@@ -61,9 +61,14 @@ def swarm_run() -> tuple[Flight, list[Pulses], list[Estimate]]:
     return flight, pulses, [flight.period(frame)[3] for frame in range(180)]
 
 
-def test_a_craft_knows_the_same_alone_and_in_a_swarm_bit_for_bit(swarm_run):
+@pytest.mark.parametrize("bank", ["filterpy", "compiled"])
+def test_a_craft_knows_the_same_alone_and_in_a_swarm_bit_for_bit(swarm_run, bank):
     flight, pulses, together = swarm_run
-    settings = build.navigation(load("crossing"))
+    settings = replace(build.navigation(load("crossing")), filter=bank)
+    if bank != "filterpy":
+        decoder = build.decoder(load("crossing"), flight.world.photodiodes.present)
+        navigator = Navigator(flight.world.photodiodes, settings)
+        together = [navigator.step(decoder.decode(period)) for period in pulses]
     tracked = 0
     for craft in range(flight.world.photodiodes.craft_count):
         layout = flight.world.photodiodes.of(craft)

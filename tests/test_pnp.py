@@ -18,7 +18,7 @@ from scipy.optimize import least_squares
 from estimators import rotation as rot
 from estimators.arrays import Floats
 from estimators.pnp import PoseSolution, refine, refine_projections
-from estimators.projection import add_curvature, project_into, projections
+from estimators.projection import COLUMNS, add_curvature, gather, project, projections
 
 RATES = (3, np.deg2rad(30.0), 0.3)
 
@@ -41,6 +41,13 @@ class Scene:
             d.position + 3e-3 * rng.standard_normal((count, 3)),
         )
 
+    def table(self, c: int) -> tuple[Floats, Floats]:
+        """The angles of all photodiodes of one craft, as the kernels take them, and its position."""
+        d, out = self.draw, np.empty((24, COLUMNS))
+        every = np.ones(12, dtype=np.bool_)
+        assert gather(every, d.point[c], self.offset[c], self.angular_rate[c], self.velocity[c], out) == 12
+        return out, d.position[c]
+
     def solve(self, theta: Floats) -> PoseSolution:
         d = self.draw
         return refine(theta, d.lit, d.point, *self.start, self.offset, self.angular_rate, self.velocity)
@@ -49,8 +56,6 @@ class Scene:
 def test_rows_by_finite_differences() -> None:
     scene = Scene(20, seed=1)
     d, step = scene.draw, 1e-6
-    arm = np.einsum("cij,ckj->cki", d.rotation, d.point)
-    turn = rot.exp(scene.angular_rate[:, None, None] * scene.offset[..., None])
 
     def seen(delta: Floats) -> Floats:
         moved = rot.exp(delta[:3]) @ d.rotation, d.position + delta[3:]
@@ -58,8 +63,10 @@ def test_rows_by_finite_differences() -> None:
 
     numeric = np.stack([(seen(step * e) - seen(-step * e)) / (2 * step) for e in np.eye(6)], axis=-1)
     for c, i, fan in np.ndindex(20, 12, 2):
-        row, tau = np.empty(6), float(scene.offset[c, i, fan])
-        value, z = project_into(fan, arm[c, i], turn[c, i, fan], d.position[c], scene.velocity[c], tau, row)
+        table, place = scene.table(c)
+        value, z, r0, r1, r2, g, gz = project(table, 12 * fan + i, d.rotation[c], place[fan], place[2])
+        row = np.array([r0, r1, r2, 0.0, 0.0, gz])
+        row[3 + fan] = g
         assert value == pytest.approx(projections(scene.theta)[c, i, fan], abs=1e-14)
         assert z > 0
         # Central differences at h = 1e-6: rounding 1e-16 (u up to 2) / h = 2e-10, truncation h^2 / z^3 = 1e-12.
@@ -79,12 +86,10 @@ def test_curvature_by_finite_differences() -> None:
         ahead, behind = seen(basis[a] + basis[b]), seen(-basis[a] - basis[b])
         across = seen(basis[a] - basis[b]) + seen(basis[b] - basis[a])
         numeric[..., a, b] = (ahead + behind - across) / (4 * step**2)
-    arm = np.einsum("cij,ckj->cki", d.rotation, d.point)
-    turn = rot.exp(scene.angular_rate[:, None, None] * scene.offset[..., None])
     for c, i, fan in np.ndindex(5, 12, 2):
-        row, out, tau = np.empty(6), np.zeros((6, 6)), float(scene.offset[c, i, fan])
-        value, z = project_into(fan, arm[c, i], turn[c, i, fan], d.position[c], scene.velocity[c], tau, row)
-        add_curvature(fan, arm[c, i], turn[c, i, fan], row, value, z, 1.0, out)
+        out = np.zeros((6, 6))
+        table, place = scene.table(c)
+        add_curvature(table, 12 * fan + i, fan, d.rotation[c], place[fan], place[2], 1.0, out)
         # Second differences at h = 1e-4: rounding 1e-16 (u up to 2) / h^2 = 1e-8 some times over, truncation as small.
         np.testing.assert_allclose(out, np.tril(numeric[c, i, fan]), atol=2e-7)
 

@@ -6,7 +6,7 @@ from convex_target import ANGLE_NOISE, RHO, angle_errors, angles, draw, random_p
 
 from estimators.arrays import Bools, Floats
 from estimators.pnp import refine
-from estimators.pnp_start import StartCandidates, cold_start
+from estimators.pnp_start import StartCandidates, cold_start, cold_starts
 from estimators.rotation import angle_between, exp
 
 NOISE_IND = ANGLE_NOISE * np.sqrt(1 - RHO)
@@ -197,3 +197,23 @@ def test_wrong_shapes_name_the_argument(argument: str) -> None:
     shapes[argument] = (*shapes[argument], 1)
     with pytest.raises(ValueError, match=argument):
         cold_start(**{name: np.ones(shape) for name, shape in shapes.items()})  # type: ignore[arg-type]
+
+
+def test_candidates_are_the_same_bit_for_bit_alone_and_in_company_and_with_padding() -> None:
+    """Also those of planes and lines, with any number lit, in more craft than are started side by side."""
+    rng = np.random.default_rng(12)
+    d = draw(rng, 300, 1.0, 8.0, fewest=4)
+    lit, point = d.lit & (rng.random(d.lit.shape) < 0.9), d.point.copy()
+    point[::7, :, 2] = 0.0
+    point[::31, :, 1:] = 0.0
+    offset, rate, velocity = rng.normal(0, 1e-3, (300, 12, 2)), rng.normal(size=(300, 3)), rng.normal(size=(300, 3))
+    theta = angles(d.rotation, d.position, point, offset, rate, velocity) + angle_errors(rng, 300, 12)
+    together = cold_starts(theta, lit, point, offset, rate, velocity)
+    counts = []
+    for c in range(0, 300, 3):
+        seen = lit[c]
+        alone = cold_start(theta[c, seen], seen[seen], point[c, seen], offset[c, seen], rate[c], velocity[c])
+        for one, other in zip(alone, together[c], strict=True):
+            np.testing.assert_array_equal(one, other)
+        counts.append(len(alone.cost))
+    assert {0, 1, 2} <= set(counts)

@@ -10,16 +10,16 @@ from scipy.stats import chi2
 
 from estimators import rotation as rot
 from estimators.arrays import Floats
-from estimators.pose_filter import (
+from estimators.error_state import (
     POSE_COLUMNS,
     RATE_COLUMNS,
-    PoseFilterBank,
     innovation_into,
     log_into,
     process_noise_into,
     propagate,
     transition_into,
 )
+from estimators.pose_filter import PoseFilterBank
 
 T = 1 / 60
 RATES = [np.zeros(3), np.array([1e-6, 0, 2e-6]), np.array([0.02, -0.1, 0.05]), np.array([3.0, -20.0, 40.0])]

@@ -1,7 +1,10 @@
 """What a run's end looks like: a table that fits the terminal, and sentences that say what it means."""
 
 import io
+import os
 import random
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -9,8 +12,10 @@ import pytest
 from rich.cells import cell_len
 from rich.console import Console
 
-from swarm.results.progress import Progress, ProgressDisplay
+from swarm.results.progress import COMPILES_FOR_S, KERNELS, Progress, ProgressDisplay
 from swarm.results.report import findings, print_report, warnings
+
+ROOT = Path(__file__).resolve().parents[1]
 
 
 def consistency(mean: float) -> dict[str, Any]:
@@ -246,10 +251,46 @@ def test_without_a_terminal_progress_is_a_line_now_and_then(monkeypatch: pytest.
         show(HALF)
         show(DONE)
     assert out.getvalue().splitlines() == [
-        "formation: starting; the first run on a machine compiles for about 15 s",
+        "formation: starting",
         "formation: 15.0 of 30.0 s, 3.4 times real time, 7 of 8 craft tracking",
         "formation: 30.0 of 30.0 s, 3.4 times real time, 8 of 8 craft tracking",
     ]
+
+
+def test_compilation_says_what_it_is_and_how_long_it_took(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = [100.0]
+    monkeypatch.setattr("swarm.results.progress.time.monotonic", lambda: clock[0])
+    out = io.StringIO()
+    with ProgressDisplay(Console(file=out, width=40), "formation") as show:
+        for done in (0, 1, 30, 70):
+            show.compiling(done)
+            clock[0] += 4.0
+        show(HALF)
+    assert out.getvalue().splitlines()[1:4] == [
+        f"formation: compiling the kernels, once on this machine: about {COMPILES_FOR_S} s",
+        f"formation: compiling the kernels: 30 of some {KERNELS}",
+        "formation: 70 kernels compiled in 16 s; the next run finds them in the cache",
+    ]
+
+
+def test_only_what_is_not_in_the_cache_is_told_as_compiled(tmp_path: Path) -> None:
+    (tmp_path / "small.py").write_text(
+        "from estimators.kernel import kernel\n\n\n@kernel\ndef twice(x: float) -> float:\n    return 2 * x\n"
+    )
+    code = (
+        "from estimators.kernel import told_of_compilation\nfrom small import twice\ntold = []\n"
+        "with told_of_compilation(told.append):\n    twice(1.0)\n    twice(2.0)\ntwice(1)\nprint(told)"
+    )
+    environment = {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)]),
+        "NUMBA_CACHE_DIR": str(tmp_path),
+    }
+    answers = [
+        subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True).stdout
+        for _ in range(2)
+    ]
+    assert answers == ["[0, 1]\n", "[]\n"]
 
 
 @pytest.mark.parametrize("width", [50, 60, 80, 120])

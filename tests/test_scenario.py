@@ -12,7 +12,7 @@ import pytest
 from annotated_types import Ge, Gt, Le, Lt
 from pydantic.fields import FieldInfo
 
-from estimators import pose_filter
+from estimators import error_state
 from swarm import build, scenario
 from swarm.assets import scenarios
 from swarm.errors import SwarmError
@@ -391,10 +391,10 @@ def test_a_craft_never_believes_more_than_its_ticks_allow() -> None:
 
 def test_process_noise_defaults_are_the_filters() -> None:
     made = build.navigation(load("formation"))
-    assert made.acceleration_noise_m_s2 == pose_filter.DEFAULT_ACCELERATION_NOISE_M_S2
+    assert made.acceleration_noise_m_s2 == error_state.DEFAULT_ACCELERATION_NOISE_M_S2
     # The scenario has it in degrees: a rounding error of the conversion.
     assert made.angular_acceleration_noise_rad_s2 == pytest.approx(
-        pose_filter.DEFAULT_ANGULAR_ACCELERATION_NOISE_RAD_S2, rel=1e-15
+        error_state.DEFAULT_ANGULAR_ACCELERATION_NOISE_RAD_S2, rel=1e-15
     )
 
 

@@ -10,6 +10,7 @@ from scipy.stats import chi2
 
 import swarm
 from estimators import rotation as rot
+from swarm import build
 from swarm.assets import scenarios
 from swarm.errors import SwarmError
 from swarm.onboard.navigation import Status
@@ -35,7 +36,7 @@ def column(run: Run, name: str, craft: str | None = None) -> np.ndarray:
 
 
 # The survey's craft is uncalibrated on purpose: its errors are not the noise that a filter can know of.
-@pytest.mark.parametrize("name", sorted(set(scenarios()) - {"drift", "survey", "ccd-docking"}))
+@pytest.mark.parametrize("name", sorted(set(scenarios()) - {"drift", "survey", "ccd-docking", "swarm1000"}))
 def test_the_filter_is_neither_vain_nor_timid_in_any_scenario_with_one_set_of_process_noise(flown, name):
     # 6 is what the filter promises on motion like its own model; a smooth motion lies between the 4.5 of a filter that
     # expects accelerations which never come (alpha-beta theory at low tracking index) and 7.5.
@@ -162,6 +163,21 @@ def test_a_run_is_never_overwritten_without_force(tmp_path):
     with pytest.raises(SwarmError, match="--force"):
         swarm.simulate(scenario, out=tmp_path / "run", record=False)
     assert swarm.simulate(scenario, out=tmp_path / "run", record=False, force=True).status == "complete"
+
+
+def test_a_swarm_fills_the_field_and_nearly_all_of_it_tracks(flown):
+    """Half of swarm1000, in a fraction of its time: some stand in another's light, and nobody touches."""
+    run = flown("swarm1000", "swarm.count=500", "duration_s=0.5")
+    figures = run.summary["swarm"]
+    assert run.telemetry.num_rows == 500 * 30
+    assert 0.85 < figures["tracking_share"] < 1.0
+    assert figures["ekf_position_rms_m"] < 0.02
+    assert not column(run, "contact").any()
+    settings = swarm.load("swarm1000")
+    first = build.fleet(settings).start().position
+    field = np.tan(np.radians(settings.lighthouse.field_deg / 2))
+    assert np.all(np.abs(first[:, :2]) < field * first[:, 2:])
+    assert np.linalg.norm(first, axis=1).max() < settings.lighthouse.range_max_m
 
 
 def test_status_names_of_the_telemetry_are_those_of_the_navigator():

@@ -343,3 +343,84 @@ def test_wrench_that_is_not_finite_names_the_craft():
     coast(built, 2)
     with pytest.raises(SwarmError, match=r"craft 'bad': force or torque is not finite at 0\.0333 s"):
         built.advance(np.zeros((2, 3)), np.array([[0, 0, 0], [0, np.nan, 0]]))
+
+
+# Many craft
+
+
+def test_groups_of_groups_are_attached_in_order(monkeypatch):
+    """Three levels of groups of three: names, places and the shared mesh are as of one flat world."""
+    monkeypatch.setattr("swarm.world.assembly.BATCH", 3)
+    starts = [start(f"craft-{i}", ("mockup", "cubesat6u")[i % 2], (i % 5 - 2, i // 5 - 2, 6)) for i in range(23)]
+    built = world(*starts)
+    names = [built.model.body(int(body)).name for body in built.craft_bodies]
+    assert names == [f"{s.name}/{s.model.stem}" for s in starts]
+    assert np.array_equal(np.diff(built.craft_bodies), np.ones(22))
+    assert built.craft_bodies[-1] == built.model.nbody - 1
+    assert np.allclose(built.model.qpos0.reshape(-1, 7)[:, :3], [s.position for s in starts], atol=1e-12)
+    assert built.model.nmesh == 1
+
+
+def crowd(seed, count=14):
+    """Craft of both models that fly towards their middle, where some of them hit each other."""
+    rng = np.random.default_rng(seed)
+    grid = np.array([(i % 3, i // 3 % 3, i // 9) for i in range(count)]) * 0.85 + [-0.85, -0.85, 3.0]
+    return [
+        start(
+            f"c{i}",
+            ("mockup", "cubesat6u")[i % 2],
+            grid[i],
+            rng.normal(size=4),
+            -0.3 * (grid[i] - [0, 0, 3.85]) + rng.normal(0, 0.1, 3),
+            rng.normal(size=3),
+        )
+        for i in range(count)
+    ]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_sparing_mujoco_the_search_for_contacts_changes_no_bit(seed, monkeypatch):
+    """Against a world that looks for contacts in every period; there are some, and periods without."""
+    spared = world(*crowd(seed))
+    looked = []
+    look = spared._look_for_contacts
+    monkeypatch.setattr(spared, "_look_for_contacts", lambda wanted: looked.append(wanted) or look(wanted))
+    always = world(*crowd(seed))
+    monkeypatch.setattr(always._neighbourhood, "can_touch", lambda *_: True)
+    touched = False
+    for one, other in zip(coast(spared, 240), coast(always, 240), strict=True):
+        for field in one._fields:
+            assert np.array_equal(getattr(one, field), getattr(other, field)), field
+        touched |= bool(one.contact.any())
+    assert touched
+    assert {True, False} == set(looked)
+
+
+def test_craft_can_touch_exactly_where_their_spheres_can_meet():
+    """Against all pairs in NumPy, with forces and with the lighthouse, in crowds about to touch or just not."""
+    answers = []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        built = world(start("a", "mockup"), start("b", "cubesat6u", (2, 0, 3)), start("c", "mockup", (0, 2, 3)))
+        near = built._neighbourhood
+        pose = np.concatenate(
+            [rng.uniform(-0.6, 0.6, (3, 3)) + np.array([0, 0, 0.6]), np.tile([1.0, 0, 0, 0], (3, 1))], axis=1
+        )
+        rate, force = rng.normal(0, 0.5, (3, 6)), rng.normal(0, 1, (3, 3))
+        reach = near._radius * (1 + 1e-9)
+        reach[:3] += (np.linalg.norm(rate[:, :3], axis=1) + np.linalg.norm(force, axis=1) / built.mass * T) * T
+        centre = np.vstack([pose[:, :3], near._lighthouse_m])
+        apart = np.linalg.norm(centre[:, None] - centre, axis=2) - reach[:, None] - reach
+        expected = bool((apart[np.triu_indices(4, 1)] <= 0).any())
+        assert near.can_touch(pose, rate, force, T) == expected
+        answers.append(expected)
+    assert 10 < sum(answers) < 50
+    pose[0, 0] = np.nan
+    assert near.can_touch(pose, rate, force, T), "what is not a number is MuJoCo's to find"
+
+
+def test_the_spheres_hold_every_corner_of_the_craft():
+    built = world(start("a", "mockup"), start("b", "cubesat6u", (2, 0, 3)))
+    for i in range(2):
+        points = np.concatenate([mesh.vertex for mesh, _ in built.visuals(i)])
+        assert np.linalg.norm(points - built.com_m[i], axis=1).max() <= built._neighbourhood._radius[i]

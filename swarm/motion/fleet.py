@@ -17,6 +17,8 @@ import numpy as np
 
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats
+from estimators.kernel import kernel
+from estimators.rotation import multiply_into
 from swarm.errors import SwarmError
 from swarm.motion import paths, wander
 from swarm.motion.pointing import facing
@@ -205,7 +207,10 @@ class Fleet:
         self._sigma = np.array(
             [(m.acceleration_m_s2, m.angular_acceleration_rad_s2) if isinstance(m, Drift) else (0, 0) for m in motions]
         ).reshape(-1, 2, 1)
-        self._seed, self._block, self._draws = seed, -1, np.zeros((BLOCK, len(tasks), 2, 3))
+        self.pushed: Bools = np.asarray(self._sigma.any(axis=(1, 2)))
+        """(C,): the craft that `disturbance` pushes."""
+        drifting = np.flatnonzero(self.pushed)
+        self._seed, self._block, self._draws = seed, -1, np.zeros((BLOCK, len(drifting), 2, 3))
         for place in self._paths_at(0.0).position[self._facing]:
             if np.hypot(place[0], place[2]) < LEAST_OFF_AXIS_M:
                 raise SwarmError(
@@ -241,16 +246,20 @@ class Fleet:
 
         White and normal, drawn per craft from the seed alone: no other craft and no order of calls changes a draw.
         """
+        drifting = np.flatnonzero(self.pushed)
         if frame // BLOCK != self._block:
             self._block = frame // BLOCK
-            for craft in np.flatnonzero(self._sigma.any(axis=(1, 2))):
+            for place, craft in enumerate(drifting):
                 key = (DRIFT_PURPOSE, int(craft), self._block)
                 generator = np.random.default_rng(np.random.SeedSequence(self._seed, spawn_key=key))
-                self._draws[:, craft] = generator.standard_normal((BLOCK, 2, 3))
-        push = self._sigma * self._draws[frame % BLOCK]
+                self._draws[:, place] = generator.standard_normal((BLOCK, 2, 3))
+        push = np.zeros((len(self.pushed), 2, 3))
+        push[drifting] = self._sigma[drifting] * self._draws[frame % BLOCK]
         return Disturbance(push[:, 0], push[:, 1])
 
     def _paths_at(self, time_s: float) -> paths.Motion:
+        if len(self._paths) == 1:
+            return self._paths[0][1].at(time_s)
         out = paths.Motion(*(np.zeros((len(self._free), 3)) for _ in range(3)))
         for craft, path in self._paths:
             for part, of_kind in zip(out, path.at(time_s), strict=True):
@@ -261,31 +270,65 @@ class Fleet:
         """The reference on the paths, with the front towards the lighthouse where `turned`."""
         count = len(self._free)
         position, velocity, acceleration = self._paths_at(time_s)
-        frame = np.broadcast_to(np.eye(3), (count, 3, 3)).copy()
-        rate, change = np.zeros((count, 3)), np.zeros((count, 3))
-        frame[turned], rate[turned], change[turned] = facing(position[turned], velocity[turned], acceleration[turned])
-        rotation = frame @ self._offset
-        for craft, tones in self._turns.items():
-            own = wander.turn(self._offset_angle[craft], tones, time_s)
-            turning = frame[craft] @ own.rate
-            change[craft] += frame[craft] @ own.change + np.cross(rate[craft], turning)
-            rate[craft] += turning
-            rotation[craft] = frame[craft] @ own.rotation
-        if self._spin.any():
-            rotation = rotation @ rot.exp((self._spin * time_s)[:, None] * np.array([0.0, 0.0, 1.0]))
-        spinning = self._spin[:, None] * rotation[:, :, 2]
-        held = ~self._free
-        return Reference(
+        out = Reference(
             position,
             velocity,
             acceleration,
-            rotation,
-            rate + spinning,
-            # The spin axis is carried round by the frame: d/dt (s z) = w x s z.
-            change + np.cross(rate, spinning),
-            held,
-            held,
+            np.empty((count, 3, 3)),
+            np.zeros((count, 3)),
+            np.zeros((count, 3)),
+            ~self._free,
+            ~self._free,
         )
+        if turned.all():
+            frame, rate, change = facing(position, velocity, acceleration)
+        else:
+            frame, rate, change = np.tile(np.eye(3), (count, 1, 1)), out.angular_rate, out.angular_acceleration
+            frame[turned], rate[turned], change[turned] = facing(
+                position[turned], velocity[turned], acceleration[turned]
+            )
+        offset = self._offset
+        if self._turns:
+            offset = offset.copy()
+            for craft, tones in self._turns.items():
+                own = wander.turn(self._offset_angle[craft], tones, time_s)
+                turning = frame[craft] @ own.rate
+                change[craft] += frame[craft] @ own.change + np.cross(rate[craft], turning)
+                rate[craft] += turning
+                offset[craft] = own.rotation
+        _turn_into(time_s, frame, rate, change, offset, self._spin, *out[3:6])
+        return out
+
+
+@kernel
+def _turn_into(
+    time_s: float,
+    frame: Floats,
+    rate: Floats,
+    change: Floats,
+    offset: Floats,
+    spin: Floats,
+    rotation: Floats,
+    angular_rate: Floats,
+    angular_acceleration: Floats,
+) -> None:
+    """Turn frames (C, 3, 3), moving at rate and change (C, 3), by offset (C, 3, 3) and by a spin (C,) about body z."""
+    for c in range(len(frame)):
+        r = rotation[c]
+        multiply_into(frame[c], offset[c], r)
+        s = spin[c]
+        if s != 0.0:
+            cosine, sine = np.cos(s * time_s), np.sin(s * time_s)
+            for i in range(3):
+                x, y = r[i, 0], r[i, 1]
+                r[i, 0], r[i, 1] = cosine * x + sine * y, cosine * y - sine * x
+        w0, w1, w2 = rate[c, 0], rate[c, 1], rate[c, 2]
+        z0, z1, z2 = s * r[0, 2], s * r[1, 2], s * r[2, 2]
+        angular_rate[c, 0], angular_rate[c, 1], angular_rate[c, 2] = w0 + z0, w1 + z1, w2 + z2
+        # The spin axis is carried round by the frame: d/dt (s z) = w x s z.
+        angular_acceleration[c, 0] = change[c, 0] + w1 * z2 - w2 * z1
+        angular_acceleration[c, 1] = change[c, 1] + w2 * z0 - w0 * z2
+        angular_acceleration[c, 2] = change[c, 2] + w0 * z1 - w1 * z0
 
 
 def _path(task: Task, rng: np.random.Generator) -> paths.Circle | paths.Pieces | paths.Wandering:

@@ -14,6 +14,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from estimators.arrays import Floats
+from estimators.kernel import kernel
 from swarm.motion.wander import Tones
 
 DEGREE = 5
@@ -97,17 +98,29 @@ class Polynomials:
 
     def at(self, time_s: float) -> Motion:
         """Where the craft are at `time_s` [s]."""
-        craft = np.arange(len(self._start))
-        piece = np.sum(time_s >= self._start[:, 1:], axis=1)
-        since = (time_s - self._start[craft, piece])[:, None]
-        coefficient = self._coefficient[craft, piece]
-        position, velocity, acceleration = (np.zeros((len(craft), 3)) for _ in range(3))
-        # Horner's scheme for the polynomial and, along with it, for its derivatives over 1! and 2!.
-        for n in range(DEGREE, -1, -1):
-            acceleration = acceleration * since + velocity
-            velocity = velocity * since + position
-            position = position * since + coefficient[:, n]
-        return Motion(position, velocity, 2 * acceleration)
+        out = Motion(*(np.empty((len(self._start), 3)) for _ in range(3)))
+        _polynomials_into(time_s, self._start, self._coefficient, *out)
+        return out
+
+
+@kernel
+def _polynomials_into(
+    time_s: float, start: Floats, coefficient: Floats, position: Floats, velocity: Floats, acceleration: Floats
+) -> None:
+    """Evaluate the pieces with start (C, N) [s] and coefficient (C, N, 6, 3) into (C, 3) each."""
+    for c in range(len(start)):
+        piece = 0
+        while piece + 1 < start.shape[1] and time_s >= start[c, piece + 1]:
+            piece += 1
+        since = time_s - start[c, piece]
+        for i in range(3):
+            # Horner's scheme for the polynomial and, along with it, for its derivatives over 1! and 2!.
+            value = slope = curve = 0.0
+            for n in range(DEGREE, -1, -1):
+                curve = curve * since + slope
+                slope = slope * since + value
+                value = value * since + coefficient[c, piece, n, i]
+            position[c, i], velocity[c, i], acceleration[c, i] = value, slope, 2 * curve
 
 
 def line(origin: Vector, velocity: Vector) -> Pieces:

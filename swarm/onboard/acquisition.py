@@ -13,14 +13,15 @@ The part of the noise that a whole sweep shares shifts all angles alike and tell
 is the independent part; where the best fit is worse than s (a rig out of calibration), the fit's own scatter counts.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats
-from estimators.pnp import refine
-from estimators.pnp_start import cold_start
+from estimators.pnp import PoseSolution, refine
+from estimators.pnp_start import cold_starts
 
 DECISIVE = 25.0
 """Difference of the costs, in units of the noise variance, that decides between two poses (5 sigma)."""
@@ -58,16 +59,31 @@ class Hypotheses(NamedTuple):
 NONE = Hypotheses(np.empty((0, 3, 3)), np.empty((0, 3)), np.empty(0))
 
 
+def advance(before: Sequence[Hypotheses], sightings: Sequence[Sighting], noise_rad: float) -> list[Hypotheses]:
+    """What several craft make of this period: those that have hypotheses follow them, those left without one search.
+
+    Each craft's answer is its own, bit for bit, in whatever company it is asked.
+    """
+    out = list(before)
+    following = [i for i, hypotheses in enumerate(before) if len(hypotheses.evidence)]
+    for i, hypotheses in zip(
+        following,
+        _follow_all([before[i] for i in following], [sightings[i] for i in following], noise_rad),
+        strict=True,
+    ):
+        out[i] = hypotheses
+    searching = [i for i, hypotheses in enumerate(out) if not len(hypotheses.evidence)]
+    for i, hypotheses in zip(searching, _search_all([sightings[i] for i in searching], noise_rad), strict=True):
+        out[i] = hypotheses
+    return out
+
+
 def search(sighting: Sighting, noise_rad: float) -> Hypotheses:
     """Every pose that fits one period's angles, from nothing: empty where the photodiodes do not determine one.
 
     noise_rad: the independent part of the angle noise [rad]. The craft is taken to be at rest within the period.
     """
-    rest = np.zeros(3)
-    found = cold_start(sighting.theta, sighting.lit, sighting.point_m, sighting.offset_s, rest, rest)
-    if len(found.cost) == 0:
-        return NONE
-    return Hypotheses(found.rotation, found.position, found.cost / _variance(found.cost, sighting, noise_rad))
+    return _search_all([sighting], noise_rad)[0]
 
 
 def follow(before: Hypotheses, sighting: Sighting, noise_rad: float) -> Hypotheses:
@@ -75,27 +91,57 @@ def follow(before: Hypotheses, sighting: Sighting, noise_rad: float) -> Hypothes
 
     A pose that no longer converges is given up; poses that run into one minimum become one.
     """
-    count = len(before.evidence)
-    rest = np.zeros((count, 3))
-    lit = np.repeat(sighting.lit[None], count, axis=0)
-    solution = refine(
-        np.repeat(sighting.theta[None], count, axis=0),
-        lit,
-        np.repeat(sighting.point_m[None], count, axis=0),
-        before.rotation,
-        before.position,
-        np.repeat(sighting.offset_s[None], count, axis=0),
-        rest,
-        rest,
-    )
-    keep = np.flatnonzero(solution.solved)
+    return _follow_all([before], [sighting], noise_rad)[0]
+
+
+def _search_all(sightings: Sequence[Sighting], noise_rad: float) -> list[Hypotheses]:
+    if not sightings:
+        return []
+    rest = np.zeros((len(sightings), 3))
+    out = []
+    for sighting, found in zip(sightings, cold_starts(*_stacked(sightings), rest, rest), strict=True):
+        if len(found.cost):
+            variance = _variance(found.cost, sighting, noise_rad)
+            out.append(Hypotheses(found.rotation, found.position, found.cost / variance))
+        else:
+            out.append(NONE)
+    return out
+
+
+def _follow_all(before: Sequence[Hypotheses], sightings: Sequence[Sighting], noise_rad: float) -> list[Hypotheses]:
+    if not before:
+        return []
+    count = [len(hypotheses.evidence) for hypotheses in before]
+    theta, lit, point, offset = _stacked([one for one, many in zip(sightings, count, strict=True) for _ in range(many)])
+    rotation = np.concatenate([hypotheses.rotation for hypotheses in before])
+    position = np.concatenate([hypotheses.position for hypotheses in before])
+    rest = np.zeros((len(lit), 3))
+    solution = refine(theta, lit, point, rotation, position, offset, rest, rest)
+    out, first = [], 0
+    for hypotheses, sighting, many in zip(before, sightings, count, strict=True):
+        out.append(_updated(hypotheses, solution, slice(first, first + many), sighting, noise_rad))
+        first += many
+    return out
+
+
+def _stacked(sightings: Sequence[Sighting]) -> tuple[Floats, Bools, Floats, Floats]:
+    theta, lit, point, offset = (np.stack(part) for part in zip(*sightings, strict=True))
+    return theta, lit, point, offset
+
+
+def _updated(
+    before: Hypotheses, solution: PoseSolution, own: slice, sighting: Sighting, noise_rad: float
+) -> Hypotheses:
+    """One craft's hypotheses with their refined poses, the rows `own`, and with this period's evidence added."""
+    keep = np.flatnonzero(solution.solved[own])
     if len(keep) == 0:
         return NONE
-    evidence = before.evidence[keep] + solution.cost[keep] / _variance(solution.cost[keep], sighting, noise_rad)
+    cost = solution.cost[own][keep]
+    evidence = before.evidence[keep] + cost / _variance(cost, sighting, noise_rad)
     order = keep[np.argsort(evidence, kind="stable")]
-    rotation = solution.rotation[order]
+    rotation = solution.rotation[own][order]
     distinct = [i for i in range(len(order)) if np.all(rot.angle_between(rotation[:i], rotation[i]) > SAME_POSE_RAD)]
-    return Hypotheses(rotation[distinct], solution.position[order][distinct], np.sort(evidence)[distinct])
+    return Hypotheses(rotation[distinct], solution.position[own][order][distinct], np.sort(evidence)[distinct])
 
 
 def _variance(cost: Floats, sighting: Sighting, noise_rad: float) -> float:

@@ -20,7 +20,8 @@ and an error of (C, M), left and active, is one of the pose, d_l and dp, with th
     d_l = -R_l_C1 d,     dp = -R_l_C1 dM - R_l_C1 [M + q]x d
 
 The last term is the lever of the attitude over the distance to the target: by far the largest part of dp from afar,
-and almost wholly correlated with d_l. The filter is given all of it.
+and almost wholly correlated with d_l. The filter is given all of it, with R_l_C1 and the lever where it predicts them:
+at the measured pose they would share the noise that they multiply, which costs 2 % of NEES at 30 m.
 """
 
 from collections.abc import Sequence
@@ -95,15 +96,23 @@ class CcdCalibration:
         pinhole = rotation @ self.cameras.position_m[0] + position
         return main.T @ self.target_rotation, main.T @ (self.target_position - pinhole)
 
-    def own_pose(self, c: Floats, m: Floats, covariance: Floats) -> tuple[Floats, Floats, Floats]:
-        """R_l_b, position and their covariance (6, 6) of a craft that sees the target at C, M."""
-        main = self.target_rotation @ c.T
-        lever = m + self.cameras.rotation[0].T @ self.cameras.position_m[0]
+    def own_pose(self, c: Floats, m: Floats) -> tuple[Floats, Floats]:
+        """R_l_b (3, 3) and position (3,) of a craft that sees the target at C, M."""
+        main, lever = self._lever(c, m)
+        return main @ self.cameras.rotation[0].T, self.target_position - main @ lever
+
+    def own_covariance(self, c: Floats, m: Floats, covariance: Floats) -> Floats:
+        """The covariance (6, 6) of the own pose, from that of the target's pose near C, M."""
+        main, lever = self._lever(c, m)
         slope = np.zeros((6, 6))
         slope[:3, :3] = slope[3:, 3:] = -main
         slope[3:, :3] = -main @ rot.skew(lever)
-        turned = slope @ covariance @ slope.T
-        return main @ self.cameras.rotation[0].T, self.target_position - main @ lever, (turned + turned.T) / 2
+        turned: Floats = slope @ covariance @ slope.T
+        return (turned + turned.T) / 2
+
+    def _lever(self, c: Floats, m: Floats) -> tuple[Floats, Floats]:
+        """R_l_C1 and M + q."""
+        return self.target_rotation @ c.T, m + self.cameras.rotation[0].T @ self.cameras.position_m[0]
 
 
 class CcdFix(NamedTuple):
@@ -169,10 +178,11 @@ def fix(craft: int, pairs: Sequence[CcdCalibration], images: LightImages, rotati
         found = target_pose(pair, uv, seen, predicted)
         out.state[i], out.lights[i] = found.state, np.count_nonzero(seen, axis=1)
         if out.known[i]:
-            own = pair.own_pose(found.rotation, found.position, found.covariance)
-            out.rotation[i], out.position[i] = own[:2]
-            out.covariance[i] = pair.noise**2 * own[2]
-            out.adop_deg_per_rad[i], out.pdop_m_per_rad[i] = factors(own[2])
+            out.rotation[i], out.position[i] = pair.own_pose(found.rotation, found.position)
+            near = (found.rotation, found.position) if predicted is None else predicted
+            unit = pair.own_covariance(*near, found.covariance)
+            out.covariance[i] = pair.noise**2 * unit
+            out.adop_deg_per_rad[i], out.pdop_m_per_rad[i] = factors(unit)
             out.residual_rad[i] = found.residual_rad
     return out
 

@@ -14,6 +14,9 @@ import numpy as np
 
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats
+from estimators.error_state import log_into
+from estimators.kernel import kernel
+from estimators.rotation import multiply_into
 from swarm.motion.fleet import Reference
 
 POSITION_FREQUENCY_RAD_S = 1.0
@@ -71,23 +74,9 @@ class Command(NamedTuple):
 
 def command(reference: Reference, state: State) -> Command:
     """The feedback above; zero where `state` is NaN, as where the reference holds neither position nor attitude."""
-    acceleration = (
-        reference.acceleration
-        + POSITION_FREQUENCY_RAD_S**2 * (reference.position - state.position)
-        + 2 * DAMPING * POSITION_FREQUENCY_RAD_S * (reference.velocity - state.velocity)
-    )
-    known = np.all(np.isfinite(state.position), axis=1)
-    rotation = np.where(known[:, None, None], state.rotation, np.eye(3))
-    attitude_error = rot.log(reference.rotation @ np.swapaxes(rotation, -1, -2))
-    angular_acceleration = (
-        reference.angular_acceleration
-        + ATTITUDE_FREQUENCY_RAD_S**2 * attitude_error
-        + 2 * DAMPING * ATTITUDE_FREQUENCY_RAD_S * (reference.angular_rate - state.angular_rate)
-    )
-    return Command(
-        np.where(reference.holds_position[:, None] & known[:, None], acceleration, 0.0),
-        np.where(reference.holds_attitude[:, None] & known[:, None], angular_acceleration, 0.0),
-    )
+    out = Command(*np.zeros((2, len(reference.position), 3)))
+    _command_into(*reference, *_contiguous(state), *out)
+    return out
 
 
 def wrench(order: Command, reference: Reference, state: State, mass: Floats, inertia: Floats) -> tuple[Floats, Floats]:
@@ -95,10 +84,89 @@ def wrench(order: Command, reference: Reference, state: State, mass: Floats, ine
 
     mass: (C,) [kg]. inertia: (C, 3, 3) [kg m^2] in the body frame. A craft that does not know its state does nothing.
     """
-    known = np.all(np.isfinite(state.position), axis=1)
-    rotation = np.where(known[:, None, None], state.rotation, np.eye(3))
-    turned = rotation @ inertia @ np.swapaxes(rotation, -1, -2)
-    momentum = (turned @ state.angular_rate[..., None])[..., 0]
-    torque = (turned @ order.angular_acceleration[..., None])[..., 0] + np.cross(state.angular_rate, momentum)
-    acts = reference.holds_attitude[:, None] & np.isfinite(torque)
-    return mass[:, None] * order.acceleration, np.where(acts, torque, 0.0)
+    torque = np.zeros((len(mass), 3))
+    believed = _contiguous(state)
+    _torque_into(
+        order.angular_acceleration,
+        reference.holds_attitude,
+        believed.rotation,
+        believed.angular_rate,
+        believed.position,
+        inertia,
+        torque,
+    )
+    return mass[:, None] * order.acceleration, torque
+
+
+def _contiguous(state: State) -> State:
+    return State(*(np.ascontiguousarray(part, dtype=np.float64) for part in state))
+
+
+@kernel
+def _command_into(
+    to_position: Floats,
+    to_velocity: Floats,
+    with_acceleration: Floats,
+    to_rotation: Floats,
+    to_rate: Floats,
+    with_angular_acceleration: Floats,
+    holds_position: Bools,
+    holds_attitude: Bools,
+    rotation: Floats,
+    rate: Floats,
+    position: Floats,
+    velocity: Floats,
+    acceleration: Floats,
+    angular_acceleration: Floats,
+) -> None:
+    """`command` of every craft, into (C, 3) each, which are zero."""
+    difference, error = np.empty((3, 3)), np.empty(3)
+    stiffness, damping = POSITION_FREQUENCY_RAD_S**2, 2 * DAMPING * POSITION_FREQUENCY_RAD_S
+    turn_stiffness, turn_damping = ATTITUDE_FREQUENCY_RAD_S**2, 2 * DAMPING * ATTITUDE_FREQUENCY_RAD_S
+    for c in range(len(position)):
+        if not np.isfinite(position[c, 0] + position[c, 1] + position[c, 2]):
+            continue
+        if holds_position[c]:
+            for i in range(3):
+                acceleration[c, i] = (
+                    with_acceleration[c, i]
+                    + stiffness * (to_position[c, i] - position[c, i])
+                    + damping * (to_velocity[c, i] - velocity[c, i])
+                )
+        if holds_attitude[c]:
+            multiply_into(to_rotation[c], rotation[c].T, difference)
+            log_into(difference, error)
+            for i in range(3):
+                angular_acceleration[c, i] = (
+                    with_angular_acceleration[c, i]
+                    + turn_stiffness * error[i]
+                    + turn_damping * (to_rate[c, i] - rate[c, i])
+                )
+
+
+@kernel
+def _torque_into(
+    change: Floats,
+    holds_attitude: Bools,
+    rotation: Floats,
+    rate: Floats,
+    position: Floats,
+    inertia: Floats,
+    torque: Floats,
+) -> None:
+    """The torque of `wrench`, into (C, 3), which is zero."""
+    half, turned = np.empty((3, 3)), np.empty((3, 3))
+    for c in range(len(change)):
+        w = rate[c]
+        known = np.isfinite(position[c, 0] + position[c, 1] + position[c, 2] + w[0] + w[1] + w[2])
+        if not (holds_attitude[c] and known):
+            continue
+        multiply_into(rotation[c], inertia[c], half)
+        multiply_into(half, rotation[c].T, turned)
+        h0 = turned[0, 0] * w[0] + turned[0, 1] * w[1] + turned[0, 2] * w[2]
+        h1 = turned[1, 0] * w[0] + turned[1, 1] * w[1] + turned[1, 2] * w[2]
+        h2 = turned[2, 0] * w[0] + turned[2, 1] * w[1] + turned[2, 2] * w[2]
+        torque[c, 0], torque[c, 1], torque[c, 2] = w[1] * h2 - w[2] * h1, w[2] * h0 - w[0] * h2, w[0] * h1 - w[1] * h0
+        for i in range(3):
+            for j in range(3):
+                torque[c, i] += turned[i, j] * change[c, j]

@@ -18,6 +18,7 @@ is then two turns, and the decoder follows the station of one `slot`; the other'
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
@@ -87,17 +88,21 @@ def _read_sweeps(
 
 @kernel
 def _decode(
-    photodiode: Ints,
+    photodiode: NDArray[np.int16],
     rise: Ints,
-    width: Ints,
-    total: Ints,
+    width: NDArray[np.int32],
+    total: NDArray[np.int32],
     present: Bools,
     timing: Timing,
+    tick: float,
     last: Floats,
     seen: Floats,
     out: SweepAngles,
 ) -> None:
-    """One period of every craft: pulses (C, P); present (C, K); last, seen (C, 2), what each craft remembers."""
+    """One period of every craft: pulses (C, P); present (C, K); last, seen (C, 2), what each craft remembers.
+
+    tick: of the craft's clock [s].
+    """
     two_stations = timing.period > 3 * timing.half_turn
     longest_pulse = timing.code_zero + 7.5 * timing.code_step
     flashes = Flashes(
@@ -134,6 +139,10 @@ def _decode(
         out.rejected[c] += _read_sweeps(
             own[:, :p], timing, last[c], swept, out.epoch_tick[c], hits, out.theta[c], out.offset_s[c]
         )
+        for k in range(present.shape[1]):
+            out.lit[c, k] = np.isfinite(out.theta[c, k, 0]) and np.isfinite(out.theta[c, k, 1])
+            for fan in range(2):
+                out.offset_s[c, k, fan] *= tick
 
 
 class PulseDecoder:
@@ -206,15 +215,15 @@ class PulseDecoder:
         epoch, missed, rejected = (np.zeros(craft, dtype=np.int64) for _ in range(3))
         out = SweepAngles(theta, offset, np.zeros((craft, photodiodes), dtype=np.bool_), epoch, missed, rejected)
         _decode(
-            pulses.photodiode.astype(np.int64),
-            pulses.rise_tick.astype(np.int64),
-            pulses.width_tick.astype(np.int64),
-            pulses.total.astype(np.int64),
+            np.ascontiguousarray(pulses.photodiode, dtype=np.int16),
+            np.ascontiguousarray(pulses.rise_tick, dtype=np.int64),
+            np.ascontiguousarray(pulses.width_tick, dtype=np.int32),
+            np.ascontiguousarray(pulses.total, dtype=np.int32),
             self._present,
             self._timing,
+            self._tick_s,
             self._last,
             self._seen,
             out,
         )
-        np.multiply(offset, self._tick_s, out=offset)
-        return out._replace(lit=np.isfinite(theta).all(axis=2))
+        return out

@@ -5,7 +5,7 @@ Per lighthouse period and craft:
     angles, less the known errors of the fans            estimators.sweep
     -> pose at the epoch, LM on (7) from the prediction   estimators.pnp        (searching: from nothing, acquisition)
     -> H, ADOP, PDOP at that pose (13) to (22)            estimators.dop
-    -> EKF with measurement covariance s^2 H              estimators.pose_filter
+    -> EKF with measurement covariance s^2 H              estimators.pose_filter, or for a large swarm compiled_filter
 
 Craft with a pair of cameras then give the same EKF the pose that these see, `swarm.onboard.ccd`, with its covariance:
 two sensors are two updates, one after the other, and either is enough.
@@ -24,24 +24,25 @@ import numpy as np
 
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats, Ints
+from estimators.compiled_filter import CompiledFilterBank
 from estimators.dop import Dilution, dilution
+from estimators.error_state import DEFAULT_ACCELERATION_NOISE_M_S2, DEFAULT_ANGULAR_ACCELERATION_NOISE_RAD_S2
+from estimators.filter_bank import FilterBank
 from estimators.pnp import PoseSolution, refine
-from estimators.pose_filter import (
-    DEFAULT_ACCELERATION_NOISE_M_S2,
-    DEFAULT_ANGULAR_ACCELERATION_NOISE_RAD_S2,
-    PoseFilterBank,
-)
+from estimators.pose_filter import PoseFilterBank
 from estimators.sweep import FanErrors, correct
 from swarm.images import LightImages
 from swarm.layout import Photodiodes
 from swarm.onboard import ccd
-from swarm.onboard.acquisition import NONE, Hypotheses, Sighting, follow, search
+from swarm.onboard.acquisition import NONE, Hypotheses, Sighting, advance
 from swarm.onboard.ccd import CcdCalibration, CcdFix, CcdState
 from swarm.onboard.control import Command
 from swarm.onboard.decoder import SweepAngles
 
 MIN_LIT = 4
 """Photodiodes that a pose needs (source 1, section 2)."""
+MOST_BY_FILTERPY = 64
+"""A swarm of more craft is filtered by the compiled bank, unless the scenario says otherwise."""
 UNKNOWN_RATE = (1.0, 0.5)
 """1 sigma per axis of a craft's rates before it knows them: angular [rad/s], linear [m/s]."""
 
@@ -69,7 +70,8 @@ class NavigationSettings:
     """What a craft's computer is configured with, in SI units.
 
     angle_noise_rad and rotor_correlation are s and rho of (18), (19). residual_limit_rad: a worse fit is not a pose.
-    rejections_limit: so many poses in a row refused by the gate mean that the filter is wrong, not they.
+    rejections_limit: so many poses in a row refused by the gate mean that the filter is wrong, not they. filter:
+    "filterpy", "compiled", which has the same numbers sooner, or "auto", which goes by the number of craft.
     """
 
     frame_s: float
@@ -83,6 +85,7 @@ class NavigationSettings:
     residual_limit_rad: float = 5e-3
     rejections_limit: int = 6
     search_again_s: float = 0.25
+    filter: str = "auto"
     fan_x: FanErrors = field(default_factory=FanErrors)
     fan_y: FanErrors = field(default_factory=FanErrors)
 
@@ -128,13 +131,16 @@ class Navigator:
         self._command: Command | None = None
         self.settings = settings
         self._point_m = photodiodes.point_m
-        self._filter = PoseFilterBank(
+        compiled = craft > MOST_BY_FILTERPY if settings.filter == "auto" else settings.filter == "compiled"
+        bank: type[FilterBank] = CompiledFilterBank if compiled else PoseFilterBank
+        self._filter = bank(
             craft,
             acceleration_noise_m_s2=settings.acceleration_noise_m_s2,
             angular_acceleration_noise_rad_s2=settings.angular_acceleration_noise_rad_s2,
             gate_probability=settings.gate_probability,
         )
         self._hypotheses: list[Hypotheses] = [NONE] * craft
+        self._undecided = np.zeros(craft, dtype=np.bool_)
         self._since_update_s = np.zeros(craft)
         self._rejections = np.zeros(craft, dtype=np.int64)
         self._independent_noise_rad = settings.angle_noise_rad * float(np.sqrt(1 - settings.rotor_correlation))
@@ -147,17 +153,19 @@ class Navigator:
         """
         s, bank = self.settings, self._filter
         theta = correct(angles.theta, (s.fan_x, s.fan_y))
-        lit = angles.lit & np.isfinite(theta).all(axis=-1)
-        enough = np.count_nonzero(lit, axis=1) >= MIN_LIT
+        lit = angles.lit & np.isfinite(theta[..., 0]) & np.isfinite(theta[..., 1])
+        visible = np.count_nonzero(lit, axis=1)
+        enough = visible >= MIN_LIT
 
-        bank.predict(s.frame_s, bank.active)
+        active = bank.active
+        bank.predict(s.frame_s, active)
         if command is not None:
             self._add_command(command)
         found, start_rotation, start_position = self._acquire(theta, lit, angles.offset_s, enough)
-        known = enough & (bank.active | found)
+        known = enough & (active | found)
 
         # The motion within the period, as each craft believes it; a craft that has only just found itself knows none.
-        moves = bank.active[:, None] & np.full((1, 1), s.motion_compensation)
+        moves = active[:, None] & s.motion_compensation
         angular_rate = np.where(moves, bank.angular_rate, 0.0)
         velocity = np.where(moves, bank.velocity, 0.0)
         pnp = refine(
@@ -192,7 +200,7 @@ class Navigator:
             kind = np.where(seen.state == CcdState.STEREO, Sensor.STEREO, Sensor.CAMERA)
             sensor = np.where(by_camera, sensor | kind, sensor)
         self._count(fresh, refused)
-        return self._estimate(angles, lit, pnp, precision, nis, sensor, seen)
+        return self._estimate(angles, visible, pnp, precision, nis, sensor, seen)
 
     def _add_command(self, command: Command) -> None:
         """Add what the craft did between the epochs, T apart: half a period by the last command, half by this one."""
@@ -207,26 +215,25 @@ class Navigator:
 
         Returns found (C,), the craft that have just found themselves, and rotation (C, 3, 3), position (C, 3).
         """
-        bank = self._filter
-        rotation, position = bank.rotation.copy(), bank.position.copy()
+        bank, active = self._filter, self._filter.active
+        rotation, position = bank.rotation, bank.position
         found = np.zeros(len(enough), dtype=np.bool_)
-        lost = bank.active & enough & (self._since_update_s > self.settings.search_again_s)
-        for i in np.flatnonzero(enough & (lost | ~bank.active)):
-            sighting = Sighting(theta[i], lit[i], self._point_m[i], offset_s[i])
-            noise = self._independent_noise_rad
-            hypotheses = follow(self._hypotheses[i], sighting, noise) if len(self._hypotheses[i].evidence) else NONE
-            if len(hypotheses.evidence) == 0:
-                hypotheses = search(sighting, noise)
+        lost = active & (self._since_update_s > self.settings.search_again_s)
+        who = np.flatnonzero(enough & (lost | ~active))
+        before = [self._hypotheses[i] for i in who]
+        sightings = [Sighting(theta[i], lit[i], self._point_m[i], offset_s[i]) for i in who]
+        for i, hypotheses in zip(who, advance(before, sightings, self._independent_noise_rad), strict=True):
             if hypotheses.decided:
                 rotation[i], position[i] = hypotheses.rotation[0], hypotheses.position[0]
-                found[i] = not bank.active[i]
+                found[i] = not active[i]
                 hypotheses = NONE
-            elif bank.active[i] and len(hypotheses.evidence):
+            elif active[i] and len(hypotheses.evidence):
                 # After a long coast the prediction itself tells mirror poses apart; the gate has the last word.
-                nearest = int(np.argmin(rot.angle_between(hypotheses.rotation, bank.rotation[i])))
+                nearest = int(np.argmin(rot.angle_between(hypotheses.rotation, rotation[i])))
                 rotation[i], position[i] = hypotheses.rotation[nearest], hypotheses.position[nearest]
                 hypotheses = NONE
             self._hypotheses[i] = hypotheses
+            self._undecided[i] = len(hypotheses.evidence) > 0
         return found, rotation, position
 
     def _filter_poses(self, pnp: PoseSolution, precision: Dilution, found: Bools) -> tuple[Floats, Bools, Bools]:
@@ -266,7 +273,7 @@ class Navigator:
     def _estimate(
         self,
         angles: SweepAngles,
-        lit: Bools,
+        visible: Ints,
         pnp: PoseSolution,
         precision: Dilution,
         nis: Floats,
@@ -274,20 +281,18 @@ class Navigator:
         seen: CcdFix | None,
     ) -> Estimate:
         bank = self._filter
-        active = bank.active
-        undecided = np.array([len(h.evidence) > 0 for h in self._hypotheses], dtype=np.bool_)
-        status = np.where(undecided, Status.AMBIGUOUS, Status.SEARCHING)
-        status = np.where(active, np.where(self._since_update_s == 0.0, Status.TRACKING, Status.COASTING), status)
+        status = np.where(self._undecided, Status.AMBIGUOUS, Status.SEARCHING)
+        fresh = np.where(self._since_update_s == 0.0, Status.TRACKING, Status.COASTING)
         return Estimate(
-            status=status.astype(np.int64),
-            visible=np.count_nonzero(lit, axis=1),
+            status=np.where(bank.active, fresh, status).astype(np.int64),
+            visible=visible,
             pnp=pnp,
             dilution=precision,
-            rotation=np.where(active[:, None, None], bank.rotation, np.nan),
-            position=np.where(active[:, None], bank.position, np.nan),
-            angular_rate=np.where(active[:, None], bank.angular_rate, np.nan),
-            velocity=np.where(active[:, None], bank.velocity, np.nan),
-            covariance=np.where(active[:, None, None], bank.covariance, np.nan),
+            rotation=bank.rotation,
+            position=bank.position,
+            angular_rate=bank.angular_rate,
+            velocity=bank.velocity,
+            covariance=bank.covariance,
             nis=nis,
             missed_sync=angles.missed_sync,
             rejected=angles.rejected,

@@ -12,6 +12,8 @@ from rich.text import Text
 
 PLAIN_EVERY_S = 5.0
 """Wall time between two plain lines."""
+KERNELS, COMPILES_FOR_S = 80, 15
+"""What a first run compiles, more or less, and how long that takes on a machine of 2023 that does nothing else."""
 WIDE = 76
 """Columns from which the bar spells its units out."""
 
@@ -40,7 +42,11 @@ class _Figures(ProgressColumn):
     def render(self, task: Task) -> Text:
         p: Progress | None = task.fields["figures"]
         if p is None:
-            return Text("starting; the first run compiles, ~15 s" if self._wide else "starting (compiles once)")
+            compiled: int | None = task.fields["compiled"]
+            if compiled is None:
+                return Text("starting")
+            done = f"{compiled} of some {KERNELS}"
+            return Text(f"compiling kernels, once, ~{COMPILES_FOR_S} s: {done}" if self._wide else f"compiling {done}")
         time_s = f"{p.time_s:.1f}/{p.duration_s:.1f} s"
         tracking = f"{p.tracking}/{p.craft} tracking"
         if not self._wide:
@@ -58,22 +64,39 @@ class ProgressDisplay:
         self._bar: RichProgress | None = None
         self._last_line = 0.0
         self._latest: Progress | None = None
+        self._compiling_since: float | None = None
+        self._compiled = 0
         if console.is_terminal and not console.is_dumb_terminal:
             wide = console.width >= WIDE
             columns: list[ProgressColumn] = [TextColumn("{task.description}", markup=False)] if wide else []
             columns += [BarColumn(None), _Figures(wide), *([TimeRemainingColumn(compact=True)] if wide else [])]
             self._bar = RichProgress(*columns, console=console, expand=True, refresh_per_second=5)
-            self._task = self._bar.add_task(title, total=None, figures=None)
+            self._task = self._bar.add_task(title, total=None, figures=None, compiled=None)
 
     def __enter__(self) -> "ProgressDisplay":
         if self._bar:
             self._bar.start()
         else:
-            self._line("starting; the first run on a machine compiles for about 15 s")
+            self._line("starting")
         return self
+
+    def compiling(self, done: int) -> None:
+        """Say that kernels are being compiled, `done` of them so far."""
+        self._compiled = done
+        if self._bar:
+            self._bar.update(self._task, compiled=done)
+        elif self._compiling_since is None:
+            self._line(f"compiling the kernels, once on this machine: about {COMPILES_FOR_S} s")
+        elif time.monotonic() - self._last_line >= PLAIN_EVERY_S:
+            self._line(f"compiling the kernels: {done} of some {KERNELS}")
+        if self._compiling_since is None:
+            self._compiling_since = time.monotonic()
 
     def __call__(self, progress: Progress) -> None:
         """Show how far the run is."""
+        if self._latest is None and self._compiling_since is not None:
+            took_s = time.monotonic() - self._compiling_since
+            self._line(f"{self._compiled} kernels compiled in {took_s:.0f} s; the next run finds them in the cache")
         if self._latest is None and progress.notice:
             self._line(progress.notice)
         self._latest = progress

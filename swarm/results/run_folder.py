@@ -107,7 +107,7 @@ class RunFolder:
             for name in (SCENARIO, FILE, RECORDING, *(f for m in (angles, lidar_scans) for f in (m.FILE, m.PARTIAL))):
                 (self.path / name).unlink(missing_ok=True)
             if parts.is_dir():
-                for file in [*parts.glob("part-*.parquet"), *parts.glob("part-*.tmp"), parts / "joined.tmp"]:
+                for file in [*parts.glob("part-*.arrow"), *parts.glob("part-*.tmp"), parts / "joined.tmp"]:
                     file.unlink(missing_ok=True)
                 if any(parts.iterdir()):
                     raise SwarmError(f"{parts} holds files that {PROGRAM} did not write; move them away")

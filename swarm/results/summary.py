@@ -27,9 +27,10 @@ import pyarrow as pa
 from scipy.special import gammaincinv
 
 from estimators.arrays import Bools, Floats, Ints
-from estimators.rotation import angle_between, log, matrix_from_quaternion, mean_rotation
+from estimators.rotation import angle_between, matrix_from_quaternion, mean_rotation
 from swarm.results.ccd_columns import CCD_STATES
 from swarm.results.lidar_scans import summarise_scans
+from swarm.results.rows import attitude_errors_into
 from swarm.results.telemetry import NAMES, SENSORS, STATUS, read_telemetry, telemetry_columns, values
 
 DOF = 6
@@ -140,8 +141,10 @@ class _Slope:
 
     def add(self, frame: Ints, error: Floats, rate: Floats) -> None:
         """Add rows: frame (n,) from zero, error (n, 3) and rate (n, 3)."""
-        np.add.at(self._product, frame, error * rate)
-        np.add.at(self._square, frame, rate**2)
+        for axis in range(3):
+            v = rate[:, axis]
+            self._product[:, axis] += np.bincount(frame, error[:, axis] * v, len(self._product))
+            self._square[:, axis] += np.bincount(frame, v * v, len(self._square))
         self._rows += len(frame)
 
     def solve(self) -> tuple[list[float | None], list[float | None], float | None]:
@@ -159,34 +162,37 @@ def _codes(table: pa.Table, name: str) -> Floats:
     """The codes of a dictionary column, NaN where null."""
     chunks = table.column(name).unify_dictionaries().chunks
     codes = [chunk.indices.to_numpy(zero_copy_only=False) for chunk in chunks] or [np.zeros(0)]
-    found = np.concatenate(codes).astype(np.float64)
-    return np.where(np.isnan(found), -1.0, found) if name == "observer" else found
+    return np.concatenate(codes).astype(np.float64)
 
 
 class _Rows:
-    """Telemetry columns as arrays, NaN where null, of all rows or of one craft's. load: gives one column's table."""
+    """Telemetry columns as arrays, NaN where null, of all rows or of one craft's, which are neighbours.
 
-    def __init__(self, load: Callable[[str], pa.Table], rows: Ints | slice = slice(None)) -> None:
-        self._load, self._rows = load, rows
+    load: gives one column's table. order: of the rows, one craft after the other. rows: first, and one past the last.
+    """
+
+    def __init__(self, load: Callable[[str], pa.Table], order: Ints, rows: tuple[int, int]) -> None:
+        self._load, self._order, self._rows = load, order, rows
         self._cache: dict[str, Floats] = {}
 
-    def of(self, rows: Ints | slice) -> "_Rows":
+    def of(self, first: int, past: int) -> "_Rows":
         """A part of the rows; the columns are loaded once for all parts."""
-        out = _Rows(self._load, rows)
+        out = _Rows(self._load, self._order, (first, past))
         out._cache = self._cache
         return out
 
     def blocks(self) -> "Iterator[_Rows]":
         """These rows in parts of bounded size."""
-        every = np.arange(len(self.frame)) if isinstance(self._rows, slice) else self._rows
-        for start in range(0, len(every), BLOCK):
-            yield self.of(every[start : start + BLOCK])
+        first, past = self._rows
+        for start in range(first, past, BLOCK):
+            yield self.of(start, min(start + BLOCK, past))
 
     def column(self, name: str) -> Floats:
         if name not in self._cache:
             table = self._load(name)
-            self._cache[name] = _codes(table, name) if name in ("craft", "observer", *NAMES) else values(table, name)
-        return self._cache[name][self._rows]
+            codes = name in ("craft", *NAMES)
+            self._cache[name] = (_codes(table, name) if codes else values(table, name))[self._order]
+        return self._cache[name][slice(*self._rows)]
 
     def columns(self, *names: str) -> Floats:
         return np.stack([self.column(name) for name in names], axis=1)
@@ -213,10 +219,10 @@ def _motion_bias(rows: _Rows) -> dict[str, Any]:
         error, at = (solution - truth)[known], part.frame[known] - first
         velocity = part.columns("true_vx_m_s", "true_vy_m_s", "true_vz_m_s")[known]
         rate = part.columns("true_wx_rad_s", "true_wy_rad_s", "true_wz_rad_s")[known]
-        true_rotation = matrix_from_quaternion(part.quaternion("true")[known])
-        turn = matrix_from_quaternion(part.quaternion("pnp")[known]) @ np.swapaxes(true_rotation, -1, -2)
+        turn = np.empty((len(at), 3))
+        attitude_errors_into(part.quaternion("true")[known], part.quaternion("pnp")[known], turn)
         position.add(at, error, velocity)
-        attitude.add(at, log(turn), rate)
+        attitude.add(at, turn, rate)
         speed = np.linalg.norm(velocity, axis=1)
         moves = speed > MIN_RATE
         along += float(np.sum(np.sum(error * velocity, axis=1)[moves] / speed[moves]))
@@ -344,28 +350,31 @@ def summarise_run(folder: Path) -> dict[str, Any]:
 
 def _summary(load: Callable[[str], pa.Table], columns: Sequence[str]) -> dict[str, Any]:
     kind = "peer_px_m" in columns, "ccd" in columns
-    everything = _Rows(load)
+    craft = load("craft")
+    codes = _codes(craft, "craft").astype(np.int64)
+    names = craft.column("craft").unify_dictionaries().chunk(0).dictionary.to_pylist() if len(codes) else []
+    # Craft that others observe come last: they are none of those that find themselves.
+    observed = (
+        np.isfinite(_codes(load("observer"), "observer")) if "observer" in columns else np.zeros(len(codes), bool)
+    )
+    ranks = codes + len(names) * observed
+    everything = _Rows(load, np.argsort(ranks, kind="stable"), (0, len(codes)))
     frame, time_s = everything.frame, everything.column("time_s")
     if not len(frame):
         return {"periods": 0, "duration_s": 0.0, "craft_count": 0, "swarm": None, "craft": {}, "notes": NOTES}
-    names = load("craft").column("craft").unify_dictionaries().chunk(0).dictionary.to_pylist()
-    codes = everything.column("craft").astype(np.int64)
-    # A craft that others observe is none of those that find themselves.
-    own = np.flatnonzero(everything.column("observer") < 0) if "observer" in columns else slice(None)
-    ends = np.cumsum(np.bincount(codes, minlength=len(names)))[:-1]
-    per_craft = np.split(np.argsort(codes, kind="stable"), ends)
+    past = np.cumsum(np.bincount(ranks)).tolist()
     span = int(frame.max() - frame.min())
     period_s = float(time_s.max() - time_s.min()) / span if span else 0.0
     return {
         "periods": len(np.unique(frame)),
         "duration_s": (span + 1) * period_s,
         "craft_count": len(names),
-        "swarm": _figures(everything.of(own), period_s, *kind),
+        "swarm": _figures(everything.of(0, len(codes) - int(np.count_nonzero(observed))), period_s, *kind),
         "craft": {
-            name: _figures(everything.of(rows), period_s, *kind)
-            | ({"observed": bool(everything.of(rows).column("observer")[0] >= 0)} if "observer" in columns else {})
-            for name, rows in zip(names, per_craft, strict=True)
-            if len(rows)
+            names[rank % len(names)]: _figures(everything.of(first, last), period_s, *kind)
+            | ({"observed": rank >= len(names)} if "observer" in columns else {})
+            for rank, (first, last) in enumerate(zip([0, *past], past, strict=False))
+            if last > first
         },
         "notes": NOTES,
     }

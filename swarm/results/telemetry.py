@@ -8,8 +8,8 @@ R_true = Exp([d]x) R_est and p_true = p_est + dp, and with the 6x6 pose part P o
 which has a mean of 6 where the filter is consistent. What is not known is null: never NaN, zero or a default pose.
 
 Rows gather in memory for about two seconds of flight and then become a part of the folder `telemetry.parquet.partial`,
-written under another name and renamed: whatever is there can be opened, however the run ended. `close` streams the
-parts into one `telemetry.parquet`. `read_telemetry` reads either form.
+an Arrow file, written under another name and renamed: whatever is there can be opened, however the run ended. `close`
+streams the parts into one `telemetry.parquet`. `read_telemetry` reads either form.
 """
 
 from collections.abc import Iterator, Sequence
@@ -22,13 +22,11 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from estimators.arrays import Bools, Floats, Ints
-from estimators.kernel import kernel
-from estimators.linear import cholesky_into
-from estimators.rotation import quaternion_from_matrix
 from swarm.errors import SwarmError
 from swarm.results import ccd_columns
 from swarm.results.ccd_columns import CCD_STATES, CcdFix
 from swarm.results.disk import writing
+from swarm.results.rows import rows_into
 
 if TYPE_CHECKING:
     from estimators.dop import Dilution
@@ -244,63 +242,6 @@ def column_reference() -> str:
     return "\n".join(lines) + "\n"
 
 
-@kernel
-def _compare_into(
-    true_quaternion: Floats,
-    true_position: Floats,
-    quaternion: Floats,
-    position: Floats,
-    covariance: Floats,
-    out: Floats,
-) -> None:
-    """Write distance [m], angle [rad] and NEES of C estimates, with covariances (C, 12, 12), into `out` (C, 3)."""
-    state = (0, 1, 2, 6, 7, 8)
-    pose, lower = np.empty((6, 6)), np.zeros((6, 6))
-    e = np.empty(6)
-    for c in range(len(out)):
-        # Exp([d]x) = R_true R_est^T as quaternions: q_true times the conjugate of q_est.
-        aw, ax, ay, az = true_quaternion[c]
-        bw, bx, by, bz = quaternion[c]
-        w = aw * bw + ax * bx + ay * by + az * bz
-        x = -aw * bx + ax * bw - ay * bz + az * by
-        y = -aw * by + ay * bw - az * bx + ax * bz
-        z = -aw * bz + az * bw - ax * by + ay * bx
-        sine = np.sqrt(x * x + y * y + z * z)
-        angle = 2 * np.arctan2(sine, abs(w))
-        scale = (angle / sine if sine > 0 else 2.0) * (-1 if w < 0 else 1)
-        e[0], e[1], e[2] = scale * x, scale * y, scale * z
-        for i in range(3):
-            e[3 + i] = true_position[c, i] - position[c, i]
-        out[c, 0] = np.sqrt(e[3] * e[3] + e[4] * e[4] + e[5] * e[5])
-        out[c, 1] = angle
-        for i in range(6):
-            for j in range(6):
-                pose[i, j] = covariance[c, state[i], state[j]]
-        out[c, 2] = np.nan
-        if cholesky_into(pose, lower):
-            nees = 0.0
-            for i in range(6):
-                for j in range(i):
-                    e[i] -= lower[i, j] * e[j]
-                e[i] /= lower[i, i]
-                nees += e[i] * e[i]
-            out[c, 2] = nees
-
-
-def _errors(truth: Truth | None, estimate: Estimate, pnp_quaternion: Floats, quaternion: Floats) -> Errors:
-    variance = np.diagonal(estimate.covariance, axis1=1, axis2=2)
-    attitude_sigma = np.degrees(np.sqrt(variance[:, 0:3].sum(axis=1)))
-    position_sigma = np.sqrt(variance[:, 6:9].sum(axis=1))
-    pnp, ekf = np.full((2, len(variance), 3), np.nan)
-    if truth is not None:
-        args = truth.quaternion, truth.position
-        _compare_into(*args, pnp_quaternion, estimate.pnp.position, np.full_like(estimate.covariance, np.nan), pnp)
-        _compare_into(*args, quaternion, estimate.position, estimate.covariance, ekf)
-    return Errors(
-        pnp[:, 0], np.degrees(pnp[:, 1]), ekf[:, 0], np.degrees(ekf[:, 1]), position_sigma, attitude_sigma, ekf[:, 2]
-    )
-
-
 _FLOATS = [field.name for field in schema(replay=True, ccd=True) if field.type == pa.float64()]
 _INTS = ["frame", "status", "sensor", "visible", "pnp_iterations", "missed_sync", "rejected_pulses", "contact"]
 _CCD_INTS = ["ccd", *(name for name, _, _ in ccd_columns.COUNTS)]
@@ -328,6 +269,9 @@ class Telemetry:
         self._capacity = periods * len(craft)
         self._floats = np.full((len(_FLOATS), self._capacity), np.nan)
         self._ints = np.zeros((len(_INTS) + len(_CCD_INTS), self._capacity), dtype=np.int64)
+        vector, quaternion = np.full((len(craft), 3), np.nan), np.full((len(craft), 4), np.nan)
+        self._no_truth = Truth(vector, quaternion, vector, vector, np.zeros(len(craft), dtype=np.bool_))
+        self._no_peer = Peer(vector, quaternion)
         self._rows = self._parts = 0
         with writing(folder / PARTS):
             (folder / PARTS).mkdir()
@@ -336,44 +280,36 @@ class Telemetry:
         self, time_s: float, frame: int, truth: Truth | None, estimate: Estimate, peer: Peer | None = None
     ) -> Errors:
         """Add one period of all craft (epoch `time_s` [s]) and return its errors. Raises SwarmError on a full disk."""
-        quaternion = quaternion_from_matrix(np.stack([estimate.pnp.rotation, estimate.rotation]))
-        errors = _errors(truth, estimate, quaternion[0], quaternion[1])
+        pnp, precision = estimate.pnp, estimate.dilution
+        true, other = self._no_truth if truth is None else truth, self._no_peer if peer is None else peer
+        errors, flat = np.empty((len(Errors._fields), len(self._craft))), np.ascontiguousarray
+        rows_into(
+            time_s,
+            flat(true.position),
+            flat(true.quaternion),
+            flat(true.velocity),
+            flat(true.angular_rate),
+            flat(pnp.rotation),
+            flat(pnp.position),
+            flat(estimate.rotation),
+            flat(estimate.position),
+            flat(estimate.velocity),
+            flat(estimate.angular_rate),
+            flat(estimate.covariance),
+            flat(precision.adop_deg_per_rad),
+            flat(precision.pdop_m_per_rad),
+            flat(pnp.residual_rad),
+            flat(estimate.nis),
+            flat(other.position),
+            flat(other.quaternion),
+            errors,
+            self._floats,
+            self._rows,
+        )
         at = slice(self._rows, self._rows + len(self._craft))
-        missing = np.full((len(self._craft), 7), np.nan)
-        ccd, no_ccd = estimate.ccd, np.full((len(self._craft), len(ccd_columns.FLOATS)), np.nan)
-        true_pose = (missing[:, :3], missing[:, :4]) if truth is None else (truth.position, truth.quaternion)
-
-        def pose(of: Truth | Peer | None) -> Floats:
-            if of is None:
-                return missing
-            return np.concatenate([of.position, np.where(of.quaternion[:, :1] < 0, -1, 1) * of.quaternion], axis=1)
-
-        self._floats[:, at] = np.concatenate(
-            [
-                np.full((len(self._craft), 1), time_s),
-                pose(truth),
-                estimate.pnp.position,
-                quaternion[0],
-                estimate.position,
-                quaternion[1],
-                np.stack(
-                    [
-                        estimate.dilution.adop_deg_per_rad,
-                        estimate.dilution.pdop_m_per_rad,
-                        estimate.pnp.residual_rad,
-                        *errors,
-                        estimate.nis,
-                    ],
-                    axis=1,
-                ),
-                missing[:, :6] if truth is None else np.concatenate([truth.velocity, truth.angular_rate], axis=1),
-                estimate.velocity,
-                estimate.angular_rate,
-                pose(peer),
-                no_ccd if ccd is None else ccd_columns.floats(ccd, *true_pose),
-            ],
-            axis=1,
-        ).T
+        ccd = estimate.ccd
+        if ccd is not None:
+            self._floats[-len(ccd_columns.FLOATS) :, at] = ccd_columns.floats(ccd, true.position, true.quaternion).T
         contact = -1 if truth is None else truth.contact
         e = estimate
         counts = (frame, e.status, e.sensor, e.visible, e.pnp.iterations, e.missed_sync, e.rejected, contact)
@@ -383,7 +319,7 @@ class Telemetry:
         self._rows += len(self._craft)
         if self._rows == self._capacity:
             self._flush()
-        return errors
+        return Errors(*errors)
 
     def _table(self) -> pa.Table:
         rows = self._rows
@@ -411,22 +347,17 @@ class Telemetry:
                 columns.append(pa.array(value.astype(field.type.to_pandas_dtype()), field.type, mask=null))
             else:
                 value = floats[field.name][:rows]
-                columns.append(pa.array(value, field.type, mask=~np.isfinite(value)))
+                columns.append(_nullable(value))
         return pa.Table.from_arrays(columns, schema=self._schema)
 
     def _flush(self) -> None:
         if not self._rows:
             return
-        part = self._folder / PARTS / f"part-{self._parts:05d}.parquet"
+        part = self._folder / PARTS / f"part-{self._parts:05d}.arrow"
         temporary = part.with_suffix(".tmp")
         with writing(part):
-            pq.write_table(
-                self._table(),
-                temporary,
-                compression="none",
-                use_dictionary=[name for name in ("craft", *NAMES) if name in self._schema.names],
-                write_statistics=False,
-            )
+            with pa.OSFile(str(temporary), "wb") as file, pa.ipc.new_file(file, self._schema) as writer:
+                writer.write_table(self._table())
             temporary.replace(part)
         self._parts += 1
         self._rows = 0
@@ -443,7 +374,7 @@ class Telemetry:
                 temporary,
                 self._schema,
                 compression="snappy",
-                use_dictionary=[name for name in ("craft", *NAMES) if name in self._schema.names],
+                use_dictionary=[name for name in ("craft", "observer", *NAMES) if name in self._schema.names],
                 use_byte_stream_split=doubles,
                 write_statistics=["time_s", "frame"],
             ) as writer,
@@ -457,15 +388,32 @@ class Telemetry:
             folder.rmdir()
 
 
+def _nullable(value: Floats) -> pa.Array:
+    """Doubles (n,) as an array that shares their memory, null where they are not finite."""
+    finite = np.isfinite(value)
+    if finite.all():
+        return pa.Array.from_buffers(pa.float64(), len(value), [None, pa.py_buffer(value)], null_count=0)
+    valid = pa.py_buffer(np.packbits(finite, bitorder="little"))
+    return pa.Array.from_buffers(pa.float64(), len(value), [valid, pa.py_buffer(value)])
+
+
 def _part_files(folder: Path) -> list[Path]:
-    return sorted((folder / PARTS).glob("part-*.parquet"))
+    return sorted((folder / PARTS).glob("part-*.arrow"))
+
+
+def _read_part(part: Path, columns: Sequence[str] | None = None) -> pa.Table:
+    with pa.OSFile(str(part), "rb") as file:
+        names = pa.ipc.open_file(file).schema.names
+        wanted = None if columns is None else [names.index(name) for name in columns]
+        table = pa.ipc.open_file(file, options=pa.ipc.IpcReadOptions(included_fields=wanted)).read_all()
+    return table if columns is None else table.select(columns)
 
 
 def _groups(parts: list[Path]) -> Iterator[pa.Table]:
     """Tables of about one row group each, from parts that may be much smaller."""
     waiting: list[pa.Table] = []
     for part in parts:
-        waiting.append(pq.read_table(part))
+        waiting.append(_read_part(part))
         if sum(len(table) for table in waiting) >= ROWS_PER_GROUP:
             yield pa.concat_tables(waiting)
             waiting = []
@@ -483,7 +431,7 @@ def read_telemetry(folder: Path, columns: Sequence[str] | None = None) -> pa.Tab
         if file.exists():
             return pq.read_table(file, columns=columns)
         if parts:
-            return pa.concat_tables([pq.read_table(part, columns=columns) for part in parts])
+            return pa.concat_tables([_read_part(part, columns) for part in parts])
     except (OSError, pa.ArrowException) as error:
         raise SwarmError(f"cannot read the telemetry in {folder}: {error}") from error
     empty = schema().empty_table()
@@ -493,8 +441,12 @@ def read_telemetry(folder: Path, columns: Sequence[str] | None = None) -> pa.Tab
 def telemetry_columns(folder: Path) -> list[str]:
     """The columns that the run in `folder` has."""
     file, parts = folder / FILE, _part_files(folder)
-    first = file if file.exists() else parts[0] if parts else None
-    names: list[str] = schema().names if first is None else pq.read_schema(first).names
+    names: list[str] = schema().names
+    if file.exists():
+        names = pq.read_schema(file).names
+    elif parts:
+        with pa.OSFile(str(parts[0]), "rb") as part:
+            names = pa.ipc.open_file(part).schema.names
     return names
 
 

@@ -169,7 +169,11 @@ class Lighthouse(Table):
 class Navigation(Table):
     """What every craft computes on board."""
 
-    filter: Literal["filterpy"] = Field(default="filterpy", description="The extended Kalman filter that runs.")
+    filter: Literal["auto", "filterpy", "compiled"] = Field(
+        default="auto",
+        description="The extended Kalman filter that runs: filterpy's, or one compiled for large swarms with the same "
+        "numbers; auto: filterpy up to 64 craft, compiled beyond.",
+    )
     motion_compensation: bool = Field(
         default=True,
         description="Refer every angle to its own instant; false: one period is one instant, as the paper does.",

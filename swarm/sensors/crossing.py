@@ -1,11 +1,14 @@
 """Kernels of the lighthouse: the instant at which a turning fan hits a moving photodiode, and the pulses in order.
 
 Lighthouse frame. Instants are seconds after the start of the period. Between two knots a craft moves as in MuJoCo: its
-origin along a straight line, its attitude at constant rate (slerp). The crossing is the root of
+origin along a straight line, its attitude at constant rate, R(t) = Exp([w_c]x (t - t_j)) R_j. The crossing is the root
+of
 
     g(t) = pi/2 + measured_angle(p(t)) + error - w (t - t_0)
 
-found by secant steps, the first with the rotor's own slope -w, within a bracket that the steps may not leave.
+found by Newton steps, with the slope of a fan without systematic errors, within a bracket that the steps may not leave.
+They start at the crossing of the craft's photodiode before, some microseconds away: of a perfect fan, whose slope is
+exact, the first step's own error is then below the limit already.
 """
 
 import numpy as np
@@ -13,6 +16,7 @@ from numpy.typing import NDArray
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
+from estimators.rotation import sine_cosine
 from estimators.sweep import measured_angle
 
 CONVERGED_S = 1e-13
@@ -20,41 +24,43 @@ CONVERGED_S = 1e-13
 _ROUNDS = 60
 
 
-@kernel
-def rotate(q: Floats, v: Floats, out: Floats) -> None:
-    """Write R(q) v into `out` (3,): quaternion (4,) wxyz, vector (3,)."""
-    # t = 2 u x v; R v = v + w t + u x t, with u the vector part.
-    tx = 2 * (q[2] * v[2] - q[3] * v[1])
-    ty = 2 * (q[3] * v[0] - q[1] * v[2])
-    tz = 2 * (q[1] * v[1] - q[2] * v[0])
-    out[0] = v[0] + q[0] * tx + q[2] * tz - q[3] * ty
-    out[1] = v[1] + q[0] * ty + q[3] * tx - q[1] * tz
-    out[2] = v[2] + q[0] * tz + q[1] * ty - q[2] * tx
+_POSITION, _VELOCITY, _RATE, _ROTATION, _SEGMENT = 0, 3, 6, 9, 18
+"""Where a segment has them: the motion of one craft between two knots, its pose at the first and its constant rates."""
 
 
 @kernel
-def interpolate(
-    t: float, knot: Floats, position: Floats, quaternion: Floats, craft: int, origin: Floats, q: Floats
-) -> None:
-    """Write one craft's pose at instant `t` into `origin` (3,) and `q` (4,) wxyz, from knots (n + 1, C, ...)."""
-    j = 0
-    while j < len(knot) - 2 and t >= knot[j + 1]:
-        j += 1
-    s = (t - knot[j]) / (knot[j + 1] - knot[j])
+def _segment_into(a: Floats, b: Floats, from_m: Floats, to_m: Floats, step: float, out: Floats) -> None:
+    """Write the motion from quaternion a (4,), position from_m (3,) to b, to_m within `step` [s] into `out` (18,)."""
+    # b = d a, so d = b a*; q and -q are the same attitude: take the shorter way round.
+    w = b[0] * a[0] + b[1] * a[1] + b[2] * a[2] + b[3] * a[3]
+    x = -b[0] * a[1] + b[1] * a[0] - b[2] * a[3] + b[3] * a[2]
+    y = -b[0] * a[2] + b[1] * a[3] + b[2] * a[0] - b[3] * a[1]
+    z = -b[0] * a[3] - b[1] * a[2] + b[2] * a[1] + b[3] * a[0]
+    sine = np.sqrt(x * x + y * y + z * z)
+    # asin(s)/s = 1 + s^2/6: the next term is below rounding at s = 1e-4.
+    half = np.arctan2(sine, abs(w)) / sine if sine > 1e-4 else 1 + sine * sine / 6
+    scale = 2 * half / step if w >= 0 else -2 * half / step
+    out[6], out[7], out[8] = scale * x, scale * y, scale * z
+    q0, q1, q2, q3 = a[0], a[1], a[2], a[3]
+    out[9], out[10], out[11] = 1 - 2 * (q2 * q2 + q3 * q3), 2 * (q1 * q2 - q0 * q3), 2 * (q1 * q3 + q0 * q2)
+    out[12], out[13], out[14] = 2 * (q1 * q2 + q0 * q3), 1 - 2 * (q1 * q1 + q3 * q3), 2 * (q2 * q3 - q0 * q1)
+    out[15], out[16], out[17] = 2 * (q1 * q3 - q0 * q2), 2 * (q2 * q3 + q0 * q1), 1 - 2 * (q1 * q1 + q2 * q2)
     for i in range(3):
-        origin[i] = (1 - s) * position[j, craft, i] + s * position[j + 1, craft, i]
-    cosine = 0.0
-    for i in range(4):
-        cosine += quaternion[j, craft, i] * quaternion[j + 1, craft, i]
-    # q and -q are the same attitude: take the shorter way round.
-    sign = -1.0 if cosine < 0 else 1.0
-    angle = np.arccos(min(abs(cosine), 1.0))
-    before, after = 1 - s, s
-    # Below a microradian a chord and an arc differ by less than 1e-12 of it.
-    if angle > 1e-6:
-        before, after = np.sin((1 - s) * angle) / np.sin(angle), np.sin(s * angle) / np.sin(angle)
-    for i in range(4):
-        q[i] = before * quaternion[j, craft, i] + sign * after * quaternion[j + 1, craft, i]
+        out[i] = from_m[i]
+        out[3 + i] = (to_m[i] - from_m[i]) / step
+
+
+@kernel
+def _turned(a: float, b: float, c: float, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Exp([(a, b, c)]x) (x, y, z)."""
+    sine, cosine = sine_cosine(a * a + b * b + c * c)
+    # v + sin(.)/(.) w x v + (1 - cos(.))/(.)^2 w x (w x v)
+    u0, u1, u2 = b * z - c * y, c * x - a * z, a * y - b * x
+    return (
+        x + sine * u0 + cosine * (b * u2 - c * u1),
+        y + sine * u1 + cosine * (c * u0 - a * u2),
+        z + sine * u2 + cosine * (a * u1 - b * u0),
+    )
 
 
 @kernel
@@ -77,45 +83,102 @@ def cross_into(
     knot (n + 1,) [s]; position (n + 1, C, 3); quaternion (n + 1, C, 4); point, normal (C, K, 3) in the body frame; lit,
     error [rad] (C, K, 2); fan_errors of `kernel_errors`; period [s]; diameter of a photodiode's face [m].
     """
+    intervals = len(knot) - 1
+    ready, segment = np.zeros(intervals, np.bool_), np.empty((intervals, _SEGMENT))
     w = 2 * np.pi / period
-    origin, q, p, n = np.empty(3), np.empty(4), np.empty(3), np.empty(3)
+    perfect = not np.any(fan_errors)
     for c in range(lit.shape[0]):
-        for k in range(lit.shape[1]):
-            for fan in range(2):
+        ready[:] = False
+        for fan in range(2):
+            start = fan * period / 2
+            guess, warm = start + period / 4, False
+            last_across = last_ahead = last_error = 0.0
+            for k in range(lit.shape[1]):
                 instant[c, k, fan] = width[c, k, fan] = np.nan
                 if not lit[c, k, fan]:
                     continue
-                start = fan * period / 2
+                px, py, pz = point[c, k, 0], point[c, k, 1], point[c, k, 2]
                 low, high = start, start + period / 2
-                t = start + period / 4
-                last_t, last_g = t, 0.0
+                t, found, j = guess, False, 0
+                across = ahead = 1.0
                 for r in range(_ROUNDS):
-                    interpolate(t, knot, position, quaternion, c, origin, q)
-                    rotate(q, point[c, k], p)
-                    for i in range(3):
-                        p[i] += origin[i]
-                    angle = np.pi / 2 + measured_angle(p[0], p[1], p[2], fan, fan_errors)
-                    g = angle + error[c, k, fan] - w * (t - start)
+                    j = 0
+                    while j < intervals - 1 and t >= knot[j + 1]:
+                        j += 1
+                    if not ready[j]:
+                        pose = quaternion[j, c], quaternion[j + 1, c], position[j, c], position[j + 1, c]
+                        _segment_into(*pose, knot[j + 1] - knot[j], segment[j])
+                        ready[j] = True
+                    s = t - knot[j]
+                    a, b, d = segment[j, 6], segment[j, 7], segment[j, 8]
+                    x, y, z = _turned(
+                        a * s,
+                        b * s,
+                        d * s,
+                        segment[j, 9] * px + segment[j, 10] * py + segment[j, 11] * pz,
+                        segment[j, 12] * px + segment[j, 13] * py + segment[j, 14] * pz,
+                        segment[j, 15] * px + segment[j, 16] * py + segment[j, 17] * pz,
+                    )
+                    # The point's velocity, along the fan's motion and ahead.
+                    along = segment[j, 3 + fan] + (b * z - d * y if fan == 0 else d * x - a * z)
+                    closing = segment[j, 5] + a * y - b * x
+                    x += segment[j, 0] + segment[j, 3] * s
+                    y += segment[j, 1] + segment[j, 4] * s
+                    z += segment[j, 2] + segment[j, 5] * s
+                    across, ahead = x if fan == 0 else y, z
+                    # Where the photodiode before was hit, its direction, the fan's, is known: only the angle from it is
+                    # not, a small one, of which four terms of the arc tangent leave 2e-15 rad at 0.03 rad.
+                    turn = 1.0
+                    if r == 0 and warm:
+                        turn = (across * last_ahead - z * last_across) / (across * last_across + z * last_ahead)
+                    if abs(turn) < 0.03:
+                        square = turn * turn
+                        g = (
+                            error[c, k, fan]
+                            - last_error
+                            - turn * (1 - square * (1 / 3 - square * (1 / 5 - square / 7)))
+                        )
+                    else:
+                        angle = measured_angle(x, y, z, fan, fan_errors)
+                        g = np.pi / 2 + angle + error[c, k, fan] - w * (t - start)
                     if abs(g) <= w * CONVERGED_S:
-                        instant[c, k, fan] = t
+                        found = True
                         break
                     if g > 0:
                         low = t
                     else:
                         high = t
-                    slope = -w if r == 0 else (g - last_g) / (t - last_t)
-                    last_t, last_g = t, g
-                    t -= g / slope
+                    over = 1 / (across * across + z * z)
+                    step = -g / ((across * closing - along * z) * over - w)
+                    t += step
+                    # What the angle's second derivative leaves of g, times 2: at most 2 (speed / distance)^2 from the
+                    # point's velocity, and |w_c|^2 r / distance from its acceleration; x <= (1 + x^2) / 2.
+                    bend = 2 * (along * along + closing * closing) * over
+                    bend += (a * a + b * b + d * d) * (1 + (px * px + py * py + pz * pz) * over) / 2
+                    stays = low < t < high and knot[j] <= t < knot[j + 1]
+                    if perfect and stays and bend * step * step < w * CONVERGED_S:
+                        across, ahead, found = across + along * step, ahead + closing * step, True
+                        break
                     # Also where g or the step is NaN: the loop then ends without an answer.
                     if not (low < t < high):
                         t = (low + high) / 2
-                if np.isnan(instant[c, k, fan]):
+                if not found:
                     continue
+                instant[c, k, fan] = guess = t
+                last_across, last_ahead, last_error, warm = across, ahead, error[c, k, fan], perfect
                 # The fan's own direction of motion at p; a disc's extent along it is its diameter foreshortened.
-                rotate(q, normal[c, k], n)
-                axis_distance = np.sqrt(p[fan] * p[fan] + p[2] * p[2])
-                along = (n[fan] * p[2] - n[2] * p[fan]) / axis_distance
-                width[c, k, fan] = diameter * np.sqrt(max(0.0, 1 - along * along)) / axis_distance / w
+                s, nx, ny, nz = t - knot[j], normal[c, k, 0], normal[c, k, 1], normal[c, k, 2]
+                x, y, z = _turned(
+                    segment[j, 6] * s,
+                    segment[j, 7] * s,
+                    segment[j, 8] * s,
+                    segment[j, 9] * nx + segment[j, 10] * ny + segment[j, 11] * nz,
+                    segment[j, 12] * nx + segment[j, 13] * ny + segment[j, 14] * nz,
+                    segment[j, 15] * nx + segment[j, 16] * ny + segment[j, 17] * nz,
+                )
+                square = across * across + ahead * ahead
+                slant = (x if fan == 0 else y) * ahead - z * across
+                width[c, k, fan] = diameter * np.sqrt(max(0.0, square - slant * slant)) / square / w
 
 
 @kernel

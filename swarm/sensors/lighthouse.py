@@ -155,8 +155,9 @@ class Lighthouse:
         draws, i = self._drawn(frame)
         period = 1 / settings.rate_hz
         rho, noise = settings.rotor_correlation, settings.angle_noise_rad
-        angle_error = noise * (np.sqrt(rho) * draws.rotor[i] + np.sqrt(1 - rho) * draws.angle[i])
-        instant, width = np.full(shape, np.nan), np.full(shape, np.nan)
+        angle_error = (noise * np.sqrt(1 - rho)) * draws.angle[i]
+        angle_error += (noise * np.sqrt(rho)) * draws.rotor[i]
+        instant, width = np.empty(shape), np.empty(shape)
         cross_into(
             np.ascontiguousarray(truth.time_s - truth.time_s[0]),
             np.ascontiguousarray(truth.position),
@@ -224,7 +225,9 @@ class Lighthouse:
         stray = []
         for i, key in enumerate(self._keys):
             own = (BLOCK, int(self._count[i]), 2)
-            angle[:, i, present[i]] = self._stream(Purpose.ANGLE, key, block).standard_normal(own)
+            # Photodiodes come before the padding, and a slice is quicker than a mask.
+            which = slice(own[1]) if present[i, : own[1]].all() else present[i]
+            angle[:, i, which] = self._stream(Purpose.ANGLE, key, block).standard_normal(own)
             if settings.missed_sync_probability > 0:
                 chance = self._stream(Purpose.MISSED, key, block).random((BLOCK, 2))
                 missed[:, i] = chance < settings.missed_sync_probability

@@ -11,6 +11,9 @@ n is lit when
 The ray meets the surfaces that MuJoCo's own `mj_ray` meets: meshes by their triangles (not their convex hull), every
 geom that is not fully transparent, of every body but the lighthouse's. The millimetre is the photodiode's thickness: a
 photodiode stands on a surface, which would else shade it by a rounding error, and may be drawn by a geom that thick.
+
+All rays start at one point, so a grid of directions (`broad_phase`) tells which craft could stand in a ray, and a test
+in closed form (`hits`) whether a convex geom of theirs does. Of geoms that are not convex, MuJoCo's own ray decides.
 """
 
 from collections.abc import Sequence
@@ -22,11 +25,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.arrays import Bools, Floats, Ints
-from estimators.rotation import matrix_from_quaternion
 from swarm.layout import Photodiodes
+from swarm.sensors.broad_phase import MOST_CELLS, Placed, place_into, sort_into_cells
+from swarm.sensors.hits import HULL
+from swarm.sensors.line_of_sight import sight_into
+from swarm.sensors.solids import Solids, read_solids
 
 THICKNESS_M = 1e-3
 """A surface that is nearer than the photodiode by less than this does not shade it [m]."""
+
+WIDEST_HALF_FIELD_RAD = 1.57
+"""Just below pi/2: the field is a rectangle on the plane z = 1."""
 
 
 class Sight(IntEnum):
@@ -53,7 +62,7 @@ class Limits(Protocol):
 
 
 class Visibility:
-    """Casts the lighthouse's rays in its own `MjData`; the world's state is not touched.
+    """Casts the lighthouse's rays; neither the world's state nor the model is touched.
 
     A photodiode that lies more than a millimetre inside its craft is dark: give the drawn layout, on the surface. The
     mounting error shifts the photodiode against its drawing, but not into the craft.
@@ -73,16 +82,29 @@ class Visibility:
         geoms on bodies below its own (a ray leaves out one body only).
         """
         self._model = model
-        self._data = mujoco.MjData(model)
         self._photodiodes = photodiodes
         self._lighthouse_body = lighthouse_body
         self._limits = limits
         self._address = np.array([_free_joint_address(model, int(body)) for body in craft_bodies], dtype=np.int64)
-        if len(self._address) != photodiodes.craft_count:
-            raise ValueError(f"{len(self._address)} craft bodies, but layouts of {photodiodes.craft_count} craft")
+        craft = len(self._address)
+        if craft != photodiodes.craft_count:
+            raise ValueError(f"{craft} craft bodies, but layouts of {photodiodes.craft_count} craft")
         for body in range(lighthouse_body + 1, model.nbody):
             if model.body_geomnum[body] > 0 and _is_part_of(model, body, lighthouse_body):
                 raise ValueError(f"body {model.body(body).name!r} would shade the lighthouse that it belongs to")
+        self._solids, self._geoms = read_solids(model, craft_bodies, lighthouse_body)
+        self._likely = _likely_planes(self._solids, photodiodes)
+        # The scene, owner number C, never moves.
+        self._placed = Placed(np.tile(np.eye(3), (craft + 1, 1, 1)), *(np.zeros((craft + 1, 3)) for _ in range(3)))
+        self._side = min(4 * int(np.ceil(np.sqrt(craft))) + 4, MOST_CELLS)
+        self._unsure = np.empty((64, 3), dtype=np.int64)
+        self._data: mujoco.MjData | None = None
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Craft and photodiodes (C, K)."""
+        craft, photodiodes = self._photodiodes.present.shape
+        return craft, photodiodes
 
     def lit(self, position: Floats, quaternion: Floats) -> Bools:
         """Which photodiodes (C, K) are lit with the craft at `position` (C, 3) [m], `quaternion` (C, 4) wxyz."""
@@ -94,17 +116,39 @@ class Visibility:
         craft = len(self._address)
         if position.shape != (craft, 3) or quaternion.shape != (craft, 4):
             raise ValueError(f"poses of {craft} craft needed, not {position.shape}, {quaternion.shape}")
-        rotation = matrix_from_quaternion(quaternion)
-        layout = self._photodiodes
-        point = np.einsum("cij,ckj->cki", rotation, layout.point_m) + position[:, None, :]
-        normal = np.einsum("cij,ckj->cki", rotation, layout.normal)
-        within = layout.present & self._within_reach(point, normal)
-        out = np.full(within.shape, Sight.OUTSIDE, dtype=np.int8)
-        if np.any(within):
-            self._place(position, quaternion)
-            blocked = self._blocked(point[within], np.zeros(3), self._lighthouse_body)
-            out[within] = np.where(blocked, Sight.BLOCKED, Sight.LIT)
+        limits, solids, placed = self._limits, self._solids, self._placed
+        pose = np.ascontiguousarray(position), np.ascontiguousarray(quaternion)
+        place_into(*pose, solids.shape, solids.shape_centre, placed)
+        half_width = float(np.tan(min(limits.field_rad / 2, WIDEST_HALF_FIELD_RAD)))
+        grid = sort_into_cells(placed, solids.shape, solids.shape_radius, self._side, half_width)
+        light = limits.range_min_m, limits.range_max_m, float(np.cos(limits.incidence_max_rad)), THICKNESS_M
+        out = np.empty(self._photodiodes.present.shape, dtype=np.int8)
+        while True:
+            count = sight_into(*self._photodiodes, placed, solids, grid, *light, self._likely, out, self._unsure)
+            if count <= len(self._unsure):
+                break
+            self._unsure = np.empty((2 * count, 3), dtype=np.int64)
+        if count:
+            self._ask_mujoco(position, quaternion, self._unsure[:count], out)
         return out
+
+    def _ask_mujoco(self, position: Floats, quaternion: Floats, unsure: Ints, out: NDArray[np.int8]) -> None:
+        """Let MuJoCo's rays decide of the rays (craft, photodiode) that may meet a geom, (n, 3), that is not convex."""
+        model, data, start = self._model, self._placed_data(position, quaternion), np.zeros(3)
+        for c, k, number in unsure:
+            if out[c, k] == Sight.BLOCKED:
+                continue
+            point = self._placed.rotation[c] @ self._photodiodes.point_m[c, k] + position[c]
+            distance = float(np.linalg.norm(point))
+            geom, ray = int(self._geoms[number]), point / distance
+            if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
+                hit = mujoco.mj_rayMesh(model, data, geom, start, ray)
+            elif model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_HFIELD:
+                hit = mujoco.mj_rayHfield(model, data, geom, start, ray)
+            else:
+                hit = mujoco.mj_ray(model, data, start, ray, None, True, self._lighthouse_body, None)
+            if 0 <= hit < distance - THICKNESS_M:
+                out[c, k] = Sight.BLOCKED
 
     def blocked(self, origin: Floats, point: Floats, position: Floats, quaternion: Floats) -> Bools:
         """Whether something stands between `origin` (3,) [m], a camera, and each of the points (N, 3) [m].
@@ -112,28 +156,6 @@ class Visibility:
         The craft are at `position` (C, 3), `quaternion` (C, 4). The camera's own craft blocks too: a pinhole stands
         clear of its surface.
         """
-        self._place(position, quaternion)
-        return self._blocked(point, origin, -1)
-
-    def _within_reach(self, point: Floats, normal: Floats) -> Bools:
-        limits = self._limits
-        x, y, z = point[..., 0], point[..., 1], point[..., 2]
-        half = limits.field_rad / 2
-        distance = np.linalg.norm(point, axis=-1)
-        facing = -np.sum(normal * point, axis=-1) >= np.cos(limits.incidence_max_rad) * distance
-        in_range = (distance >= limits.range_min_m) & (distance <= limits.range_max_m)
-        in_field = (z > 0) & (np.abs(np.arctan2(x, z)) <= half) & (np.abs(np.arctan2(y, z)) <= half)
-        within: Bools = in_field & in_range & facing
-        return within
-
-    def _place(self, position: Floats, quaternion: Floats) -> None:
-        """Move every craft's geoms; the rest of the scene stays where the model has it."""
-        self._data.qpos[self._address[:, None] + np.arange(3)] = position
-        self._data.qpos[self._address[:, None] + np.arange(3, 7)] = quaternion
-        mujoco.mj_kinematics(self._model, self._data)
-
-    def _blocked(self, point: Floats, origin: Floats, ignored_body: int) -> Bools:
-        """Whether something but `ignored_body` stands between `origin` (3,) [m] and each of the points (N, 3) [m]."""
         ray = point - origin
         distance = np.linalg.norm(ray, axis=-1)
         count = len(point)
@@ -141,21 +163,45 @@ class Visibility:
         hit = np.empty(count)
         mujoco.mj_multiRay(
             self._model,
-            self._data,
+            self._placed_data(position, quaternion),
             pnt=origin,
             vec=np.ascontiguousarray(ray / distance[:, None]).ravel(),
             geomgroup=None,
             flg_static=True,
-            bodyexclude=ignored_body,
+            bodyexclude=-1,
             geomid=geom,
             dist=hit,
             normal=None,
             nray=count,
-            # What stands farther than the farthest photodiode cannot shade any.
+            # What stands farther than the farthest point cannot shade any.
             cutoff=float(distance.max()),
         )
-        blocked: Bools = (hit >= 0) & (hit < distance - THICKNESS_M)
-        return blocked
+        hidden: Bools = (hit >= 0) & (hit < distance - THICKNESS_M)
+        return hidden
+
+    def _placed_data(self, position: Floats, quaternion: Floats) -> mujoco.MjData:
+        """The rays' own `MjData` with every craft's geoms moved; the rest of the scene stays where the model has it."""
+        if self._data is None:
+            self._data = mujoco.MjData(self._model)
+        self._data.qpos[self._address[:, None] + np.arange(3)] = position
+        self._data.qpos[self._address[:, None] + np.arange(3, 7)] = quaternion
+        mujoco.mj_kinematics(self._model, self._data)
+        return self._data
+
+
+def _likely_planes(solids: Solids, photodiodes: Photodiodes) -> Ints:
+    """For every photodiode (C, K) the plane of its own craft's hulls that it is farthest outside of; -1 for none."""
+    out = np.full(photodiodes.present.shape, -1, dtype=np.int64)
+    for shape in range(len(solids.first) - 1):
+        hulls = range(int(solids.first[shape]), int(solids.first[shape + 1]))
+        planes = [np.arange(*solids.planes[m]) for m in hulls if solids.kind[m] == HULL]
+        if not planes:
+            continue
+        number = np.concatenate(planes)
+        for c in np.flatnonzero(solids.shape[:-1] == shape):
+            height = photodiodes.point_m[c] @ solids.plane[number, :3].T + solids.plane[number, 3]
+            out[c] = number[np.argmax(height, axis=1)]
+    return out
 
 
 def _free_joint_address(model: mujoco.MjModel, body: int) -> int:

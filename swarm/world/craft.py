@@ -53,7 +53,7 @@ class CraftModel(NamedTuple):
     """What a model file says. inertia: (3, 3) [kg m^2] in the body frame about the centre of mass at com_m (3,).
 
     point_m (K, 3) [m] and normal (K, 3) in the body frame, in the order of the sites' numbers. spec: one rigid root
-    body with a free joint; copied, never moved, by whoever attaches it.
+    body with a free joint, without sites; copied, never moved, by whoever attaches it.
     """
 
     path: Path
@@ -76,6 +76,9 @@ def _load_version(path: Path, modified_ns: int) -> CraftModel:
     spec, model = rigid(path)
     sites = photodiode_sites(model)
     turn = matrix_from_quaternion(model.body_iquat[1])
+    # Read, the sites have done their duty: MuJoCo would place every one of them at every step.
+    for site in list(spec.sites):
+        spec.delete(site)
     return CraftModel(
         path,
         spec,

@@ -17,17 +17,18 @@ import mujoco
 import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
-from estimators.rotation import matrix_from_quaternion, quaternion_multiply
+from estimators.kernel import kernel
+from estimators.rotation import matrix_from_quaternion
 from swarm import layout
 from swarm.errors import SwarmError
-from swarm.world.craft import CraftModel, FilePose, Visual, load_craft, load_static, quiet
+from swarm.world.assembly import LIGHTHOUSE, Placement, assemble
+from swarm.world.craft import Visual, load_craft, quiet
+from swarm.world.nearby import Neighbourhood
 
-LIGHTHOUSE = "lighthouse"
-"""The lighthouse's prefix in the MuJoCo model; no craft may have this name."""
-BATCH = 32
-"""Attaching costs time in proportion to what the parent holds already: craft are attached in batches of this size."""
 LARGEST = 1e6
 """A coordinate [m], velocity [m/s] or rate [rad/s] beyond this is a simulation that has blown up."""
+
+NO_CONTACT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
 
 
 class CraftStart(NamedTuple):
@@ -84,13 +85,18 @@ class World:
         quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
         velocity, rate = _table([s.velocity for s in craft], 3), _table([s.angular_rate for s in craft], 3)
         timestep_s = 1 / (rate_hz * steps_per_period)
-        self.model = _compile(self.names, self._models, position, quaternion, lighthouse, timestep_s)
+        placements = [
+            Placement(name, model.spec, model.file_pose, position[i], quaternion[i])
+            for i, (name, model) in enumerate(zip(self.names, self._models, strict=True))
+        ]
+        self.model = assemble(placements, lighthouse, timestep_s)
         self._data = mujoco.MjData(self.model)
 
         self.lighthouse_body = 1
         self.craft_bodies: Ints = self.model.jnt_bodyid.astype(np.int64)
         self._craft_of_geom = np.searchsorted(self.craft_bodies, self.model.geom_bodyid)
         self._craft_of_geom[self.model.geom_bodyid == self.lighthouse_body] = -1
+        self._neighbourhood = Neighbourhood(self.model, self.craft_bodies, self.lighthouse_body)
         # Nothing but free joints, attached in order: the state is one table of seven and one of six columns per craft.
         self._pose = self._data.qpos.reshape(-1, 7)
         self._rate = self._data.qvel.reshape(-1, 6)
@@ -128,12 +134,13 @@ class World:
         pose, rate = np.empty((steps + 1, count, 7)), np.empty((steps + 1, count, 6))
         contact = np.zeros(count, dtype=np.bool_)
         pose[0], rate[0] = self._pose, self._rate
-        finite = np.isfinite(force).all(axis=1) & np.isfinite(torque).all(axis=1)
-        if not finite.all():
-            who = self.names[int(np.argmin(finite))]
+        if not (np.isfinite(force).all() and np.isfinite(torque).all()):
+            who = self.names[int(np.argmin(np.isfinite(force).all(axis=1) & np.isfinite(torque).all(axis=1)))]
             raise SwarmError(f"craft {who!r}: force or torque is not finite at {self._frame / self._rate_hz:.4f} s")
-        self._data.xfrc_applied[self.craft_bodies, :3] = force
-        self._data.xfrc_applied[self.craft_bodies, 3:] = torque
+        # The craft's bodies are the last ones, in order.
+        self._data.xfrc_applied[-count:, :3] = force
+        self._data.xfrc_applied[-count:, 3:] = torque
+        self._look_for_contacts(self._neighbourhood.can_touch(self._pose, self._rate, force, 1 / self._rate_hz))
         with quiet():
             for step in range(1, steps + 1):
                 mujoco.mj_step(self.model, self._data)
@@ -142,10 +149,12 @@ class World:
                     contact[self._touching()] = True
         time_s = (self._frame + np.arange(steps + 1) / steps) / self._rate_hz
         self._frame += 1
-        self._check_stable(pose, rate, time_s)
-        rotation = matrix_from_quaternion(pose[..., 3:])
-        angular_rate = (rotation @ rate[..., 3:, None])[..., 0]
-        return PeriodTruth(time_s, pose[..., :3], pose[..., 3:], rate[..., :3], angular_rate, contact)
+        position, velocity, angular_rate = np.empty((3, steps + 1, count, 3))
+        quaternion = np.empty((steps + 1, count, 4))
+        stable = _unpack_into(pose, rate, LARGEST, position, quaternion, velocity, angular_rate)
+        if not stable or any(self._data.warning.number):
+            self._report_instability(pose, rate, time_s)
+        return PeriodTruth(time_s, position, quaternion, velocity, angular_rate, contact)
 
     def inertial_wrench(self, acceleration: Floats, angular_acceleration: Floats) -> tuple[Floats, Floats]:
         """Force (C, 3) [N] and torque (C, 3) [N m] that give every craft these accelerations now.
@@ -164,6 +173,11 @@ class World:
         torque = (inertia @ angular_acceleration[..., None])[..., 0] + np.cross(rate, momentum)
         return force, torque
 
+    def _look_for_contacts(self, wanted: bool) -> None:
+        """Let MuJoCo look for contacts, or spare it the search where there can be none."""
+        flags = int(self.model.opt.disableflags)
+        self.model.opt.disableflags = flags & ~NO_CONTACT if wanted else flags | NO_CONTACT
+
     def _touching(self) -> Ints:
         contact = self._data.contact
         craft = self._craft_of_geom[contact.geom[contact.dist < 0].ravel()]
@@ -180,7 +194,7 @@ class World:
         where = f"inside craft {self.names[other]!r}" if other >= 0 else "inside the lighthouse"
         raise SwarmError(f"craft {self.names[one]!r} starts {where}: they overlap by {depth:.1f} mm; move them apart")
 
-    def _check_stable(self, pose: Floats, rate: Floats, time_s: Floats) -> None:
+    def _report_instability(self, pose: Floats, rate: Floats, time_s: Floats) -> None:
         state = np.concatenate([pose, rate], axis=2)
         good = (np.abs(state) < LARGEST).all(axis=2)
         if not good.all():
@@ -190,9 +204,39 @@ class World:
                 f"craft {who}: the simulation became unstable at {time_s[step]:.4f} s; more physics.steps_per_period, "
                 "or a gentler motion, may help"
             )
-        if any(self._data.warning.number):
-            which = int(np.flatnonzero(self._data.warning.number)[0])
-            raise SwarmError(f"MuJoCo: {mujoco.mju_warningText(which, 0)} at {time_s[-1]:.4f} s")
+        which = int(np.flatnonzero(self._data.warning.number)[0])
+        raise SwarmError(f"MuJoCo: {mujoco.mju_warningText(which, 0)} at {time_s[-1]:.4f} s")
+
+
+@kernel
+def _unpack_into(
+    pose: Floats,
+    rate: Floats,
+    largest: float,
+    position: Floats,
+    quaternion: Floats,
+    velocity: Floats,
+    angular_rate: Floats,
+) -> bool:
+    """Write MuJoCo's pose (n, C, 7) and rate (n, C, 6) as (n, C, 3) and (n, C, 4), the angular rate turned from the
+    body into the lighthouse frame; False where a number is not below `largest`.
+    """
+    good = True
+    for n in range(pose.shape[0]):
+        for c in range(pose.shape[1]):
+            for i in range(7):
+                good = good and abs(pose[n, c, i]) < largest
+            for i in range(6):
+                good = good and abs(rate[n, c, i]) < largest
+            w, x, y, z = pose[n, c, 3], pose[n, c, 4], pose[n, c, 5], pose[n, c, 6]
+            quaternion[n, c, 0], quaternion[n, c, 1], quaternion[n, c, 2], quaternion[n, c, 3] = w, x, y, z
+            for i in range(3):
+                position[n, c, i], velocity[n, c, i] = pose[n, c, i], rate[n, c, i]
+            a, b, d = rate[n, c, 3], rate[n, c, 4], rate[n, c, 5]
+            angular_rate[n, c, 0] = (1 - 2 * (y * y + z * z)) * a + 2 * (x * y - w * z) * b + 2 * (x * z + w * y) * d
+            angular_rate[n, c, 1] = 2 * (x * y + w * z) * a + (1 - 2 * (x * x + z * z)) * b + 2 * (y * z - w * x) * d
+            angular_rate[n, c, 2] = 2 * (x * z - w * y) * a + 2 * (y * z + w * x) * b + (1 - 2 * (x * x + y * y)) * d
+    return good
 
 
 def _check_names(names: tuple[str, ...]) -> None:
@@ -205,48 +249,3 @@ def _check_names(names: tuple[str, ...]) -> None:
 
 def _table(rows: list[Floats], columns: int) -> Floats:
     return np.array(rows, dtype=np.float64).reshape(-1, columns)
-
-
-def _compile(
-    names: Sequence[str],
-    models: Sequence[CraftModel],
-    position: Floats,
-    quaternion: Floats,
-    lighthouse: Path,
-    timestep_s: float,
-) -> mujoco.MjModel:
-    world = _empty(timestep_s)
-    with quiet():
-        station, pose = load_static(lighthouse)
-        _attach(world, station, LIGHTHOUSE, pose, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
-        for first in range(0, len(names), BATCH):
-            batch = _empty(timestep_s)
-            for i in range(first, min(first + BATCH, len(names))):
-                _attach(batch, models[i].spec, names[i], models[i].file_pose, position[i], quaternion[i])
-            batch.dedup_assets()
-            world.attach(batch, prefix="", frame=world.worldbody.add_frame())
-        world.dedup_assets()
-        return world.compile()
-
-
-def _empty(timestep_s: float) -> mujoco.MjSpec:
-    spec = mujoco.MjSpec()
-    spec.modelname = "swarm"
-    spec.copy_during_attach = True
-    spec.option.timestep = timestep_s
-    spec.option.gravity = np.zeros(3)
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    # After a reset the run would go on from its start as if nothing had happened.
-    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
-    return spec
-
-
-def _attach(
-    parent: mujoco.MjSpec, spec: mujoco.MjSpec, name: str, file_pose: FilePose, position: Floats, quaternion: Floats
-) -> None:
-    """Attach a copy of the root body so that it stands at the given pose, whatever its pose in its own file."""
-    turn = quaternion_multiply(quaternion, file_pose[1] * [1, -1, -1, -1])
-    place = position - matrix_from_quaternion(turn) @ file_pose[0]
-    spec.option = parent.option
-    frame = parent.worldbody.add_frame(pos=place, quat=turn)
-    frame.attach_body(spec.worldbody.bodies[0], f"{name}/", "")

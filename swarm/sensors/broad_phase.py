@@ -1,0 +1,123 @@
+"""Who could stand in which ray: rays from one point, and spheres around the craft, on a grid of directions.
+
+A ray goes from the origin through (u, v, 1), u = x/z and v = y/z, inside the field |u|, |v| <= w = tan(field / 2). A
+sphere (x, y, z), radius r, seen along y is a circle; the two tangents to it from the origin touch it at
+
+    u = (x z -+ r s) / (z^2 - r^2),   s^2 = x^2 + z^2 - r^2,   z > r
+
+and likewise v: a rectangle that holds every ray that meets the sphere, exact in u and in v. A sphere that reaches
+behind the plane z = r takes the whole width. The field is cut into cells, and each lists the spheres whose rectangle
+overlaps it: a ray needs to look into one cell.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators.arrays import Floats, Ints
+from estimators.kernel import kernel
+
+MOST_CELLS = 512
+"""Cells along u or v, at most."""
+
+
+class Placed(NamedTuple):
+    """Owners of solids at one instant, in the lighthouse frame: rotation (N, 3, 3), position (N, 3) of their bodies.
+
+    origin: (N, 3), the lighthouse in the owner's body frame. centre: (N, 3) of the sphere around the owner.
+    """
+
+    rotation: Floats
+    position: Floats
+    origin: Floats
+    centre: Floats
+
+
+class Grid(NamedTuple):
+    """Cells of directions: those in cell (i, j) are `owner[start[n * i + j] : start[n * i + j + 1]]`, n a side."""
+
+    side: int
+    half_width: float
+    start: Ints
+    owner: Ints
+
+
+@kernel
+def place_into(position: Floats, quaternion: Floats, shape: Ints, shape_centre: Floats, out: Placed) -> None:
+    """Place the C craft at position (C, 3), quaternion (C, 4) wxyz; the scene, owner C, stays where it is."""
+    for c in range(len(shape)):
+        r = out.rotation[c]
+        if c < len(position):
+            w, x, y, z = quaternion[c, 0], quaternion[c, 1], quaternion[c, 2], quaternion[c, 3]
+            r[0, 0], r[1, 1], r[2, 2] = 1 - 2 * (y * y + z * z), 1 - 2 * (x * x + z * z), 1 - 2 * (x * x + y * y)
+            r[0, 1], r[1, 0] = 2 * (x * y - w * z), 2 * (x * y + w * z)
+            r[0, 2], r[2, 0] = 2 * (x * z + w * y), 2 * (x * z - w * y)
+            r[1, 2], r[2, 1] = 2 * (y * z - w * x), 2 * (y * z + w * x)
+            for i in range(3):
+                out.position[c, i] = position[c, i]
+        p = out.position[c]
+        for i in range(3):
+            out.origin[c, i] = -(r[0, i] * p[0] + r[1, i] * p[1] + r[2, i] * p[2])
+            if shape[c] >= 0:
+                m = shape_centre[shape[c]]
+                out.centre[c, i] = p[i] + r[i, 0] * m[0] + r[i, 1] * m[1] + r[i, 2] * m[2]
+
+
+@kernel
+def _span(across: float, ahead: float, radius: float, half_width: float) -> tuple[float, float]:
+    """The interval of u that a circle covers; (-w, w) where it reaches behind its own radius."""
+    if not ahead > radius:
+        return -half_width, half_width
+    s = np.sqrt(across * across + ahead * ahead - radius * radius)
+    below = (ahead - radius) * (ahead + radius)
+    return (across * ahead - radius * s) / below, (across * ahead + radius * s) / below
+
+
+@kernel
+def cell_of(u: float, side: int, half_width: float) -> int:
+    """The cell along one axis that holds u, or the nearest one."""
+    return int(min(max((u + half_width) * (side / (2 * half_width)), 0.0), side - 1.0))
+
+
+@kernel
+def _cells_into(placed: Placed, shape: Ints, radius: Floats, side: int, half_width: float, out: Ints) -> int:
+    """Write each owner's range of cells (N, 4), the first above the last where it is out of sight; the total."""
+    total = 0
+    for c in range(len(shape)):
+        out[c, 0], out[c, 1], out[c, 2], out[c, 3] = 0, -1, 0, -1
+        if shape[c] < 0:
+            continue
+        x, y, z = placed.centre[c, 0], placed.centre[c, 1], placed.centre[c, 2]
+        r = radius[shape[c]]
+        if z + r <= 0:
+            continue
+        u0, u1 = _span(x, z, r, half_width)
+        v0, v1 = _span(y, z, r, half_width)
+        if u1 < -half_width or u0 > half_width or v1 < -half_width or v0 > half_width:
+            continue
+        out[c, 0], out[c, 1] = cell_of(u0, side, half_width), cell_of(u1, side, half_width)
+        out[c, 2], out[c, 3] = cell_of(v0, side, half_width), cell_of(v1, side, half_width)
+        total += (out[c, 1] - out[c, 0] + 1) * (out[c, 3] - out[c, 2] + 1)
+    return total
+
+
+@kernel
+def sort_into_cells(placed: Placed, shape: Ints, radius: Floats, side: int, half_width: float) -> Grid:
+    """The grid of `side` x `side` cells with every owner that a ray could meet; radius (S,) of the shapes."""
+    cells = np.empty((len(shape), 4), np.int64)
+    total = _cells_into(placed, shape, radius, side, half_width, cells)
+    start = np.zeros(side * side + 1, np.int64)
+    owner = np.empty(total, np.int64)
+    for c in range(len(shape)):
+        for i in range(cells[c, 0], cells[c, 1] + 1):
+            for j in range(cells[c, 2], cells[c, 3] + 1):
+                start[i * side + j + 1] += 1
+    for n in range(side * side):
+        start[n + 1] += start[n]
+    place = start[:-1].copy()
+    for c in range(len(shape)):
+        for i in range(cells[c, 0], cells[c, 1] + 1):
+            for j in range(cells[c, 2], cells[c, 3] + 1):
+                owner[place[i * side + j]] = c
+                place[i * side + j] += 1
+    return Grid(side, half_width, start, owner)

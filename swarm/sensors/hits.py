@@ -1,0 +1,135 @@
+"""Whether a ray meets a convex solid before it ends: exact tests, as kernels, in the frame of the body that has it.
+
+A ray x = o + t d, |d| = 1, from the lighthouse at o, is blocked where it crosses the solid's surface at 0 <= t < reach.
+The part of a line inside a convex solid is one interval [enter, leave] (empty: a miss), and its surface is crossed at
+its two ends: where the ray starts inside, `leave` is what `mj_ray` would report.
+
+    half spaces (hull, box)   enter = max of -(n . o - h) / (n . d) over n . d < 0,  leave = min over n . d > 0
+    ellipsoid                 |A (o + t d)| = 1 with A = diag(1 / size): a quadratic in t
+    cylinder                  a disc's quadratic across, a slab along z
+    capsule                   the union of a cylinder without caps and two spheres: the union of their intervals
+"""
+
+import numpy as np
+
+from estimators.arrays import Floats
+from estimators.kernel import kernel
+
+HULL, BOX, ELLIPSOID, CYLINDER, CAPSULE, OTHER = range(6)
+"""Kinds of solids; `OTHER` is not convex, and known by the box around it."""
+
+Interval = tuple[float, float]
+
+
+@kernel
+def crossed(enter: float, leave: float, reach: float) -> bool:
+    """Whether the surface is crossed at 0 <= t < reach."""
+    if not enter <= leave:
+        return False
+    return 0 <= enter < reach or (enter < 0 and 0 <= leave < reach)
+
+
+@kernel
+def hull_hit(plane: Floats, first: int, past: int, likely: int, o: Floats, d: Floats, reach: float) -> bool:
+    """Whether a ray o, d (3,) crosses the hull of the planes (first ... past) of `plane` (P, 4) before `reach`.
+
+    likely: the plane that most probably keeps the whole ray outside, tried before the others; -1 if unknown.
+    """
+    enter, leave = -np.inf, np.inf
+    if likely >= 0:
+        n = plane[likely]
+        height = n[0] * o[0] + n[1] * o[1] + n[2] * o[2] + n[3]
+        if height > 0 and height + reach * (n[0] * d[0] + n[1] * d[1] + n[2] * d[2]) >= 0:
+            return False
+    for i in range(first, past):
+        n = plane[i]
+        height = n[0] * o[0] + n[1] * o[1] + n[2] * o[2] + n[3]
+        slope = n[0] * d[0] + n[1] * d[1] + n[2] * d[2]
+        # Outside this plane from here to the end of the ray.
+        if height > 0 and height + reach * slope >= 0:
+            return False
+        if slope < 0:
+            enter = max(enter, -height / slope)
+        elif slope > 0:
+            leave = min(leave, -height / slope)
+        elif height > 0:
+            return False
+    return crossed(enter, leave, reach)
+
+
+@kernel
+def slab(o: float, d: float, half: float) -> Interval:
+    """Where |o + t d| <= half."""
+    if d == 0:
+        return (-np.inf, np.inf) if abs(o) <= half else (np.inf, -np.inf)
+    a, b = (-half - o) / d, (half - o) / d
+    return min(a, b), max(a, b)
+
+
+@kernel
+def round_interval(a: float, b: float, c: float) -> Interval:
+    """Where a t^2 + 2 b t + c <= 0, a >= 0."""
+    if a == 0:
+        return (-np.inf, np.inf) if c <= 0 else (np.inf, -np.inf)
+    square = b * b - a * c
+    if square < 0:
+        return np.inf, -np.inf
+    root = np.sqrt(square)
+    return (-b - root) / a, (-b + root) / a
+
+
+@kernel
+def solid_interval(
+    kind: int, size: Floats, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float
+) -> Interval:
+    """Where the ray is inside a solid that is not a hull, in the solid's own frame; of `OTHER`: inside its box."""
+    if kind == ELLIPSOID:
+        ax, ay, az = ox / size[0], oy / size[1], oz / size[2]
+        bx, by, bz = dx / size[0], dy / size[1], dz / size[2]
+        return round_interval(bx * bx + by * by + bz * bz, ax * bx + ay * by + az * bz, ax * ax + ay * ay + az * az - 1)
+    if kind == CYLINDER:
+        enter, leave = round_interval(dx * dx + dy * dy, ox * dx + oy * dy, ox * ox + oy * oy - size[0] * size[0])
+        low, high = slab(oz, dz, size[1])
+        return max(enter, low), min(leave, high)
+    if kind == CAPSULE:
+        radius_squared = size[0] * size[0]
+        enter, leave = round_interval(dx * dx + dy * dy, ox * dx + oy * dy, ox * ox + oy * oy - radius_squared)
+        low, high = slab(oz, dz, size[1])
+        enter, leave = max(enter, low), min(leave, high)
+        if not enter <= leave:
+            enter, leave = np.inf, -np.inf
+        for side in range(2):
+            z = oz - size[1] if side == 0 else oz + size[1]
+            low, high = round_interval(
+                dx * dx + dy * dy + dz * dz, ox * dx + oy * dy + z * dz, ox * ox + oy * oy + z * z - radius_squared
+            )
+            if low <= high:
+                enter, leave = min(enter, low), max(leave, high)
+        return enter, leave
+    enter, leave = slab(ox, dx, size[0])
+    low, high = slab(oy, dy, size[1])
+    enter, leave = max(enter, low), min(leave, high)
+    low, high = slab(oz, dz, size[2])
+    return max(enter, low), min(leave, high)
+
+
+@kernel
+def solid_hit(kind: int, size: Floats, position: Floats, rotation: Floats, o: Floats, d: Floats, reach: float) -> bool:
+    """Whether a ray o, d (3,) in the body's frame crosses a solid at `position` (3,), `rotation` (3, 3) before `reach`.
+
+    Of `OTHER`: whether it could, for all that its box says.
+    """
+    x, y, z = o[0] - position[0], o[1] - position[1], o[2] - position[2]
+    enter, leave = solid_interval(
+        kind,
+        size,
+        rotation[0, 0] * x + rotation[1, 0] * y + rotation[2, 0] * z,
+        rotation[0, 1] * x + rotation[1, 1] * y + rotation[2, 1] * z,
+        rotation[0, 2] * x + rotation[1, 2] * y + rotation[2, 2] * z,
+        rotation[0, 0] * d[0] + rotation[1, 0] * d[1] + rotation[2, 0] * d[2],
+        rotation[0, 1] * d[0] + rotation[1, 1] * d[1] + rotation[2, 1] * d[2],
+        rotation[0, 2] * d[0] + rotation[1, 2] * d[1] + rotation[2, 2] * d[2],
+    )
+    if kind == OTHER:
+        return enter <= leave and enter < reach and leave >= 0
+    return crossed(enter, leave, reach)

@@ -1,0 +1,106 @@
+"""Whether any two craft could touch within one period: only then need MuJoCo look for contacts.
+
+Around every craft's centre of mass stands a sphere that holds all its geoms, whatever its attitude. Without a contact
+a constant force F moves the centre of mass by at most (|v| + |F| T / m) T in a period T, so craft whose spheres, grown
+by that, stay apart cannot touch in it; neither can a craft and the lighthouse. Spheres are sorted into cubes as wide as
+the largest of them, of which each looks into the 27 around it: the time grows with the number of craft, not its square.
+"""
+
+import mujoco
+import numpy as np
+
+from estimators.arrays import Floats, Ints
+from estimators.kernel import kernel
+
+
+class Neighbourhood:
+    """The spheres of C craft and of the lighthouse."""
+
+    def __init__(self, model: mujoco.MjModel, craft_bodies: Ints, lighthouse_body: int) -> None:
+        """model: with the craft's bodies (C,) and the lighthouse's where they start; every geom is on one of them."""
+        craft = len(craft_bodies)
+        owner = np.full(model.nbody, -1, dtype=np.int64)
+        owner[craft_bodies], owner[lighthouse_body] = np.arange(craft), craft
+        colliding = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+        of = owner[model.geom_bodyid]
+        reach = np.zeros(craft + 1)
+        # The centre of a geom's own bounding sphere is its position; one without a bound (a plane) is everywhere.
+        distance = np.linalg.norm(model.geom_pos - model.body_ipos[model.geom_bodyid], axis=1)
+        bound = np.where(model.geom_rbound > 0, distance + model.geom_rbound + model.geom_margin, np.inf)
+        np.maximum.at(reach, of[colliding], bound[colliding])
+        self._radius = reach
+        self._mass = model.body_mass[craft_bodies].copy()
+        self._com_m = model.body_ipos[craft_bodies].copy()
+        self._lighthouse_m = np.empty(3)
+        mujoco.mju_rotVecQuat(self._lighthouse_m, model.body_ipos[lighthouse_body], model.body_quat[lighthouse_body])
+        self._lighthouse_m += model.body_pos[lighthouse_body]
+        self._scratch = np.empty((craft + 1, 4))
+
+    def can_touch(self, pose: Floats, rate: Floats, force: Floats, period_s: float) -> bool:
+        """Whether a contact is possible from pose (C, 7), rate (C, 6), as MuJoCo keeps them, under force (C, 3) [N]."""
+        spheres = self._scratch
+        spheres[-1, :3], spheres[-1, 3] = self._lighthouse_m, self._radius[-1]
+        _grow_into(pose, rate, force, self._mass, self._com_m, self._radius, period_s, spheres)
+        return bool(_overlap(spheres))
+
+
+@kernel
+def _grow_into(
+    pose: Floats, rate: Floats, force: Floats, mass: Floats, com: Floats, radius: Floats, period: float, out: Floats
+) -> None:
+    """Write centre and radius (C, 4) of the spheres that hold the craft during the period."""
+    for c in range(len(pose)):
+        w, x, y, z = pose[c, 3], pose[c, 4], pose[c, 5], pose[c, 6]
+        # The centre of mass, and its velocity in the body frame's axes and in the lighthouse's.
+        a, b, e = com[c, 0], com[c, 1], com[c, 2]
+        p, q, r = rate[c, 3], rate[c, 4], rate[c, 5]
+        speed = np.sqrt(rate[c, 0] ** 2 + rate[c, 1] ** 2 + rate[c, 2] ** 2)
+        speed += np.sqrt((q * e - r * b) ** 2 + (r * a - p * e) ** 2 + (p * b - q * a) ** 2)
+        push = np.sqrt(force[c, 0] ** 2 + force[c, 1] ** 2 + force[c, 2] ** 2) / mass[c]
+        out[c, 0] = pose[c, 0] + (1 - 2 * (y * y + z * z)) * a + 2 * (x * y - w * z) * b + 2 * (x * z + w * y) * e
+        out[c, 1] = pose[c, 1] + 2 * (x * y + w * z) * a + (1 - 2 * (x * x + z * z)) * b + 2 * (y * z - w * x) * e
+        out[c, 2] = pose[c, 2] + 2 * (x * z - w * y) * a + 2 * (y * z + w * x) * b + (1 - 2 * (x * x + y * y)) * e
+        out[c, 3] = radius[c] * (1 + 1e-9) + (speed + push * period) * period
+
+
+@kernel
+def _overlap(sphere: Floats) -> bool:
+    """Whether any two of the spheres (N, 4), centre and radius, overlap; also where a number is not finite."""
+    count = len(sphere)
+    widest, farthest = 0.0, 0.0
+    for i in range(count):
+        for k in range(4):
+            if not np.isfinite(sphere[i, k]):
+                return True
+        widest = max(widest, sphere[i, 3])
+        farthest = max(farthest, max(abs(sphere[i, 0]), max(abs(sphere[i, 1]), abs(sphere[i, 2]))))
+    # Cubes so small that their numbers would not fit belong to spheres that are points.
+    side = max(2 * widest, farthest * 1e-6 + 1e-9)
+    size = 1
+    while size < 2 * count:
+        size *= 2
+    head, following = np.full(size, -1), np.empty(count, np.int64)
+    for i in range(count):
+        x, y = int(np.floor(sphere[i, 0] / side)), int(np.floor(sphere[i, 1] / side))
+        z = int(np.floor(sphere[i, 2] / side))
+        for dx in range(-1, 2):
+            for dy in range(-1, 2):
+                for dz in range(-1, 2):
+                    j = head[_slot(x + dx, y + dy, z + dz, size)]
+                    while j >= 0:
+                        square = 0.0
+                        for k in range(3):
+                            square += (sphere[i, k] - sphere[j, k]) ** 2
+                        if square <= (sphere[i, 3] + sphere[j, 3]) ** 2:
+                            return True
+                        j = following[j]
+        slot = _slot(x, y, z, size)
+        following[i] = head[slot]
+        head[slot] = i
+    return False
+
+
+@kernel
+def _slot(x: int, y: int, z: int, size: int) -> int:
+    """A place for a cube in a table of `size`, a power of two; cubes may share it."""
+    return (x * 73856093 ^ y * 19349663 ^ z * 83492791) & (size - 1)

@@ -1,0 +1,139 @@
+"""The compiled filter bank against filterpy's: state by state, and in every column of the telemetry."""
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+import swarm
+from estimators import rotation as rot
+from estimators.arrays import Bools, Floats
+from estimators.compiled_filter import CompiledFilterBank
+from estimators.filter_bank import FilterBank
+from estimators.pose_filter import PoseFilterBank
+from swarm.layout import pad
+from swarm.onboard.navigation import MOST_BY_FILTERPY, NavigationSettings, Navigator
+
+T = 1 / 60
+COUNT = 30
+STATE = ("rotation", "angular_rate", "position", "velocity", "covariance")
+
+
+def random_covariance(rng: np.random.Generator, count: int) -> Floats:
+    """Pose covariances (count, 6, 6) of the size of a craft's at some metres, with any correlations."""
+    root = rng.standard_normal((count, 6, 6)) * np.array([1e-3, 1e-3, 1e-3, 1e-4, 1e-4, 1e-3])[:, None]
+    return np.asarray(root @ np.swapaxes(root, 1, 2) + 1e-10 * np.eye(6))
+
+
+def assert_same(one: FilterBank, other: FilterBank) -> None:
+    np.testing.assert_array_equal(one.active, other.active)
+    for name in STATE:
+        # Two ways to the same numbers: they part by the rounding of P, whose rates begin a million times its poses.
+        np.testing.assert_allclose(getattr(one, name), getattr(other, name), rtol=1e-9, atol=1e-12, err_msg=name)
+
+
+def test_both_banks_keep_the_same_state_through_starts_gates_gaps_and_stops() -> None:
+    rng = np.random.default_rng(5)
+    banks: list[FilterBank] = [
+        PoseFilterBank(COUNT, gate_probability=0.9),
+        CompiledFilterBank(COUNT, gate_probability=0.9),
+    ]
+    rotation, position = rot.exp(rng.standard_normal((COUNT, 3))), rng.normal([0, 0, 5], 1, (COUNT, 3))
+    rate, velocity = 0.5 * rng.standard_normal((COUNT, 3)), 0.2 * rng.standard_normal((COUNT, 3))
+    accepted = refused = 0
+    for _ in range(80):
+        step = T * rng.uniform(0.5, 2.0, COUNT)
+        rotation, position = rot.exp(rate * step[:, None]) @ rotation, position + velocity * step[:, None]
+        covariance, coupling = random_covariance(rng, COUNT), T / 4 * rng.uniform(-1, 1, (COUNT, 6, 6))
+        active = banks[0].active
+        lost: Bools = active & (rng.random(COUNT) < 0.02)
+        fresh: Bools = ~active & (rng.random(COUNT) < 0.3)
+        update: Bools = active & ~lost & (rng.random(COUNT) < 0.8)
+        for bank in banks:
+            bank.stop(lost)
+            bank.predict(step, active & ~lost)
+        # A pose solved with assumed rates is off by B times their error (`estimators.dop`).
+        assumed = np.concatenate([banks[0].angular_rate, banks[0].velocity], axis=1)
+        wrong = np.concatenate([rate, velocity], axis=1) - np.where(update[:, None], assumed, 0.0)
+        off = coupling @ wrong[..., None] + np.linalg.cholesky(covariance) @ rng.standard_normal((COUNT, 6, 1))
+        seen = rot.exp(off[:, :3, 0]) @ rotation, position + off[:, 3:, 0]
+        results = [bank.update(update, *seen, covariance, coupling) for bank in banks]
+        for bank in banks:
+            bank.start(fresh, *seen, covariance, (1.0, 0.5), coupling)
+        np.testing.assert_array_equal(results[0].accepted, results[1].accepted)
+        np.testing.assert_allclose(results[0].nis, results[1].nis, rtol=1e-9)
+        assert_same(*banks)
+        accepted += int(results[0].accepted.sum())
+        refused += int((update & ~results[0].accepted).sum())
+    assert accepted > 500
+    assert refused > 50
+
+
+def test_a_compiled_covariance_is_symmetric_and_positive_after_a_thousand_periods() -> None:
+    rng = np.random.default_rng(6)
+    bank, mask = CompiledFilterBank(3), np.ones(3, dtype=np.bool_)
+    pose = rot.exp(rng.standard_normal((3, 3))), rng.standard_normal((3, 3))
+    covariance, coupling = random_covariance(rng, 3), np.zeros((3, 6, 6))
+    bank.start(mask, *pose, covariance, (1.0, 0.5))
+    for frame in range(1000):
+        bank.predict(T, mask)
+        if frame % 7 < 4:
+            bank.update(mask, *pose, covariance, coupling)
+        p = bank.covariance
+        np.testing.assert_array_equal(p, np.swapaxes(p, 1, 2))
+    assert np.linalg.eigvalsh(bank.covariance).min() > 0
+
+
+def test_an_indefinite_covariance_is_refused_and_named() -> None:
+    rng = np.random.default_rng(7)
+    bank, mask = CompiledFilterBank(2), np.ones(2, dtype=np.bool_)
+    pose = rot.exp(rng.standard_normal((2, 3))), rng.standard_normal((2, 3))
+    bank.start(mask, *pose, random_covariance(rng, 2), (0.0, 0.0))
+    covariance = np.tile(np.eye(6), (2, 1, 1))
+    covariance[1, 3, 4] = covariance[1, 4, 3] = 10.0
+    with pytest.raises(ValueError, match="covariance: not positive definite for craft 1"):
+        bank.update(mask, *pose, covariance, np.zeros((2, 6, 6)))
+
+
+@pytest.mark.parametrize(
+    ("scenario", "overrides"),
+    [
+        ("formation", ["duration_s=2"]),
+        ("static", ["duration_s=1"]),
+        ("drift", ["duration_s=2"]),
+        ("rendezvous", ["duration_s=6"]),
+        # Until the first craft has gone dark, coasted and come back.
+        ("crossing", ["duration_s=9"]),
+        ("swarm1000", ["duration_s=0.5", "swarm.count=30"]),
+    ],
+)
+def test_every_column_of_the_telemetry_is_filterpys(scenario: str, overrides: list[str], tmp_path: Path) -> None:
+    tables: list[pa.Table] = []
+    for name in ("filterpy", "compiled"):
+        settings = swarm.load(scenario, [*overrides, f"navigation.filter={name}"])
+        tables.append(swarm.simulate(settings, out=tmp_path / name, record=False).telemetry)
+    assert tables[0].num_rows == tables[1].num_rows > 0
+    for field in tables[0].schema:
+        one, other = (table.column(field.name) for table in tables)
+        if field.type != pa.float64():
+            assert one.to_pylist() == other.to_pylist(), field.name
+            continue
+        np.testing.assert_allclose(
+            one.to_numpy(), other.to_numpy(), rtol=1e-9, atol=1e-9, equal_nan=True, err_msg=field.name
+        )
+
+
+@pytest.mark.parametrize(
+    ("choice", "craft", "bank"),
+    [
+        ("auto", MOST_BY_FILTERPY, PoseFilterBank),
+        ("auto", MOST_BY_FILTERPY + 1, CompiledFilterBank),
+        ("filterpy", MOST_BY_FILTERPY + 1, PoseFilterBank),
+        ("compiled", 1, CompiledFilterBank),
+    ],
+)
+def test_the_bank_goes_by_the_setting_and_the_number_of_craft(choice: str, craft: int, bank: type[FilterBank]) -> None:
+    layout = pad([np.eye(4, 3)] * craft, [np.eye(4, 3)] * craft)
+    settings = NavigationSettings(frame_s=T, angle_noise_rad=4e-5, rotor_correlation=0.87, filter=choice)
+    assert type(Navigator(layout, settings)._filter) is bank
