@@ -106,28 +106,42 @@ def cast(mesh: Triangles, origin: Floats, direction: Floats) -> Hits:
 
 
 @kernel
+def _entry(mesh: Triangles, box: int, o: Floats, inverse: Floats) -> float:
+    """How far along the ray it enters the box [m]; inf where it passes by."""
+    near, far = 0.0, np.inf
+    for k in range(3):
+        one, two = (mesh.low[box, k] - o[k]) * inverse[k], (mesh.high[box, k] - o[k]) * inverse[k]
+        near, far = max(near, min(one, two)), min(far, max(one, two))
+    return near if near <= far else np.inf
+
+
+@kernel
 def _cast_into(mesh: Triangles, start: Floats, direction: Floats, distance: Floats, triangle: Ints) -> None:
-    stack = np.empty(DEPTH, dtype=np.int64)
+    stack, entries = np.empty(DEPTH, dtype=np.int64), np.empty(DEPTH)
     inverse = np.empty(3)
     for ray in range(len(direction)):
         o, d = start[ray], direction[ray]
         for k in range(3):
             inverse[k] = 1.0 / d[k] if d[k] != 0 else 1e300
         best, which, top = np.inf, -1, 1
-        stack[0] = 0
+        stack[0], entries[0] = 0, _entry(mesh, 0, o, inverse)
         while top > 0:
             top -= 1
             box = stack[top]
-            near, far = 0.0, best
-            for k in range(3):
-                one, two = (mesh.low[box, k] - o[k]) * inverse[k], (mesh.high[box, k] - o[k]) * inverse[k]
-                near, far = max(near, min(one, two)), min(far, max(one, two))
-            if near > far:
+            if entries[top] >= best:
                 continue
             if mesh.right[box] >= 0:
-                stack[top] = mesh.right[box]
-                stack[top + 1] = box + 1
-                top += 2
+                # The nearer child first: what it holds hides much of the other.
+                one, two = box + 1, mesh.right[box]
+                first, second = _entry(mesh, one, o, inverse), _entry(mesh, two, o, inverse)
+                if second < first:
+                    one, two, first, second = two, one, second, first
+                if second < best:
+                    stack[top], entries[top] = two, second
+                    top += 1
+                if first < best:
+                    stack[top], entries[top] = one, first
+                    top += 1
                 continue
             for i in range(mesh.first[box], mesh.last[box]):
                 e1, e2, a = mesh.edge1[i], mesh.edge2[i], mesh.corner[i]

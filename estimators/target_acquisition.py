@@ -3,6 +3,7 @@
     1. the returns fall into objects; one that is no larger than the shape can be the target
     2. thousands of starts, each refined a little and scored          estimators.pose_search
     3. the best that differ: registration, point to plane, k-d tree   estimators.registration
+       and what the best of these is easily mistaken for              estimators.likeness
     4. every ray against what each of them predicts                   estimators.agreement
     5. the best of all, if enough rays agree with it and no other pose agrees nearly as well
 
@@ -18,11 +19,14 @@ import numpy as np
 from estimators import rotation as rot
 from estimators.agreement import agreement
 from estimators.arrays import Floats
+from estimators.likeness import mistaken
 from estimators.pose_search import STARTS, Poses, distinct, rotations, search
-from estimators.registration import JUMP, Registration, register
+from estimators.registration import ITERATIONS, JUMP, Registration, register
 from estimators.scan import Scan, checked, clusters
 from estimators.shape import Shape
 
+ROUGH_ITERATIONS = 20
+"""Of a candidate's first registration; what is not there by then is not the best one."""
 LINKS = (0.6, 0.3, 0.1)
 """Returns nearer than this, against the shape's radius, belong to one object; the wider links first."""
 
@@ -135,7 +139,11 @@ def _alone(scan: Scan, members: np.ndarray, own: Floats, shape: Shape) -> Scan:
 def _of_object(scan: Scan, everything: Scan, shape: Shape, s: AcquisitionSettings) -> Acquisition:
     point = scan.point
     poses = distinct(search(scan, shape, rotations(s.starts)), s.apart_rad / 2, s.candidates)
-    rough = _refined(scan, shape, poses, point[:: max(1, len(point) // 300)])
+    some = point[:: max(1, len(point) // 300)]
+    rough = _refined(scan, shape, poses, some, ROUGH_ITERATIONS)
+    if rough:
+        first = min(rough, key=lambda c: c.cost).fit
+        rough += _refined(scan, shape, mistaken(shape, first.rotation, first.position), some, ROUGH_ITERATIONS)
     order = sorted(range(len(rough)), key=lambda i: rough[i].cost)
     # The best ones once more, with all points.
     best_fits = [rough[i].fit for i in order[:4]]
@@ -182,11 +190,14 @@ def _confidence(best: _Candidate, margin: float, s: AcquisitionSettings) -> floa
     return float(min(overlap, unique))
 
 
-def _refined(scan: Scan, shape: Shape, poses: Poses, point: Floats) -> list[_Candidate]:
+def _refined(scan: Scan, shape: Shape, poses: Poses, point: Floats, iterations: int = ITERATIONS) -> list[_Candidate]:
     out = []
     edges = scan.edges(JUMP * shape.radius_m)
     for rotation, position in zip(poses.rotation, poses.position, strict=True):
-        fit = register(point, shape, rotation, position, scan.noise_m, edges=edges, reach_m=0.12 * shape.radius_m)
+        reach_m = 0.12 * shape.radius_m
+        fit = register(
+            point, shape, rotation, position, scan.noise_m, edges=edges, reach_m=reach_m, iterations=iterations
+        )
         seen = agreement(scan, shape, fit.rotation, fit.position)
         if seen.rays:
             out.append(_Candidate(fit, seen.cost, seen.overlap))
