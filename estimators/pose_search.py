@@ -30,7 +30,7 @@ from estimators.scan import Scan
 from estimators.shape import Shape, Views
 
 STARTS = 3000
-"""Rotations, 13 degrees apart."""
+"""Rotations, about 13 degrees apart."""
 SEARCH_POINTS = 160
 """Returns of the scan that the search looks at."""
 WIDTH = 0.12

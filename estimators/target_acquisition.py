@@ -56,8 +56,8 @@ class AcquisitionSettings:
     candidates: int = 12
     apart_rad: float = 0.15
     fewest: int = 40
-    overlap_least: float = 0.75
-    margin: float = 0.25
+    overlap_least: float = 0.8
+    margin: float = 1.0
     size_slack: float = 1.15
 
 
@@ -186,7 +186,7 @@ def _confidence(best: _Candidate, margin: float, s: AcquisitionSettings) -> floa
     fits = best.overlap / s.overlap_least
     beyond = (best.overlap - s.overlap_least) / (1 - s.overlap_least)
     overlap = 0.5 * fits**4 if fits < 1 else 0.5 + 0.5 * beyond
-    unique = 1 - 0.5 ** (margin / s.margin)
+    unique = 1 - 0.5 ** max(margin / s.margin, 0.0)
     return float(min(overlap, unique))
 
 
