@@ -27,12 +27,12 @@ from estimators import rotation as rot
 from estimators.arrays import Floats
 from estimators.calibration_model import linear_fans
 from estimators.calibration_problem import Problem, to_gauge
-from swarm.calibrate import Calibrated, calibrate_survey, held_out, to_survey
-from swarm.calibration_report import fan_sigmas, file_text
+from swarm.calibration.calibrate import Calibrated, calibrate_survey, held_out, to_survey
+from swarm.calibration.report import fan_sigmas, file_text
+from swarm.calibration.survey import observe_run
 from swarm.results.telemetry import values
 from swarm.scenario import load
 from swarm.simulate import Flight, simulate
-from swarm.survey import observe_run
 
 CALIBRATED = ["navigation.angle_noise_arcsec=8.8", "navigation.rotor_correlation=0.8717"]
 

@@ -15,13 +15,13 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from swarm.calibrate import calibrate_survey
+    from swarm.calibration.calibrate import calibrate_survey
+    from swarm.calibration.survey import observe_recording, observe_run
     from swarm.errors import SwarmError
     from swarm.replay import replay
     from swarm.results.run_folder import Run, open_run
     from swarm.scenario import Scenario, load
     from swarm.simulate import simulate
-    from swarm.survey import observe_recording, observe_run
 
 __all__ = [
     "Run",
@@ -41,10 +41,10 @@ _HOME = {
     "Run": "swarm.results.run_folder",
     "Scenario": "swarm.scenario",
     "SwarmError": "swarm.errors",
-    "calibrate_survey": "swarm.calibrate",
+    "calibrate_survey": "swarm.calibration.calibrate",
     "load": "swarm.scenario",
-    "observe_recording": "swarm.survey",
-    "observe_run": "swarm.survey",
+    "observe_recording": "swarm.calibration.survey",
+    "observe_run": "swarm.calibration.survey",
     "open_run": "swarm.results.run_folder",
     "replay": "swarm.replay",
     "simulate": "swarm.simulate",

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from estimators.arrays import Floats
 from estimators.rotation import matrix_from_quaternion
-from swarm import build, build_cameras, build_lidars
+from swarm import build
 from swarm.assets import find_model
 from swarm.onboard import control
 from swarm.onboard.control import Command, State
@@ -94,12 +94,12 @@ class Flight:
         self.visibility = Visibility(
             self.world.model, layout, self.world.craft_bodies, self.world.lighthouse_body, settings
         )
-        self.lighthouse = Lighthouse(layout, settings, scenario.seed, build_cameras.craft_keys(scenario))
-        cameras = build_cameras.cameras(scenario, self.world, self.motions.at(0.0))
+        self.lighthouse = Lighthouse(layout, settings, scenario.seed, build.craft_keys(scenario))
+        cameras = build.cameras(scenario, self.world, self.motions.at(0.0))
         pairs = [true for true, _ in cameras]
         self.ccd = Ccd(pairs, self.visibility, scenario.seed, scenario.duration_s) if cameras else None
-        self.lidars = build_lidars.lidars(scenario, self.world)
-        self.inspection = build_lidars.inspection(scenario, self.lidars)
+        self.lidars = build.lidars(scenario, self.world)
+        self.inspection = build.inspection(scenario, self.lidars)
         self.scans: list[LidarFix] = []
         """What became of the LiDARs' scans that the last period completed."""
         self.pushes = build.pushes(scenario)

@@ -19,8 +19,9 @@ from estimators.calibration_model import fan_errors, linear_fans
 from estimators.calibration_problem import Noise, to_gauge
 from estimators.sweep import FanErrors
 from swarm import build, cli
-from swarm.calibrate import Calibrated, calibrate_survey
-from swarm.calibration_report import fan_sigmas, file_text
+from swarm.calibration.calibrate import Calibrated, calibrate_survey
+from swarm.calibration.report import fan_sigmas, file_text
+from swarm.calibration.survey import observe_run
 from swarm.errors import SwarmError
 from swarm.recordings.calibration_file import calibration_text, held_parts
 from swarm.recordings.station_calibration import StationCalibration, read_calibration
@@ -28,7 +29,6 @@ from swarm.results.angles import AngleWriter, believed, read_angles
 from swarm.results.run_folder import Run
 from swarm.scenario import load
 from swarm.simulate import Flight
-from swarm.survey import observe_run
 
 DATA = Path(__file__).parents[2] / "shared" / "data" / "lighthouse-v1" / "lh1_test_cal.rec.gz"
 QUICK = (

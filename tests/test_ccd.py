@@ -12,7 +12,7 @@ from scipy.stats import chi2
 import swarm
 from estimators import rotation as rot
 from estimators.error_state import POSE_COLUMNS
-from swarm import build, build_cameras
+from swarm import build
 from swarm.assets import find_model
 from swarm.errors import SwarmError
 from swarm.images import LightImages
@@ -44,7 +44,7 @@ def scene():
     scenario = load("ccd-docking")
     motions = build.fleet(scenario)
     world = build.world(scenario, motions)
-    true, known = build_cameras.cameras(scenario, world, motions.at(0.0))[0]
+    true, known = build.cameras(scenario, world, motions.at(0.0))[0]
     line = Visibility(
         world.model, world.photodiodes, world.craft_bodies, world.lighthouse_body, build.lighthouse(scenario)
     )

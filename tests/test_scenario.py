@@ -285,10 +285,26 @@ def test_mistakes_in_overrides_name_the_option(override: str, line: str) -> None
     assert line in str(raised.value)
 
 
+def test_another_kind_of_motion_is_one_mistake() -> None:
+    with pytest.raises(SwarmError) as raised:
+        load("formation", ["swarm.motion.kind=waypoints"])
+    assert str(raised.value) == (
+        '--set: swarm.motion.kind = "waypoints": this kind needs points_m and times_s and has no centre_m or radius_m '
+        "or rate_deg_s or tilt_deg: set the whole table, "
+        """--set 'swarm.motion={kind = "waypoints", points_m = ..., times_s = ...}'"""
+    )
+
+
+def test_a_byte_order_mark_is_no_mistake(tmp_path: Path) -> None:
+    (tmp_path / "windows.toml").write_bytes(b"\xef\xbb\xbfduration_s = 2\n[swarm]\ncount = 1\n")
+    assert load(tmp_path / "windows.toml").duration_s == 2
+
+
 def test_overrides_of_single_craft_say_which() -> None:
     for override, line in (
         ("craft[9].name=a", "craft[9] does not exist: craft has 4 entries, counted from 0"),
         ("craft.name=a", "craft is not a table; say which, as in craft[0].name"),
+        ("craft.starboard.model=a", "craft is not a table; say which, as in craft[2].model"),
     ):
         with pytest.raises(SwarmError) as raised:
             load("rendezvous", [override])
@@ -401,7 +417,7 @@ def test_process_noise_defaults_are_the_filters() -> None:
 def test_drift_is_the_filters_own_model_unless_told() -> None:
     def drift(*overrides: str) -> motion.Drift:
         settings = load("drift", overrides)
-        made = build._motion(settings.swarm.motion, settings)
+        made = build.craft._motion(settings.swarm.motion, settings)
         assert isinstance(made, motion.Drift)
         return made
 
@@ -426,7 +442,7 @@ def test_every_motion_becomes_its_record(file: Path) -> None:
     entries = (f'[[craft]]\nmotion = {{ kind = "{k}", {rest}, {turned} }}\n' for k, rest in kinds.items())
     file.write_text("".join(entries))
     settings = load(file)
-    made = [build._motion(c.motion, settings) for c in scenario.craft(settings)]
+    made = [build.craft._motion(c.motion, settings) for c in scenario.craft(settings)]
     attitude = motion.Attitude(False, math.pi, math.pi / 2, math.pi / 4, 2 * math.pi)
     one, four = (1.0, 2.0, 3.0), (4.0, 5.0, 6.0)
     noise = settings.navigation

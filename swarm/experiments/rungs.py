@@ -15,7 +15,8 @@ import numpy as np
 from estimators.arrays import Bools, Floats
 from estimators.sweep import FanPair, correct
 from swarm import build
-from swarm.calibrate import calibrate_survey
+from swarm.calibration.calibrate import calibrate_survey
+from swarm.calibration.survey import observe_run
 from swarm.experiments.alignment import Alignment, align
 from swarm.experiments.bench import PERFECT, Bench, Box, Motion
 from swarm.layout import Photodiodes
@@ -23,7 +24,6 @@ from swarm.onboard.navigation import NavigationSettings, Navigator
 from swarm.scenario import Scenario, Wander, load
 from swarm.sensors.lighthouse import Lighthouse, LighthouseSettings
 from swarm.simulate import simulate
-from swarm.survey import observe_run
 from swarm.world.world import PeriodTruth
 
 UNCALIBRATED_NOISE = 4.0

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from estimators.arrays import Floats
 from swarm.layout import Photodiodes
+from swarm.results.extra_columns import Extra
 from swarm.results.lidar_scans import LidarFix
 from swarm.results.telemetry import FUSED, Errors, Estimate, Peer, Truth
 from swarm.world.shapes import Mesh
@@ -41,7 +42,8 @@ class Scene(NamedTuple):
     craft: names of the C craft. visuals: parts of each craft in its body frame (none: only its photodiodes are drawn).
     photodiodes: their layout. lighthouse: parts in the lighthouse frame. field_deg: full width of its field [deg].
     detail: names of the craft with plots of their own and, in a large swarm, the only ones drawn in detail; if empty,
-    the first. ccd: the pairs of cameras, in the order of their images. lidar: craft and target of every LiDAR.
+    the first. ccd: the pairs of cameras, in the order of their images. lidar: craft and target of every LiDAR. extra:
+    the telemetry columns that this run has beside the usual ones; those of names are drawn as states.
     """
 
     craft: Sequence[str]
@@ -52,6 +54,7 @@ class Scene(NamedTuple):
     detail: Sequence[str] = ()
     ccd: Sequence[CcdScene] = ()
     lidar: Sequence[tuple[int, int]] = ()
+    extra: Sequence[Extra] = ()
 
     @property
     def observer(self) -> list[str | None] | None:
@@ -66,8 +69,8 @@ class Period(NamedTuple):
     """One lighthouse period of C craft at its epoch.
 
     time_s: the epoch [s]. truth: None in a replay, where craft are drawn at their estimates. sight: (C, K) of OUTSIDE,
-    BLOCKED, LIT. errors: as telemetry computed them. peer: the recorded pose, in a replay. scans: the
-    LiDARs' that became complete.
+    BLOCKED, LIT. errors: as telemetry computed them. peer: the recorded pose, in a replay. extra: (C, N), the values of
+    the scene's extra columns. scans: the LiDARs' that became complete.
     """
 
     time_s: float
@@ -77,6 +80,7 @@ class Period(NamedTuple):
     sight: NDArray[np.integer]
     errors: Errors
     peer: Peer | None = None
+    extra: Floats | None = None
     scans: Sequence[LidarFix] = ()
 
 

@@ -11,6 +11,7 @@ Everything is in the lighthouse frame (x right, y down, z forward), on the timel
     world/lidar/NAME     the last scan of a LiDAR, where its craft believes the returns to be
     world/cameras        lines of sight from cameras to the lights that they see; world/craft/NAME/ccd their fields
     status/NAME/sensor   whose pose went into the filter, of craft with cameras
+    status/NAME/COLUMN   the run's extra columns of names: what a craft is doing, or what has failed
     swarm, detail        plots of all craft, of single craft; status: what each craft knows
 
 Periods are gathered and sent by columns about once per simulated second. In a swarm of more than 32 the craft that are
@@ -33,7 +34,17 @@ from swarm.errors import SwarmError
 from swarm.results import drawing
 from swarm.results.blueprint import blueprint
 from swarm.results.disk import writing
-from swarm.results.plots import ABOUT, SENSOR_COLOURS, STATUS_COLOURS, Batch, craft_plots, kept, stacked, swarm_plots
+from swarm.results.plots import (
+    ABOUT,
+    SENSOR_COLOURS,
+    STATE_COLOURS,
+    STATUS_COLOURS,
+    Batch,
+    craft_plots,
+    kept,
+    stacked,
+    swarm_plots,
+)
 from swarm.results.recorder import BLOCKED, LIT, Period, Scene
 from swarm.results.telemetry import SENSORS, STATUS
 from swarm.results.viewer import start_live
@@ -221,6 +232,15 @@ class Recording:
         self._static(f"{self._body(i)}/photodiodes", rr.Points3D(points, radii=-2.0))
         states = rr.StateConfiguration(values=list(STATUS), colors=np.array(STATUS_COLOURS, dtype=np.uint32))
         self._static(f"status/{name}", states)
+        for column in self._states():
+            names = self._scene.extra[column].names
+            ink = np.array([STATE_COLOURS[k % len(STATE_COLOURS)] for k in range(len(names))], dtype=np.uint32)
+            entity = f"status/{name}/{self._scene.extra[column].name}"
+            self._static(entity, rr.StateConfiguration(values=list(names), colors=ink))
+
+    def _states(self) -> list[int]:
+        """The extra columns that hold names."""
+        return [k for k, column in enumerate(self._scene.extra) if column.names]
 
     def _draw_cameras(self) -> None:
         """The fields of the cameras, and the lines of sight's colours, where there are any."""
@@ -281,6 +301,12 @@ class Recording:
         for i in self._near:
             states = [STATUS[code] for code in batch.status[:, i]]
             send(f"status/{self._scene.craft[i]}", rr.StateChange.columns(state=states))
+            for column in self._states():
+                name, names = self._scene.extra[column].name, self._scene.extra[column].names
+                codes = batch.extra[:, i, column]
+                if np.isfinite(codes).all():
+                    states = [names[int(code)] for code in codes]
+                    send(f"status/{self._scene.craft[i]}/{name}", rr.StateChange.columns(state=states))
         self._flush()
 
     def _flush(self) -> None:

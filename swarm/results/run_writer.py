@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.arrays import Floats
 from swarm import __version__
 from swarm.errors import SwarmError
 from swarm.results.angles import AngleWriter, Believed, SweepAngles
@@ -55,14 +56,16 @@ class RunWriter:
         estimate: Estimate,
         peer: Peer | None = None,
         angles: SweepAngles | None = None,
+        extra: Floats | None = None,
         scans: Sequence[LidarFix] = (),
     ) -> None:
         """Take one period of all craft at its epoch `time_s` [s]; sight: (C, K), what each photodiode saw.
 
-        angles: what the craft measured, for a run that writes them. scans: what became of the LiDARs' scans.
+        angles: what the craft measured, for a run that writes them. extra: (C, N), for the scene's extra columns.
+        scans: what became of the LiDARs' scans.
         """
-        errors = self._telemetry.append(time_s, frame, truth, estimate, peer)
-        self._recording.append(Period(time_s, frame, truth, estimate, sight, errors, peer, scans))
+        errors = self._telemetry.append(time_s, frame, truth, estimate, peer, extra)
+        self._recording.append(Period(time_s, frame, truth, estimate, sight, errors, peer, extra, scans))
         if self._angles is not None and angles is not None:
             self._angles.append(frame, angles)
         if self._scans is not None and truth is not None:
@@ -100,7 +103,9 @@ def writing_run(
     """
     with RunFolder.create(scenario.name, scenario.seed, None if out is None else Path(out), force) as folder:
         folder.write_scenario(to_toml(scenario, versions()))
-        telemetry = Telemetry(folder.path, scene.craft, replay, ccd=bool(scene.ccd), observer=scene.observer)
+        telemetry = Telemetry(
+            folder.path, scene.craft, replay, ccd=bool(scene.ccd), observer=scene.observer, extra=scene.extra
+        )
         recording: Recorder = NullRecording()
         if (record and scenario.recording.enabled) or live:
             # rerun takes most of a second to import: only who records pays for it.

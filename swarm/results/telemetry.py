@@ -26,6 +26,7 @@ from swarm.errors import SwarmError
 from swarm.results import ccd_columns
 from swarm.results.ccd_columns import CCD_STATES, CcdFix
 from swarm.results.disk import writing
+from swarm.results.extra_columns import Extra
 from swarm.results.rows import rows_into
 
 if TYPE_CHECKING:
@@ -163,10 +164,11 @@ def _rates(prefix: str, whose: str) -> list[pa.Field]:
     ]
 
 
-def schema(replay: bool = False, ccd: bool = False, lidar: bool = False) -> pa.Schema:
+def schema(replay: bool = False, ccd: bool = False, lidar: bool = False, extra: Sequence[Extra] = ()) -> pa.Schema:
     """Columns in order, each with its `unit` and `meaning` as field metadata.
 
     replay: with the peer's pose. ccd: with what the cameras found. lidar: with whose observation an estimate is.
+    extra: and these, at the end.
     """
     f64, i16, i32 = pa.float64(), pa.int16(), pa.int32()
     fields = [
@@ -212,6 +214,7 @@ def schema(replay: bool = False, ccd: bool = False, lidar: bool = False) -> pa.S
     if lidar:
         meaning = f"whose LiDAR the estimate of a passive craft rests on; {FUSED!r}: of several; null: its own estimate"
         fields.append(_column("observer", pa.dictionary(pa.int32(), pa.string()), "", meaning))
+    fields += [_column(column.name, column.type, column.unit, column.meaning) for column in extra]
     return pa.schema(fields)
 
 
@@ -260,15 +263,18 @@ class Telemetry:
         replay: bool = False,
         ccd: bool = False,
         observer: Sequence[str | None] | None = None,
+        extra: Sequence[Extra] = (),
     ) -> None:
         """observer: of a run with LiDARs, whose observation each craft's estimate is, None where its own."""
         self._folder, self._craft = folder, list(craft)
-        self._schema = schema(replay, ccd, observer is not None)
+        self._schema = schema(replay, ccd, observer is not None, extra)
         self._observer = list(observer or ())
+        self._extra = {column.name: column for column in extra}
         periods = max(1, min(PERIODS_PER_PART, ROWS_PER_GROUP // max(1, len(craft))))
         self._capacity = periods * len(craft)
         self._floats = np.full((len(_FLOATS), self._capacity), np.nan)
         self._ints = np.zeros((len(_INTS) + len(_CCD_INTS), self._capacity), dtype=np.int64)
+        self._more = np.full((len(extra), self._capacity), np.nan)
         vector, quaternion = np.full((len(craft), 3), np.nan), np.full((len(craft), 4), np.nan)
         self._no_truth = Truth(vector, quaternion, vector, vector, np.zeros(len(craft), dtype=np.bool_))
         self._no_peer = Peer(vector, quaternion)
@@ -277,9 +283,18 @@ class Telemetry:
             (folder / PARTS).mkdir()
 
     def append(
-        self, time_s: float, frame: int, truth: Truth | None, estimate: Estimate, peer: Peer | None = None
+        self,
+        time_s: float,
+        frame: int,
+        truth: Truth | None,
+        estimate: Estimate,
+        peer: Peer | None = None,
+        extra: Floats | None = None,
     ) -> Errors:
-        """Add one period of all craft (epoch `time_s` [s]) and return its errors. Raises SwarmError on a full disk."""
+        """Add one period of all craft (epoch `time_s` [s]) and return its errors. Raises SwarmError on a full disk.
+
+        extra: (C, N), the values of the run's extra columns.
+        """
         pnp, precision = estimate.pnp, estimate.dilution
         true, other = self._no_truth if truth is None else truth, self._no_peer if peer is None else peer
         errors, flat = np.empty((len(Errors._fields), len(self._craft))), np.ascontiguousarray
@@ -310,6 +325,8 @@ class Telemetry:
         ccd = estimate.ccd
         if ccd is not None:
             self._floats[-len(ccd_columns.FLOATS) :, at] = ccd_columns.floats(ccd, true.position, true.quaternion).T
+        if extra is not None:
+            self._more[:, at] = extra.T
         contact = -1 if truth is None else truth.contact
         e = estimate
         counts = (frame, e.status, e.sensor, e.visible, e.pnp.iterations, e.missed_sync, e.rejected, contact)
@@ -325,6 +342,7 @@ class Telemetry:
         rows = self._rows
         floats = dict(zip(_FLOATS, self._floats, strict=True))
         ints = dict(zip((*_INTS, *_CCD_INTS), self._ints, strict=True))
+        more = dict(zip(self._extra, self._more, strict=True))
         names = np.tile(np.arange(len(self._craft), dtype=np.int32), rows // max(1, len(self._craft)))
         columns: list[pa.Array] = []
         for field in self._schema:
@@ -333,6 +351,8 @@ class Telemetry:
             elif field.name == "observer":
                 tiled = self._observer * (rows // max(1, len(self._craft)))
                 columns.append(pa.array(tiled, pa.string()).dictionary_encode())
+            elif field.name in more:
+                columns.append(self._extra[field.name].array(more[field.name][:rows]))
             elif field.name in NAMES:
                 code, known = ints[field.name][:rows].astype(np.int8), pa.array(NAMES[field.name])
                 columns.append(pa.DictionaryArray.from_arrays(pa.array(code, mask=code >= len(known)), known))
@@ -374,7 +394,7 @@ class Telemetry:
                 temporary,
                 self._schema,
                 compression="snappy",
-                use_dictionary=[name for name in ("craft", "observer", *NAMES) if name in self._schema.names],
+                use_dictionary=[field.name for field in self._schema if pa.types.is_dictionary(field.type)],
                 use_byte_stream_split=doubles,
                 write_statistics=["time_s", "frame"],
             ) as writer,

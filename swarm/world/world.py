@@ -27,6 +27,8 @@ from swarm.world.nearby import Neighbourhood
 
 LARGEST = 1e6
 """A coordinate [m], velocity [m/s] or rate [rad/s] beyond this is a simulation that has blown up."""
+LARGE_CRAFT_M = 50.0
+"""A craft that is wider was perhaps drawn in millimetres."""
 
 NO_CONTACT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
 
@@ -192,7 +194,11 @@ class World:
         one, other = sorted(self._craft_of_geom[contact.geom[worst]], reverse=True)
         depth = -1e3 * float(contact.dist[worst])
         where = f"inside craft {self.names[other]!r}" if other >= 0 else "inside the lighthouse"
-        raise SwarmError(f"craft {self.names[one]!r} starts {where}: they overlap by {depth:.1f} mm; move them apart")
+        size = 2 * max(self._neighbourhood.radius(one), self._neighbourhood.radius(other) if other >= 0 else 0.0)
+        unit = f" (a model is {size:.0f} m across: lengths in MJCF are metres)" if size > LARGE_CRAFT_M else ""
+        raise SwarmError(
+            f"craft {self.names[one]!r} starts {where}: they overlap by {depth:.1f} mm; move them apart{unit}"
+        )
 
     def _report_instability(self, pose: Floats, rate: Floats, time_s: Floats) -> None:
         state = np.concatenate([pose, rate], axis=2)

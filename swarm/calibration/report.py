@@ -13,7 +13,7 @@ from estimators.arrays import Floats
 from estimators.calibration_model import gibbous_sigma
 from estimators.sweep import FanErrors
 from swarm import __version__
-from swarm.calibrate import HELD_OUT_EVERY, Calibrated
+from swarm.calibration.calibrate import HELD_OUT_EVERY, Calibrated
 from swarm.recordings.calibration_file import calibration_text
 from swarm.recordings.station_calibration import StationCalibration
 

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
+from swarm.commands.terminal import mistakes
 from swarm.errors import SwarmError
-from swarm.terminal import mistakes
 
 
 class Poses(StrEnum):
@@ -64,10 +64,10 @@ def calibrate(
             os.environ.setdefault(f"{library}_NUM_THREADS", "1")
         from rich.console import Console
 
-        from swarm.calibrate import calibrate_survey
-        from swarm.calibration_report import file_text, print_calibration
+        from swarm.calibration.calibrate import calibrate_survey
+        from swarm.calibration.report import file_text, print_calibration
+        from swarm.calibration.survey import observe_recording, observe_run
         from swarm.recordings.calibration_file import held_parts, place_for, write_calibration
-        from swarm.survey import observe_recording, observe_run
 
         held, file = held_parts(hold), place_for(out, force=force)
         if survey.is_file():

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from swarm.terminal import mistakes
+from swarm.commands.terminal import mistakes
 
 
 def layout(

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
+from swarm.commands.terminal import mistakes, stoppable, stopped_by
 from swarm.errors import SwarmError
-from swarm.terminal import mistakes, stoppable, stopped_by
 
 
 def study(

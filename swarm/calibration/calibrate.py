@@ -20,9 +20,9 @@ from estimators.calibration_check import Fit, Sightings, solve_poses
 from estimators.calibration_model import fan_errors, linear_fans
 from estimators.calibration_problem import Survey
 from estimators.pose_rates import pose_rates
+from swarm.calibration.survey import Observations
 from swarm.errors import SwarmError
 from swarm.recordings.station_calibration import StationCalibration
-from swarm.survey import Observations
 
 Poses = Literal["truth", "own"]
 HELD_OUT_EVERY = 5

@@ -1,0 +1,25 @@
+"""Options that several commands share."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+Scenario = Annotated[
+    str, typer.Argument(metavar="SCENARIO", help="A name that `swarm list` shows, or the path of a .toml file.")
+]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Change one value, such as swarm.count=16. Repeatable."),
+]
+Seed = Annotated[int | None, typer.Option("--seed", metavar="N", help="Replace the scenario's seed.")]
+Out = Annotated[
+    Path | None, typer.Option("--out", metavar="FOLDER", help="Where to write; else runs/<scenario>-<seed>.")
+]
+Force = Annotated[bool, typer.Option("--force", help="Replace a run that is there already.")]
+NoRecording = Annotated[bool, typer.Option("--no-recording", help="Write no recording for the viewer.")]
+
+
+def default_folder(name: str, seed: int) -> Path:
+    """Where a run goes that is not told."""
+    return Path("runs") / f"{name}-{seed}"
