@@ -148,5 +148,5 @@ def draw(results: list[Result]) -> Figure:
     right.set_xscale("log")
     right.axvline(RIGHT_DEG, color=figures.GREY, lw=1, ls="--")
     right.set(xlabel="attitude error, deg", ylabel="share below", title="Any attitude", ylim=(0, 1.02))
-    figures.legend(right)
+    figures.legend(right, place="center")
     return page
