@@ -43,7 +43,7 @@ def page(rows: int, columns: int, height_in: float, width_in: float = 7.0) -> tu
 def legend(
     axes: Axes,
     columns: int = 1,
-    place: Literal["best", "upper left", "upper right", "lower center", "lower right", "center"] = "best",
+    place: Literal["best", "upper left", "upper right", "lower center", "lower right"] = "best",
 ) -> None:
     """A legend without a frame."""
     with mpl.rc_context(STYLE):
