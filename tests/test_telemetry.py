@@ -238,4 +238,6 @@ def test_the_column_reference_is_in_step():
         "write swarm.results.telemetry.column_reference() to docs/telemetry.md"
     )
     guided = len(guidance_columns.COLUMNS) + len(guidance_columns.DOCKING_COLUMNS)
-    assert column_reference().count("\n| `") == len(schema(replay=True, ccd=True)) + len(COLUMNS) + 1 + guided
+    assert (
+        column_reference().count("\n| `") == len(schema(replay=True, ccd=True, lidar=True)) + len(COLUMNS) + 1 + guided
+    )
