@@ -186,6 +186,10 @@ class _Rows:
         for start in range(first, past, BLOCK):
             yield self.of(start, min(start + BLOCK, past))
 
+    def forget(self) -> None:
+        """Drop the columns that were loaded, for all parts."""
+        self._cache.clear()
+
     def column(self, name: str) -> Floats:
         if name not in self._cache:
             table = self._load(name)
@@ -286,7 +290,9 @@ def _ccd(rows: _Rows, period_s: float) -> dict[str, Any]:
     }
 
 
-def _figures(rows: _Rows, period_s: float, replay: bool, ccd: bool) -> dict[str, Any]:
+def _figures(
+    rows: _Rows, period_s: float, replay: bool, ccd: bool, motion_bias: dict[str, Any] | None
+) -> dict[str, Any]:
     visible, solved = rows.column("visible"), np.isfinite(rows.column("pnp_px_m"))
     pnp = rows.column("pnp_position_error_m"), rows.column("pnp_attitude_error_deg")
     ekf = rows.column("position_error_m"), rows.column("attitude_error_deg")
@@ -325,7 +331,7 @@ def _figures(rows: _Rows, period_s: float, replay: bool, ccd: bool) -> dict[str,
         "ekf_to_pnp_attitude_ratio": ratio(ekf[1], pnp[1]),
         "nees": consistency(frame, rows.column("nees"), period_s),
         "nis": consistency(frame, rows.column("nis"), period_s),
-        "pnp_motion_bias": None if replay else _motion_bias(rows),
+        "pnp_motion_bias": motion_bias,
     }
     if ccd:
         out |= _ccd(rows, period_s)
@@ -356,17 +362,23 @@ def _summary(load: Callable[[str], pa.Table], columns: Sequence[str]) -> dict[st
         return {"periods": 0, "duration_s": 0.0, "craft_count": 0, "swarm": None, "craft": {}, "notes": NOTES}
     names = craft.column("craft").unify_dictionaries().chunk(0).dictionary.to_pylist()
     past = np.cumsum(np.bincount(codes, minlength=len(names))).tolist()
+    parts = {
+        name: everything.of(first, last)
+        for name, first, last in zip(names, [0, *past], past, strict=False)
+        if last > first
+    }
     span = int(frame.max() - frame.min())
     period_s = float(time_s.max() - time_s.min()) / span if span else 0.0
+    # The bias takes half of all columns, and nothing else needs them.
+    every = [everything, *parts.values()]
+    bias = [None if kind[0] else _motion_bias(rows) for rows in every]
+    everything.forget()
+    swarm, *single = (_figures(rows, period_s, *kind, own) for rows, own in zip(every, bias, strict=True))
     return {
         "periods": len(np.unique(frame)),
         "duration_s": (span + 1) * period_s,
         "craft_count": len(names),
-        "swarm": _figures(everything, period_s, *kind),
-        "craft": {
-            name: _figures(everything.of(first, last), period_s, *kind)
-            for name, first, last in zip(names, [0, *past], past, strict=False)
-            if last > first
-        },
+        "swarm": swarm,
+        "craft": dict(zip(parts, single, strict=True)),
         "notes": NOTES,
     }
