@@ -140,8 +140,10 @@ def _dilution_all(
     mask: Bools,
     covariance: Floats,
     coupling: Floats,
+    adop: Floats,
+    pdop: Floats,
 ) -> None:
-    """(13) to (18) for every craft; leaves the outputs alone where the pose is not determined.
+    """(13) to (18) and (22) for every craft; NaN where the pose is not determined.
 
     weight: (C, K, 2), inverse noise of each projection, or empty where the angles have equal noise.
     """
@@ -150,6 +152,10 @@ def _dilution_all(
     normal, moved, inverse = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
     fan_sum, spread = np.empty((2, 6)), np.empty((2, 6))
     for c in range(lit.shape[0]):
+        adop[c] = pdop[c] = np.nan
+        for a in range(6):
+            for b in range(6):
+                covariance[c, a, b] = coupling[c, a, b] = np.nan
         if not (mask[c] and spans_plane(lit[c], point[c])):
             continue
         n = gather(lit[c], point[c], offset[c], angular_rate[c], velocity[c], table)
@@ -183,6 +189,9 @@ def _dilution_all(
                     row[b] += factor * moved[k, b]
             for b in range(6):
                 coupling[c, a, b] = row[b]
+        h = covariance[c]
+        adop[c] = np.rad2deg(np.sqrt(h[0, 0] + h[1, 1] + h[2, 2]))
+        pdop[c] = np.sqrt(h[3, 3] + h[4, 4] + h[5, 5])
 
 
 def factors(covariance: Floats) -> tuple[Floats, Floats]:
@@ -261,7 +270,8 @@ def _checked_dilution(
     if mask.shape != (craft,):
         raise ValueError(f"mask has shape {mask.shape}, expected {(craft,)}")
     offset_s, angular_rate, velocity = motion
-    covariance, coupling = np.full((2, craft, 6, 6), np.nan)
+    covariance, coupling = np.empty((2, craft, 6, 6))
+    adop, pdop = np.empty((2, craft))
     _dilution_all(
         checked("rotation", rotation, (craft, 3, 3)),
         checked("position", position, (craft, 3)),
@@ -275,5 +285,7 @@ def _checked_dilution(
         mask,
         covariance,
         coupling,
+        adop,
+        pdop,
     )
-    return Dilution(covariance, *factors(covariance), coupling)
+    return Dilution(covariance, adop, pdop, coupling)

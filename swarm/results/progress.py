@@ -12,8 +12,8 @@ from rich.text import Text
 
 PLAIN_EVERY_S = 5.0
 """Wall time between two plain lines."""
-KERNELS, COMPILES_FOR_S = 80, 15
-"""What a first run compiles, more or less, and how long that takes on a machine of 2023 that does nothing else."""
+KERNELS, COMPILES_FOR_S = 160, 30
+"""What a first run compiles, more or less, and how long that takes on a core of 2023 that does little else."""
 WIDE = 76
 """Columns from which the bar spells its units out."""
 
