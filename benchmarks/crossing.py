@@ -2,7 +2,7 @@
 
     python benchmarks/crossing.py [--craft 1000] [--repeats 15] [--out crossing.json]
 
-Baseline: SciPy's `brentq` on the same equation, the motion interpolated by SciPy's `Slerp`, for some of the photodiodes.
+Baseline: SciPy's `brentq` on the same equation, the motion interpolated by SciPy's `Slerp`, for some photodiodes.
 Found the truth: the greatest difference of an instant from brentq's [s] (both solve to 1e-13 s; the issue asks for
 1 ns), the share of lit photodiodes whose angles were decoded, and the RMS of the decoded angle about the true one in
 units of the angle noise.

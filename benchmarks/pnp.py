@@ -24,7 +24,7 @@ def main() -> None:
     """Measure, show, write."""
     chosen = options(__doc__, craft=(1000, "craft"), repeats=(7, "repetitions"))
     c = captured(chosen.craft)
-    theta, lit, point, start_rotation, start_position, offset, rate, velocity = c.refine
+    theta, lit, point, start_rotation, start_position, offset, rate, _velocity = c.refine
     count, still = len(lit), np.zeros_like(rate)
     uv, true_rotation = projections(theta), matrix_from_quaternion(c.truth.quaternion)
     enough = lit.sum(axis=1) >= 4
@@ -110,8 +110,14 @@ def main() -> None:
         "per solve [us]",
         ["", "CPU median", "CPU minimum", "wall median", "solved", "error [mm]", "error [deg]", "off by > 0.1 rad"],
         [
-            [name, *(1e6 * r[k] for k in ("cpu_median_s", "cpu_minimum_s", "wall_median_s")), r["solved"]]
-            + [1e3 * r["median_position_error_m"], r["median_attitude_error_deg"], r["wrong"]]
+            [
+                name,
+                *(1e6 * r[k] for k in ("cpu_median_s", "cpu_minimum_s", "wall_median_s")),
+                r["solved"],
+                1e3 * r["median_position_error_m"],
+                r["median_attitude_error_deg"],
+                r["wrong"],
+            ]
             for name, r in result.items()
         ],
     )

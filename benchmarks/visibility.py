@@ -94,8 +94,11 @@ def main() -> None:
         f"{chosen.craft} craft, {count} rays, {np.count_nonzero(~truth)} of them blocked; per ray [us]",
         ["", "CPU median", "CPU minimum", "wall median", "as mj_ray"],
         [
-            [name, *(1e6 * f[k] for k in ("cpu_median_s", "cpu_minimum_s", "wall_median_s"))]
-            + [f"{equal.get(name, equal.get('Embree', np.nan)):.4%}"]
+            [
+                name,
+                *(1e6 * f[k] for k in ("cpu_median_s", "cpu_minimum_s", "wall_median_s")),
+                f"{equal.get(name, equal.get('Embree', np.nan)):.4%}",
+            ]
             for name, f in per.items()
         ],
     )
