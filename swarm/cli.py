@@ -3,6 +3,7 @@
 Exit codes: 0 done, 2 a mistake of the user (one message, no traceback), 128 + n stopped by signal n (130: Ctrl-C).
 """
 
+import os
 import sys
 from typing import Annotated
 
@@ -55,9 +56,17 @@ def main() -> int:
             # A terminal without Unicode shows '?' instead of failing.
             stream.reconfigure(errors="replace")
     try:
-        app(prog_name="swarm")
+        try:
+            app(prog_name="swarm")
+        finally:
+            sys.stdout.flush()
     except SystemExit as end:
         return end.code if isinstance(end.code, int) else int(bool(end.code))
+    except OSError as error:
+        # What is printed could not be: a full disk, or a reader that has gone. Nothing is left to print at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        print(f"error: cannot print: {error.strerror}", file=sys.stderr)  # noqa: T201
+        return 2
     return 0
 
 

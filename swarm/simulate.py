@@ -21,6 +21,7 @@ from swarm.assets import find_model
 from swarm.onboard import control
 from swarm.onboard.control import Command, State
 from swarm.onboard.decoder import SweepAngles
+from swarm.onboard.inspection import LidarFix
 from swarm.onboard.navigation import Estimate, Navigator
 from swarm.results.angles import believed
 from swarm.results.progress import Progress
@@ -73,7 +74,7 @@ def simulate(
     ) as writer:
         for frame in range(max(1, round(duration_s / flight.period_s))):
             time_s, truth, sight, estimate = flight.period(frame)
-            writer.append(frame, time_s, truth, sight, estimate, angles=flight.angles)
+            writer.append(frame, time_s, truth, sight, estimate, angles=flight.angles, scans=flight.scans)
             if observer is not None:
                 observer.period(frame, truth, estimate)
             if progress is not None:
@@ -97,6 +98,10 @@ class Flight:
         cameras = build.cameras(scenario, self.world, self.motions.at(0.0))
         pairs = [true for true, _ in cameras]
         self.ccd = Ccd(pairs, self.visibility, scenario.seed, scenario.duration_s) if cameras else None
+        self.lidars = build.lidars(scenario, self.world)
+        self.inspection = build.inspection(scenario, self.lidars)
+        self.scans: list[LidarFix] = []
+        """What became of the LiDARs' scans that the last period completed."""
         self.pushes = build.pushes(scenario)
         self.decoder = build.decoder(scenario, layout.present)
         navigation, own_layout = build.navigation(scenario), build.believed_layout(scenario, self.world.photodiodes)
@@ -126,6 +131,7 @@ class Flight:
                 )
                 for pair in pairs
             ],
+            lidar=[(o.craft, o.target) for o in self.inspection.observers] if self.inspection is not None else (),
         )
         start = self.motions.start()
         self._true = State(matrix_from_quaternion(start.quaternion), start.angular_rate, start.position, start.velocity)
@@ -142,13 +148,17 @@ class Flight:
         self.angles = self.decoder.decode(pulses)
         images = self.ccd.expose(truth, frame) if self.ccd is not None else None
         estimate = self.navigator.step(self.angles, images, self._command)
+        epoch = len(truth.time_s) // 2
+        if self.inspection is not None:
+            found = [scan for lidar in self.lidars for scan in lidar.sweep(truth)]
+            self.scans = self.inspection.step(found, estimate, float(truth.time_s[epoch]))
+            estimate = self.inspection.into(estimate)
 
         if self.steers_by_estimate.any():
             # The estimate is of the epoch; the next wrench begins half a period later.
             self._estimated = State(
                 estimate.rotation, estimate.angular_rate, estimate.position, estimate.velocity
             ).ahead(self.period_s / 2)
-        epoch = len(truth.time_s) // 2
         at_epoch = Truth(
             truth.position[epoch],
             truth.quaternion[epoch],

@@ -68,7 +68,7 @@ def test_folder_whose_only_model_has_another_name(tmp_path):
     ("name", "message"),
     [
         ("mokcup", "no model 'mokcup'; did you mean 'mockup'"),
-        ("qqqq", "known: chaser, cubesat6u, lighthouse, marker-target, mockup"),
+        ("qqqq", "known: chaser, cubesat6u, inspector, lighthouse, marker-target, mockup, satellite"),
         ("craft/mokcup.xml", "mokcup.xml does not exist"),
     ],
 )

@@ -285,10 +285,26 @@ def test_mistakes_in_overrides_name_the_option(override: str, line: str) -> None
     assert line in str(raised.value)
 
 
+def test_another_kind_of_motion_is_one_mistake() -> None:
+    with pytest.raises(SwarmError) as raised:
+        load("formation", ["swarm.motion.kind=waypoints"])
+    assert str(raised.value) == (
+        '--set: swarm.motion.kind = "waypoints": this kind needs points_m and times_s and has no centre_m or radius_m '
+        "or rate_deg_s or tilt_deg: set the whole table, "
+        """--set 'swarm.motion={kind = "waypoints", points_m = ..., times_s = ...}'"""
+    )
+
+
+def test_a_byte_order_mark_is_no_mistake(tmp_path: Path) -> None:
+    (tmp_path / "windows.toml").write_bytes(b"\xef\xbb\xbfduration_s = 2\n[swarm]\ncount = 1\n")
+    assert load(tmp_path / "windows.toml").duration_s == 2
+
+
 def test_overrides_of_single_craft_say_which() -> None:
     for override, line in (
         ("craft[9].name=a", "craft[9] does not exist: craft has 4 entries, counted from 0"),
         ("craft.name=a", "craft is not a table; say which, as in craft[0].name"),
+        ("craft.starboard.model=a", "craft is not a table; say which, as in craft[2].model"),
     ):
         with pytest.raises(SwarmError) as raised:
             load("rendezvous", [override])

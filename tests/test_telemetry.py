@@ -236,4 +236,4 @@ def test_the_column_reference_is_in_step():
     assert page.read_text(encoding="utf-8") == column_reference(), (
         "write swarm.results.telemetry.column_reference() to docs/telemetry.md"
     )
-    assert column_reference().count("\n| `") == len(schema(replay=True, ccd=True))
+    assert column_reference().count("\n| `") == len(schema(replay=True, ccd=True, lidar=True))

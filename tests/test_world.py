@@ -323,6 +323,15 @@ def test_overlap_is_measured():
         world(start("a", "cubesat6u"), start("b", "cubesat6u", position=(0, 0.19, 3)))
 
 
+def test_an_overlap_of_giants_says_that_lengths_are_metres(tmp_path):
+    big = own_model(tmp_path, f'<body><geom type="box" size="100 100 200"/>{SITES}</body>')
+    with pytest.raises(SwarmError, match=r"a model is 490 m across: lengths in MJCF are metres"):
+        world(
+            CraftStart("a", big, np.array([0, 0, 300.0]), np.array([1.0, 0, 0, 0]), np.zeros(3), np.zeros(3)),
+            start("b", position=(0, 0, 300)),
+        )
+
+
 @pytest.mark.parametrize("name", ["a", "lighthouse"])
 def test_two_of_one_name(name):
     with pytest.raises(SwarmError, match=f"two things are named '{name}'"):

@@ -6,6 +6,7 @@ found here, before anything is written.
 
 from swarm.build.cameras import cameras, craft_keys
 from swarm.build.craft import fleet, photodiodes, pushes, steers_by_estimate, world
+from swarm.build.lidars import inspection, lidars
 from swarm.build.navigation import believed_layout, navigation
 from swarm.build.station import ARCSEC, FAN_ERROR_MAX_RAD, angle_noise, decoder, lighthouse
 from swarm.scenario import Scenario
@@ -20,6 +21,8 @@ __all__ = [
     "craft_keys",
     "decoder",
     "fleet",
+    "inspection",
+    "lidars",
     "lighthouse",
     "navigation",
     "photodiodes",
@@ -30,9 +33,10 @@ __all__ = [
 
 
 def check(settings: Scenario) -> None:
-    """Build everything once. Raises SwarmError as `fleet`, `world`, `believed_layout`, `navigation`, `cameras` do."""
+    """Build everything once. Raises SwarmError as `fleet`, `world`, `believed_layout`, `cameras`, `lidars` do."""
     motions = fleet(settings)
     made = world(settings, motions)
     believed_layout(settings, made.photodiodes)
     cameras(settings, made, motions.at(0.0))
+    lidars(settings, made)
     navigation(settings)

@@ -58,7 +58,9 @@ def world(settings: Scenario, motions: Fleet) -> World:
     start = motions.at(0.0)
     quaternion = quaternion_from_matrix(start.rotation)
     starts = [
-        CraftStart(c.name, c.model, start.position[i], quaternion[i], start.velocity[i], start.angular_rate[i])
+        CraftStart(
+            c.name, c.model, start.position[i], quaternion[i], start.velocity[i], start.angular_rate[i], c.passive
+        )
         for i, c in enumerate(craft)
     ]
     with _blame(settings, craft):

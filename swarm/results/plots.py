@@ -21,8 +21,13 @@ DOF = 6
 WHITE, GREY = 0xECEFF1FF, 0x90A4AEC0
 ORANGE, ORANGE_DIM, BLUE, RED, YELLOW = 0xFFB74DFF, 0xFFB74D90, 0x4FC3F7FF, 0xFF5252FF, 0xFFF176FF
 GREEN_DIM = 0x69F0AE90
-SENSOR_COLOURS = (0x616161FF, 0xFF8A65FF, 0x43A047FF, 0x26A69AFF, 0xFBC02DFF, 0xFB8C00FF)
+SENSOR_COLOURS = (0x616161FF, 0xFF8A65FF, 0x43A047FF, 0x26A69AFF, 0xFBC02DFF, 0xFB8C00FF, 0x7E57C2FF)
 """Of the names in `SENSORS`."""
+STATE_COLOURS = (
+    0x616161FF, 0x1E88E5FF, 0x43A047FF, 0x26A69AFF, 0xFBC02DFF, 0x7CB342FF,
+    0xEF6C00FF, 0xE53935FF, 0x8E24AAFF, 0x5C6BC0FF, 0x455A64FF, 0xD81B60FF,
+)  # fmt: skip
+"""Of the names of any other column, in turn."""
 STATUS_COLOURS = (0x616161FF, 0x2E7D32FF, 0xEF6C00FF, 0x8E24AAFF)
 THIN, MEDIUM, BOLD = 1.2, 1.6, 2.2
 
@@ -75,6 +80,7 @@ class Batch(NamedTuple):
     ccd_position: Floats
     ccd_error: Floats
     ccd_nis: Floats
+    extra: Floats
 
 
 def kept(period: Period, body_quaternion: Floats) -> Batch:
@@ -102,6 +108,7 @@ def kept(period: Period, body_quaternion: Floats) -> Batch:
             np.full_like(estimate.position, np.nan) if peer is None else peer.position,
             estimate.sensor,
             *_ccd(period),
+            np.zeros((len(estimate.status), 0)) if period.extra is None else period.extra,
         )
     )
     return Batch(*kept_arrays)

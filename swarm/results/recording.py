@@ -8,8 +8,10 @@ Everything is in the lighthouse frame (x right, y down, z forward), on the timel
     world/covariance     3 sigma ellipsoids of the position, enlarged, up to half a metre
     world/rays           from the lighthouse to every photodiode in reach: lit or blocked
     world/trails         where the craft have been in the last seconds
+    world/lidar/NAME     the last scan of a LiDAR, where its craft believes the returns to be
     world/cameras        lines of sight from cameras to the lights that they see; world/craft/NAME/ccd their fields
     status/NAME/sensor   whose pose went into the filter, of craft with cameras
+    status/NAME/COLUMN   the run's extra columns of names: what a craft is doing, or what has failed
     swarm, detail        plots of all craft, of single craft; status: what each craft knows
 
 Periods are gathered and sent by columns about once per simulated second. In a swarm of more than 32 the craft that are
@@ -32,7 +34,17 @@ from swarm.errors import SwarmError
 from swarm.results import drawing
 from swarm.results.blueprint import blueprint
 from swarm.results.disk import writing
-from swarm.results.plots import ABOUT, SENSOR_COLOURS, STATUS_COLOURS, Batch, craft_plots, kept, stacked, swarm_plots
+from swarm.results.plots import (
+    ABOUT,
+    SENSOR_COLOURS,
+    STATE_COLOURS,
+    STATUS_COLOURS,
+    Batch,
+    craft_plots,
+    kept,
+    stacked,
+    swarm_plots,
+)
 from swarm.results.recorder import BLOCKED, LIT, Period, Scene
 from swarm.results.telemetry import SENSORS, STATUS
 from swarm.results.viewer import start_live
@@ -51,6 +63,8 @@ TRAIL_POINTS, TRAIL_STEP_S = 20, 0.2
 SIGHT_COLOURS = np.array([0x78909CFF, 0xFF5252FF, 0x69F0AEFF], dtype=np.uint32)
 SIGHT_LINES = {"main": 0x40C4FF90, "backup": 0xFFD54F90}
 """Lines of sight of the cameras."""
+ABOUT_LIDARS = """| bright points | the last scan of a LiDAR, where its craft believes the returns to be |
+"""
 ABOUT_CAMERAS = """| blue, yellow line | from the main and the backup camera to a light that it sees |
 | pyramids on a craft | the fields of its cameras |
 """
@@ -78,6 +92,7 @@ class Recording:
         self._colour = drawing.palette(craft)
         self._early: list[Period] = []
         self._waiting: list[Batch] = []
+        self._clouds: list[tuple[float, int, int, Floats]] = []
         self._trail: deque[Floats] = deque(maxlen=TRAIL_POINTS)
         self._trail_due_s = -np.inf
         self._started = self._replay = False
@@ -121,6 +136,7 @@ class Recording:
         truth = period.truth
         turn = quaternion_from_matrix(period.estimate.rotation) if truth is None else truth.quaternion
         self._waiting.append(kept(period, turn))
+        self._clouds += [(period.time_s, period.frame, scan.craft, scan.cloud) for scan in period.scans]
         if period.time_s - float(self._waiting[0].time_s) >= self._send_every_s:
             self._send()
 
@@ -150,7 +166,7 @@ class Recording:
         self._static("world", rr.ViewCoordinates.RDF)
         solid = "the craft at its estimate: the truth is not known" if self._replay else "the craft where it truly is"
         trail_s, slowed = TRAIL_POINTS * TRAIL_STEP_S, FAN_TURN_S / REAL_FAN_TURN_S
-        cameras = ABOUT_CAMERAS if scene.ccd else ""
+        cameras = (ABOUT_CAMERAS if scene.ccd else "") + (ABOUT_LIDARS if scene.lidar else "")
         about = ABOUT.format(craft=solid, enlarged=ENLARGED, slowed=slowed, trail=trail_s, cameras=cameras)
         self._static("about", rr.TextDocument(about, media_type="text/markdown"))
         for plot in self._plots:
@@ -165,6 +181,9 @@ class Recording:
         for i in self._near:
             self._draw_craft(int(i))
         self._draw_cameras()
+        for i, _ in scene.lidar:
+            points = rr.Points3D.from_fields(colors=self._colour[i][None], radii=[-1.6])
+            self._static(f"world/lidar/{craft[i]}", points)
         self._groups = self._draw_crowd() if self._crowd else {}
         if 0 < period.time_s < 0.1:
             # The timeline begins with the run, not with the middle of its first period.
@@ -213,6 +232,15 @@ class Recording:
         self._static(f"{self._body(i)}/photodiodes", rr.Points3D(points, radii=-2.0))
         states = rr.StateConfiguration(values=list(STATUS), colors=np.array(STATUS_COLOURS, dtype=np.uint32))
         self._static(f"status/{name}", states)
+        for column in self._states():
+            names = self._scene.extra[column].names
+            ink = np.array([STATE_COLOURS[k % len(STATE_COLOURS)] for k in range(len(names))], dtype=np.uint32)
+            entity = f"status/{name}/{self._scene.extra[column].name}"
+            self._static(entity, rr.StateConfiguration(values=list(names), colors=ink))
+
+    def _states(self) -> list[int]:
+        """The extra columns that hold names."""
+        return [k for k, column in enumerate(self._scene.extra) if column.names]
 
     def _draw_cameras(self) -> None:
         """The fields of the cameras, and the lines of sight's colours, where there are any."""
@@ -265,6 +293,7 @@ class Recording:
         self._send_fans(send, batch.time_s)
         self._send_sight(send, batch)
         self._send_cameras(send, batch)
+        self._send_clouds()
         self._send_covariance(send, batch)
         self._send_trails(send, batch)
         for plot in self._plots:
@@ -272,6 +301,12 @@ class Recording:
         for i in self._near:
             states = [STATUS[code] for code in batch.status[:, i]]
             send(f"status/{self._scene.craft[i]}", rr.StateChange.columns(state=states))
+            for column in self._states():
+                name, names = self._scene.extra[column].name, self._scene.extra[column].names
+                codes = batch.extra[:, i, column]
+                if np.isfinite(codes).all():
+                    states = [names[int(code)] for code in codes]
+                    send(f"status/{self._scene.craft[i]}/{name}", rr.StateChange.columns(state=states))
         self._flush()
 
     def _flush(self) -> None:
@@ -347,6 +382,16 @@ class Recording:
             if pair.craft in self._near:
                 states = [SENSORS[code] for code in batch.sensor[:, pair.craft]]
                 send(f"status/{self._scene.craft[pair.craft]}/sensor", rr.StateChange.columns(state=states))
+
+    def _send_clouds(self) -> None:
+        """The scans that became complete, each at its own time."""
+        for i in sorted({who for _, _, who, _ in self._clouds}):
+            mine = [(time_s, frame, cloud) for time_s, frame, who, cloud in self._clouds if who == i]
+            send = self._sender(np.array([t for t, _, _ in mine]), np.array([f for _, f, _ in mine]))
+            points = np.concatenate([cloud for _, _, cloud in mine]).astype(np.float32)
+            columns = rr.Points3D.columns(positions=points).partition([len(cloud) for _, _, cloud in mine])
+            send(f"world/lidar/{self._scene.craft[i]}", columns)
+        self._clouds.clear()
 
     def _send_covariance(self, send: Send, batch: Batch) -> None:
         covariance, position = batch.covariance[:, self._near], batch.position[:, self._near]

@@ -26,6 +26,7 @@ from swarm.errors import SwarmError
 from swarm.results import ccd_columns
 from swarm.results.ccd_columns import CCD_STATES, CcdFix
 from swarm.results.disk import writing
+from swarm.results.extra_columns import Extra
 from swarm.results.rows import rows_into
 
 if TYPE_CHECKING:
@@ -36,10 +37,13 @@ FILE = "telemetry.parquet"
 PARTS = FILE + ".partial"
 STATUS = ("searching", "tracking", "coasting", "ambiguous")
 """Names of the status codes 0 to 3."""
-SENSORS = ("none", "lighthouse", "stereo", "lighthouse+stereo", "camera", "lighthouse+camera")
-"""Names of the sensor codes 0 to 5: whose pose the filter took in; both cameras are "stereo", the main one "camera"."""
+SENSORS = ("none", "lighthouse", "stereo", "lighthouse+stereo", "camera", "lighthouse+camera", "lidar")
+"""Names of the sensor codes 0 to 6: whose pose the filter took in; both cameras are "stereo", the main one "camera";
+"lidar": that of a craft which somebody else observes."""
 NAMES = {"status": STATUS, "sensor": SENSORS, "ccd": CCD_STATES}
 """The columns of names: their codes are kept, with null for a code beyond the names."""
+FUSED = "fused"
+"""Observer of an estimate that several LiDARs make together."""
 PERIODS_PER_PART = 120
 ROWS_PER_GROUP = 65_536
 """Rows of a part at most, and of a row group of the final file: about 35 MB."""
@@ -160,10 +164,11 @@ def _rates(prefix: str, whose: str) -> list[pa.Field]:
     ]
 
 
-def schema(replay: bool = False, ccd: bool = False) -> pa.Schema:
+def schema(replay: bool = False, ccd: bool = False, lidar: bool = False, extra: Sequence[Extra] = ()) -> pa.Schema:
     """Columns in order, each with its `unit` and `meaning` as field metadata.
 
-    replay: with the peer's pose. ccd: with what the cameras found.
+    replay: with the peer's pose. ccd: with what the cameras found. lidar: with whose observation an estimate is.
+    extra: and these, at the end.
     """
     f64, i16, i32 = pa.float64(), pa.int16(), pa.int32()
     fields = [
@@ -206,6 +211,10 @@ def schema(replay: bool = False, ccd: bool = False) -> pa.Schema:
         fields.append(_column("ccd", pa.dictionary(pa.int8(), pa.string()), "", states))
         fields += [_column(name, i16, unit, meaning) for name, unit, meaning in ccd_columns.COUNTS]
         fields += [_column(name, f64, unit, meaning) for name, unit, meaning in ccd_columns.FLOATS]
+    if lidar:
+        meaning = f"whose LiDAR the estimate of a passive craft rests on; {FUSED!r}: of several; null: its own estimate"
+        fields.append(_column("observer", pa.dictionary(pa.int32(), pa.string()), "", meaning))
+    fields += [_column(column.name, column.type, column.unit, column.meaning) for column in extra]
     return pa.schema(fields)
 
 
@@ -226,10 +235,12 @@ def column_reference() -> str:
         "|---|---|---|---|",
     ]
     ordinary, replay = len(schema()), len(schema(replay=True))
-    for i, field in enumerate(schema(replay=True, ccd=True)):
+    cameras = len(schema(replay=True, ccd=True))
+    for i, field in enumerate(schema(replay=True, ccd=True, lidar=True)):
         kind = "string" if pa.types.is_dictionary(field.type) else str(field.type)
         unit, meaning = field.metadata[b"unit"].decode(), field.metadata[b"meaning"].decode()
         only = "" if i < ordinary else "; only in a replay" if i < replay else "; only with cameras"
+        only = only if i < cameras else "; only with LiDARs"
         lines.append(f"| `{field.name}` | {kind} | {unit} | {meaning}{only} |")
     return "\n".join(lines) + "\n"
 
@@ -245,12 +256,25 @@ class Telemetry:
     rows wait in one (columns, rows) block, so that a period is a few slice assignments for all craft at once.
     """
 
-    def __init__(self, folder: Path, craft: Sequence[str], replay: bool = False, ccd: bool = False) -> None:
-        self._folder, self._craft, self._schema = folder, list(craft), schema(replay, ccd)
+    def __init__(
+        self,
+        folder: Path,
+        craft: Sequence[str],
+        replay: bool = False,
+        ccd: bool = False,
+        observer: Sequence[str | None] | None = None,
+        extra: Sequence[Extra] = (),
+    ) -> None:
+        """observer: of a run with LiDARs, whose observation each craft's estimate is, None where its own."""
+        self._folder, self._craft = folder, list(craft)
+        self._schema = schema(replay, ccd, observer is not None, extra)
+        self._observer = list(observer or ())
+        self._extra = {column.name: column for column in extra}
         periods = max(1, min(PERIODS_PER_PART, ROWS_PER_GROUP // max(1, len(craft))))
         self._capacity = periods * len(craft)
         self._floats = np.full((len(_FLOATS), self._capacity), np.nan)
         self._ints = np.zeros((len(_INTS) + len(_CCD_INTS), self._capacity), dtype=np.int64)
+        self._more = np.full((len(extra), self._capacity), np.nan)
         vector, quaternion = np.full((len(craft), 3), np.nan), np.full((len(craft), 4), np.nan)
         self._no_truth = Truth(vector, quaternion, vector, vector, np.zeros(len(craft), dtype=np.bool_))
         self._no_peer = Peer(vector, quaternion)
@@ -259,9 +283,18 @@ class Telemetry:
             (folder / PARTS).mkdir()
 
     def append(
-        self, time_s: float, frame: int, truth: Truth | None, estimate: Estimate, peer: Peer | None = None
+        self,
+        time_s: float,
+        frame: int,
+        truth: Truth | None,
+        estimate: Estimate,
+        peer: Peer | None = None,
+        extra: Floats | None = None,
     ) -> Errors:
-        """Add one period of all craft (epoch `time_s` [s]) and return its errors. Raises SwarmError on a full disk."""
+        """Add one period of all craft (epoch `time_s` [s]) and return its errors. Raises SwarmError on a full disk.
+
+        extra: (C, N), the values of the run's extra columns.
+        """
         pnp, precision = estimate.pnp, estimate.dilution
         true, other = self._no_truth if truth is None else truth, self._no_peer if peer is None else peer
         errors, flat = np.empty((len(Errors._fields), len(self._craft))), np.ascontiguousarray
@@ -292,6 +325,8 @@ class Telemetry:
         ccd = estimate.ccd
         if ccd is not None:
             self._floats[-len(ccd_columns.FLOATS) :, at] = ccd_columns.floats(ccd, true.position, true.quaternion).T
+        if extra is not None:
+            self._more[:, at] = extra.T
         contact = -1 if truth is None else truth.contact
         e = estimate
         counts = (frame, e.status, e.sensor, e.visible, e.pnp.iterations, e.missed_sync, e.rejected, contact)
@@ -307,11 +342,17 @@ class Telemetry:
         rows = self._rows
         floats = dict(zip(_FLOATS, self._floats, strict=True))
         ints = dict(zip((*_INTS, *_CCD_INTS), self._ints, strict=True))
+        more = dict(zip(self._extra, self._more, strict=True))
         names = np.tile(np.arange(len(self._craft), dtype=np.int32), rows // max(1, len(self._craft)))
         columns: list[pa.Array] = []
         for field in self._schema:
             if field.name == "craft":
                 columns.append(pa.DictionaryArray.from_arrays(names, pa.array(self._craft, pa.string())))
+            elif field.name == "observer":
+                tiled = self._observer * (rows // max(1, len(self._craft)))
+                columns.append(pa.array(tiled, pa.string()).dictionary_encode())
+            elif field.name in more:
+                columns.append(self._extra[field.name].array(more[field.name][:rows]))
             elif field.name in NAMES:
                 code, known = ints[field.name][:rows].astype(np.int8), pa.array(NAMES[field.name])
                 columns.append(pa.DictionaryArray.from_arrays(pa.array(code, mask=code >= len(known)), known))
@@ -353,7 +394,7 @@ class Telemetry:
                 temporary,
                 self._schema,
                 compression="snappy",
-                use_dictionary=[name for name in ("craft", *NAMES) if name in self._schema.names],
+                use_dictionary=[field.name for field in self._schema if pa.types.is_dictionary(field.type)],
                 use_byte_stream_split=doubles,
                 write_statistics=["time_s", "frame"],
             ) as writer,

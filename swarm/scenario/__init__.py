@@ -1,6 +1,7 @@
 """The scenario: what a run's file may say, loading it with every mistake named, and writing it out again."""
 
 from swarm.scenario.cameras import Ccd, Outage
+from swarm.scenario.lidar import Lidar
 from swarm.scenario.load import Craft, craft, for_replay, load, validate
 from swarm.scenario.motions import AnyMotion, Approach, Attitude, Drift, Hold, Ring, Tumble, Wander, Waypoints
 from swarm.scenario.reference import json_schema, markdown_reference
@@ -16,6 +17,7 @@ __all__ = [
     "Drift",
     "Fan",
     "Hold",
+    "Lidar",
     "Lighthouse",
     "Navigation",
     "Outage",

@@ -16,6 +16,7 @@ from swarm.assets import find_model, find_scenario, lighthouses, models
 from swarm.errors import SwarmError
 from swarm.scenario import mistakes, schema
 from swarm.scenario.cameras import Ccd
+from swarm.scenario.lidar import Lidar
 from swarm.scenario.mistakes import Problem, dotted, parse_path
 from swarm.scenario.motions import AnyMotion
 from swarm.scenario.schema import Disturbance, Scenario
@@ -35,6 +36,8 @@ class Craft:
     lighthouse: bool
     disturbance: Disturbance
     ccd: Ccd | None
+    passive: bool = False
+    lidar: Lidar | None = None
 
 
 class Override(NamedTuple):
@@ -72,7 +75,7 @@ def validate(
     try:
         scenario = Scenario.model_validate(data)
     except ValidationError as error:
-        problems += mistakes.problems_of(error, data)
+        problems += mistakes.problems_of(error, data, kinds_set=[key[:-1] for key in sources if key[-1] == "kind"])
     if problems:
         raise SwarmError(mistakes.report(problems, data, sources, file))
     return scenario
@@ -113,23 +116,23 @@ def craft(scenario: Scenario) -> list[Craft]:
     names = scenario.craft_names
     here = Path()
     model = find_model(swarm.model, here) if swarm.count else here
-    group: list[tuple[str, Path, schema.Craft, int, int, Ccd | None]] = [
-        (names[i], model, swarm, i, swarm.count, None) for i in range(swarm.count)
+    group: list[tuple[str, Path, schema.Craft, int, int, Ccd | None, Lidar | None]] = [
+        (names[i], model, swarm, i, swarm.count, None, None) for i in range(swarm.count)
     ]
     group += [
-        (name, find_model(single.model, here), single, 0, 1, single.ccd)
+        (name, find_model(single.model, here), single, 0, 1, single.ccd, single.lidar)
         for name, single in zip(names[swarm.count :], scenario.craft, strict=True)
     ]
     return [
-        Craft(name, file, of.feedback, of.motion, index, count, of.lighthouse, of.disturbance, ccd)
-        for name, file, of, index, count, ccd in group
+        Craft(name, file, of.feedback, of.motion, index, count, of.lighthouse, of.disturbance, ccd, of.passive, lidar)
+        for name, file, of, index, count, ccd, lidar in group
     ]
 
 
 def read_toml(path: Path) -> dict[str, Any]:
     """What a TOML file says. Raises SwarmError, with the place in the file, where it is none or cannot be read."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except tomllib.TOMLDecodeError as error:
         where = re.search(r" \(at (?:line (\d+), column (\d+)|end of document)\)$", str(error))
         what = str(error)[: where.start()] if where else str(error)
@@ -156,7 +159,7 @@ def _put(data: dict[str, Any], override: Override) -> mistakes.Path:
                 entries = f"has {len(inner)} entries, counted from 0" if isinstance(inner, list) else "is not a list"
                 raise SwarmError(f"{said}: {so_far} does not exist: {dotted(path[:depth])} {entries}")
         elif not isinstance(inner, dict):
-            index = f"; say which, as in {dotted(path[:depth])}[0].{part}" if isinstance(inner, list) else ""
+            index = f"; say which, as in {_by_number(inner, path, depth)}" if isinstance(inner, list) else ""
             raise SwarmError(f"{said}: {dotted(path[:depth])} is not a table{index}")
         if last:
             inner[part] = override.value
@@ -166,6 +169,12 @@ def _put(data: dict[str, Any], override: Override) -> mistakes.Path:
             inner[part] = below = below.copy() if isinstance(below, dict | list) else below
             inner = below
     return path
+
+
+def _by_number(entries: list[Any], path: mistakes.Path, depth: int) -> str:
+    """The key `path` with the number of an entry of the list in it, of the one that `path[depth]` names if any does."""
+    named = [i for i, entry in enumerate(entries) if isinstance(entry, dict) and entry.get("name") == path[depth]]
+    return dotted((*path[:depth], named[0] if named else 0, *path[depth + bool(named) :]))
 
 
 def _value(override: str, text: str) -> Any:

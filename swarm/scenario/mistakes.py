@@ -118,12 +118,32 @@ def report(problems: Iterable[Problem], data: Mapping[str, Any], sources: Mappin
     return "\n".join(dict.fromkeys(lines))
 
 
-def problems_of(error: ValidationError, data: Mapping[str, Any], root: type[Table] = Scenario) -> list[Problem]:
-    """Every mistake that pydantic found in `data`, worded. root: the table that the whole file is."""
+def problems_of(
+    error: ValidationError, data: Mapping[str, Any], root: type[Table] = Scenario, kinds_set: Iterable[Path] = ()
+) -> list[Problem]:
+    """Every mistake that pydantic found in `data`, worded. root: the table that the whole file is.
+
+    kinds_set: tables whose `kind` alone was changed: what no longer fits to the kind is one mistake.
+    """
     problems = [p for detail in error.errors(include_url=False) for p in _problems(detail, root)]
+    for table in kinds_set:
+        problems = list(_of_another_kind(problems, table, value_at(data, (*table, "kind"))))
     # A misspelt key is one mistake, not two: the right one is not also "missing".
     meant = {(*p.keys[0][:-1], name) for p in problems if p.rank == 0 for name in re.findall(r"'(\w+)'", p.text)}
     return [p for p in problems if not (p.rank == 1 and p.keys[0] in meant)]
+
+
+def _of_another_kind(problems: list[Problem], table: Path, kind: Any) -> Iterator[Problem]:
+    """The problems, with those of missing and unknown keys in `table`, whose kind was changed, made one."""
+    here = [p for p in problems if p.rank in (0, 1) and p.keys[0][:-1] == table]
+    yield from (p for p in problems if p not in here)
+    if here:
+        missing = [str(p.keys[0][-1]) for p in here if p.rank == 1]
+        unknown = [str(p.keys[0][-1]) for p in here if p.rank == 0]
+        said = [f"needs {' and '.join(missing)}"] * bool(missing) + [f"has no {' or '.join(unknown)}"] * bool(unknown)
+        example = ", ".join([f"kind = {toml_value(kind)}", *(f"{key} = ..." for key in missing)])
+        whole = f"--set '{dotted(table)}={{{example}}}'"
+        yield Problem(0, ((*table, "kind"),), f"this kind {' and '.join(said)}: set the whole table, {whole}")
 
 
 def _problems(detail: ErrorDetails, root: type[Table]) -> Iterator[Problem]:

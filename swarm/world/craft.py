@@ -3,6 +3,8 @@
 The body frame `b` is the frame of the file's one root body. Bodies below it that no joint moves are fused into it
 (geoms, photodiodes and inertia included), its pose in the file and its free joint are dropped: the world places it.
 The photodiodes are the sites whose name starts with `photodiode`; a site's z axis is the photodiode's outward normal.
+The site `lidar`, if there is one, is where a LiDAR sits: its z axis is the spin axis. A mesh file (OBJ, STL) is a craft
+of one part.
 Cameras and lights of the CCD sensor: `swarm.world.optics`.
 """
 
@@ -22,12 +24,14 @@ from estimators.rotation import matrix_from_quaternion
 from swarm.errors import SwarmError
 from swarm.layout import Cameras, Lights
 from swarm.world import shapes
+from swarm.world.mesh_file import SUFFIXES, mesh_spec
 from swarm.world.optics import cameras_of, lights_of
 
 LEAST_PHOTODIODES = 4
 """What PnP needs (section 2 of source 1)."""
 FREE_JOINT = "free"
 """Name, before the craft's prefix, of the joint that the loader gives every craft."""
+LIDAR_SITE = "lidar"
 REFERRING = ("keys", "sensors", "actuators", "tendons", "equalities", "pairs", "excludes", "tuples", "flexes", "skins")
 """Elements outside the tree of bodies that refer to it."""
 DRAWN_GROUPS = 3
@@ -61,6 +65,8 @@ class CraftModel(NamedTuple):
     point_m: Floats
     normal: Floats
     visuals: tuple[Visual, ...]
+    lidar: tuple[Floats, Floats] | None
+    """Where the scanner sits: rotation (3, 3) R_b_s and position (3,) [m]; None without one."""
     cameras: Cameras
     lights: Lights
 
@@ -69,11 +75,6 @@ class CraftModel(NamedTuple):
 def _load_version(path: Path, modified_ns: int) -> CraftModel:
     spec, model = rigid(path)
     sites = photodiode_sites(model)
-    if len(sites) < LEAST_PHOTODIODES:
-        raise SwarmError(
-            f"{path}: {len(sites)} photodiodes (sites whose name starts with 'photodiode'), at least "
-            f"{LEAST_PHOTODIODES} are needed for a pose"
-        )
     turn = matrix_from_quaternion(model.body_iquat[1])
     # Read, the sites have done their duty: MuJoCo would place every one of them at every step.
     for site in list(spec.sites):
@@ -88,18 +89,25 @@ def _load_version(path: Path, modified_ns: int) -> CraftModel:
         model.site_pos[sites].copy(),
         matrix_from_quaternion(model.site_quat[sites])[:, :, 2],
         visuals_of(model),
+        _lidar_site(model),
         cameras_of(model, path),
         lights_of(model),
     )
 
 
-def load_craft(path: Path) -> CraftModel:
-    """Read a craft's MJCF file; read once per process as long as the file does not change.
+def load_craft(path: Path, passive: bool = False) -> CraftModel:
+    """Read a craft's model file; read once per process as long as the file does not change.
 
-    Raises SwarmError: no such file, MuJoCo does not compile it (with its message), not exactly one root body, a joint
-    inside the craft, or fewer than four photodiodes.
+    passive: it navigates by nothing, and needs no photodiodes. Raises SwarmError: no such file, MuJoCo does not compile
+    it (with its message), not exactly one root body, a joint inside the craft, or fewer than four photodiodes.
     """
-    return _load_version(path.resolve(), _modified_ns(path))
+    craft = _load_version(path.resolve(), _modified_ns(path))
+    if not passive and len(craft.point_m) < LEAST_PHOTODIODES:
+        raise SwarmError(
+            f"{path}: {len(craft.point_m)} photodiodes (sites whose name starts with 'photodiode'), at least "
+            f"{LEAST_PHOTODIODES} are needed for a pose; a craft that does not cooperate is passive = true"
+        )
+    return craft
 
 
 def load_static(path: Path) -> tuple[mujoco.MjSpec, FilePose]:
@@ -149,7 +157,7 @@ def rigid(path: Path, free: bool = True) -> tuple[mujoco.MjSpec, mujoco.MjModel]
     """
     try:
         with quiet():
-            spec = mujoco.MjSpec.from_file(str(path))
+            spec = mesh_spec(path) if path.suffix.lower() in SUFFIXES else mujoco.MjSpec.from_file(str(path))
             roots = spec.worldbody.bodies
             if len(roots) != 1:
                 names = ", ".join(repr(body.name) for body in roots) or "none"
@@ -201,6 +209,13 @@ def photodiode_sites(model: mujoco.MjModel) -> list[int]:
             number = re.search(r"\d+", name)
             found.append((int(number.group()) if number else 0, name, site))
     return [site for _, _, site in sorted(found)]
+
+
+def _lidar_site(model: mujoco.MjModel) -> tuple[Floats, Floats] | None:
+    for site in range(model.nsite):
+        if model.site(site).name == LIDAR_SITE:
+            return matrix_from_quaternion(model.site_quat[site]), model.site_pos[site].copy()
+    return None
 
 
 def visuals_of(model: mujoco.MjModel) -> tuple[Visual, ...]:

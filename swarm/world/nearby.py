@@ -36,6 +36,10 @@ class Neighbourhood:
         self._lighthouse_m += model.body_pos[lighthouse_body]
         self._scratch = np.empty((craft + 1, 4))
 
+    def radius(self, craft: int) -> float:
+        """Of the sphere around a craft's centre of mass that holds all its geoms [m]."""
+        return float(self._radius[craft])
+
     def can_touch(self, pose: Floats, rate: Floats, force: Floats, period_s: float) -> bool:
         """Whether a contact is possible from pose (C, 7), rate (C, 6), as MuJoCo keeps them, under force (C, 3) [N]."""
         spheres = self._scratch

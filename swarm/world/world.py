@@ -27,13 +27,15 @@ from swarm.world.nearby import Neighbourhood
 
 LARGEST = 1e6
 """A coordinate [m], velocity [m/s] or rate [rad/s] beyond this is a simulation that has blown up."""
+LARGE_CRAFT_M = 50.0
+"""A craft that is wider was perhaps drawn in millimetres."""
 
 NO_CONTACT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
 
 
 class CraftStart(NamedTuple):
     """One craft at time 0: position (3,) [m], quaternion (4,) wxyz, velocity (3,) [m/s], angular_rate (3,) [rad/s], all
-    in the lighthouse frame. model: its MJCF file.
+    in the lighthouse frame. model: its MJCF file. passive: it has no photodiodes, or they are not on board.
     """
 
     name: str
@@ -42,6 +44,7 @@ class CraftStart(NamedTuple):
     quaternion: Floats
     velocity: Floats
     angular_rate: Floats
+    passive: bool = False
 
 
 class PeriodTruth(NamedTuple):
@@ -77,7 +80,7 @@ class World:
         """
         self.names = tuple(start.name for start in craft)
         _check_names(self.names)
-        self._models = tuple(load_craft(start.model) for start in craft)
+        self._models = tuple(load_craft(start.model, start.passive) for start in craft)
         self._rate_hz, self._steps, self._frame = rate_hz, steps_per_period, 0
         position = _table([start.position for start in craft], 3)
         quaternion = _table([start.quaternion for start in craft], 4)
@@ -107,9 +110,14 @@ class World:
         self.mass: Floats = np.array([model.mass for model in self._models])
         self.com_m: Floats = np.array([model.com_m for model in self._models]).reshape(-1, 3)
         self.inertia: Floats = np.array([model.inertia for model in self._models]).reshape(-1, 3, 3)
+        alive = [0 if start.passive else None for start in craft]
+        self.photodiodes = layout.pad(
+            [m.point_m[:n] for m, n in zip(self._models, alive, strict=True)],
+            [m.normal[:n] for m, n in zip(self._models, alive, strict=True)],
+        )
+        self.lidars = tuple(model.lidar for model in self._models)
         self.cameras = tuple(model.cameras for model in self._models)
         self.lights = tuple(model.lights for model in self._models)
-        self.photodiodes = layout.pad([m.point_m for m in self._models], [m.normal for m in self._models])
         with quiet():
             mujoco.mj_forward(self.model, self._data)
         self._check_overlap()
@@ -186,7 +194,11 @@ class World:
         one, other = sorted(self._craft_of_geom[contact.geom[worst]], reverse=True)
         depth = -1e3 * float(contact.dist[worst])
         where = f"inside craft {self.names[other]!r}" if other >= 0 else "inside the lighthouse"
-        raise SwarmError(f"craft {self.names[one]!r} starts {where}: they overlap by {depth:.1f} mm; move them apart")
+        size = 2 * max(self._neighbourhood.radius(one), self._neighbourhood.radius(other) if other >= 0 else 0.0)
+        unit = f" (a model is {size:.0f} m across: lengths in MJCF are metres)" if size > LARGE_CRAFT_M else ""
+        raise SwarmError(
+            f"craft {self.names[one]!r} starts {where}: they overlap by {depth:.1f} mm; move them apart{unit}"
+        )
 
     def _report_instability(self, pose: Floats, rate: Floats, time_s: Floats) -> None:
         state = np.concatenate([pose, rate], axis=2)

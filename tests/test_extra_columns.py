@@ -1,0 +1,40 @@
+"""Extra telemetry columns: what goes in as doubles comes out as numbers, names and booleans, null where NaN."""
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from synthetic_run import PERIOD_S, estimate_of, truth_at
+
+from swarm.results.extra_columns import Extra
+from swarm.results.telemetry import FILE, Telemetry, schema
+
+COLUMNS = (
+    Extra("range_m", "m", "a number"),
+    Extra("fired", "1", "a whole number", "count"),
+    Extra("alert", "", "yes or no", "yes"),
+    Extra("phase", "", "a name", names=("hold", "final")),
+)
+
+
+def test_extra_columns_come_back_as_they_went_in(tmp_path):
+    nothing = np.nan
+    block = np.array([[1.25, 3, 1, 1], [nothing, nothing, nothing, nothing], [0.0, 0, 0, 0]])
+    out, rng = Telemetry(tmp_path, ["a", "b", "c"], extra=COLUMNS), np.random.default_rng(0)
+    # More periods than one part holds, so that dictionaries of several parts are joined.
+    for k in range(130):
+        truth = truth_at(k * PERIOD_S, 3)
+        out.append(k * PERIOD_S, k, truth, estimate_of(truth, rng), extra=block)
+    out.close()
+    table = pq.read_table(tmp_path / FILE)
+    assert table.column_names == schema(extra=COLUMNS).names
+    rows = table.select([column.name for column in COLUMNS]).to_pylist()
+    assert rows[-3:] == rows[:3] == [
+        {"range_m": 1.25, "fired": 3, "alert": True, "phase": "final"},
+        {"range_m": None, "fired": None, "alert": None, "phase": None},
+        {"range_m": 0.0, "fired": 0, "alert": False, "phase": "hold"},
+    ]  # fmt: skip
+
+
+def test_without_extra_columns_nothing_has_changed():
+    assert schema(extra=COLUMNS).names[: len(schema())] == schema().names
+    assert pa.types.is_dictionary(schema(extra=COLUMNS).field("phase").type)
