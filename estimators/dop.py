@@ -69,28 +69,72 @@ def _sums_into(
     rows (2, 5, K): the rows themselves, without the derivative by the other fan's coordinate.
 
     angles: of equal noise; else the table's weights stand for (13). False where a photodiode is behind. A row has no
-    derivative by the other fan's coordinate: it is not added up.
+    derivative by the other fan's coordinate: it is not added up. Columns 0 to 2 are the attitude, p the fan's own
+    coordinate, z the third one; sums named n belong to J^T J, m to the moved ones, s to the fan's rows.
     """
-    normal[:] = 0.0
-    moved[:] = 0.0
-    fan_sum[:] = 0.0
+    # In registers, not in the matrices: a sum in memory waits for the one before.
+    n00 = n10 = n11 = n20 = n21 = n22 = nz0 = nz1 = nz2 = nzz = 0.0
+    m00 = m10 = m11 = m20 = m21 = m22 = mz0 = mz1 = mz2 = mzz = 0.0
     for fan in range(2):
-        place = 3 + fan
+        s0 = s1 = s2 = sp = sz = 0.0
+        np0 = np1 = np2 = npp = nzp = mp0 = mp1 = mp2 = mpp = mzp = 0.0
         for i in range(fan * n, fan * n + n):
             value, ahead, r0, r1, r2, g, gz = project(table, i, rotation, position[fan], position[2])
             if not ahead > 0:
                 return False
             slope = -1 / (1 + value * value) if angles else table[i, WEIGHT]
-            row = (slope * r0, slope * r1, slope * r2, slope * g, slope * gz)
+            a0, a1, a2, ap, az = slope * r0, slope * r1, slope * r2, slope * g, slope * gz
             tau = table[i, TAU]
-            for a in range(5):
-                rows[fan, a, i - fan * n] = row[a]
-                to = a if a < 3 else (place if a == 3 else 5)
-                fan_sum[fan, to] += row[a]
-                for b in range(a + 1):
-                    by = b if b < 3 else (place if b == 3 else 5)
-                    normal[to, by] += row[a] * row[b]
-                    moved[to, by] += tau * row[a] * row[b]
+            k = i - fan * n
+            rows[fan, 0, k], rows[fan, 1, k], rows[fan, 2, k], rows[fan, 3, k], rows[fan, 4, k] = a0, a1, a2, ap, az
+            t0, t1, t2, tp, tz = tau * a0, tau * a1, tau * a2, tau * ap, tau * az
+            s0, s1, s2, sp, sz = s0 + a0, s1 + a1, s2 + a2, sp + ap, sz + az
+            n00 += a0 * a0
+            n10 += a1 * a0
+            n11 += a1 * a1
+            n20 += a2 * a0
+            n21 += a2 * a1
+            n22 += a2 * a2
+            np0 += ap * a0
+            np1 += ap * a1
+            np2 += ap * a2
+            npp += ap * ap
+            nz0 += az * a0
+            nz1 += az * a1
+            nz2 += az * a2
+            nzp += az * ap
+            nzz += az * az
+            m00 += t0 * a0
+            m10 += t1 * a0
+            m11 += t1 * a1
+            m20 += t2 * a0
+            m21 += t2 * a1
+            m22 += t2 * a2
+            mp0 += tp * a0
+            mp1 += tp * a1
+            mp2 += tp * a2
+            mpp += tp * ap
+            mz0 += tz * a0
+            mz1 += tz * a1
+            mz2 += tz * a2
+            mzp += tz * ap
+            mzz += tz * az
+        place = 3 + fan
+        fan_sum[fan, 0], fan_sum[fan, 1], fan_sum[fan, 2] = s0, s1, s2
+        fan_sum[fan, 3], fan_sum[fan, 4], fan_sum[fan, 5] = 0.0, 0.0, sz
+        fan_sum[fan, place] = sp
+        normal[place, 0], normal[place, 1], normal[place, 2] = np0, np1, np2
+        normal[place, place], normal[5, place] = npp, nzp
+        moved[place, 0], moved[place, 1], moved[place, 2] = mp0, mp1, mp2
+        moved[place, place], moved[5, place] = mpp, mzp
+    normal[0, 0], normal[1, 0], normal[1, 1] = n00, n10, n11
+    normal[2, 0], normal[2, 1], normal[2, 2] = n20, n21, n22
+    normal[4, 3] = 0.0
+    normal[5, 0], normal[5, 1], normal[5, 2], normal[5, 5] = nz0, nz1, nz2, nzz
+    moved[0, 0], moved[1, 0], moved[1, 1] = m00, m10, m11
+    moved[2, 0], moved[2, 1], moved[2, 2] = m20, m21, m22
+    moved[4, 3] = 0.0
+    moved[5, 0], moved[5, 1], moved[5, 2], moved[5, 5] = mz0, mz1, mz2, mzz
     return True
 
 
@@ -108,9 +152,11 @@ def _dilution_all(
     mask: Bools,
     covariance: Floats,
     coupling: Floats,
+    adop: Floats,
+    pdop: Floats,
     slope: Floats,
 ) -> None:
-    """(13) to (18) for every craft; leaves the outputs alone where the pose is not determined.
+    """(13) to (18) and (22) for every craft; NaN where the pose is not determined.
 
     weight: (C, K, 2), inverse noise of each projection, or empty where the angles have equal noise.
     """
@@ -120,6 +166,10 @@ def _dilution_all(
     fan_sum, spread = np.empty((2, 6)), np.empty((2, 6))
     rows, square = np.empty((2, 5, lit.shape[1])), np.empty((2, lit.shape[1]))
     for c in range(lit.shape[0]):
+        adop[c] = pdop[c] = np.nan
+        for a in range(6):
+            for b in range(6):
+                covariance[c, a, b] = coupling[c, a, b] = np.nan
         if not (mask[c] and spans_plane(lit[c], point[c])):
             continue
         n = gather(lit[c], point[c], offset[c], angular_rate[c], velocity[c], table)
@@ -153,6 +203,9 @@ def _dilution_all(
                     row[b] += factor * moved[k, b]
             for b in range(6):
                 coupling[c, a, b] = row[b]
+        h = covariance[c]
+        adop[c] = np.rad2deg(np.sqrt(h[0, 0] + h[1, 1] + h[2, 2]))
+        pdop[c] = np.sqrt(h[3, 3] + h[4, 4] + h[5, 5])
         slope[0, c], slope[1, c] = worst_slopes(rows, n, inverse, fan_sum, spread, rho, square)
 
 
@@ -232,7 +285,8 @@ def _checked_dilution(
     if mask.shape != (craft,):
         raise ValueError(f"mask has shape {mask.shape}, expected {(craft,)}")
     offset_s, angular_rate, velocity = motion
-    covariance, coupling = np.full((2, craft, 6, 6), np.nan)
+    covariance, coupling = np.empty((2, craft, 6, 6))
+    adop, pdop = np.empty((2, craft))
     slope = np.full((2, craft), np.nan)
     _dilution_all(
         checked("rotation", rotation, (craft, 3, 3)),
@@ -247,6 +301,8 @@ def _checked_dilution(
         mask,
         covariance,
         coupling,
+        adop,
+        pdop,
         slope,
     )
-    return Dilution(covariance, *factors(covariance), coupling, np.rad2deg(slope[0]), slope[1])
+    return Dilution(covariance, adop, pdop, coupling, np.rad2deg(slope[0]), slope[1])

@@ -85,6 +85,20 @@ def test_a_compiled_covariance_is_symmetric_and_positive_after_a_thousand_period
     assert np.linalg.eigvalsh(bank.covariance).min() > 0
 
 
+@pytest.mark.parametrize("kind", [PoseFilterBank, CompiledFilterBank])
+def test_motion_that_was_not_ordered_changes_no_bit(kind: type[FilterBank]) -> None:
+    """So that navigation may leave it out for a swarm that orders nothing."""
+    rng = np.random.default_rng(8)
+    bank, mask, none = kind(4), np.ones(4, dtype=np.bool_), np.zeros((4, 3))
+    pose = rot.exp(rng.standard_normal((4, 3))), rng.standard_normal((4, 3))
+    bank.start(mask, *pose, random_covariance(rng, 4), (1.0, 1.0))
+    bank.predict(T, mask)
+    before = [getattr(bank, name) for name in STATE]
+    bank.add_motion(mask, none, none, none, none)
+    for name, value in zip(STATE, before, strict=True):
+        np.testing.assert_array_equal(getattr(bank, name), value, err_msg=name)
+
+
 def test_an_indefinite_covariance_is_refused_and_named() -> None:
     rng = np.random.default_rng(7)
     bank, mask = CompiledFilterBank(2), np.ones(2, dtype=np.bool_)
@@ -106,6 +120,9 @@ def test_an_indefinite_covariance_is_refused_and_named() -> None:
         # Until the first craft has gone dark, coasted and come back.
         ("crossing", ["duration_s=9"]),
         ("swarm1000", ["duration_s=0.5", "swarm.count=30"]),
+        ("survey", ["duration_s=1"]),
+        ("cloud", ["duration_s=0.5"]),
+        ("ccd-docking", ["duration_s=0.5"]),
     ],
 )
 def test_every_column_of_the_telemetry_is_filterpys(scenario: str, overrides: list[str], tmp_path: Path) -> None:
@@ -119,8 +136,11 @@ def test_every_column_of_the_telemetry_is_filterpys(scenario: str, overrides: li
         if field.type != pa.float64():
             assert one.to_pylist() == other.to_pylist(), field.name
             continue
+        # The second pose of a close pair of cameras is a million times surer than the prediction before it: of P only
+        # nine digits are left by the shorter form of the update, and the NEES divides by P.
+        rtol = 1e-8 if (scenario, field.name) == ("ccd-docking", "nees") else 1e-9
         np.testing.assert_allclose(
-            one.to_numpy(), other.to_numpy(), rtol=1e-9, atol=1e-9, equal_nan=True, err_msg=field.name
+            one.to_numpy(), other.to_numpy(), rtol=rtol, atol=1e-9, equal_nan=True, err_msg=field.name
         )
 
 

@@ -323,3 +323,16 @@ def test_the_viewer_listens_on_this_machine_only(flight):
             assert listening == [socket.inet_aton("127.0.0.1")[::-1].hex().upper()]
         finally:
             os.killpg(server.pid, signal.SIGTERM)
+
+
+def test_a_crowds_spread_is_numpys_quantiles_row_by_row():
+    rng = np.random.default_rng(11)
+    for craft in (1, 2, 7, 100):
+        x = rng.standard_normal((6, craft))
+        x[rng.random(x.shape) < 0.3] = np.nan
+        x[1], x[2] = rng.standard_normal(craft), np.nan
+        known = ~np.isnan(x).all(axis=1)
+        for shares in ((0.5, 0.95, 1.0), (0.5, 0.05, 0.0)):
+            spread = plots._spread(x, shares)
+            np.testing.assert_array_equal(spread[known], np.nanquantile(x[known], shares, axis=1).T)
+            assert np.isnan(spread[~known]).all()

@@ -12,7 +12,7 @@ import pytest
 from rich.cells import cell_len
 from rich.console import Console
 
-from swarm.results.progress import COMPILES_FOR_S, KERNELS, Progress, ProgressDisplay
+from swarm.results.progress import COMPILING, KERNELS, Progress, ProgressDisplay
 from swarm.results.report import findings, print_report, warnings
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -267,7 +267,7 @@ def test_compilation_says_what_it_is_and_how_long_it_took(monkeypatch: pytest.Mo
             clock[0] += 4.0
         show(HALF)
     assert out.getvalue().splitlines()[1:4] == [
-        f"formation: compiling the kernels, once on this machine: about {COMPILES_FOR_S} s",
+        f"formation: {COMPILING}",
         f"formation: compiling the kernels: 30 of some {KERNELS}",
         "formation: 70 kernels compiled in 16 s; the next run finds them in the cache",
     ]
@@ -291,6 +291,19 @@ def test_only_what_is_not_in_the_cache_is_told_as_compiled(tmp_path: Path) -> No
         for _ in range(2)
     ]
     assert answers == ["[0, 1]\n", "[]\n"]
+
+
+def test_a_run_whose_kernels_are_in_the_cache_says_nothing_of_compiling(tmp_path: Path) -> None:
+    run = [sys.executable, "-m", "swarm", "run", "formation", "--set", "duration_s=0.1", "--force", "--no-recording"]
+    said = [
+        subprocess.run(
+            [*run, "--out", str(tmp_path / "run")], cwd=ROOT, capture_output=True, text=True, check=True
+        ).stderr
+        for _ in range(2)
+    ]
+    # The first may compile, where no other test has flown before.
+    assert "compil" not in said[1]
+    assert "starting" in said[1]
 
 
 @pytest.mark.parametrize("width", [50, 60, 80, 120])

@@ -63,18 +63,28 @@ def experiment_and_report(
     from rich.console import Console
     from rich.progress import Progress as Bar
 
+    from estimators.kernel import told_of_compilation
     from swarm.experiments import find, reproduce
     from swarm.experiments.results import print_comparison
+    from swarm.results.progress import COMPILING
 
     find(name)
     try:
         with stoppable(), Bar(console=Console(stderr=True), transient=True) as bar:
             task = bar.add_task(name, total=1.0)
 
+            told: list[int] = []
+
+            def compiling(done: int) -> None:
+                if not told:
+                    bar.console.print(f"{name}: {COMPILING}", markup=False, highlight=False)
+                told.append(done)
+
             def tell(share: float, what: str) -> None:
                 bar.update(task, completed=share, description=f"{name}: {what}")
 
-            done = reproduce(name, out=out, force=force, seed=seed, sizes=sizes, progress=tell)
+            with told_of_compilation(compiling):
+                done = reproduce(name, out=out, force=force, seed=seed, sizes=sizes, progress=tell)
             tell(1.0, "done")
     except KeyboardInterrupt as stop:
         number = stopped_by(stop)

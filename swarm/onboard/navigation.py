@@ -229,10 +229,13 @@ class Navigator:
     def _add_command(self, command: Command) -> None:
         """Add what the craft did between the epochs, T apart: half a period by the last command, half by this one."""
         last, half = self._command or command, self.settings.frame_s / 2
+        self._command = command
+        if not any(order.any() for order in (*last, *command)):
+            # A swarm that is steered by the truth orders nothing that its filters could know.
+            return
         rate, velocity = ((a + b) * half for a, b in zip(last[::-1], command[::-1], strict=True))
         turn, shift = ((3 * a + b) * half**2 / 2 for a, b in zip(last[::-1], command[::-1], strict=True))
         self._filter.add_motion(self._filter.active, turn, rate, shift, velocity)
-        self._command = command
 
     def _acquire(self, theta: Floats, lit: Bools, offset_s: Floats, enough: Bools) -> tuple[Bools, Floats, Floats]:
         """Start poses for this period's LM: the prediction, or for a craft without one what a search decided on.

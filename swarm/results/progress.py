@@ -12,8 +12,9 @@ from rich.text import Text
 
 PLAIN_EVERY_S = 5.0
 """Wall time between two plain lines."""
-KERNELS, COMPILES_FOR_S = 80, 15
-"""What a first run compiles, more or less, and how long that takes on a machine of 2023 that does nothing else."""
+KERNELS, COMPILES_FOR_S = 160, 30
+"""What a first run compiles, more or less, and how long that takes on a core of 2023 that does little else."""
+COMPILING = f"compiling the kernels, once on this machine: about {COMPILES_FOR_S} s"
 WIDE = 76
 """Columns from which the bar spells its units out."""
 
@@ -86,7 +87,7 @@ class ProgressDisplay:
         if self._bar:
             self._bar.update(self._task, compiled=done)
         elif self._compiling_since is None:
-            self._line(f"compiling the kernels, once on this machine: about {COMPILES_FOR_S} s")
+            self._line(COMPILING)
         elif time.monotonic() - self._last_line >= PLAIN_EVERY_S:
             self._line(f"compiling the kernels: {done} of some {KERNELS}")
         if self._compiling_since is None:

@@ -19,7 +19,6 @@ T/2 apart, leave about -T/4 in x and +T/4 in y, which along the velocity of a tu
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -188,6 +187,10 @@ class _Rows:
         for start in range(first, past, BLOCK):
             yield self.of(start, min(start + BLOCK, past))
 
+    def forget(self) -> None:
+        """Drop the columns that were loaded, for all parts."""
+        self._cache.clear()
+
     def column(self, name: str) -> Floats:
         if name not in self._cache:
             table = self._load(name)
@@ -316,7 +319,9 @@ def _integrity(rows: _Rows) -> dict[str, Any]:
     }
 
 
-def _figures(rows: _Rows, period_s: float, replay: bool, ccd: bool, integrity: bool) -> dict[str, Any]:
+def _figures(
+    rows: _Rows, period_s: float, replay: bool, ccd: bool, integrity: bool, motion_bias: dict[str, Any] | None
+) -> dict[str, Any]:
     visible, solved = rows.column("visible"), np.isfinite(rows.column("pnp_px_m"))
     pnp = rows.column("pnp_position_error_m"), rows.column("pnp_attitude_error_deg")
     ekf = rows.column("position_error_m"), rows.column("attitude_error_deg")
@@ -355,7 +360,7 @@ def _figures(rows: _Rows, period_s: float, replay: bool, ccd: bool, integrity: b
         "ekf_to_pnp_attitude_ratio": ratio(ekf[1], pnp[1]),
         "nees": consistency(frame, rows.column("nees"), period_s),
         "nis": consistency(frame, rows.column("nis"), period_s),
-        "pnp_motion_bias": None if replay else _motion_bias(rows),
+        "pnp_motion_bias": motion_bias,
     }
     if ccd:
         out |= _ccd(rows, period_s)
@@ -394,25 +399,33 @@ def _summary(load: Callable[[str], pa.Table], columns: Sequence[str]) -> dict[st
     if not len(frame):
         return {"periods": 0, "duration_s": 0.0, "craft_count": 0, "swarm": None, "craft": {}, "notes": NOTES}
     past = np.cumsum(np.bincount(ranks)).tolist()
+    parts = {
+        rank: everything.of(first, last)
+        for rank, (first, last) in enumerate(zip([0, *past], past, strict=False))
+        if last > first
+    }
     span = int(frame.max() - frame.min())
     period_s = float(time_s.max() - time_s.min()) / span if span else 0.0
+    # The bias takes half of all columns, and nothing else needs them.
+    own = everything.of(0, len(codes) - int(np.count_nonzero(observed)))
+    every = [own, *parts.values()]
+    bias = [None if kind[0] else _motion_bias(rows) for rows in every]
+    everything.forget()
+    swarm, *single = (_figures(rows, period_s, *kind, drift) for rows, drift in zip(every, bias, strict=True))
     out: dict[str, Any] = {
         "periods": len(np.unique(frame)),
         "duration_s": (span + 1) * period_s,
         "craft_count": len(names),
-        "swarm": _figures(everything.of(0, len(codes) - int(np.count_nonzero(observed))), period_s, *kind),
+        "swarm": swarm,
         "craft": {
-            names[rank % len(names)]: _figures(everything.of(first, last), period_s, *kind)
-            | ({"observed": rank >= len(names)} if "observer" in columns else {})
-            for rank, (first, last) in enumerate(zip([0, *past], past, strict=False))
-            if last > first
+            names[rank % len(names)]: figures | ({"observed": rank >= len(names)} if "observer" in columns else {})
+            for rank, figures in zip(parts, single, strict=True)
         },
         "notes": NOTES,
     }
     if "delta_v_m_s" in columns:
-        spent = [_max(everything.of(first, last).column("delta_v_m_s")) for first, last in pairwise([0, *past])]
-        for name, delta_v in zip(names, spent, strict=True):
-            if name in out["craft"]:
-                out["craft"][name]["delta_v_m_s"] = delta_v
-        out["swarm"]["delta_v_m_s"] = _mean(np.array(spent, dtype=np.float64))
+        spent = {rank: _max(rows.column("delta_v_m_s")) for rank, rows in parts.items()}
+        for rank, delta_v in spent.items():
+            out["craft"][names[rank % len(names)]]["delta_v_m_s"] = delta_v
+        out["swarm"]["delta_v_m_s"] = _mean(np.array(list(spent.values()), dtype=np.float64))
     return out
