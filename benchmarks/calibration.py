@@ -30,9 +30,10 @@ from estimators.calibration_problem import Problem, to_gauge
 from swarm.calibration.calibrate import Calibrated, calibrate_survey, held_out, to_survey
 from swarm.calibration.report import fan_sigmas, file_text
 from swarm.calibration.survey import observe_run
+from swarm.flight.flight import Flight
 from swarm.results.telemetry import values
 from swarm.scenario import load
-from swarm.simulate import Flight, simulate
+from swarm.simulate import simulate
 
 CALIBRATED = ["navigation.angle_noise_arcsec=8.8", "navigation.rotor_correlation=0.8717"]
 

@@ -16,8 +16,8 @@ import numpy as np
 from scipy.stats import chi2
 
 from estimators import rotation as rot
+from swarm.flight.flight import Flight
 from swarm.scenario import load
-from swarm.simulate import Flight
 
 DOF = 6
 BETWEEN = 30

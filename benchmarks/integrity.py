@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 
 from estimators.rotation import angle_between, matrix_from_quaternion
+from swarm.flight.flight import Flight
 from swarm.onboard.navigation import Status
 from swarm.scenario import load
-from swarm.simulate import Flight
 
 
 class Tally:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.arrays import Bools
+from swarm.flight.flight import Flight
 from swarm.onboard import navigation
 from swarm.onboard.decoder import SweepAngles
 from swarm.onboard.navigation import Estimate
@@ -13,7 +14,6 @@ from swarm.pulses import Pulses
 from swarm.results.telemetry import Truth
 from swarm.scenario import load
 from swarm.sensors.visibility import Sight
-from swarm.simulate import Flight
 from swarm.world.world import PeriodTruth
 
 
@@ -58,7 +58,7 @@ def captured(craft: int, *overrides: str, periods: int = 60) -> Captured:
     try:
         for name in functions:
             setattr(navigation, name, noting(name))
-        estimate = flight.navigator.step(angles, None, flight._command)
+        estimate = flight.navigator.step(angles, None, flight.dynamics.command)
     finally:
         for name, function in functions.items():
             setattr(navigation, name, function)

@@ -14,8 +14,9 @@ import time
 from importlib.metadata import version
 from pathlib import Path
 
+from swarm.flight.flight import Flight
 from swarm.scenario import Scenario, load
-from swarm.simulate import Flight, simulate
+from swarm.simulate import simulate
 
 
 def flown_s(scenario: Scenario, record: bool, folder: Path) -> float:

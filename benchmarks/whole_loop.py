@@ -20,11 +20,11 @@ from typing import Any
 import numpy as np
 from harness import Times, finish, options, show, timed
 
+from swarm.flight.flight import Flight
 from swarm.onboard import navigation
 from swarm.results.run_writer import RunWriter, writing_run
 from swarm.scenario import load
 from swarm.sensors.lighthouse import BLOCK
-from swarm.simulate import Flight
 
 ON_BOARD = ("visibility", "LM", "DOP", "filter")
 """What issue and design count as the on-board chain."""

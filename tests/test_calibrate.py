@@ -23,12 +23,12 @@ from swarm.calibration.calibrate import Calibrated, calibrate_survey
 from swarm.calibration.report import fan_sigmas, file_text
 from swarm.calibration.survey import observe_run
 from swarm.errors import SwarmError
+from swarm.flight.flight import Flight
 from swarm.recordings.calibration_file import calibration_text, held_parts
 from swarm.recordings.station_calibration import StationCalibration, read_calibration
 from swarm.results.angles import AngleWriter, believed, read_angles
 from swarm.results.run_folder import Run
 from swarm.scenario import load
-from swarm.simulate import Flight
 
 DATA = Path(__file__).parents[2] / "shared" / "data" / "lighthouse-v1" / "lh1_test_cal.rec.gz"
 QUICK = (

@@ -15,6 +15,7 @@ from estimators.error_state import POSE_COLUMNS
 from swarm import build
 from swarm.assets import find_model
 from swarm.errors import SwarmError
+from swarm.flight.flight import Flight
 from swarm.images import LightImages
 from swarm.onboard import ccd as onboard
 from swarm.onboard.ccd import CcdState
@@ -23,7 +24,6 @@ from swarm.results.telemetry import SENSORS
 from swarm.scenario import load, to_toml, validate
 from swarm.sensors.ccd import Ccd, Outage
 from swarm.sensors.visibility import Visibility
-from swarm.simulate import Flight
 from swarm.world.craft import load_craft
 
 TURNED = np.array([0.0, 0.0, 1.0, 0.0])
@@ -341,8 +341,8 @@ def test_a_craft_steered_by_the_truth_gets_no_command_in_its_filter():
     """It would be a way for the truth into navigation."""
     f = Flight(load("ccd-docking", ["craft[0].feedback=truth"]))
     f.move(0)
-    assert not f._command.acceleration.any()
-    assert not f._command.angular_acceleration.any()
+    assert not f.dynamics.command.acceleration.any()
+    assert not f.dynamics.command.angular_acceleration.any()
 
 
 def test_the_run_records_what_the_cameras_did(tmp_path):

@@ -14,10 +14,10 @@ from swarm.errors import SwarmError
 from swarm.faults import mirror, pulses
 from swarm.faults.pulses import Clock, Register, Row
 from swarm.faults.schedule import Schedule, speed_swing
+from swarm.flight.flight import Flight
 from swarm.onboard.decoder import PulseDecoder
 from swarm.scenario.faults import KINDS, LighthouseDark, PhotodiodeDead, SyncLoss
 from swarm.sensors.lighthouse import Rotor
-from swarm.simulate import Flight
 
 PERIOD_S = 1 / 60
 NAMES, KEYS = ("a", "b", "c"), (11, 12, 13)
@@ -163,7 +163,7 @@ def hall():
 
 
 def poses(flight: Flight, tilt_deg: float):
-    reference = flight.motions.at(0.0)
+    reference = flight.dynamics.motions.at(0.0)
     rotation = reference.rotation.copy()
     rotation[1] = rotation[1] @ rot.exp(np.array([0, np.radians(tilt_deg), 0]))
     return reference.position, quaternion_from_matrix(rotation)

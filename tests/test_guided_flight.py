@@ -10,10 +10,10 @@ from estimators.rotation import matrix_from_quaternion
 from swarm import build
 from swarm.assets import find_model, models
 from swarm.errors import SwarmError
+from swarm.flight.flight import Flight
 from swarm.guidance.phase import Phase
 from swarm.ports import docked_pose, placed
 from swarm.results.guidance_columns import PHASES
-from swarm.simulate import Flight
 from swarm.world.craft import load_craft
 from swarm.world.world import CraftStart, World
 
@@ -160,11 +160,11 @@ def test_what_does_not_broadcast_is_not_heard_and_craft_without_guidance_fly_as_
     flight = Flight(swarm.load("docking", SHORT_DOCKING))
     flight.period(0)
     flight.period(1)
-    heard = flight.guided._guidance._air.heard()
+    heard = flight.dynamics.guided._guidance._air.heard()
     assert not heard.known[1], "the berth has no lighthouse on board, and says nothing"
     plain = Flight(swarm.load("formation"))
-    assert plain.guided.columns == ()
-    assert plain.guided.values.shape == (8, 0)
+    assert plain.dynamics.guided.columns == ()
+    assert plain.dynamics.guided.values.shape == (8, 0)
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import pytest
 
 from estimators import rotation as rot
 from swarm import build
+from swarm.flight.flight import Flight
 from swarm.layout import Photodiodes, pad
 from swarm.onboard.acquisition import DECISIVE, Sighting, follow, search
 from swarm.onboard.decoder import PulseDecoder, SweepAngles
@@ -14,7 +15,6 @@ from swarm.onboard.navigation import Estimate, NavigationSettings, Navigator, St
 from swarm.pulses import Pulses
 from swarm.scenario import load
 from swarm.sensors.visibility import Sight
-from swarm.simulate import Flight
 
 PERIOD_S = 1 / 60
 NOISE_RAD = np.radians(8.8 / 3600)

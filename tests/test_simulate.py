@@ -13,9 +13,9 @@ from estimators import rotation as rot
 from swarm import build
 from swarm.assets import scenarios
 from swarm.errors import SwarmError
+from swarm.flight.flight import Flight
 from swarm.onboard.navigation import Status
 from swarm.results.run_folder import Run
-from swarm.simulate import Flight
 
 
 @pytest.fixture(scope="module")

@@ -31,6 +31,7 @@ from estimators.dop import dilution
 from estimators.pnp import refine
 from estimators.sweep import correct
 from swarm import build
+from swarm.flight.flight import Flight
 from swarm.images import LightImages
 from swarm.layout import Photodiodes
 from swarm.onboard.control import Command
@@ -39,7 +40,6 @@ from swarm.onboard.navigation import Estimate, Navigator, Status
 from swarm.pulses import Pulses
 from swarm.results.telemetry import Truth
 from swarm.scenario import Scenario
-from swarm.simulate import Flight
 
 WARM_UP = 6
 """Periods at the start that no median counts."""

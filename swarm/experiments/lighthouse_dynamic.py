@@ -28,9 +28,9 @@ from swarm.experiments import figures
 from swarm.experiments.alignment import Alignment
 from swarm.experiments.results import Grid, Line, Outcome, Request, column, table_of
 from swarm.experiments.rungs import BOTH, FULL, LADDER, NOISE, Computer, Track, alignment, calibrated
+from swarm.flight.flight import Flight
 from swarm.scenario import load
 from swarm.sensors.visibility import Sight
-from swarm.simulate import Flight
 
 SCENARIO = Path(__file__).with_name("handheld.toml")
 PAPER = {

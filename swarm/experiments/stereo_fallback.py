@@ -23,10 +23,10 @@ from estimators.error_state import POSE_COLUMNS
 from estimators.rotation import log, matrix_from_quaternion
 from swarm.experiments import figures
 from swarm.experiments.results import Line, Outcome, Request, column, table_of
+from swarm.flight.flight import Flight
 from swarm.onboard.ccd import CcdState
 from swarm.results.summary import consistency
 from swarm.scenario import Scenario, load
-from swarm.simulate import Flight
 
 SCENARIO, CHASER, TARGET = "ccd-docking", 0, 1
 MOST_SIGMA = 3.0

@@ -1,0 +1,1 @@
+"""One flight: the world moves, light is measured, every craft navigates and steers, period by period."""
