@@ -22,7 +22,16 @@ from swarm.scenario.mistakes import split_unit, tables_of
 from swarm.scenario.motions import Table
 
 ROOT = Path(__file__).parent.parent
-DIMENSIONLESS = {"rotor_correlation", "curve", "gibbous_magnitude", "gate_probability", "integrity_risk", "share", "min", "max"}
+DIMENSIONLESS = {
+    "rotor_correlation",
+    "curve",
+    "gibbous_magnitude",
+    "gate_probability",
+    "integrity_risk",
+    "share",
+    "min",
+    "max",
+}
 
 
 @pytest.fixture
