@@ -2,7 +2,7 @@
 
     python benchmarks/allocation.py > allocation.json
 
-The craft is the shipped `inspector`: twelve thrusters, three wheels. Wrenches are drawn within and beyond its reach.
+The craft is the shipped `cubesat12u`: twelve thrusters, three wheels. Wrenches are drawn within and beyond its reach.
 Prints JSON: microseconds per craft of the compiled batch and of `scipy.optimize.lsq_linear` (BVLS), rounds of the
 active set, and the largest difference between the answers, in shares of an actuator's most.
 """
@@ -27,7 +27,7 @@ CRAFT, BY_SCIPY, REPEATS = 2000, 300, 5
 
 def problems():
     """What `allocate` takes, for CRAFT wrenches."""
-    model, rng = load_craft(find_model("inspector")), np.random.default_rng(0)
+    model, rng = load_craft(find_model("cubesat12u")), np.random.default_rng(0)
     effect = hardware([Fitted(model.thrusters, model.wheels, (0.0, 0.0), 0)], model.com_m[None], 0).effect
     effect = np.tile(effect, (CRAFT, 1, 1))
     thrusters, wheels = len(model.thrusters.force_n), len(model.wheels.torque_nm)

@@ -24,6 +24,7 @@ from swarm.guided_flight import GuidedFlight
 from swarm.onboard import control
 from swarm.onboard.control import Command, State
 from swarm.onboard.decoder import SweepAngles
+from swarm.onboard.inspection import LidarFix
 from swarm.onboard.navigation import Estimate, Navigator
 from swarm.results import integrity_columns
 from swarm.results.angles import believed
@@ -77,7 +78,9 @@ def simulate(
     ) as writer:
         for frame in range(max(1, round(duration_s / flight.period_s))):
             time_s, truth, sight, estimate = flight.period(frame)
-            writer.append(frame, time_s, truth, sight, estimate, angles=flight.angles, extra=flight.extra)
+            writer.append(
+                frame, time_s, truth, sight, estimate, angles=flight.angles, scans=flight.scans, extra=flight.extra
+            )
             if observer is not None:
                 observer.period(frame, truth, estimate)
             if progress is not None:
@@ -101,6 +104,10 @@ class Flight:
         cameras = build.cameras(scenario, self.world, self.motions.at(0.0))
         pairs = [true for true, _ in cameras]
         self.ccd = Ccd(pairs, self.visibility, scenario.seed, scenario.duration_s) if cameras else None
+        self.lidars = build.lidars(scenario, self.world)
+        self.inspection = build.inspection(scenario, self.lidars)
+        self.scans: list[LidarFix] = []
+        """What became of the LiDARs' scans that the last period completed."""
         self.pushes = build.pushes(scenario)
         self.faults = build.faults(scenario, self.world, self.lighthouse, self.visibility)
         self.orbit = build.orbit(scenario)
@@ -139,6 +146,7 @@ class Flight:
                 )
                 for pair in pairs
             ],
+            lidar=[(o.craft, o.target) for o in self.inspection.observers] if self.inspection is not None else (),
             extra=[*integrity_columns.columns(watched), *self.actuators.columns, *self.guided.columns, *fault],
         )
         start = build.start(scenario, self.motions)
@@ -155,6 +163,11 @@ class Flight:
         self.angles = self._measure(truth, frame, sight == Sight.LIT)
         images = self.ccd.expose(truth, frame) if self.ccd is not None else None
         estimate = self.navigator.step(self.angles, images, self._command)
+        epoch = len(truth.time_s) // 2
+        if self.inspection is not None:
+            found = [scan for lidar in self.lidars for scan in lidar.sweep(truth)]
+            self.scans = self.inspection.step(found, estimate, float(truth.time_s[epoch]))
+            estimate = self.inspection.into(estimate)
 
         if self.steers_by_estimate.any():
             # The estimate is of the epoch; the next wrench begins half a period later.

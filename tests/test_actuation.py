@@ -19,17 +19,17 @@ from swarm.world.craft import load_craft
 from swarm.world.world import CraftStart, World
 
 T, STEPS = 1 / 60, 8
-INSPECTOR = load_craft(find_model("inspector"))
+CUBESAT = load_craft(find_model("cubesat12u"))
 EXACT = (0.0, 0.0)
 ATTITUDE = rot.exp(np.array([0.3, -0.5, 0.8]))
 
 
 def flight(fitted, rate=(0.0, 0.0, 0.0), seed=0):
-    """A world of inspectors, turned and turning, and their actuators."""
+    """A world of cubesats, turned and turning, and their actuators."""
     quaternion = rot.quaternion_from_matrix(ATTITUDE)
     starts = [
         CraftStart(
-            f"c{i}", INSPECTOR.path, np.array([3.0 * i, 0, 5]), quaternion, np.zeros(3), np.array(rate, dtype=float)
+            f"c{i}", CUBESAT.path, np.array([3.0 * i, 0, 5]), quaternion, np.zeros(3), np.array(rate, dtype=float)
         )
         for i in range(len(fitted))
     ]
@@ -37,8 +37,8 @@ def flight(fitted, rate=(0.0, 0.0, 0.0), seed=0):
     return world, Actuators(fitted, world.mass, world.com_m, world.inertia, T, STEPS, seed)
 
 
-def inspector(errors=EXACT, key=1, thrusters=True, wheels=True):
-    t, w = INSPECTOR.thrusters, INSPECTOR.wheels
+def cubesat(errors=EXACT, key=1, thrusters=True, wheels=True):
+    t, w = CUBESAT.thrusters, CUBESAT.wheels
     return Fitted(t if thrusters else t.none(), w if wheels else w.none(), errors, key)
 
 
@@ -57,7 +57,7 @@ def resting(count, rate=(0.0, 0.0, 0.0)):
     return State(np.tile(ATTITUDE, (count, 1, 1)), zero + np.array(rate), zero, zero)
 
 
-def push(actuators, state, force, torque=(0.0, 0.0, 0.0), faults=None, mass=INSPECTOR.mass):
+def push(actuators, state, force, torque=(0.0, 0.0, 0.0), faults=None, mass=CUBESAT.mass):
     """Drive with force and torque given in the body frame; the command that goes with them is of no matter here."""
     count = len(state.position)
     into_l = [
@@ -92,7 +92,7 @@ def test_pulses_have_their_impulse_and_their_place():
 
 def test_the_craft_moves_as_it_has_ordered():
     """Whatever comes of quantisation, MuJoCo's craft gets the mean accelerations that the filter is told."""
-    world, actuators = flight([inspector()], rate=(0.02, 0.05, -0.03))
+    world, actuators = flight([cubesat()], rate=(0.02, 0.05, -0.03))
     rng, truth = np.random.default_rng(1), None
     state = resting(1, (0.02, 0.05, -0.03))
     for _ in range(40):
@@ -107,7 +107,7 @@ def test_the_craft_moves_as_it_has_ordered():
 
 
 def test_thrusters_and_wheels_give_the_wrench_within_their_limits():
-    _, actuators = flight([inspector(), inspector(key=2)])
+    _, actuators = flight([cubesat(), cubesat(key=2)])
     wanted = np.array([1.2, -0.7, 1.9]), np.array([0.01, -0.015, 0.018])
     drive = push(actuators, resting(2), *wanted)
     assert not drive.force.any()
@@ -122,7 +122,7 @@ def test_thrusters_and_wheels_give_the_wrench_within_their_limits():
 
 def test_thrusters_alone_give_force_and_torque():
     """A pulse of 14 mN m about x is 50 mN with 14 cm twice: 0.8 mN s, too short to fire; carried over, it adds up."""
-    _, actuators = flight([inspector(wheels=False)])
+    _, actuators = flight([cubesat(wheels=False)])
     given = np.zeros(6)
     for _ in range(120):
         drive = push(actuators, resting(1), (1.0, 0.5, -0.8), (0.014, -0.01, 0.02))
@@ -135,7 +135,7 @@ def test_thrusters_alone_give_force_and_torque():
 
 def test_impulses_too_small_to_fire_add_up():
     """10 mN is 0.17 mN s in a period; with two thrusters of 2 mN s at least, it fires some twice a second."""
-    world, actuators = flight([inspector()])
+    world, actuators = flight([cubesat()])
     state, impulse, fired = resting(1), np.zeros(3), []
     periods = 600
     for _ in range(periods):
@@ -152,7 +152,7 @@ def test_impulses_too_small_to_fire_add_up():
 
 
 def test_what_could_not_be_given_is_not_made_up_for_later():
-    _, actuators = flight([inspector()])
+    _, actuators = flight([cubesat()])
     for _ in range(100):
         push(actuators, resting(1), (50.0, 0, 0))
     after = push(actuators, resting(1), (0.0, 0, 0))
@@ -161,13 +161,13 @@ def test_what_could_not_be_given_is_not_made_up_for_later():
 
 def test_delta_v_is_the_impulse_of_every_thruster_over_the_mass():
     """A force along one axis needs two thrusters that point alike: delta-v is F t / m; others cost more."""
-    world, actuators = flight([inspector(), inspector(thrusters=False, wheels=False)])
+    world, actuators = flight([cubesat(), cubesat(thrusters=False, wheels=False)])
     state = resting(2)
     for _ in range(60):
         drive = push(actuators, state, (0.6, 0, 0))
         state = state_of(world.advance(drive.force, drive.torque, drive.onboard))
-    assert actuators.work()[:, 0] == pytest.approx(0.6 / INSPECTOR.mass, rel=1e-5)
-    assert np.linalg.norm(state.velocity, axis=1) == pytest.approx(0.6 / INSPECTOR.mass, rel=1e-5)
+    assert actuators.work()[:, 0] == pytest.approx(0.6 / CUBESAT.mass, rel=1e-5)
+    assert np.linalg.norm(state.velocity, axis=1) == pytest.approx(0.6 / CUBESAT.mass, rel=1e-5)
     assert actuators.work()[0, 1] == 2
     assert np.isnan(actuators.work()[1, 1:]).all()
 
@@ -184,7 +184,7 @@ def test_wheels_and_craft_keep_their_momentum():
         return (state.rotation @ (inertia @ body + actuators._orders.stored[..., None]))[0, :, 0]
 
     rate = (0.1, 0.2, -0.15)
-    world, actuators = flight([inspector(thrusters=False)], rate)
+    world, actuators = flight([cubesat(thrusters=False)], rate)
     state, rng = resting(1, rate), np.random.default_rng(2)
     before = momentum(state, actuators, world.inertia)
     torque = 0.02 * rng.choice([-1, 1], 3)
@@ -199,7 +199,7 @@ def test_wheels_and_craft_keep_their_momentum():
 
 def test_a_full_wheel_is_unloaded_by_the_thrusters_and_the_craft_feels_nothing():
     """10 mN m for 30 s would fill a wheel of 200 mN m s: it never is full, and the torque is given all the time."""
-    world, actuators = flight([inspector()])
+    world, actuators = flight([cubesat()])
     state, stored, given = resting(1), [], np.zeros(3)
     for _ in range(30 * 60):
         drive = push(actuators, state, (0.0, 0, 0), (0.01, 0, 0))
@@ -215,7 +215,7 @@ def test_a_full_wheel_is_unloaded_by_the_thrusters_and_the_craft_feels_nothing()
 
 def test_a_wheel_never_passes_its_limits():
     """Without thrusters to unload it, it stops at its momentum; the torque is at most its own all the time."""
-    _, actuators = flight([inspector(thrusters=False)])
+    _, actuators = flight([cubesat(thrusters=False)])
     for _ in range(900):
         drive = push(actuators, resting(1), (0.0, 0, 0), (0.05, 0, 0))
         assert np.abs(drive.onboard.torque).max() <= 0.02 * (1 + 1e-9)
@@ -228,9 +228,9 @@ def test_a_wheel_never_passes_its_limits():
 
 def test_execution_errors_are_drawn_per_thruster_and_craft():
     """Mean and spread over 500 craft, four sigmas of them; the same craft always has the same thrusters."""
-    nominal = -INSPECTOR.thrusters.force_n[:, None] * INSPECTOR.thrusters.exhaust
-    assert executed(INSPECTOR.thrusters, EXACT, 5, 0) == pytest.approx(nominal, abs=1e-15)
-    true = np.array([executed(INSPECTOR.thrusters, (0.03, np.radians(1.0)), key, 0) for key in range(500)])
+    nominal = -CUBESAT.thrusters.force_n[:, None] * CUBESAT.thrusters.exhaust
+    assert executed(CUBESAT.thrusters, EXACT, 5, 0) == pytest.approx(nominal, abs=1e-15)
+    true = np.array([executed(CUBESAT.thrusters, (0.03, np.radians(1.0)), key, 0) for key in range(500)])
     size = np.linalg.norm(true, axis=2)
     count = size.size
     assert size.mean() == pytest.approx(1.0, abs=4 * 0.03 / np.sqrt(count))
@@ -238,12 +238,12 @@ def test_execution_errors_are_drawn_per_thruster_and_craft():
     tilt = np.degrees(np.arccos(np.clip(np.sum(true * nominal, axis=2) / size, -1, 1)))
     # Two normal angles: Rayleigh, mean square 2 sigma^2 with a relative spread of one.
     assert np.mean(tilt**2) == pytest.approx(2.0, rel=4 / np.sqrt(count))
-    assert np.array_equal(true[7], executed(INSPECTOR.thrusters, (0.03, np.radians(1.0)), 7, 0))
-    assert not np.array_equal(true[7], executed(INSPECTOR.thrusters, (0.03, np.radians(1.0)), 7, 1))
+    assert np.array_equal(true[7], executed(CUBESAT.thrusters, (0.03, np.radians(1.0)), 7, 0))
+    assert not np.array_equal(true[7], executed(CUBESAT.thrusters, (0.03, np.radians(1.0)), 7, 1))
 
 
 def test_errors_reach_the_world_but_not_the_computer():
-    exact, wrong = inspector(), inspector((0.1, 0.05))
+    exact, wrong = cubesat(), cubesat((0.1, 0.05))
     _, actuators = flight([exact, wrong])
     drive = push(actuators, resting(2), (1.0, 1.0, 1.0))
     assert drive.command.acceleration[1] == pytest.approx(drive.command.acceleration[0], abs=1e-15)
@@ -254,7 +254,7 @@ def test_a_stuck_thruster_pushes_or_does_not_and_the_computer_does_not_know():
     stuck = ActuatorFaults(*np.zeros((2, 2, 12), dtype=bool))
     stuck.stuck_open[1, 2] = True
     stuck.stuck_shut[1, 0] = stuck.stuck_shut[1, 2] = True
-    _, actuators = flight([inspector(), inspector()])
+    _, actuators = flight([cubesat(), cubesat()])
     drive = push(actuators, resting(2), (-1.0, 0, 0), faults=stuck)
     obedient, faulty = drive.onboard.force.mean(axis=0)
     # Thrusters 0 and 1 push along -x, half a newton each; 2 along x, all the time, also where it is said to be shut.
@@ -265,7 +265,7 @@ def test_a_stuck_thruster_pushes_or_does_not_and_the_computer_does_not_know():
 
 
 def test_a_craft_without_a_pose_orders_nothing():
-    _, actuators = flight([inspector(), inspector()])
+    _, actuators = flight([cubesat(), cubesat()])
     state = resting(2)
     state.rotation[0] = np.nan
     force = np.tile([[1.0, 0, 0]], (2, 1))
@@ -278,8 +278,8 @@ def test_a_craft_without_a_pose_orders_nothing():
 
 def test_a_craft_is_driven_the_same_alone_and_in_company():
     """Bit for bit, beside craft with other actuators and with none."""
-    one = inspector((0.05, 0.02), key=9)
-    company = [inspector(thrusters=False, wheels=False), inspector(wheels=False, key=3), one]
+    one = cubesat((0.05, 0.02), key=9)
+    company = [cubesat(thrusters=False, wheels=False), cubesat(wheels=False, key=3), one]
     _, alone = flight([one])
     _, together = flight(company)
     rng = np.random.default_rng(4)
@@ -293,12 +293,12 @@ def test_a_craft_is_driven_the_same_alone_and_in_company():
 
 
 def test_a_craft_with_wheels_only_gets_its_force_as_it_is():
-    _, actuators = flight([inspector(thrusters=False)])
+    _, actuators = flight([cubesat(thrusters=False)])
     drive = push(actuators, resting(1), (5.0, 0, 0), (0.01, 0, 0))
     assert drive.force[0] == pytest.approx(ATTITUDE @ [5.0, 0, 0])
     assert not drive.torque.any()
     assert drive.onboard.torque.mean(axis=0)[0] == pytest.approx([0.01, 0, 0], rel=1e-5)
-    assert drive.command.acceleration[0] == pytest.approx(ATTITUDE @ [5.0, 0, 0] / INSPECTOR.mass)
+    assert drive.command.acceleration[0] == pytest.approx(ATTITUDE @ [5.0, 0, 0] / CUBESAT.mass)
 
 
 # Models and scenarios
@@ -360,8 +360,8 @@ def test_a_flight_on_thrusters_by_the_crafts_own_estimate(tmp_path):
     other = {**motion, "points_m": [[-1.2, 0.0, 3.0], [-1.4, 0.0, 2.8]]}
     errors = {"thrust_error_percent": 3.0, "thrust_direction_error_deg": 1.0}
     craft = [
-        {"model": "inspector", "feedback": "estimate", "motion": motion, "actuation": errors},
-        {"model": "inspector", "feedback": "truth", "motion": other, "actuation": {"ideal": True}},
+        {"model": "cubesat12u", "feedback": "estimate", "motion": motion, "actuation": errors},
+        {"model": "cubesat12u", "feedback": "truth", "motion": other, "actuation": {"ideal": True}},
     ]
     data = {"duration_s": 11.0, "seed": 4, "orbit": {"altitude_km": 400.0}, "craft": craft}
     run = swarm.simulate(validate(data, file="test", folder=tmp_path), out=tmp_path / "run", record=False)

@@ -68,7 +68,11 @@ def test_folder_whose_only_model_has_another_name(tmp_path):
     ("name", "message"),
     [
         ("mokcup", "no model 'mokcup'; did you mean 'mockup'"),
-        ("qqqq", "known: chaser, cubesat6u, inspector, lighthouse, marker-target, mockup"),
+        (
+            "qqqq",
+            "known: berth, chaser, cubesat12u, cubesat6u, inspector, lighthouse, marker-target, mockup, satellite, "
+            "servicer",
+        ),
         ("craft/mokcup.xml", "mokcup.xml does not exist"),
     ],
 )

@@ -382,7 +382,7 @@ def test_missed_flashes_are_predicted_for_a_while(flown):
 
 def test_thrusters_do_not_obey():
     stuck = 'fault=[{kind="thruster-stuck", thruster=2, state="on", at_s=0.1, for_s=0.1, craft="i"}]'
-    craft = 'craft=[{name="i", model="inspector", motion={kind="hold"}}]'
+    craft = 'craft=[{name="i", model="cubesat12u", motion={kind="hold"}}]'
     flight = Flight(swarm.load("static", ["swarm.count=0", craft, stuck, "duration_s=1"]))
     column = [extra.name for extra in flight.scene.extra].index("thrusters_open")
     opened = []

@@ -126,6 +126,18 @@ def test_a_few_craft_change_formation_and_come_to_rest_in_their_places(tmp_path)
     assert 4.0 < run.summary["swarm"]["nees"]["mean"] < 7.5
 
 
+def test_craft_circle_a_large_target_on_thrusters_by_their_own_estimates(tmp_path):
+    run = swarm.simulate(
+        swarm.load("inspection", ("duration_s=4", "criteria[3].max=1.0")), out=tmp_path / "run", record=False
+    )
+    assert run.summary["criteria_held"], run.summary["criteria"]
+    place = np.stack([column(run, f"true_p{a}_m", "craft-1") for a in "xyz"], axis=1) - [0, 0, 6.0]
+    # On its circle of 2.6 m, at 4 deg/s: within what thrusters and start errors leave.
+    assert np.allclose(np.linalg.norm(place[120:], axis=1), 2.6, atol=0.05)
+    turned = place[120] @ place[-1] / (np.linalg.norm(place[120]) * np.linalg.norm(place[-1]))
+    assert np.degrees(np.arccos(turned)) == pytest.approx(4.0 * (len(place) - 121) / 60, abs=0.5)
+
+
 def test_scatter_is_drawn_per_craft_and_is_as_wide_as_it_says():
     changes = (
         "swarm.count=200",

@@ -36,10 +36,11 @@ def test_compiles_and_steps_one_second_without_a_warning(name, file, tmp_path, m
 @pytest.mark.parametrize("name", models())
 def test_photodiodes_stand_just_above_the_surface_and_look_outward(name):
     """MuJoCo's ray, sent back along the normal from 1 m away, meets the surface within a millimetre of the site."""
-    craft = load_craft(models()[name])
+    craft = load_craft(models()[name], passive=True)
     model = mujoco.MjModel.from_xml_path(str(models()[name]))
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
+    assert len(craft.point_m) or name == "satellite", "the only one that does not cooperate"
     assert np.allclose(np.linalg.norm(craft.normal, axis=1), 1, atol=1e-12)
     for point, normal in zip(craft.point_m, craft.normal, strict=True):
         geom = np.zeros(1, dtype=np.int32)
@@ -55,7 +56,7 @@ def lit_from(model, data, craft, direction, incidence_max_deg=80.0):
     return facing & np.array(clear)
 
 
-@pytest.mark.parametrize(("name", "least"), [("mockup", 8), ("cubesat6u", 6), ("inspector", 6)])
+@pytest.mark.parametrize(("name", "least"), [("mockup", 8), ("cubesat6u", 6), ("cubesat12u", 6)])
 def test_the_front_is_seen_by_enough_photodiodes_not_in_one_plane(name, least):
     craft = load_craft(models()[name])
     model = mujoco.MjModel.from_xml_path(str(models()[name]))
@@ -123,12 +124,13 @@ def test_cubesat_has_the_inertia_of_its_boxes():
 
 @pytest.mark.parametrize("name", models())
 def test_readme_lists_the_photodiodes(name):
-    craft = load_craft(models()[name])
+    craft = load_craft(models()[name], passive=True)
     text = models()[name].with_name("README.md").read_text()
     rows = re.findall(r"^\| (\d+) \| (\S+) \| (\S+) \| (\S+) \| \((.*)\) \|$", text, re.MULTILINE)
     assert [int(row[0]) for row in rows] == list(range(len(craft.point_m)))
-    assert np.allclose([[float(x) for x in row[1:4]] for row in rows], craft.point_m * 1e3, atol=0.051)
-    listed = np.array([[float(x) for x in row[4].split(",")] for row in rows])
+    places = np.array([[float(x) for x in row[1:4]] for row in rows]).reshape(-1, 3)
+    assert np.allclose(places, craft.point_m * 1e3, atol=0.051)
+    listed = np.array([[float(x) for x in row[4].split(",")] for row in rows]).reshape(-1, 3)
     assert np.allclose(listed / np.linalg.norm(listed, axis=1, keepdims=True), craft.normal, atol=1e-6)
 
 

@@ -15,7 +15,7 @@ from synthetic_run import PERIOD_S, estimate_of, lost, truth_at
 
 from estimators.rotation import xyzw_from_wxyz
 from swarm.errors import SwarmError
-from swarm.results import telemetry
+from swarm.results import guidance_columns, telemetry
 from swarm.results.integrity_columns import COLUMNS
 from swarm.results.telemetry import FILE, PARTS, Peer, Telemetry, column_reference, read_telemetry, schema
 
@@ -237,4 +237,7 @@ def test_the_column_reference_is_in_step():
     assert page.read_text(encoding="utf-8") == column_reference(), (
         "write swarm.results.telemetry.column_reference() to docs/telemetry.md"
     )
-    assert column_reference().count("\n| `") == len(schema(replay=True, ccd=True)) + len(COLUMNS) + 1
+    guided = len(guidance_columns.COLUMNS) + len(guidance_columns.DOCKING_COLUMNS)
+    assert (
+        column_reference().count("\n| `") == len(schema(replay=True, ccd=True, lidar=True)) + len(COLUMNS) + 1 + guided
+    )

@@ -2,8 +2,8 @@
 
 Everything is in the body frame, for all craft that have actuators:
 
-    w = (F, M + w x h) + c            h: the wheels' momentum, which turns with the craft; c: carried over
-    u = allocate(w)                   thrusters 0 ... F_i, wheels within torque and momentum (`allocation`)
+    W = (F, M + w x h) + c            h: the wheels' momentum, which turns at the rate w; c: carried over
+    u = allocate(W)                   thrusters 0 ... F_i, wheels within torque and momentum (`allocation`)
     pulses of the thrusters           `modulation`: nothing below the shortest pulse
     wheels again, pulses given        they make up for what the pulses miss of the torque
     c = B (u - what is ordered)       what is too small to fire adds up until it is not

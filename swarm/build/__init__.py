@@ -9,6 +9,7 @@ from swarm.build.craft import fleet, photodiodes, pushes, start, steers_by_estim
 from swarm.build.dynamics import actuators, orbit
 from swarm.build.faults import check_faults, faults
 from swarm.build.guidance import guidance, matings
+from swarm.build.lidars import inspection, lidars
 from swarm.build.navigation import believed_layout, navigation
 from swarm.build.station import ARCSEC, FAN_ERROR_MAX_RAD, angle_noise, decoder, lighthouse
 from swarm.scenario import Scenario
@@ -26,6 +27,8 @@ __all__ = [
     "faults",
     "fleet",
     "guidance",
+    "inspection",
+    "lidars",
     "lighthouse",
     "matings",
     "navigation",
@@ -39,13 +42,11 @@ __all__ = [
 
 
 def check(settings: Scenario) -> None:
-    """Build everything once.
-
-    Raises SwarmError as `fleet`, `world`, `believed_layout`, `navigation`, `cameras`, `faults` do.
-    """
+    """Build everything once. Raises SwarmError as `fleet`, `world`, `believed_layout`, `cameras`, `lidars` do."""
     motions = fleet(settings)
     made = world(settings, motions)
     believed_layout(settings, made.photodiodes)
     cameras(settings, made, motions.at(0.0))
+    lidars(settings, made)
     navigation(settings)
     check_faults(settings, made)

@@ -102,7 +102,15 @@ def world(settings: Scenario, motions: Fleet) -> World:
     craft = scenario.craft(settings)
     first = start(settings, motions)
     starts = [
-        CraftStart(c.name, c.model, first.position[i], first.quaternion[i], first.velocity[i], first.angular_rate[i])
+        CraftStart(
+            c.name,
+            c.model,
+            first.position[i],
+            first.quaternion[i],
+            first.velocity[i],
+            first.angular_rate[i],
+            c.passive,
+        )
         for i, c in enumerate(craft)
     ]
     latches = [(pair.craft, pair.target) for pair in matings(settings)]

@@ -103,7 +103,7 @@ def guidance(settings: Scenario, pairs: Sequence[Mating], station: Reference) ->
     ]
     who, distance, brake = (np.array(column) for column in zip(*looking, strict=True)) if looking else np.zeros((3, 0))
     clearance = Clearance(who.astype(np.int64), distance.astype(np.float64), brake.astype(np.float64))
-    speaks = np.array([c.lighthouse for c in craft], dtype=np.bool_)
+    speaks = np.array([c.lighthouse and not c.passive for c in craft], dtype=np.bool_)
     return Guidance(period_s, gains, dockings, formations, clearance, speaks)
 
 

@@ -22,9 +22,9 @@ def list_() -> None:
         for head, files in (("Scenarios: swarm run NAME", scenarios()), ("Studies: swarm study NAME", studies())):
             about = {name: tomllib.loads(path.read_text(encoding="utf-8")) for name, path in files.items()}
             lines += [*([""] if lines else []), head]
-            lines += [f"  {name:<12} {table.get('description', '')}" for name, table in about.items()]
+            lines += [f"  {name:<17} {table.get('description', '')}" for name, table in about.items()]
         lines += ["", 'Craft: model = "NAME" in a scenario']
-        lines += [f"  {name:<12} {_first_sentence(path.with_name('README.md'))}" for name, path in models().items()]
+        lines += [f"  {name:<17} {_first_sentence(path.with_name('README.md'))}" for name, path in models().items()]
         width = get_terminal_size().columns if sys.stdout.isatty() else 1000
         for line in lines:
             typer.echo(line.rstrip() if len(line) <= width else f"{line[: width - 1]}…")

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 RUNS = Path("runs")
 LIGHTHOUSE = "Chen et al., lighthouse"
 STEREO = "Zhang et al., binocular CCD"
+LIDAR = "Feng et al., LiDAR"
 
 
 class Experiment(NamedTuple):
@@ -96,6 +97,27 @@ EXPERIMENTS: dict[str, Experiment] = {
         "the backup camera fails and comes back: jumps, and the filter's NEES",
         "swarm.experiments.stereo_fallback",
         {"runs": 8},
+    ),
+    "lidar-acquisition": Experiment(
+        LIDAR,
+        "figure 5",
+        "attitude from one scan: on the turntable, and from any attitude",
+        "swarm.experiments.lidar_acquisition",
+        {"poses": 125, "draws": 1000},
+    ),
+    "lidar-tracking": Experiment(
+        LIDAR,
+        "figure 6",
+        "tracking random turns, with and without accumulation",
+        "swarm.experiments.lidar_tracking",
+        {"runs": 5, "frames": 25},
+    ),
+    "lidar-turn": Experiment(
+        LIDAR,
+        "figure 7",
+        "tracking through a full turn, with and without accumulation",
+        "swarm.experiments.lidar_turn",
+        {"poses": 72},
     ),
 }
 

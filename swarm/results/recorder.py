@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from estimators.arrays import Floats
 from swarm.layout import Photodiodes
 from swarm.results.extra_columns import Extra
-from swarm.results.telemetry import Errors, Estimate, Peer, Truth
+from swarm.results.lidar_scans import LidarFix
+from swarm.results.telemetry import FUSED, Errors, Estimate, Peer, Truth
 from swarm.world.shapes import Mesh
 
 OUTSIDE, BLOCKED, LIT = 0, 1, 2
@@ -41,8 +42,8 @@ class Scene(NamedTuple):
     craft: names of the C craft. visuals: parts of each craft in its body frame (none: only its photodiodes are drawn).
     photodiodes: their layout. lighthouse: parts in the lighthouse frame. field_deg: full width of its field [deg].
     detail: names of the craft with plots of their own and, in a large swarm, the only ones drawn in detail; if empty,
-    the first. ccd: the pairs of cameras, in the order of their images. extra: the telemetry columns that this run has
-    beside the usual ones; those of names are drawn as states.
+    the first. ccd: the pairs of cameras, in the order of their images. lidar: craft and target of every LiDAR. extra:
+    the telemetry columns that this run has beside the usual ones; those of names are drawn as states.
     """
 
     craft: Sequence[str]
@@ -52,7 +53,16 @@ class Scene(NamedTuple):
     field_deg: float
     detail: Sequence[str] = ()
     ccd: Sequence[CcdScene] = ()
+    lidar: Sequence[tuple[int, int]] = ()
     extra: Sequence[Extra] = ()
+
+    @property
+    def observer(self) -> list[str | None] | None:
+        """Whose observation each craft's estimate is; None in a run without LiDARs."""
+        if not self.lidar:
+            return None
+        by = {t: [self.craft[craft] for craft, target in self.lidar if target == t] for _, t in self.lidar}
+        return [(by[i][0] if len(by[i]) == 1 else FUSED) if i in by else None for i in range(len(self.craft))]
 
 
 class Period(NamedTuple):
@@ -60,7 +70,7 @@ class Period(NamedTuple):
 
     time_s: the epoch [s]. truth: None in a replay, where craft are drawn at their estimates. sight: (C, K) of OUTSIDE,
     BLOCKED, LIT. errors: as telemetry computed them. peer: the recorded pose, in a replay. extra: (C, N), the values of
-    the scene's extra columns.
+    the scene's extra columns. scans: the LiDARs' that became complete.
     """
 
     time_s: float
@@ -71,6 +81,7 @@ class Period(NamedTuple):
     errors: Errors
     peer: Peer | None = None
     extra: Floats | None = None
+    scans: Sequence[LidarFix] = ()
 
 
 class Recorder(Protocol):

@@ -8,6 +8,7 @@ Everything is in the lighthouse frame (x right, y down, z forward), on the timel
     world/covariance     3 sigma ellipsoids of the position, enlarged, up to half a metre
     world/rays           from the lighthouse to every photodiode in reach: lit or blocked
     world/trails         where the craft have been in the last seconds
+    world/lidar/NAME     the last scan of a LiDAR, where its craft believes the returns to be
     world/cameras        lines of sight from cameras to the lights that they see; world/craft/NAME/ccd their fields
     status/NAME/sensor   whose pose went into the filter, of craft with cameras
     status/NAME/COLUMN   the run's extra columns of names: what a craft is doing, or what has failed
@@ -63,6 +64,8 @@ TRAIL_POINTS, TRAIL_STEP_S = 20, 0.2
 SIGHT_COLOURS = np.array([0x78909CFF, 0xFF5252FF, 0x69F0AEFF], dtype=np.uint32)
 SIGHT_LINES = {"main": 0x40C4FF90, "backup": 0xFFD54F90}
 """Lines of sight of the cameras."""
+ABOUT_LIDARS = """| bright points | the last scan of a LiDAR, where its craft believes the returns to be |
+"""
 ABOUT_CAMERAS = """| blue, yellow line | from the main and the backup camera to a light that it sees |
 | pyramids on a craft | the fields of its cameras |
 """
@@ -90,6 +93,7 @@ class Recording:
         self._colour = drawing.palette(craft)
         self._early: list[Period] = []
         self._waiting: list[Batch] = []
+        self._clouds: list[tuple[float, int, int, Floats]] = []
         self._trail: deque[Floats] = deque(maxlen=TRAIL_POINTS)
         self._trail_due_s = -np.inf
         self._started = self._replay = False
@@ -133,6 +137,7 @@ class Recording:
         truth = period.truth
         turn = quaternion_from_matrix(period.estimate.rotation) if truth is None else truth.quaternion
         self._waiting.append(kept(period, turn))
+        self._clouds += [(period.time_s, period.frame, scan.craft, scan.cloud) for scan in period.scans]
         if period.time_s - float(self._waiting[0].time_s) >= self._send_every_s:
             self._send()
 
@@ -170,7 +175,7 @@ class Recording:
         self._static("world", rr.ViewCoordinates.RDF)
         solid = "the craft at its estimate: the truth is not known" if self._replay else "the craft where it truly is"
         trail_s, slowed = TRAIL_POINTS * TRAIL_STEP_S, FAN_TURN_S / REAL_FAN_TURN_S
-        cameras = ABOUT_CAMERAS if scene.ccd else ""
+        cameras = (ABOUT_CAMERAS if scene.ccd else "") + (ABOUT_LIDARS if scene.lidar else "")
         about = ABOUT.format(craft=solid, enlarged=ENLARGED, slowed=slowed, trail=trail_s, cameras=cameras)
         self._static("about", rr.TextDocument(about, media_type="text/markdown"))
         for plot in self._plots:
@@ -185,6 +190,9 @@ class Recording:
         for i in self._near:
             self._draw_craft(int(i))
         self._draw_cameras()
+        for i, _ in scene.lidar:
+            points = rr.Points3D.from_fields(colors=self._colour[i][None], radii=[-1.6])
+            self._static(f"world/lidar/{craft[i]}", points)
         self._groups = self._draw_crowd() if self._crowd else {}
         if 0 < period.time_s < 0.1:
             # The timeline begins with the run, not with the middle of its first period.
@@ -294,6 +302,7 @@ class Recording:
         self._send_fans(send, batch.time_s)
         self._send_sight(send, batch)
         self._send_cameras(send, batch)
+        self._send_clouds()
         self._send_covariance(send, batch)
         self._send_trails(send, batch)
         for plot in self._plots:
@@ -382,6 +391,16 @@ class Recording:
             if pair.craft in self._near:
                 states = [SENSORS[code] for code in batch.sensor[:, pair.craft]]
                 send(f"status/{self._scene.craft[pair.craft]}/sensor", rr.StateChange.columns(state=states))
+
+    def _send_clouds(self) -> None:
+        """The scans that became complete, each at its own time."""
+        for i in sorted({who for _, _, who, _ in self._clouds}):
+            mine = [(time_s, frame, cloud) for time_s, frame, who, cloud in self._clouds if who == i]
+            send = self._sender(np.array([t for t, _, _ in mine]), np.array([f for _, f, _ in mine]))
+            points = np.concatenate([cloud for _, _, cloud in mine]).astype(np.float32)
+            columns = rr.Points3D.columns(positions=points).partition([len(cloud) for _, _, cloud in mine])
+            send(f"world/lidar/{self._scene.craft[i]}", columns)
+        self._clouds.clear()
 
     def _send_covariance(self, send: Send, batch: Batch) -> None:
         covariance, position = batch.covariance[:, self._near], batch.position[:, self._near]

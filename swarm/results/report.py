@@ -132,7 +132,7 @@ def results(summary: Mapping[str, Any], width: int) -> RenderableType:
         lines.append(
             Text(f"The {len(craft)} worst of {len(summary['craft'])} craft; summary.json has them all.", "dim")
         )
-    sentences = [*findings(swarm), *warnings(summary["craft"])]
+    sentences = [*findings(swarm), *inspections(summary.get("lidar") or {}), *warnings(summary["craft"])]
     return Group(*lines, Text(), *(Text(sentence, style) for sentence, style in sentences))
 
 
@@ -170,9 +170,27 @@ def findings(figures: Figures) -> list[tuple[str, str]]:
     return out
 
 
+def inspections(lidar: Mapping[str, Figures]) -> list[tuple[str, str]]:
+    """What every LiDAR made of its target."""
+    return [
+        (
+            f"{name}'s LiDAR: {f['target']} tracked in {f['tracked_share']:.1%} of {f['scans']} scans, acquired "
+            f"{f['acquisitions']} times"
+            + (
+                f"; attitude error of a scan {f['measured_attitude_mean_deg']:.2f}° on average, "
+                f"{f['measured_attitude_max_deg']:.2f}° at most"
+                if f["measured_attitude_mean_deg"] is not None
+                else ""
+            ),
+            "",
+        )
+        for name, f in lidar.items()
+    ]
+
+
 def warnings(craft: Mapping[str, Figures]) -> list[tuple[str, str]]:
     """What is wrong with single craft that the swarm's figures hide, and what to do about it."""
-    dark = [name for name, f in craft.items() if not (f["mean_visible"] or f.get("ccd"))]
+    dark = [name for name, f in craft.items() if not (f["mean_visible"] or f.get("ccd") or f.get("observed"))]
     refused = {name: f["refused_share"] or 0.0 for name, f in craft.items() if f.get("refused_share")}
     refused = {name: share for name, share in refused.items() if share > REFUSED_MUCH}
     vain = [
@@ -207,6 +225,7 @@ def written(folder: Path) -> list[tuple[str, str]]:
     files = (
         ("telemetry.parquet", "a row per craft and period"),
         ("angles.parquet", "every sweep angle, for swarm calibrate"),
+        ("scans.parquet", "a row per LiDAR scan"),
         ("summary.json", "these figures, and more"),
         ("scenario.toml", "all that was set; run it again"),
         (RECORDING, "for the viewer"),

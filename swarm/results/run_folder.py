@@ -1,5 +1,5 @@
 """The folder that a run leaves: `scenario.toml`, `telemetry.parquet`, `summary.json`, `recording.rrd`, and
-`angles.parquet` where it was asked for.
+`angles.parquet` where it was asked for, `scans.parquet` where there are LiDARs.
 
 `summary.json` is written first and says what the folder is worth: its `status` is "running" until the run has ended,
 then "complete" or "interrupted" (with a `reason`); a run that was killed stays "running" for ever. It also says which
@@ -18,7 +18,7 @@ from typing import Any, Literal
 import pyarrow as pa
 
 from swarm.errors import SwarmError, did_you_mean
-from swarm.results import angles
+from swarm.results import angles, lidar_scans
 from swarm.results.disk import FolderLock, write_text, writing
 from swarm.results.telemetry import FILE, PARTS, read_telemetry
 
@@ -82,7 +82,7 @@ class RunFolder:
                 f"{path} holds a run already; --force (force=True) replaces it, --out (out=...) writes elsewhere"
             )
         if not ours:
-            for name in (SUMMARY, SCENARIO, FILE, PARTS, RECORDING, angles.FILE):
+            for name in (SUMMARY, SCENARIO, FILE, PARTS, RECORDING, angles.FILE, lidar_scans.FILE):
                 if (path / name).exists():
                     raise SwarmError(
                         f"{path / name} was not written by {PROGRAM}, and a run would replace it; move it away "
@@ -104,7 +104,7 @@ class RunFolder:
     def _remove_earlier(self) -> None:
         parts = self.path / PARTS
         with writing(self.path):
-            for name in (SCENARIO, FILE, RECORDING, angles.FILE, angles.PARTIAL):
+            for name in (SCENARIO, FILE, RECORDING, *(f for m in (angles, lidar_scans) for f in (m.FILE, m.PARTIAL))):
                 (self.path / name).unlink(missing_ok=True)
             if parts.is_dir():
                 for file in [*parts.glob("part-*.arrow"), *parts.glob("part-*.tmp"), parts / "joined.tmp"]:

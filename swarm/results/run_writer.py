@@ -2,7 +2,7 @@
 
 import platform
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from pathlib import Path
@@ -15,6 +15,7 @@ from swarm import __version__
 from swarm.errors import SwarmError
 from swarm.results.angles import AngleWriter, Believed, SweepAngles
 from swarm.results.criteria import check_measures, judge, summary_of
+from swarm.results.lidar_scans import LidarFix, ScanWriter
 from swarm.results.progress import Progress
 from swarm.results.recorder import NullRecording, Period, Recorder, Scene
 from swarm.results.run_folder import Run, RunFolder, open_run
@@ -39,9 +40,10 @@ class RunWriter:
         craft_count: int,
         duration_s: float,
         angles: AngleWriter | None = None,
+        scans: ScanWriter | None = None,
     ) -> None:
         self.notice = recording.notice
-        self._telemetry, self._recording, self._angles = telemetry, recording, angles
+        self._telemetry, self._recording, self._angles, self._scans = telemetry, recording, angles, scans
         self._craft_count, self._duration_s = craft_count, duration_s
         self._started_s = time.perf_counter()
         self._time_s, self._tracking = 0.0, 0
@@ -56,15 +58,19 @@ class RunWriter:
         peer: Peer | None = None,
         angles: SweepAngles | None = None,
         extra: Floats | None = None,
+        scans: Sequence[LidarFix] = (),
     ) -> None:
         """Take one period of all craft at its epoch `time_s` [s]; sight: (C, K), what each photodiode saw.
 
         angles: what the craft measured, for a run that writes them. extra: (C, N), for the scene's extra columns.
+        scans: what became of the LiDARs' scans.
         """
         errors = self._telemetry.append(time_s, frame, truth, estimate, peer, extra)
-        self._recording.append(Period(time_s, frame, truth, estimate, sight, errors, peer, extra))
+        self._recording.append(Period(time_s, frame, truth, estimate, sight, errors, peer, extra, scans))
         if self._angles is not None and angles is not None:
             self._angles.append(frame, angles)
+        if self._scans is not None and truth is not None:
+            self._scans.append(time_s, frame, scans, truth)
         self._time_s, self._tracking = time_s, int(np.count_nonzero(estimate.status == TRACKING))
 
     @property
@@ -97,10 +103,12 @@ def writing_run(
     raised on; the scenario's criteria are judged at the end. Raises SwarmError where nothing can be written, or where a
     criterion measures what this run does not.
     """
-    check_measures(scenario.criteria, schema(replay, bool(scene.ccd), scene.extra), scenario.name)
+    check_measures(scenario.criteria, schema(replay, bool(scene.ccd), bool(scene.lidar), scene.extra), scenario.name)
     with RunFolder.create(scenario.name, scenario.seed, None if out is None else Path(out), force) as folder:
         folder.write_scenario(to_toml(scenario, versions()))
-        telemetry = Telemetry(folder.path, scene.craft, replay, ccd=bool(scene.ccd), extra=scene.extra)
+        telemetry = Telemetry(
+            folder.path, scene.craft, replay, ccd=bool(scene.ccd), observer=scene.observer, extra=scene.extra
+        )
         recording: Recorder = NullRecording()
         if (record and scenario.recording.enabled) or live:
             # rerun takes most of a second to import: only who records pays for it.
@@ -108,7 +116,8 @@ def writing_run(
 
             recording = Recording(folder.recording, scene, live=live)
         angle_writer = AngleWriter(folder.path, angles) if angles is not None else None
-        writer = RunWriter(telemetry, recording, len(scene.craft), duration_s, angle_writer)
+        scan_writer = ScanWriter(folder.path, scene.craft) if scene.lidar else None
+        writer = RunWriter(telemetry, recording, len(scene.craft), duration_s, angle_writer, scan_writer)
         try:
             yield writer
         except BaseException as stop:
@@ -120,6 +129,9 @@ def writing_run(
             if angle_writer is not None:
                 with suppress(SwarmError):
                     angle_writer.close()
+            if scan_writer is not None:
+                with suppress(SwarmError):
+                    scan_writer.close()
             summary = None
             with suppress(SwarmError):
                 summary = summarise_run(folder.path)
@@ -130,6 +142,8 @@ def writing_run(
         telemetry.close()
         if angle_writer is not None:
             angle_writer.close()
+        if scan_writer is not None:
+            scan_writer.close()
         verdicts = judge(scenario.criteria, lambda column: read_telemetry(folder.path, [column]))
         folder.finish({**summarise_run(folder.path), **summary_of(verdicts)})
         writer.run = open_run(folder.path)

@@ -30,6 +30,7 @@ from scipy.special import gammaincinv
 from estimators.arrays import Bools, Floats, Ints
 from estimators.rotation import angle_between, matrix_from_quaternion, mean_rotation
 from swarm.results.ccd_columns import CCD_STATES
+from swarm.results.lidar_scans import summarise_scans
 from swarm.results.rows import attitude_errors_into
 from swarm.results.telemetry import NAMES, SENSORS, STATUS, read_telemetry, telemetry_columns, values
 
@@ -374,29 +375,36 @@ def summarise(table: pa.Table) -> dict[str, Any]:
 
 def summarise_run(folder: Path) -> dict[str, Any]:
     """`summarise` of the telemetry in a run's folder, column by column: half of it never is in memory."""
-    return _summary(lambda name: read_telemetry(folder, [name]), telemetry_columns(folder))
+    summary = _summary(lambda name: read_telemetry(folder, [name]), telemetry_columns(folder))
+    return summary | summarise_scans(folder)
 
 
 def _summary(load: Callable[[str], pa.Table], columns: Sequence[str]) -> dict[str, Any]:
     kind = "peer_px_m" in columns, "ccd" in columns, "dropped_photodiodes" in columns
     craft = load("craft")
     codes = _codes(craft, "craft").astype(np.int64)
-    everything = _Rows(load, np.argsort(codes, kind="stable"), (0, len(codes)))
+    names = craft.column("craft").unify_dictionaries().chunk(0).dictionary.to_pylist() if len(codes) else []
+    # Craft that others observe come last: they are none of those that find themselves.
+    observed = (
+        np.isfinite(_codes(load("observer"), "observer")) if "observer" in columns else np.zeros(len(codes), bool)
+    )
+    ranks = codes + len(names) * observed
+    everything = _Rows(load, np.argsort(ranks, kind="stable"), (0, len(codes)))
     frame, time_s = everything.frame, everything.column("time_s")
     if not len(frame):
         return {"periods": 0, "duration_s": 0.0, "craft_count": 0, "swarm": None, "craft": {}, "notes": NOTES}
-    names = craft.column("craft").unify_dictionaries().chunk(0).dictionary.to_pylist()
-    past = np.cumsum(np.bincount(codes, minlength=len(names))).tolist()
+    past = np.cumsum(np.bincount(ranks)).tolist()
     span = int(frame.max() - frame.min())
     period_s = float(time_s.max() - time_s.min()) / span if span else 0.0
     out: dict[str, Any] = {
         "periods": len(np.unique(frame)),
         "duration_s": (span + 1) * period_s,
         "craft_count": len(names),
-        "swarm": _figures(everything, period_s, *kind),
+        "swarm": _figures(everything.of(0, len(codes) - int(np.count_nonzero(observed))), period_s, *kind),
         "craft": {
-            name: _figures(everything.of(first, last), period_s, *kind)
-            for name, first, last in zip(names, [0, *past], past, strict=False)
+            names[rank % len(names)]: _figures(everything.of(first, last), period_s, *kind)
+            | ({"observed": rank >= len(names)} if "observer" in columns else {})
+            for rank, (first, last) in enumerate(zip([0, *past], past, strict=False))
             if last > first
         },
         "notes": NOTES,

@@ -37,10 +37,13 @@ FILE = "telemetry.parquet"
 PARTS = FILE + ".partial"
 STATUS = ("searching", "tracking", "coasting", "ambiguous")
 """Names of the status codes 0 to 3."""
-SENSORS = ("none", "lighthouse", "stereo", "lighthouse+stereo", "camera", "lighthouse+camera")
-"""Names of the sensor codes 0 to 5: whose pose the filter took in; both cameras are "stereo", the main one "camera"."""
+SENSORS = ("none", "lighthouse", "stereo", "lighthouse+stereo", "camera", "lighthouse+camera", "lidar")
+"""Names of the sensor codes 0 to 6: whose pose the filter took in; both cameras are "stereo", the main one "camera";
+"lidar": that of a craft which somebody else observes."""
 NAMES = {"status": STATUS, "sensor": SENSORS, "ccd": CCD_STATES}
 """The columns of names: their codes are kept, with null for a code beyond the names."""
+FUSED = "fused"
+"""Observer of an estimate that several LiDARs make together."""
 PERIODS_PER_PART = 120
 ROWS_PER_GROUP = 65_536
 """Rows of a part at most, and of a row group of the final file: about 35 MB."""
@@ -161,10 +164,11 @@ def _rates(prefix: str, whose: str) -> list[pa.Field]:
     ]
 
 
-def schema(replay: bool = False, ccd: bool = False, extra: Sequence[Extra] = ()) -> pa.Schema:
+def schema(replay: bool = False, ccd: bool = False, lidar: bool = False, extra: Sequence[Extra] = ()) -> pa.Schema:
     """Columns in order, each with its `unit` and `meaning` as field metadata.
 
-    replay: with the peer's pose. ccd: with what the cameras found. extra: and these, at the end.
+    replay: with the peer's pose. ccd: with what the cameras found. lidar: with whose observation an estimate is.
+    extra: and these, at the end.
     """
     f64, i16, i32 = pa.float64(), pa.int16(), pa.int32()
     fields = [
@@ -207,6 +211,9 @@ def schema(replay: bool = False, ccd: bool = False, extra: Sequence[Extra] = ())
         fields.append(_column("ccd", pa.dictionary(pa.int8(), pa.string()), "", states))
         fields += [_column(name, i16, unit, meaning) for name, unit, meaning in ccd_columns.COUNTS]
         fields += [_column(name, f64, unit, meaning) for name, unit, meaning in ccd_columns.FLOATS]
+    if lidar:
+        meaning = f"whose LiDAR the estimate of a passive craft rests on; {FUSED!r}: of several; null: its own estimate"
+        fields.append(_column("observer", pa.dictionary(pa.int32(), pa.string()), "", meaning))
     fields += [_column(column.name, column.type, column.unit, column.meaning) for column in extra]
     return pa.schema(fields)
 
@@ -228,10 +235,12 @@ def column_reference() -> str:
         "|---|---|---|---|",
     ]
     ordinary, replay = len(schema()), len(schema(replay=True))
-    for i, field in enumerate(schema(replay=True, ccd=True)):
+    cameras = len(schema(replay=True, ccd=True))
+    for i, field in enumerate(schema(replay=True, ccd=True, lidar=True)):
         kind = "string" if pa.types.is_dictionary(field.type) else str(field.type)
         unit, meaning = field.metadata[b"unit"].decode(), field.metadata[b"meaning"].decode()
         only = "" if i < ordinary else "; only in a replay" if i < replay else "; only with cameras"
+        only = only if i < cameras else "; only with LiDARs"
         lines.append(f"| `{field.name}` | {kind} | {unit} | {meaning}{only} |")
     lines += [
         "",
@@ -268,9 +277,13 @@ class Telemetry:
         craft: Sequence[str],
         replay: bool = False,
         ccd: bool = False,
+        observer: Sequence[str | None] | None = None,
         extra: Sequence[Extra] = (),
     ) -> None:
-        self._folder, self._craft, self._schema = folder, list(craft), schema(replay, ccd, extra)
+        """observer: of a run with LiDARs, whose observation each craft's estimate is, None where its own."""
+        self._folder, self._craft = folder, list(craft)
+        self._schema = schema(replay, ccd, observer is not None, extra)
+        self._observer = list(observer or ())
         self._extra = {column.name: column for column in extra}
         periods = max(1, min(PERIODS_PER_PART, ROWS_PER_GROUP // max(1, len(craft))))
         self._capacity = periods * len(craft)
@@ -350,6 +363,9 @@ class Telemetry:
         for field in self._schema:
             if field.name == "craft":
                 columns.append(pa.DictionaryArray.from_arrays(names, pa.array(self._craft, pa.string())))
+            elif field.name == "observer":
+                tiled = self._observer * (rows // max(1, len(self._craft)))
+                columns.append(pa.array(tiled, pa.string()).dictionary_encode())
             elif field.name in more:
                 columns.append(self._extra[field.name].array(more[field.name][:rows]))
             elif field.name in NAMES:

@@ -5,6 +5,7 @@ from swarm.scenario.criteria import Criterion
 from swarm.scenario.dynamics import Actuation, Orbit
 from swarm.scenario.guided import Dock, Figure, Formation, Keep
 from swarm.scenario.kinds import AnyMotion
+from swarm.scenario.lidar import Lidar
 from swarm.scenario.load import Craft, craft, for_replay, load, validate
 from swarm.scenario.motions import Approach, Attitude, Drift, Hold, Ring, Tumble, Wander, Waypoints
 from swarm.scenario.reference import json_schema, markdown_reference
@@ -26,6 +27,7 @@ __all__ = [
     "Formation",
     "Hold",
     "Keep",
+    "Lidar",
     "Lighthouse",
     "Navigation",
     "Orbit",

@@ -18,6 +18,7 @@ from swarm.scenario import mistakes, schema
 from swarm.scenario.cameras import Ccd
 from swarm.scenario.dynamics import Actuation
 from swarm.scenario.kinds import AnyMotion
+from swarm.scenario.lidar import Lidar
 from swarm.scenario.mistakes import Problem, dotted, parse_path
 from swarm.scenario.schema import Disturbance, Scatter, Scenario
 from swarm.scenario.text import toml_value
@@ -38,6 +39,8 @@ class Craft:
     actuation: Actuation
     ccd: Ccd | None
     scatter: Scatter
+    passive: bool = False
+    lidar: Lidar | None = None
 
 
 class Override(NamedTuple):
@@ -116,11 +119,11 @@ def craft(scenario: Scenario) -> list[Craft]:
     names = scenario.craft_names
     here = Path()
     model = find_model(swarm.model, here) if swarm.count else here
-    group: list[tuple[str, Path, schema.Craft, int, int, Ccd | None]] = [
-        (names[i], model, swarm, i, swarm.count, None) for i in range(swarm.count)
+    group: list[tuple[str, Path, schema.Craft, int, int, Ccd | None, Lidar | None]] = [
+        (names[i], model, swarm, i, swarm.count, None, None) for i in range(swarm.count)
     ]
     group += [
-        (name, find_model(single.model, here), single, 0, 1, single.ccd)
+        (name, find_model(single.model, here), single, 0, 1, single.ccd, single.lidar)
         for name, single in zip(names[swarm.count :], scenario.craft, strict=True)
     ]
     return [
@@ -136,8 +139,10 @@ def craft(scenario: Scenario) -> list[Craft]:
             of.actuation,
             ccd,
             of.scatter,
+            of.passive,
+            lidar,
         )
-        for name, file, of, index, count, ccd in group
+        for name, file, of, index, count, ccd, lidar in group
     ]
 
 

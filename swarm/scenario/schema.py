@@ -16,6 +16,7 @@ from swarm.scenario.criteria import Criterion
 from swarm.scenario.dynamics import Actuation, Orbit
 from swarm.scenario.faults import AnyFault, OfCraft, Reflection
 from swarm.scenario.kinds import AnyMotion
+from swarm.scenario.lidar import Lidar
 from swarm.scenario.motions import Hold, Mistake, Table
 
 NAME_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_.-]*$"
@@ -46,9 +47,18 @@ class Craft(Table):
     )
     motion: AnyMotion = Field(default=Hold(kind="hold"), description="How it moves: a table with a `kind`.")
     lighthouse: bool = Field(default=True, description="Whether it carries photodiodes for the lighthouse on board.")
+    passive: bool = Field(
+        default=False,
+        description="A craft that does not cooperate: no photodiodes needed, nothing is computed on board.",
+    )
     disturbance: Disturbance = Field(default=Disturbance(), description="What pushes it beside its own control.")
     actuation: Actuation = Field(default=Actuation(), description="How its orders are carried out.")
     scatter: Scatter = Field(default=Scatter(), description="How far from its motion's beginning it starts.")
+
+    def between_keys(self) -> Iterator[Mistake]:
+        """Who computes nothing on board cannot steer by it."""
+        if self.passive and self.feedback == "estimate":
+            yield "a passive craft has no estimate", "feedback", "passive"
 
 
 class Swarm(Craft):
@@ -58,6 +68,7 @@ class Swarm(Craft):
 
     def between_keys(self) -> Iterator[Mistake]:
         """No motion that would put all craft at one place."""
+        yield from super().between_keys()
         if self.count > 1 and self.motion.kind in ("waypoints", "approach", "dock"):
             yield (
                 f'must be 0 or 1 where motion.kind = "{self.motion.kind}", which would put all craft at one place; '
@@ -74,6 +85,15 @@ class SingleCraft(Craft):
         default=None, pattern=NAME_PATTERN, max_length=64, description="Unset: craft-N, counted after the swarm."
     )
     ccd: Ccd | None = Field(default=None, description="A pair of cameras that looks at another craft. Unset: none.")
+    lidar: Lidar | None = Field(default=None, description="A LiDAR that inspects a passive craft. Unset: none.")
+
+    def between_keys(self) -> Iterator[Mistake]:
+        """A craft that does nothing on board has nothing on board."""
+        yield from super().between_keys()
+        if self.passive and self.lidar is not None:
+            yield "a passive craft has no LiDAR", "lidar", "passive"
+        if self.passive and self.ccd is not None:
+            yield "a passive craft has no cameras", "ccd", "passive"
 
 
 class Physics(Table):
@@ -299,6 +319,7 @@ class Scenario(Table):
                 for j, name in enumerate(getattr(owner, key, ())):
                     if name not in names:
                         yield f"no craft has the name {name!r}{did_you_mean(name, names)}", f"fault[{i}].{key}[{j}]"
+        yield from self._lidar_mistakes(names)
         for i, name in enumerate(self.recording.detail):
             if name not in names:
                 yield f"no craft has this name{did_you_mean(name, names)}", f"recording.detail[{i}]"
@@ -352,3 +373,20 @@ class Scenario(Table):
                 yield f"must lie within the run (duration_s = {self.duration_s})", f"criteria[{i}].from_s", "duration_s"
             if labels[i] in labels[:i]:
                 yield f"another criterion is called {labels[i]} too: give one of them a name", f"criteria[{i}].name"
+
+    def _lidar_mistakes(self, names: tuple[str, ...]) -> Iterator[Mistake]:
+        """What a LiDAR inspects exists and is passive; no scan is shorter than a lighthouse period."""
+        groups = [self.swarm] * self.swarm.count + list(self.craft)
+        for i, craft in enumerate(self.craft):
+            if craft.lidar is None:
+                continue
+            key, target = f"craft[{i}].lidar", craft.lidar.target
+            if target not in names:
+                yield f"no craft has this name{did_you_mean(target, names)}", f"{key}.target"
+                continue
+            of = names.index(target)
+            if not groups[of].passive:
+                table = "swarm" if of < self.swarm.count else f"craft[{of - self.swarm.count}]"
+                yield "must be passive: who navigates by itself is not inspected", f"{key}.target", f"{table}.passive"
+            if craft.lidar.rate_hz > self.lighthouse.rate_hz:
+                yield f"at most one scan per lighthouse period, {self.lighthouse.rate_hz:g} Hz", f"{key}.rate_hz"

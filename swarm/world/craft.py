@@ -5,6 +5,8 @@ The body frame `b` is the frame of the file's one root body. Bodies below it tha
 The photodiodes are the sites whose name starts with `photodiode`; a site's z axis is the photodiode's outward normal.
 Cameras and lights of the CCD sensor: `swarm.world.optics`; thrusters and reaction wheels: `swarm.world.propulsion`;
 docking ports: `swarm.world.docking`.
+The site `lidar`, if there is one, is where a LiDAR sits: its z axis is the spin axis. A mesh file (OBJ, STL) is a craft
+of one part.
 """
 
 import re
@@ -25,6 +27,7 @@ from swarm.layout import Cameras, Lights, Thrusters, Wheels
 from swarm.ports import Port
 from swarm.world import shapes
 from swarm.world.docking import port_of
+from swarm.world.mesh_file import SUFFIXES, mesh_spec
 from swarm.world.optics import cameras_of, lights_of
 from swarm.world.propulsion import thrusters_of, wheels_of
 
@@ -32,6 +35,7 @@ LEAST_PHOTODIODES = 4
 """What PnP needs (section 2 of source 1)."""
 FREE_JOINT = "free"
 """Name, before the craft's prefix, of the joint that the loader gives every craft."""
+LIDAR_SITE = "lidar"
 REFERRING = ("keys", "sensors", "actuators", "tendons", "equalities", "pairs", "excludes", "tuples", "flexes", "skins")
 """Elements outside the tree of bodies that refer to it."""
 DRAWN_GROUPS = 3
@@ -65,6 +69,8 @@ class CraftModel(NamedTuple):
     point_m: Floats
     normal: Floats
     visuals: tuple[Visual, ...]
+    lidar: tuple[Floats, Floats] | None
+    """Where the scanner sits: rotation (3, 3) R_b_s and position (3,) [m]; None without one."""
     cameras: Cameras
     lights: Lights
     thrusters: Thrusters
@@ -76,11 +82,6 @@ class CraftModel(NamedTuple):
 def _load_version(path: Path, modified_ns: int) -> CraftModel:
     spec, model = rigid(path)
     sites = photodiode_sites(model)
-    if len(sites) < LEAST_PHOTODIODES:
-        raise SwarmError(
-            f"{path}: {len(sites)} photodiodes (sites whose name starts with 'photodiode'), at least "
-            f"{LEAST_PHOTODIODES} are needed for a pose"
-        )
     turn = matrix_from_quaternion(model.body_iquat[1])
     # Read, sites and numbers have done their duty: MuJoCo would place every site at every step.
     for element in [*spec.sites, *spec.numerics]:
@@ -95,6 +96,7 @@ def _load_version(path: Path, modified_ns: int) -> CraftModel:
         model.site_pos[sites].copy(),
         matrix_from_quaternion(model.site_quat[sites])[:, :, 2],
         visuals_of(model),
+        _lidar_site(model),
         cameras_of(model, path),
         lights_of(model),
         thrusters_of(model, path),
@@ -103,13 +105,19 @@ def _load_version(path: Path, modified_ns: int) -> CraftModel:
     )
 
 
-def load_craft(path: Path) -> CraftModel:
-    """Read a craft's MJCF file; read once per process as long as the file does not change.
+def load_craft(path: Path, passive: bool = False) -> CraftModel:
+    """Read a craft's model file; read once per process as long as the file does not change.
 
-    Raises SwarmError: no such file, MuJoCo does not compile it (with its message), not exactly one root body, a joint
-    inside the craft, or fewer than four photodiodes.
+    passive: it navigates by nothing, and needs no photodiodes. Raises SwarmError: no such file, MuJoCo does not compile
+    it (with its message), not exactly one root body, a joint inside the craft, or fewer than four photodiodes.
     """
-    return _load_version(path.resolve(), _modified_ns(path))
+    craft = _load_version(path.resolve(), _modified_ns(path))
+    if not passive and len(craft.point_m) < LEAST_PHOTODIODES:
+        raise SwarmError(
+            f"{path}: {len(craft.point_m)} photodiodes (sites whose name starts with 'photodiode'), at least "
+            f"{LEAST_PHOTODIODES} are needed for a pose; a craft that does not cooperate is passive = true"
+        )
+    return craft
 
 
 def load_static(path: Path) -> tuple[mujoco.MjSpec, FilePose]:
@@ -159,7 +167,7 @@ def rigid(path: Path, free: bool = True) -> tuple[mujoco.MjSpec, mujoco.MjModel]
     """
     try:
         with quiet():
-            spec = mujoco.MjSpec.from_file(str(path))
+            spec = mesh_spec(path) if path.suffix.lower() in SUFFIXES else mujoco.MjSpec.from_file(str(path))
             roots = spec.worldbody.bodies
             if len(roots) != 1:
                 names = ", ".join(repr(body.name) for body in roots) or "none"
@@ -211,6 +219,13 @@ def photodiode_sites(model: mujoco.MjModel) -> list[int]:
             number = re.search(r"\d+", name)
             found.append((int(number.group()) if number else 0, name, site))
     return [site for _, _, site in sorted(found)]
+
+
+def _lidar_site(model: mujoco.MjModel) -> tuple[Floats, Floats] | None:
+    for site in range(model.nsite):
+        if model.site(site).name == LIDAR_SITE:
+            return matrix_from_quaternion(model.site_quat[site]), model.site_pos[site].copy()
+    return None
 
 
 def visuals_of(model: mujoco.MjModel) -> tuple[Visual, ...]:

@@ -3,9 +3,9 @@
 A step of MuJoCo's is u' = u + h a, p' = p + h u': u, the velocity at a knot, is the mean over the interval that ends
 there. The exact solution of (CW) (`estimators.relative_orbit`) has, at equidistant knots, the second difference
 
-    a_x = d (u_z + h a_z / 2)             d = 4 tan(n h / 2) / h               -> 2 n       for h -> 0
-    a_y = -s y                            s = 4 sin^2(n h / 2) / h^2           -> n^2
-    a_z = b ((u_x + h a_x / 2) - 3/2 n z)     b = -s / (2 sin(n h) / h - 3/2 n)    -> -2 n
+    a_x = d (u_z + h a_z / 2)                d = 4 tan(n h / 2) / h               -> 2 n       for h -> 0
+    a_y = -s y                               s = 4 sin^2(n h / 2) / h^2           -> n^2
+    a_z = b (u_x + h a_x / 2 - 3/2 n z)      b = -s / (2 sin(n h) / h - 3/2 n)    -> -2 n
 
 in (V-bar, H-bar, R-bar), where u + h a / 2 is the difference over both intervals. It follows by putting the solution's
 three motions in: the drift x' = 3/2 n z with z constant has none, the ellipse (2 sin, cos) and the oscillation across

@@ -41,7 +41,7 @@ NO_CONTACT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
 
 class CraftStart(NamedTuple):
     """One craft at time 0: position (3,) [m], quaternion (4,) wxyz, velocity (3,) [m/s], angular_rate (3,) [rad/s], all
-    in the lighthouse frame. model: its MJCF file.
+    in the lighthouse frame. model: its MJCF file. passive: it has no photodiodes, or they are not on board.
     """
 
     name: str
@@ -50,6 +50,7 @@ class CraftStart(NamedTuple):
     quaternion: Floats
     velocity: Floats
     angular_rate: Floats
+    passive: bool = False
 
 
 class PeriodTruth(NamedTuple):
@@ -88,7 +89,7 @@ class World:
         """
         self.names = tuple(start.name for start in craft)
         _check_names(self.names)
-        self._models = tuple(load_craft(start.model) for start in craft)
+        self._models = tuple(load_craft(start.model, start.passive) for start in craft)
         self._rate_hz, self._steps, self._frame = rate_hz, steps_per_period, 0
         position = _table([start.position for start in craft], 3)
         quaternion = _table([start.quaternion for start in craft], 4)
@@ -121,12 +122,17 @@ class World:
         self.mass: Floats = np.array([model.mass for model in self._models])
         self.com_m: Floats = np.array([model.com_m for model in self._models]).reshape(-1, 3)
         self.inertia: Floats = np.array([model.inertia for model in self._models]).reshape(-1, 3, 3)
+        alive = [0 if start.passive else None for start in craft]
+        self.photodiodes = layout.pad(
+            [m.point_m[:n] for m, n in zip(self._models, alive, strict=True)],
+            [m.normal[:n] for m, n in zip(self._models, alive, strict=True)],
+        )
+        self.lidars = tuple(model.lidar for model in self._models)
         self.cameras = tuple(model.cameras for model in self._models)
         self.lights = tuple(model.lights for model in self._models)
         self.thrusters = tuple(model.thrusters for model in self._models)
         self.wheels = tuple(model.wheels for model in self._models)
         self.ports = tuple(model.port for model in self._models)
-        self.photodiodes = layout.pad([m.point_m for m in self._models], [m.normal for m in self._models])
         with quiet():
             mujoco.mj_forward(self.model, self._data)
         self._check_overlap()

@@ -1,0 +1,147 @@
+"""One scan of a laser scanner as rays: those that came back, and those that did not, which says something too.
+
+The scanner sits at the origin of its frame s, and everything about a scan is in that frame. A ray with direction d that
+returned from range r is the point r d; r is NaN where nothing came back.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from estimators.arrays import Bools, Floats, Ints
+
+LINKS = 2.2
+"""Neighbouring returns of one object lie within this many ray spacings."""
+
+
+class Edges(NamedTuple):
+    """Where a line of the scan leaves the target: point (k, 3) [m], along (k, 3), the line's direction, sigma_m (k,)
+    in that direction.
+    """
+
+    point: Floats
+    along: Floats
+    sigma_m: Floats
+
+
+class Scan(NamedTuple):
+    """Rays of one scan. direction: (N, 3) unit. range_m: (N,) [m], NaN: no return. spacing_rad: between neighbouring
+    rays, at the widest (between the lines). noise_m: 1 sigma of a range. line: (N,), which line a ray belongs to, and
+    step: (N,), its number along it; -1: not known.
+    """
+
+    direction: Floats
+    range_m: Floats
+    spacing_rad: float
+    noise_m: float
+    line: Ints
+    step: Ints
+
+    @property
+    def returned(self) -> Bools:
+        """(N,): which rays came back."""
+        return np.isfinite(self.range_m)
+
+    @property
+    def point(self) -> Floats:
+        """(n, 3) [m] of the rays that came back."""
+        hit = self.returned
+        out: Floats = self.direction[hit] * self.range_m[hit, None]
+        return out
+
+    def rays(self, which: Bools | Ints) -> "Scan":
+        """Some of the rays."""
+        return self._replace(
+            direction=self.direction[which],
+            range_m=self.range_m[which],
+            line=self.line[which],
+            step=self.step[which],
+        )
+
+    def around(self, position: Floats, radius_m: float) -> "Scan":
+        """The rays that pass within `radius_m` of `position` (3,); returns from elsewhere count as none, unless they
+        come from in front: what stands there hides the target, and the ray says nothing of it.
+        """
+        along = self.direction @ position
+        near = (along > 0) & (np.sum(position**2) - along**2 < radius_m**2)
+        distance = float(np.linalg.norm(position))
+        if distance <= radius_m:
+            near |= True
+        part = self.rays(near)
+        depth = part.range_m
+        part = part.rays(~(depth < distance - radius_m))
+        outside = part.range_m > distance + radius_m
+        return part._replace(range_m=np.where(outside, np.nan, part.range_m))
+
+    def edges(self, jump_m: float) -> Edges:
+        """Where, along a line, a return is followed by none, or by one that is further away by `jump_m`.
+
+        The edge is taken to be midway between the two rays, at the nearer range: off by at most half a step.
+        """
+        order = np.lexsort((self.step, self.line))
+        a, b = order[:-1], order[1:]
+        next_to = (self.line[a] == self.line[b]) & (self.line[a] >= 0) & (self.step[b] == self.step[a] + 1)
+        a, b = a[next_to], b[next_to]
+        depth = np.where(self.returned, self.range_m, np.inf)
+        a, b = np.where(depth[a] < depth[b], a, b), np.where(depth[a] < depth[b], b, a)
+        edge = np.isfinite(depth[a]) & (depth[b] > depth[a] + jump_m)
+        a, b = a[edge], b[edge]
+        middle = self.direction[a] + self.direction[b]
+        across = self.direction[b] - self.direction[a]
+        width = np.linalg.norm(across, axis=1)
+        point = depth[a, None] * middle / np.linalg.norm(middle, axis=1, keepdims=True)
+        return Edges(point, across / width[:, None], depth[a] * width / np.sqrt(12))
+
+
+def checked(scan: Scan) -> Scan:
+    """The scan itself. Raises ValueError, naming what is wrong, where it cannot be one."""
+    direction, depth = scan.direction, scan.range_m
+    if direction.ndim != 2 or direction.shape[1:] != (3,) or depth.shape != (len(direction),):
+        raise ValueError(f"scan: expected (N, 3) directions and (N,) ranges, got {direction.shape}, {depth.shape}")
+    if scan.line.shape != depth.shape or scan.step.shape != depth.shape:
+        raise ValueError(f"scan: expected (N,) lines and steps, got {scan.line.shape}, {scan.step.shape}")
+    if not np.isfinite(direction).all():
+        raise ValueError("scan: a direction is not finite")
+    if len(direction) and np.abs(np.linalg.norm(direction, axis=1) - 1).max() > 1e-6:
+        raise ValueError("scan: a direction is not of unit length")
+    if np.isinf(depth).any() or np.any(depth[np.isfinite(depth)] <= 0):
+        raise ValueError("scan: a range is infinite or not positive; NaN says that a ray did not return")
+    if not (scan.noise_m > 0 and scan.spacing_rad > 0):
+        raise ValueError("scan: noise_m and spacing_rad must be positive")
+    return scan
+
+
+def from_points(point: Floats, spacing_rad: float, noise_m: float) -> Scan:
+    """A scan of which only the returns are known: points (n, 3) [m]. Raises ValueError where one is not finite."""
+    point = np.asarray(point, dtype=np.float64)
+    if point.ndim != 2 or point.shape[1] != 3:
+        raise ValueError(f"point: expected (n, 3), got {point.shape}")
+    if not np.isfinite(point).all():
+        raise ValueError("point: a coordinate is not finite")
+    depth = np.linalg.norm(point, axis=1)
+    if np.any(depth == 0):
+        raise ValueError("point: one lies in the scanner itself")
+    unknown = np.full(len(point), -1, dtype=np.int64)
+    return checked(Scan(point / depth[:, None], depth, spacing_rad, noise_m, unknown, unknown))
+
+
+def clusters(scan: Scan, link_m: float) -> list[Ints]:
+    """Objects in a scan: indices of the rays of each, largest first.
+
+    Two returns belong together if they are nearer than `LINKS` ray spacings at their range, or than `link_m`.
+    """
+    hit = np.flatnonzero(scan.returned)
+    if not len(hit):
+        return []
+    point = scan.point
+    reach = np.maximum(LINKS * scan.spacing_rad * scan.range_m[hit], link_m)
+    pairs = cKDTree(point).query_pairs(float(reach.max()), output_type="ndarray")
+    gap = np.linalg.norm(point[pairs[:, 0]] - point[pairs[:, 1]], axis=1)
+    linked = pairs[gap <= np.minimum(reach[pairs[:, 0]], reach[pairs[:, 1]])]
+    graph = coo_matrix((np.ones(len(linked)), (linked[:, 0], linked[:, 1])), shape=(len(hit), len(hit)))
+    label = connected_components(graph, directed=False)[1]
+    order = np.argsort(-np.bincount(label), kind="stable")
+    return [hit[label == which] for which in order]

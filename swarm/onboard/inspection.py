@@ -1,0 +1,322 @@
+"""What craft with a LiDAR make of a target that does not cooperate: its pose, per observer and fused.
+
+Per scan and observer, at the epoch of the lighthouse period in which the scan is complete:
+
+    scan, everything moved to the epoch                                  swarm.onboard.lidar
+    -> no track: acquire, from nothing                                    estimators.target_acquisition
+    -> a track: register, from the filter's prediction                    estimators.target_tracking
+    -> lost (residual, overlap, gate) so many times in a row: acquire again from this very scan
+    -> pose of the target in the lighthouse frame, through the observer's own fix
+    -> EKF, the same one as for craft                                     estimators.pose_filter
+
+All in the lighthouse frame. With the observer at (R_o, p_o), its scanner turned by R_l_s, the target found at
+(R_s_t, p_s) in the scanner's frame, and r = p - p_o,
+
+    R = R_l_s R_s_t,   p = p_l_s + R_l_s p_s,   P = A P_own A^T + B P_scan B^T
+    A = [[I, 0], [-[r]x, I]],   B = diag(R_l_s, R_l_s)
+
+The error of the observer's own fix lasts: several scans share it. Its part of P counts `own_correlation_s * rate`
+times, so that the filter does not take it for fresh noise. All rays of the target have an age tau; wrong rates of the
+target shift the pose by tau times their error, which is the filter's coupling B = tau I.
+
+The observers' poses of one target also go into one filter more, observer by observer: the target's fused estimate.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators import rotation as rot
+from estimators.arrays import Floats
+from estimators.pose_filter import PoseFilterBank
+from estimators.scan import Scan
+from estimators.shape import Shape
+from estimators.target_acquisition import Verdict, acquire
+from estimators.target_tracking import track
+from swarm.onboard.lidar import Motion, at_epoch, scanner
+from swarm.onboard.navigation import Estimate, Status
+from swarm.scans import LidarPattern, LidarScan
+
+LIDAR_SENSOR = 6
+"""Of `swarm.results.telemetry.SENSORS`: no sum of `Sensor`s, since a pair of cameras is never one camera too."""
+UNKNOWN_RATE = (0.3, 0.3)
+"""1 sigma per axis of a target's rates before they are known: angular [rad/s], linear [m/s]."""
+POSE = np.array([0, 1, 2, 6, 7, 8])
+"""Where (attitude, position) sit in the filter's state."""
+
+
+class Observer(NamedTuple):
+    """One LiDAR: the craft that carries it and the craft that it looks at, by index; what is known of both."""
+
+    craft: int
+    target: int
+    pattern: LidarPattern
+    shape: Shape
+
+
+@dataclass(frozen=True)
+class InspectionSettings:
+    """In SI units. lost_after: so many scans in a row that do not track mean a lost target. own_correlation_s:
+    how long an error of the observer's own fix lasts.
+    """
+
+    frame_s: float
+    acceleration_noise_m_s2: float = 0.02
+    angular_acceleration_noise_rad_s2: float = np.radians(3.0)
+    gate_probability: float = 0.99999
+    coast_limit_s: float = 2.0
+    lost_after: int = 3
+    own_correlation_s: float = 0.5
+
+
+class LidarFix(NamedTuple):
+    """What became of one scan. craft, target: by index. outcome: of `estimators`' Verdict (acquisition) or Outcome
+    (tracking), in words, or why nothing was tried. acquired: it was an acquisition. points: returns of the target.
+
+    rotation (3, 3), position (3,) [m], covariance (6, 6): the pose found, lighthouse frame, NaN where none. accepted:
+    the filter took it in; nis: its squared innovation. ekf_rotation, ekf_position, ekf_covariance (6, 6): the
+    observer's own filter afterwards. cloud: (n, 3) [m], the returns in the lighthouse frame, as the observer believes.
+    """
+
+    craft: int
+    target: int
+    outcome: str
+    acquired: bool
+    points: int
+    residual_m: float
+    overlap: float
+    confidence: float
+    rotation: Floats
+    position: Floats
+    covariance: Floats
+    accepted: bool
+    nis: float
+    ekf_rotation: Floats
+    ekf_position: Floats
+    ekf_covariance: Floats
+    cloud: Floats
+
+
+class _Pose(NamedTuple):
+    """A pose of the target in the scanner's frame, believed or not."""
+
+    rotation: Floats
+    position: Floats
+    covariance: Floats
+    outcome: str
+    good: bool
+    acquired: bool
+    points: int
+    residual_m: float
+    overlap: float
+    confidence: float
+
+
+class Inspection:
+    """The computers of all observers: `step` takes what became complete in a period and returns what each made of it.
+
+    Rows of the filter bank: the observers, in order, then the targets, fused.
+    """
+
+    def __init__(self, observers: Sequence[Observer], settings: InspectionSettings) -> None:
+        self.observers, self.settings = tuple(observers), settings
+        self.targets = sorted({o.target for o in observers})
+        rows = len(self.observers) + len(self.targets)
+        self._filter = PoseFilterBank(
+            rows,
+            acceleration_noise_m_s2=settings.acceleration_noise_m_s2,
+            angular_acceleration_noise_rad_s2=settings.angular_acceleration_noise_rad_s2,
+            gate_probability=settings.gate_probability,
+        )
+        self._since_s = np.full(rows, np.inf)
+        self._failures = np.zeros(rows, dtype=np.int64)
+        self._ambiguous = np.zeros(rows, dtype=np.bool_)
+        self._nis = np.full(rows, np.nan)
+
+    def observers_of(self, target: int) -> list[int]:
+        """The craft that look at a target."""
+        return [o.craft for o in self.observers if o.target == target]
+
+    def step(self, scans: Sequence[LidarScan | None], own: Estimate, epoch_s: float) -> list[LidarFix]:
+        """Advance all tracks by one lighthouse period to its epoch, `epoch_s` [s] on the LiDARs' clock.
+
+        scans: of each observer, None where none became complete. own: what every craft knows of itself at the epoch.
+        """
+        s, bank = self.settings, self._filter
+        bank.predict(s.frame_s, bank.active)
+        self._since_s += s.frame_s
+        self._nis[:] = np.nan
+        fixes = [self._observe(i, scan, own, epoch_s) for i, scan in enumerate(scans) if scan is not None]
+        bank.stop(bank.active & (self._since_s > s.coast_limit_s))
+        return fixes
+
+    def into(self, own: Estimate) -> Estimate:
+        """The estimate of all craft, with the fused one of every target in its row."""
+        bank = self._filter
+        rotation, position, rate, velocity, covariance = (
+            np.array(a) for a in (own.rotation, own.position, own.angular_rate, own.velocity, own.covariance)
+        )
+        status, nis, sensor = np.array(own.status), np.array(own.nis), np.array(own.sensor)
+        for k, target in enumerate(self.targets):
+            row = len(self.observers) + k
+            of_target = [i for i, o in enumerate(self.observers) if o.target == target]
+            status[target] = self._status(row, of_target)
+            nis[target] = self._nis[row]
+            fresh = self._since_s[row] == 0.0
+            sensor[target] = LIDAR_SENSOR if fresh else 0
+            for out, of_bank in (
+                (rotation, bank.rotation),
+                (position, bank.position),
+                (rate, bank.angular_rate),
+                (velocity, bank.velocity),
+                (covariance, bank.covariance),
+            ):
+                out[target] = of_bank[row]
+        return own._replace(
+            status=status,
+            rotation=rotation,
+            position=position,
+            angular_rate=rate,
+            velocity=velocity,
+            covariance=covariance,
+            nis=nis,
+            sensor=sensor,
+        )
+
+    def _status(self, row: int, of_target: list[int]) -> int:
+        """Tracking as long as no observer has missed a scan that it should have had."""
+        if not self._filter.active[row]:
+            return Status.AMBIGUOUS if self._ambiguous[of_target].any() else Status.SEARCHING
+        slowest = max(self.observers[i].pattern.period_s for i in of_target)
+        return Status.TRACKING if self._since_s[row] < 1.5 * slowest else Status.COASTING
+
+    def _observe(self, i: int, scan: LidarScan, own: Estimate, epoch_s: float) -> LidarFix:
+        o, bank = self.observers[i], self._filter
+        fused = len(self.observers) + self.targets.index(o.target)
+        me = Motion(own.rotation[o.craft], own.position[o.craft], own.angular_rate[o.craft], own.velocity[o.craft])
+        if not np.isfinite(me.rotation).all():
+            return self._fix(i, None, None, None, np.zeros((0, 3)), "no own fix")
+        known = self._motion(i) if bank.active[i] else None
+        seen = at_epoch(scan, o.pattern, me, known, epoch_s)
+        turn, place = scanner(me, o.pattern)
+        found = self._found(i, seen, o, known, turn, place)
+        cloud = seen.point @ turn.T + place
+        if not found.good:
+            return self._fix(i, found, None, None, cloud)
+        rotation, position = turn @ found.rotation, place + turn @ found.position
+        covariance = self._covariance(own.covariance[o.craft], found.covariance, turn, position - me.position, o)
+        # The rays that made the pose: those that came back from where the target is.
+        back = scan.time_s[seen.returned]
+        age = float(back[np.linalg.norm(seen.point - found.position, axis=1) < o.shape.radius_m].mean()) - epoch_s
+        self._take_in(i, fused, found, rotation, position, covariance, age)
+        return self._fix(i, found, (rotation, position), covariance, cloud)
+
+    def _found(self, i: int, seen: Scan, o: Observer, known: Motion | None, turn: Floats, place: Floats) -> _Pose:
+        """Track from the prediction, or acquire."""
+        s = self.settings
+        if known is not None and self._failures[i] < s.lost_after:
+            rotation, position = turn.T @ known.rotation, turn.T @ (known.position - place)
+            t = track(seen, o.shape, rotation, position)
+            if t.tracked or self._failures[i] + 1 < s.lost_after:
+                word, confidence = t.outcome.value, 1.0 if t.tracked else 0.0
+                self._failures[i] = 0 if t.tracked else self._failures[i] + 1
+                return _Pose(
+                    t.rotation,
+                    t.position,
+                    t.covariance,
+                    word,
+                    t.tracked,
+                    False,
+                    t.points,
+                    t.residual_m,
+                    t.overlap,
+                    confidence,
+                )
+        a = acquire(seen, o.shape)
+        self._ambiguous[i] = a.verdict is Verdict.AMBIGUOUS
+        self._failures[i] = 0 if a.found else s.lost_after
+        return _Pose(
+            a.rotation,
+            a.position,
+            a.covariance,
+            a.verdict.value,
+            a.found,
+            True,
+            a.points,
+            a.residual_m,
+            a.overlap,
+            a.confidence,
+        )
+
+    def _take_in(
+        self, i: int, fused: int, found: _Pose, rotation: Floats, position: Floats, covariance: Floats, age: float
+    ) -> None:
+        """Start, update or correct the observer's filter and the fused one."""
+        bank, s = self._filter, self.settings
+        coupling = age * np.eye(6)
+        for row in (i, fused):
+            only = np.arange(len(self._since_s)) == row
+            turns, places, covariances, couplings = (
+                np.broadcast_to(a, (len(only), *a.shape)) for a in (rotation, position, covariance, coupling)
+            )
+            if bank.active[row]:
+                result = bank.update(only, turns, places, covariances, couplings)
+                self._nis[row] = result.nis[row]
+                if result.accepted[row]:
+                    self._since_s[row] = 0.0
+                    continue
+                if row == i:
+                    self._failures[i] += 1
+                # Acquired anew, and not where the filter has it: the filter is wrong, not the acquisition; unless
+                # the other observers have just confirmed it.
+                lone = self._since_s[row] > s.lost_after * self.observers[i].pattern.period_s
+                if not found.acquired or (row == fused and not lone):
+                    continue
+            bank.start(only, turns, places, covariances, UNKNOWN_RATE, couplings)
+            self._since_s[row] = 0.0
+
+    def _motion(self, row: int) -> Motion:
+        bank = self._filter
+        return Motion(bank.rotation[row], bank.position[row], bank.angular_rate[row], bank.velocity[row])
+
+    def _covariance(self, own: Floats, of_scan: Floats, turn: Floats, arm: Floats, o: Observer) -> Floats:
+        a, b = np.eye(6), np.zeros((6, 6))
+        a[3:, :3] = -rot.skew(arm)
+        b[:3, :3] = b[3:, 3:] = turn
+        shared = max(1.0, self.settings.own_correlation_s / o.pattern.period_s)
+        out: Floats = shared * a @ own[np.ix_(POSE, POSE)] @ a.T + b @ of_scan @ b.T
+        return (out + out.T) / 2
+
+    def _fix(
+        self,
+        i: int,
+        found: _Pose | None,
+        pose: tuple[Floats, Floats] | None,
+        covariance: Floats | None,
+        cloud: Floats,
+        why: str = "",
+    ) -> LidarFix:
+        o, bank = self.observers[i], self._filter
+        rotation, position = pose or (np.full((3, 3), np.nan), np.full(3, np.nan))
+        nothing = np.full((6, 6), np.nan)
+        return LidarFix(
+            o.craft,
+            o.target,
+            found.outcome if found else why,
+            found.acquired if found else False,
+            found.points if found else 0,
+            found.residual_m if found else np.nan,
+            found.overlap if found else np.nan,
+            found.confidence if found else 0.0,
+            rotation,
+            position,
+            nothing if covariance is None else covariance,
+            bool(pose is not None and self._since_s[i] == 0.0),
+            float(self._nis[i]),
+            bank.rotation[i],
+            bank.position[i],
+            bank.covariance[i][np.ix_(POSE, POSE)] if bank.active[i] else nothing,
+            cloud,
+        )

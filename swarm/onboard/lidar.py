@@ -1,0 +1,69 @@
+"""One craft's LiDAR on board: a scan as the estimators want it, everything moved to one instant.
+
+While the scanner turns, craft and target move. A ray measured at tau before the epoch is moved with the target, as both
+are believed to move: with the scanner at (S(tau), s(tau)) in the lighthouse frame and the target at (c(tau), rate w)
+
+    x = S(tau) r d + s(tau),   x_epoch = Exp(-[w]x tau) (x - c(tau)) + c(0),   in s:  S(0)^T (x_epoch - s(0))
+
+so that the target looks as it would have looked from here at once. A ray that did not return is moved as if it had
+passed at the target's distance.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators import rotation as rot
+from estimators.arrays import Floats
+from estimators.scan import Scan
+from swarm.scans import LidarPattern, LidarScan
+
+TYPICAL_M = 10.0
+"""Where a ray is taken to pass while nothing is known of the target."""
+
+
+class Motion(NamedTuple):
+    """A pose at the epoch in the lighthouse frame, and how it changes: rotation (3, 3), position (3,) [m],
+    angular_rate (3,) [rad/s], velocity (3,) [m/s].
+    """
+
+    rotation: Floats
+    position: Floats
+    angular_rate: Floats
+    velocity: Floats
+
+
+def rays(scan: LidarScan, pattern: LidarPattern) -> Scan:
+    """The scan as it is, in the scanner's frame: right where nothing moves."""
+    return Scan(scan.direction, scan.range_m, pattern.spacing_rad, pattern.noise_m, scan.line, scan.step)
+
+
+def scanner(own: Motion, pattern: LidarPattern) -> tuple[Floats, Floats]:
+    """The scanner in the lighthouse frame at the epoch: rotation (3, 3) R_l_s and position (3,) [m]."""
+    return own.rotation @ pattern.rotation, own.position + own.rotation @ pattern.position
+
+
+def at_epoch(scan: LidarScan, pattern: LidarPattern, own: Motion, target: Motion | None, epoch_s: float) -> Scan:
+    """The scan in the scanner's frame at the epoch `epoch_s` [s]. target: None while nothing is known of it."""
+    instant, which = np.unique(scan.time_s, return_inverse=True)
+    tau = (instant - epoch_s)[:, None]
+    body = rot.exp(own.angular_rate * tau) @ own.rotation
+    turn, place = body @ pattern.rotation, own.position + own.velocity * tau + body @ pattern.position
+    now_turn, now_place = scanner(own, pattern)
+    typical = TYPICAL_M if target is None else float(np.linalg.norm(target.position - now_place))
+    depth = np.where(np.isfinite(scan.range_m), scan.range_m, typical)
+    x = np.einsum("nij,nj->ni", turn[which], scan.direction * depth[:, None]) + place[which]
+    if target is not None:
+        moved = target.position + target.velocity * tau
+        back = rot.exp(-target.angular_rate * tau)
+        x = np.einsum("nij,nj->ni", back[which], x - moved[which]) + target.position
+    seen = (x - now_place) @ now_turn
+    distance = np.linalg.norm(seen, axis=1)
+    return Scan(
+        seen / distance[:, None],
+        np.where(np.isfinite(scan.range_m), distance, np.nan),
+        pattern.spacing_rad,
+        pattern.noise_m,
+        scan.line,
+        scan.step,
+    )

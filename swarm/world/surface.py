@@ -1,0 +1,27 @@
+"""The shape of a craft as somebody who inspects it knows it: all its drawn parts as one mesh, for registration."""
+
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.arrays import Floats
+from estimators.shape import Shape
+from swarm.world.craft import load_craft
+
+
+def surface(path: Path) -> tuple[Floats, NDArray[np.int32]]:
+    """Vertices (V, 3) [m] and faces (F, 3) of a model file, in the craft's body frame. Raises SwarmError."""
+    meshes = [part.mesh for part in load_craft(path, passive=True).visuals]
+    first = np.cumsum([0] + [len(mesh.vertex) for mesh in meshes])
+    return (
+        np.concatenate([mesh.vertex for mesh in meshes]),
+        np.concatenate([mesh.face + start for mesh, start in zip(meshes, first, strict=False)]),
+    )
+
+
+@lru_cache(maxsize=8)
+def known_shape(path: Path) -> Shape:
+    """The shape of a model file; takes about two seconds, once per process. Raises SwarmError."""
+    return Shape(*surface(path))
