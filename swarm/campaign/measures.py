@@ -145,6 +145,11 @@ class _Onboard:
         self._positions.append(estimate.position[0].copy())
         return estimate
 
+    def forget(self, mask: Bools) -> None:
+        """Stand for both: a restarted craft 0 is not flown once more as one."""
+        self._decoder.forget(mask)
+        self._navigator.forget(mask)
+
     def metrics(self) -> Metrics:
         """Fly craft 0 once more on its own pulses, and compare."""
         decoder = build.decoder(self._scenario, self._one.present)
@@ -182,6 +187,10 @@ class _Central:
         self._before, self._angles = self._last, angles
         self._last = self._navigator.step(angles, images, command)
         return self._last
+
+    def forget(self, mask: Bools) -> None:
+        """Stand for the navigator."""
+        self._navigator.forget(mask)
 
     def compare(self, truth: Truth, estimate: Estimate) -> None:
         """Solve the last period centrally, and by craft 0 alone; add up errors and times."""

@@ -177,6 +177,19 @@ class Monitor:
                 part[c] = own[0]
         return Screened(parts, lit, count, dropped)
 
+    def honest(self, one: Sweeps, rotation: Floats, position: Floats, rate_covariance: Floats) -> Bools | None:
+        """The photodiodes (K,) that agree, of a craft, a batch of one, whose fit (3, 3), (3,) fails the test.
+
+        None where it passes, or where none can be left out.
+        """
+        if not self.settings.residual_test:
+            return None
+        fit = rotation[None], position[None], self._noise, rate_covariance[None]
+        if statistic(one, *fit)[0] <= self._threshold[np.count_nonzero(one.lit)]:
+            return None
+        found = consistent_subset(one, rotation, position, self._noise, rate_covariance, self._threshold)
+        return None if found is None else found.lit
+
     def levels(self, screened: Screened, precision: Dilution, filtered: Filtered) -> Integrity:
         """Protection levels of this period's poses, and of the filters after them."""
         s, out = self.settings, np.empty((4, len(screened.used)))

@@ -41,7 +41,7 @@ from estimators.sweep import FanErrors, correct
 from swarm.images import LightImages
 from swarm.layout import Photodiodes
 from swarm.onboard import ccd
-from swarm.onboard.acquisition import NONE, Hypotheses, Sighting, advance
+from swarm.onboard.acquisition import NONE, Hypotheses, Sighting, advance, search
 from swarm.onboard.ccd import CcdCalibration, CcdFix, CcdState
 from swarm.onboard.control import Command
 from swarm.onboard.decoder import SweepAngles
@@ -247,6 +247,9 @@ class Navigator:
         before = [self._hypotheses[i] for i in who]
         sightings = [Sighting(theta[i], lit[i], self._point_m[i], offset_s[i]) for i in who]
         for i, hypotheses in zip(who, advance(before, sightings, self._independent_noise_rad), strict=True):
+            if not active[i] and len(hypotheses.evidence) and not hypotheses.decided:
+                seen = Sighting(theta[i], lit[i], self._point_m[i], offset_s[i])
+                hypotheses = self._without_false(int(i), hypotheses, seen)
             if hypotheses.decided:
                 rotation[i], position[i] = hypotheses.rotation[0], hypotheses.position[0]
                 found[i] = not active[i]
@@ -259,6 +262,14 @@ class Navigator:
             self._hypotheses[i] = hypotheses
             self._undecided[i] = len(hypotheses.evidence) > 0
         return found, rotation, position
+
+    def _without_false(self, craft: int, hypotheses: Hypotheses, seen: Sighting) -> Hypotheses:
+        """The hypotheses of a craft that is searching, or where a false photodiode spoils them those of the others."""
+        rest = np.zeros((1, 3))
+        one = Sweeps(seen.theta[None], seen.lit[None], seen.point_m[None], seen.offset_s[None], rest, rest)
+        best = hypotheses.rotation[0], hypotheses.position[0]
+        lit = self._monitor.honest(one, *best, self._rate_covariance(craft))
+        return hypotheses if lit is None else search(seen._replace(lit=lit), self._independent_noise_rad)
 
     def _filter_poses(self, pnp: PoseSolution, precision: Dilution, found: Bools) -> tuple[Floats, Bools, Bools]:
         """Feed this period's poses to the filters, start filters; NIS, taken in, refused by the gate, each (C,)."""
