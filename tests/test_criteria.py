@@ -8,6 +8,7 @@ import pytest
 
 import swarm
 from swarm.errors import SwarmError
+from swarm.report.run import sections
 from swarm.results.criteria import check_measures, judge, summary_of
 from swarm.results.telemetry import STATUS, schema
 from swarm.scenario import Criterion
@@ -186,6 +187,8 @@ def test_a_run_prints_which_held_and_its_exit_code_says_it(tmp_path, capsys, mon
     assert "position_error_m" in out
     run = swarm.open_run(tmp_path / "runs" / "short-0")
     assert run.summary["criteria_held"] is (code == 0)
+    page = next(section for section in sections(run) if section.title == "Criteria")
+    assert page.tables[0].rows[0][:2] == ["position_error_m", word.lower()]
 
 
 @pytest.mark.parametrize(

@@ -97,7 +97,7 @@ def test_reference_arrives_at_rest_within_speed_and_acceleration():
 def test_braking_takes_the_shortest_way_that_the_acceleration_allows():
     point = at_rest(np.zeros(3))._replace(velocity=np.array([0.12, 0.0, 0.16]))
     for _ in range(round(0.2 / 0.02 / T) + 1):
-        point = brake(point, SLOPE, T)
+        point = brake(point, 0.02, T)
     assert np.allclose(point.velocity, 0, atol=1e-12)
     assert np.linalg.norm(point.position) == pytest.approx(0.2**2 / (2 * 0.02), rel=0.01)
 
@@ -203,7 +203,7 @@ def test_in_the_dark_it_brakes_and_stays_and_comes_back_to_its_hold_point(phase)
     craft.fly(5.0, tracking=False)
     assert craft.docking.phase == Phase.LOST
     assert np.linalg.norm(craft.velocity) < 1e-9
-    stopping = 0.2**2 / (2 * 0.02)
+    stopping = 0.2**2 / (2 * 0.05)
     assert before - stopping - 0.1 < craft.range_m < before
     stayed = craft.range_m
     craft.fly(3.0, tracking=False)

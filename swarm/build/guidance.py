@@ -125,6 +125,7 @@ def _plan(table: object, mating: Mating, station: Reference) -> DockingPlan:
         start_s=table.start_s,
         lost_s=table.lost_s,
         sigma_limit_m=table.sigma_limit_m,
+        brake_m_s2=table.brake_m_s2,
         settle_s=table.settle_s,
         retreats=table.retreats,
     )

@@ -34,8 +34,8 @@ class DockingPlan:
     own, target: the ports, in the craft's body frame and in the lighthouse frame. start_m: where it waits at first.
     hold_ranges_m: ranges of the hold points, outermost first; hold_s: the time at each. closing_speed_m_s: at contact.
     overtravel_m: how far beyond the port it feels for contact. lost_s, sigma_limit_m: without a pose for longer, or
-    less sure of its position (root of the covariance's trace), its navigation is lost. settle_s: good for so long, it
-    is trusted. retreats: how many before it gives up.
+    less sure of its position (root of the covariance's trace), its navigation is lost, and it brakes by brake_m_s2.
+    settle_s: good for so long, it is trusted. retreats: how many before it gives up.
     """
 
     craft: int
@@ -51,6 +51,7 @@ class DockingPlan:
     overtravel_m: float = 0.02
     lost_s: float = 0.25
     sigma_limit_m: float = 0.05
+    brake_m_s2: float = 0.05
     settle_s: float = 1.0
     retreats: int = 3
 
@@ -171,7 +172,7 @@ class Docking:
         """The reference one period later."""
         plan, period = self.plan, self._period_s
         if self.phase in (Phase.WAIT, Phase.LOST, Phase.DOCKED):
-            return brake(now, plan.slope, period)
+            return brake(now, plan.brake_m_s2, period)
         if self.phase == Phase.FINAL:
             return through(now, self._docked_m, -plan.closing_speed_m_s * self._axis, plan.slope, period)
         return towards(now, self._hold_point(), plan.slope, period)

@@ -67,9 +67,9 @@ def through(now: Moving, goal: Floats, end_velocity: Floats, profile: Glideslope
     return _steer(now, wanted, profile.acceleration_m_s2, period_s)
 
 
-def brake(now: Moving, profile: Glideslope, period_s: float) -> Moving:
-    """The point `now` one period later, on its way to rest."""
-    return _steer(now, np.zeros(3), profile.acceleration_m_s2, period_s)
+def brake(now: Moving, limit_m_s2: float, period_s: float) -> Moving:
+    """The point `now` one period later, on its way to rest by no more than `limit_m_s2` [m/s^2]."""
+    return _steer(now, np.zeros(3), limit_m_s2, period_s)
 
 
 def _steer(now: Moving, wanted: Floats, limit_m_s2: float, period_s: float) -> Moving:

@@ -1,6 +1,6 @@
 """What one run shows: error against 3 sigma, consistency, dilution and visibility over time, and a table per craft."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from scipy.stats import chi2
 from estimators.arrays import Floats, Ints
 from swarm.report.figures import BLUE, GREY, ORANGE, SERIES, Picture, picture, plain_log, thin
 from swarm.report.page import Column, Fact, Section, Table, number, prose
+from swarm.results.report import limits
 from swarm.results.run_folder import Run
 from swarm.results.telemetry import STATUS, values
 
@@ -99,8 +100,17 @@ def sections(run: Run) -> list[Section]:
         *out,
         Section("Geometry", prose(PROSE, "geometry"), [_dilution(series)]),
         Section("Visibility", (), [_visibility(series)]),
+        *([Section("Criteria", (), (), [_criteria(verdicts)])] if (verdicts := run.summary.get("criteria")) else []),
         Section("Craft by craft", (), (), [_table(run.summary.get("craft", {}))]),
     ]
+
+
+def _criteria(verdicts: Sequence[Mapping[str, Any]]) -> Table:
+    rows = [
+        [v["name"], "held" if v["held"] else "missed", v["craft"] or "", number(v["value"]), limits(v)]
+        for v in verdicts
+    ]
+    return Table([Column(head) for head in ("criterion", "", "craft", "value", "limits")], rows, left=3)
 
 
 def _chosen(series: Series) -> list[int]:

@@ -112,12 +112,18 @@ def criteria_table(verdicts: Sequence[Mapping[str, Any]]) -> Table:
     for head, side in (("criterion", "left"), ("", "left"), ("value", "right"), ("limits", "left"), ("craft", "left")):
         table.add_column(head, justify="right" if side == "right" else "left", no_wrap=head == "")
     for v in verdicts:
-        at_least, at_most = ("" if v[key] is None else f"{v[key]:g}" for key in ("min", "max"))
-        limits = f"{at_least} to {at_most}" if at_least and at_most else (at_most and f"≤ {at_most}") or f"≥ {at_least}"
         held = Text("held", "green") if v["held"] else Text("MISSED", "bold red")
         value = NOTHING if v["value"] is None else f"{v['value']:.4g}"
-        table.add_row(Text(v["name"]), held, value, limits, Text(v["craft"] or ""))
+        table.add_row(Text(v["name"]), held, value, limits(v), Text(v["craft"] or ""))
     return table
+
+
+def limits(verdict: Mapping[str, Any]) -> str:
+    """What a criterion allows."""
+    least, most = verdict["min"], verdict["max"]
+    if least is None:
+        return f"≤ {most:g}"
+    return f"≥ {least:g}" if most is None else f"{least:g} to {most:g}"
 
 
 def results(summary: Mapping[str, Any], width: int) -> RenderableType:

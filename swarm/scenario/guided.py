@@ -73,6 +73,7 @@ class Dock(Flown):
         default=0.05, gt=0, le=1000, description="Less sure of its position than this, it counts as lost, and stops."
     )
     lost_s: float = Field(default=0.25, gt=0, le=3600, description="Without a pose for longer, it is lost, and stops.")
+    brake_m_s2: float = Field(default=0.05, gt=0, le=100, description="How hard it brakes when it is lost.")
     settle_s: float = Field(
         default=1.0, ge=0, le=3600, description="So long its navigation must be good before it trusts it."
     )
