@@ -31,7 +31,7 @@ from swarm.calibration.calibrate import Calibrated, calibrate_survey, held_out, 
 from swarm.calibration.report import fan_sigmas, file_text
 from swarm.calibration.survey import observe_run
 from swarm.flight.flight import Flight
-from swarm.results.telemetry import values
+from swarm.results.reading import values
 from swarm.scenario import load
 from swarm.simulate import simulate
 

@@ -11,7 +11,7 @@ from swarm.onboard import navigation
 from swarm.onboard.decoder import SweepAngles
 from swarm.onboard.navigation import Estimate
 from swarm.pulses import Pulses
-from swarm.results.telemetry import Truth
+from swarm.results.records import Truth
 from swarm.scenario import load
 from swarm.sensors.visibility import Sight
 from swarm.world.world import PeriodTruth

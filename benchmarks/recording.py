@@ -19,7 +19,7 @@ from rerun.chunk import RrdReader
 from estimators.rotation import xyzw_from_wxyz
 from swarm.results.recorder import Period
 from swarm.results.recording import Recording
-from swarm.results.telemetry import Errors
+from swarm.results.records import Errors
 
 PERIODS, BY_LOG = 120, 4
 

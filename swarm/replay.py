@@ -24,9 +24,9 @@ from swarm.recordings.windows import Source, Window, Windows
 from swarm.results.angles import believed
 from swarm.results.progress import Progress
 from swarm.results.recorder import LIT, OUTSIDE, Scene
+from swarm.results.records import Peer
 from swarm.results.run_folder import Run
 from swarm.results.run_writer import writing_run
-from swarm.results.telemetry import Peer
 from swarm.scenario import Scenario, for_replay
 from swarm.world.craft import visuals
 

@@ -7,9 +7,9 @@ from typing import Protocol
 from swarm.flight.flight import Flight
 from swarm.onboard.navigation import Estimate
 from swarm.results.progress import Progress
+from swarm.results.records import Truth
 from swarm.results.run_folder import Run
 from swarm.results.run_writer import writing_run
-from swarm.results.telemetry import Truth
 from swarm.scenario import Scenario
 
 

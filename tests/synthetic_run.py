@@ -7,7 +7,7 @@ import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.rotation import exp, matrix_from_quaternion, quaternion_from_matrix
-from swarm.results.telemetry import Truth
+from swarm.results.records import Truth
 
 PERIOD_S = 1 / 60
 

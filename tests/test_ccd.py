@@ -20,7 +20,7 @@ from swarm.images import LightImages
 from swarm.onboard import ccd as onboard
 from swarm.onboard.ccd import CcdState
 from swarm.onboard.navigation import Sensor
-from swarm.results.telemetry import SENSORS
+from swarm.results.columns import SENSORS
 from swarm.scenario import load, to_toml, validate
 from swarm.sensors.ccd import Ccd, Outage
 from swarm.sensors.visibility import Visibility
@@ -375,7 +375,7 @@ def test_the_run_records_what_the_cameras_did(tmp_path):
             "craft[0].ccd.target=targt",
             "craft[0].ccd.target = \"targt\": no craft has this name; did you mean 'target'?",
         ),
-        ("craft[0].ccd.target=chaser", "a craft cannot look at itself"),
+        ("craft[0].ccd.target=chaser", "a craft cannot be its own target"),
         ("craft[1].feedback=estimate", 'must hold its place exactly: feedback = "truth"'),
         ("craft[1].motion.attitude.spin_deg_s=1", "must hold its place without spin"),
         ("craft[0].ccd.range_min_m=40", "must be below range_max_m = 35.0 m"),

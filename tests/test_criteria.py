@@ -9,8 +9,8 @@ import pytest
 import swarm
 from swarm.errors import SwarmError
 from swarm.report.run import sections
+from swarm.results.columns import STATUS, schema
 from swarm.results.criteria import check_measures, judge, summary_of
-from swarm.results.telemetry import STATUS, schema
 from swarm.scenario import Criterion
 
 NAMES = ("left", "right", "dumb")

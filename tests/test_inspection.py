@@ -11,7 +11,7 @@ from estimators.arrays import Floats
 from swarm.onboard.inspection import LIDAR_SENSOR, Inspection, InspectionSettings, Observer
 from swarm.onboard.lidar import Motion, at_epoch
 from swarm.onboard.navigation import Status
-from swarm.results.telemetry import SENSORS
+from swarm.results.columns import SENSORS
 from swarm.scans import LidarPattern, LidarScan
 
 PERIOD_S = 0.1

@@ -21,7 +21,8 @@ from swarm.layout import pad
 from swarm.results import drawing, plots, recorder, viewer
 from swarm.results.recorder import BLOCKED, LIT, OUTSIDE, NullRecording, Period, Scene
 from swarm.results.recording import ENLARGED, FAN_TURN_S, Recording
-from swarm.results.telemetry import Peer, Telemetry
+from swarm.results.records import Peer
+from swarm.results.telemetry import Telemetry
 from swarm.world.shapes import box
 
 ROOT = Path(__file__).parents[1]

@@ -13,8 +13,9 @@ from synthetic_run import estimate_of, truth_at
 
 from swarm.errors import SwarmError
 from swarm.results.disk import write_text
+from swarm.results.reading import PARTS
 from swarm.results.run_folder import RunFolder, open_run
-from swarm.results.telemetry import PARTS, Telemetry
+from swarm.results.telemetry import Telemetry
 
 FULL = Path("/dev/full")
 

@@ -37,7 +37,7 @@ def column(run: Run, name: str, craft: str | None = None) -> np.ndarray:
 
 # The survey's craft is uncalibrated on purpose: its errors are not the noise that a filter can know of.
 # In the parade of faults a craft gets a kick, in a docking the blow of contact, that no filter can know of. Guided
-# craft fly in shorter form in test_guided_flight.
+# craft fly in shorter form in test_guided_flight, LiDARs in test_lidar.
 ELSEWHERE = {
     "drift",
     "survey",
@@ -47,6 +47,8 @@ ELSEWHERE = {
     "docking",
     "formation-reconfigure",
     "inspection",
+    "inspect-satellite",
+    "swarm-inspect",
 }
 
 
@@ -195,6 +197,6 @@ def test_a_swarm_fills_the_field_and_nearly_all_of_it_tracks(flown):
 
 
 def test_status_names_of_the_telemetry_are_those_of_the_navigator():
-    from swarm.results.telemetry import STATUS
+    from swarm.results.columns import STATUS
 
     assert [name.upper() for name in STATUS] == [status.name for status in Status]

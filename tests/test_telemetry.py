@@ -16,8 +16,11 @@ from synthetic_run import PERIOD_S, estimate_of, lost, truth_at
 from estimators.rotation import xyzw_from_wxyz
 from swarm.errors import SwarmError
 from swarm.results import guidance_columns, telemetry
+from swarm.results.columns import column_reference, schema
 from swarm.results.integrity_columns import COLUMNS
-from swarm.results.telemetry import FILE, PARTS, Peer, Telemetry, column_reference, read_telemetry, schema
+from swarm.results.reading import FILE, PARTS, read_telemetry
+from swarm.results.records import Peer
+from swarm.results.telemetry import Telemetry
 
 ROOT = Path(__file__).parents[1]
 
@@ -235,7 +238,7 @@ def test_a_damaged_file_is_one_message(tmp_path):
 def test_the_column_reference_is_in_step():
     page = ROOT / "docs" / "telemetry.md"
     assert page.read_text(encoding="utf-8") == column_reference(), (
-        "write swarm.results.telemetry.column_reference() to docs/telemetry.md"
+        "write swarm.results.columns.column_reference() to docs/telemetry.md"
     )
     guided = len(guidance_columns.COLUMNS) + len(guidance_columns.DOCKING_COLUMNS)
     assert (

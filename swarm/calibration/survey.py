@@ -9,8 +9,8 @@ from estimators import rotation as rot
 from estimators.arrays import Floats, Ints
 from swarm.replay import Playback
 from swarm.results.angles import Believed, read_angles
+from swarm.results.reading import read_telemetry, values
 from swarm.results.run_folder import open_run
-from swarm.results.telemetry import read_telemetry, values
 from swarm.scenario import for_replay
 
 

@@ -38,7 +38,7 @@ from swarm.onboard.control import Command
 from swarm.onboard.decoder import PulseDecoder, SweepAngles
 from swarm.onboard.navigation import Estimate, Navigator, Status
 from swarm.pulses import Pulses
-from swarm.results.telemetry import Truth
+from swarm.results.records import Truth
 from swarm.scenario import Scenario
 
 WARM_UP = 6

@@ -20,7 +20,7 @@ from swarm.onboard.inspection import LidarFix
 from swarm.onboard.navigation import Estimate, Navigator
 from swarm.results import integrity_columns
 from swarm.results.angles import believed
-from swarm.results.telemetry import Truth
+from swarm.results.records import Truth
 from swarm.scenario import Scenario
 from swarm.sensors.ccd import Ccd
 from swarm.sensors.lighthouse import Lighthouse

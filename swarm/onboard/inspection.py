@@ -40,7 +40,7 @@ from swarm.onboard.navigation import Estimate, Status
 from swarm.scans import LidarPattern, LidarScan
 
 LIDAR_SENSOR = 6
-"""Of `swarm.results.telemetry.SENSORS`: no sum of `Sensor`s, since a pair of cameras is never one camera too."""
+"""Of `swarm.results.columns.SENSORS`: no sum of `Sensor`s, since a pair of cameras is never one camera too."""
 UNKNOWN_RATE = (0.3, 0.3)
 """1 sigma per axis of a target's rates before they are known: angular [rad/s], linear [m/s]."""
 POSE = np.array([0, 1, 2, 6, 7, 8])

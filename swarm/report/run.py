@@ -13,9 +13,10 @@ from scipy.stats import chi2
 from estimators.arrays import Floats, Ints
 from swarm.report.figures import BLUE, GREY, ORANGE, SERIES, Picture, picture, plain_log, thin
 from swarm.report.page import Column, Fact, Section, Table, number, prose
+from swarm.results.columns import STATUS
+from swarm.results.reading import values
 from swarm.results.report import limits
 from swarm.results.run_folder import Run
-from swarm.results.telemetry import STATUS, values
 
 DOF = 6
 MOST_LINES, MOST_PANELS, MOST_ROWS, MOST_DOTS = 10, 4, 60, 20_000

@@ -14,9 +14,9 @@ from scipy.special import gammaincinv
 from estimators.arrays import Bools, Floats, Ints
 from swarm.results import ccd_columns
 from swarm.results.ccd_columns import CCD_STATES
+from swarm.results.columns import STATUS
 from swarm.results.extra_columns import Extra
 from swarm.results.recorder import Period
-from swarm.results.telemetry import STATUS
 
 DOF = 6
 WHITE, GREY = 0xECEFF1FF, 0x90A4AEC0

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from estimators.arrays import Floats
 from swarm.layout import Photodiodes
+from swarm.results.columns import FUSED
 from swarm.results.extra_columns import Extra
 from swarm.results.lidar_scans import LidarFix
-from swarm.results.telemetry import FUSED, Errors, Estimate, Peer, Truth
+from swarm.results.records import Errors, Estimate, Peer, Truth
 from swarm.world.shapes import Mesh
 
 OUTSIDE, BLOCKED, LIT = 0, 1, 2

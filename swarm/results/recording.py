@@ -33,6 +33,7 @@ from estimators.rotation import matrix_from_quaternion, quaternion_from_matrix, 
 from swarm.errors import SwarmError
 from swarm.results import drawing
 from swarm.results.blueprint import blueprint
+from swarm.results.columns import SENSORS, STATUS
 from swarm.results.disk import writing
 from swarm.results.plots import (
     ABOUT,
@@ -47,7 +48,6 @@ from swarm.results.plots import (
     swarm_plots,
 )
 from swarm.results.recorder import BLOCKED, LIT, Period, Scene
-from swarm.results.telemetry import SENSORS, STATUS
 from swarm.results.viewer import start_live
 
 MOST_SINGLE = 32

@@ -100,7 +100,7 @@ def rows_into(
     """Write C rows of telemetry, with their errors, into the columns of `out` (52, rows) from `at` on.
 
     Vectors (C, 3), quaternions (C, 4), rotations (C, 3, 3), covariance (C, 12, 12), scalars (C,); errors (7, C): as
-    `swarm.results.telemetry.Errors`, which stand in `out` too.
+    `swarm.results.records.Errors`, which stand in `out` too.
     """
     pose, lower = np.empty((6, 6)), np.empty((6, 6))
     e, q = np.empty(6), np.empty(4)

@@ -20,7 +20,7 @@ import pyarrow as pa
 from swarm.errors import SwarmError, did_you_mean
 from swarm.results import angles, lidar_scans
 from swarm.results.disk import FolderLock, write_text, writing
-from swarm.results.telemetry import FILE, PARTS, read_telemetry
+from swarm.results.reading import FILE, PARTS, read_telemetry
 
 PROGRAM = "lighthouse-swarm"
 RUNS = Path("runs")

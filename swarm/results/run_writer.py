@@ -14,13 +14,16 @@ from estimators.arrays import Floats
 from swarm import __version__
 from swarm.errors import SwarmError
 from swarm.results.angles import AngleWriter, Believed, SweepAngles
+from swarm.results.columns import STATUS, schema
 from swarm.results.criteria import check_measures, judge, summary_of
 from swarm.results.lidar_scans import LidarFix, ScanWriter
 from swarm.results.progress import Progress
+from swarm.results.reading import read_telemetry
 from swarm.results.recorder import NullRecording, Period, Recorder, Scene
+from swarm.results.records import Estimate, Peer, Truth
 from swarm.results.run_folder import Run, RunFolder, open_run
 from swarm.results.summary import summarise_run
-from swarm.results.telemetry import STATUS, Estimate, Peer, Telemetry, Truth, read_telemetry, schema
+from swarm.results.telemetry import Telemetry
 from swarm.scenario import Scenario, to_toml
 
 VERSIONS = ("mujoco", "numpy", "scipy", "numba", "filterpy", "rerun-sdk")

@@ -9,257 +9,29 @@ which has a mean of 6 where the filter is consistent. What is not known is null:
 
 Rows gather in memory for about two seconds of flight and then become a part of the folder `telemetry.parquet.partial`,
 an Arrow file, written under another name and renamed: whatever is there can be opened, however the run ended. `close`
-streams the parts into one `telemetry.parquet`. `read_telemetry` reads either form.
+streams the parts into one `telemetry.parquet`. `swarm.results.reading` reads either form.
 """
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
-from estimators.arrays import Bools, Floats, Ints
-from swarm.errors import SwarmError
-from swarm.results import ccd_columns, guidance_columns, integrity_columns
-from swarm.results.ccd_columns import CCD_STATES, CcdFix
+from estimators.arrays import Floats
+from swarm.results import ccd_columns
+from swarm.results.ccd_columns import CCD_STATES
+from swarm.results.columns import NAMES, schema
 from swarm.results.disk import writing
 from swarm.results.extra_columns import Extra
+from swarm.results.reading import FILE, PARTS, part_files
+from swarm.results.records import Errors, Estimate, Peer, Truth
 from swarm.results.rows import rows_into
 
-if TYPE_CHECKING:
-    from estimators.dop import Dilution
-    from estimators.pnp import PoseSolution
-
-FILE = "telemetry.parquet"
-PARTS = FILE + ".partial"
-STATUS = ("searching", "tracking", "coasting", "ambiguous")
-"""Names of the status codes 0 to 3."""
-SENSORS = ("none", "lighthouse", "stereo", "lighthouse+stereo", "camera", "lighthouse+camera", "lidar")
-"""Names of the sensor codes 0 to 6: whose pose the filter took in; both cameras are "stereo", the main one "camera";
-"lidar": that of a craft which somebody else observes."""
-NAMES = {"status": STATUS, "sensor": SENSORS, "ccd": CCD_STATES}
-"""The columns of names: their codes are kept, with null for a code beyond the names."""
-FUSED = "fused"
-"""Observer of an estimate that several LiDARs make together."""
 PERIODS_PER_PART = 120
 ROWS_PER_GROUP = 65_536
 """Rows of a part at most, and of a row group of the final file: about 35 MB."""
-
-
-class Truth(NamedTuple):
-    """The true state of C craft at the epoch, in the lighthouse frame.
-
-    position: (C, 3) [m]. quaternion: (C, 4) wxyz of R_l_b. velocity: (C, 3) [m/s]. angular_rate: (C, 3) [rad/s].
-    contact: (C,), touched something during the period.
-    """
-
-    position: Floats
-    quaternion: Floats
-    velocity: Floats
-    angular_rate: Floats
-    contact: Bools
-
-
-class Peer(NamedTuple):
-    """Somebody else's answer for the same epoch, in a replay; not the truth. NaN where there is none.
-
-    position: (C, 3) [m]. quaternion: (C, 4) wxyz.
-    """
-
-    position: Floats
-    quaternion: Floats
-
-
-class Errors(NamedTuple):
-    """Errors and the EKF's own opinion of them at one epoch, each (C,); NaN where truth or estimate is missing."""
-
-    pnp_position_error_m: Floats
-    pnp_attitude_error_deg: Floats
-    position_error_m: Floats
-    attitude_error_deg: Floats
-    position_sigma_m: Floats
-    attitude_sigma_deg: Floats
-    nees: Floats
-
-
-class Estimate(Protocol):
-    """What telemetry reads of the navigation's estimate at one epoch, lighthouse frame; NaN where unknown."""
-
-    @property
-    def status(self) -> Ints:
-        """(C,) index into STATUS."""
-
-    @property
-    def visible(self) -> Ints:
-        """(C,) photodiodes seen by both fans."""
-
-    @property
-    def pnp(self) -> "PoseSolution":
-        """The PnP solution of this period."""
-
-    @property
-    def dilution(self) -> "Dilution":
-        """Its dilution of precision."""
-
-    @property
-    def rotation(self) -> Floats:
-        """(C, 3, 3) R_l_b."""
-
-    @property
-    def position(self) -> Floats:
-        """(C, 3) [m]."""
-
-    @property
-    def angular_rate(self) -> Floats:
-        """(C, 3) [rad/s]."""
-
-    @property
-    def velocity(self) -> Floats:
-        """(C, 3) [m/s]."""
-
-    @property
-    def covariance(self) -> Floats:
-        """(C, 12, 12) of attitude, angular rate, position, velocity."""
-
-    @property
-    def nis(self) -> Floats:
-        """(C,)."""
-
-    @property
-    def sensor(self) -> Ints:
-        """(C,) index into SENSORS."""
-
-    @property
-    def ccd(self) -> CcdFix | None:
-        """What the cameras found, where there are any."""
-
-    @property
-    def missed_sync(self) -> Ints:
-        """(C,)."""
-
-    @property
-    def rejected(self) -> Ints:
-        """(C,) pulses."""
-
-
-def _column(name: str, kind: pa.DataType, unit: str, meaning: str) -> pa.Field:
-    required = name in ("time_s", "frame", "craft", "status", "sensor", "visible")
-    return pa.field(name, kind, nullable=not required, metadata={"unit": unit, "meaning": meaning})
-
-
-def _pose(prefix: str, whose: str) -> list[pa.Field]:
-    return [
-        *(_column(f"{prefix}_p{a}_m", pa.float64(), "m", f"{whose}: position, {a}") for a in "xyz"),
-        *(_column(f"{prefix}_q{a}", pa.float64(), "1", f"{whose}: attitude quaternion, {a} (w >= 0)") for a in "wxyz"),
-    ]
-
-
-def _rates(prefix: str, whose: str) -> list[pa.Field]:
-    return [
-        *(_column(f"{prefix}_v{a}_m_s", pa.float64(), "m/s", f"{whose}: velocity, {a}") for a in "xyz"),
-        *(_column(f"{prefix}_w{a}_rad_s", pa.float64(), "rad/s", f"{whose}: angular rate, {a}") for a in "xyz"),
-    ]
-
-
-def schema(replay: bool = False, ccd: bool = False, lidar: bool = False, extra: Sequence[Extra] = ()) -> pa.Schema:
-    """Columns in order, each with its `unit` and `meaning` as field metadata.
-
-    replay: with the peer's pose. ccd: with what the cameras found. lidar: with whose observation an estimate is.
-    extra: and these, at the end.
-    """
-    f64, i16, i32 = pa.float64(), pa.int16(), pa.int32()
-    fields = [
-        _column("time_s", f64, "s", "the epoch: middle of the lighthouse period"),
-        _column("frame", i32, "1", "number of the lighthouse period"),
-        _column("craft", pa.dictionary(i32, pa.string()), "", "name of the craft"),
-        _column("status", pa.dictionary(pa.int8(), pa.string()), "", ", ".join(STATUS)),
-        _column(
-            "sensor",
-            pa.dictionary(pa.int8(), pa.string()),
-            "",
-            f"the filter took in: {', '.join(SENSORS)}",
-        ),
-        _column("visible", i16, "1", "photodiodes seen by both fans"),
-        *_pose("true", "truth"),
-        *_pose("pnp", "PnP solution of this period alone"),
-        *_pose("ekf", "filter's estimate"),
-        _column("adop_deg_per_rad", f64, "deg/rad", "attitude dilution of precision, per radian of angle noise (22)"),
-        _column("pdop_m_per_rad", f64, "m/rad", "position dilution of precision, per radian of angle noise (22)"),
-        _column("pnp_iterations", i16, "1", "Levenberg-Marquardt iterations; null where PnP was not attempted"),
-        _column("residual_rad", f64, "rad", "RMS of the PnP solution's angle residuals"),
-        _column("pnp_position_error_m", f64, "m", "distance of the PnP solution from the truth"),
-        _column("pnp_attitude_error_deg", f64, "deg", "angle of the PnP solution from the truth (25)"),
-        _column("position_error_m", f64, "m", "distance of the filter's estimate from the truth"),
-        _column("attitude_error_deg", f64, "deg", "angle of the filter's estimate from the truth (25)"),
-        _column("position_sigma_m", f64, "m", "root of the trace of the filter's position covariance"),
-        _column("attitude_sigma_deg", f64, "deg", "root of the trace of the filter's attitude covariance"),
-        _column("nees", f64, "1", "squared pose error normalised by the filter's covariance, 6 degrees of freedom"),
-        _column("nis", f64, "1", "squared innovation normalised by its covariance, 6 degrees of freedom"),
-        _column("missed_sync", i16, "1", "sync flashes of the period that were predicted instead of seen"),
-        _column("rejected_pulses", i32, "1", "pulses of the period that belonged to nothing"),
-        _column("contact", pa.bool_(), "", "touched something during the period"),
-        *_rates("true", "truth"),
-        *_rates("ekf", "filter's estimate"),
-    ]
-    if replay:
-        fields += _pose("peer", "pose that came with the recording, not the truth")
-    if ccd:
-        states = f"what became of the period's images: {', '.join(CCD_STATES)}"
-        fields.append(_column("ccd", pa.dictionary(pa.int8(), pa.string()), "", states))
-        fields += [_column(name, i16, unit, meaning) for name, unit, meaning in ccd_columns.COUNTS]
-        fields += [_column(name, f64, unit, meaning) for name, unit, meaning in ccd_columns.FLOATS]
-    if lidar:
-        meaning = f"whose LiDAR the estimate of a passive craft rests on; {FUSED!r}: of several; null: its own estimate"
-        fields.append(_column("observer", pa.dictionary(pa.int32(), pa.string()), "", meaning))
-    fields += [_column(column.name, column.type, column.unit, column.meaning) for column in extra]
-    return pa.schema(fields)
-
-
-def column_reference() -> str:
-    """The text of docs/telemetry.md: every column with type, unit and meaning."""
-    lines = [
-        "# telemetry.parquet",
-        "",
-        "One row per craft and lighthouse period, ordered by frame, then craft. Poses are of the craft's body in the",
-        "lighthouse frame (x right, y down, z forward) at the epoch, quaternions wxyz; rates and velocities are in the",
-        "lighthouse frame. What is not known is null, never zero. Numbers in brackets are equations of source 1",
-        "(DOI 10.19650/j.cnki.cjsi.J2311957). In a replay all `true_*` and error columns are null. The file itself has",
-        "`unit` and `meaning` as metadata of each field.",
-        "",
-        "This page is made from the schema (`swarm.results.telemetry.column_reference`).",
-        "",
-        "| column | type | unit | meaning |",
-        "|---|---|---|---|",
-    ]
-    ordinary, replay = len(schema()), len(schema(replay=True))
-    cameras = len(schema(replay=True, ccd=True))
-    for i, field in enumerate(schema(replay=True, ccd=True, lidar=True)):
-        kind = "string" if pa.types.is_dictionary(field.type) else str(field.type)
-        unit, meaning = field.metadata[b"unit"].decode(), field.metadata[b"meaning"].decode()
-        only = "" if i < ordinary else "; only in a replay" if i < replay else "; only with cameras"
-        only = only if i < cameras else "; only with LiDARs"
-        lines.append(f"| `{field.name}` | {kind} | {unit} | {meaning}{only} |")
-    lines += [
-        "",
-        "A simulated run has further columns at the end ([integrity](integrity.md), [faults](faults.md),",
-        "[guidance](guidance.md); those of thrusters and wheels are in [actuation](actuation.md)):",
-        "",
-    ]
-    lines += ["| column | type | unit | meaning |", "|---|---|---|---|"]
-    for column in (*integrity_columns.COLUMNS, integrity_columns.fault_column(["none"])):
-        kind = "string" if column.names else str(column.type)
-        only = "; only with [[fault]] tables" if column.names else ""
-        lines.append(f"| `{column.name}` | {kind} | {column.unit} | {column.meaning}{only} |")
-    for column in (*guidance_columns.COLUMNS, *guidance_columns.DOCKING_COLUMNS):
-        kind = "string" if column.names else str(column.type)
-        only = "with guided craft" if column in guidance_columns.COLUMNS else "where a craft docks"
-        lines.append(f"| `{column.name}` | {kind} | {column.unit} | {column.meaning}; only {only} |")
-    return "\n".join(lines) + "\n"
-
-
 _FLOATS = [field.name for field in schema(replay=True, ccd=True) if field.type == pa.float64()]
 _INTS = ["frame", "status", "sensor", "visible", "pnp_iterations", "missed_sync", "rejected_pulses", "contact"]
 _CCD_INTS = ["ccd", *(name for name, _, _ in ccd_columns.COUNTS)]
@@ -414,11 +186,11 @@ class Telemetry:
                 write_statistics=["time_s", "frame"],
             ) as writer,
         ):
-            for group in _groups(_part_files(self._folder)):
+            for group in _groups(part_files(self._folder)):
                 writer.write_table(group, row_group_size=ROWS_PER_GROUP)
         with writing(final):
             temporary.replace(final)
-            for part in _part_files(self._folder):
+            for part in part_files(self._folder):
                 part.unlink()
             folder.rmdir()
 
@@ -430,18 +202,6 @@ def _nullable(value: Floats) -> pa.Array:
         return pa.Array.from_buffers(pa.float64(), len(value), [None, pa.py_buffer(value)], null_count=0)
     valid = pa.py_buffer(np.packbits(finite, bitorder="little"))
     return pa.Array.from_buffers(pa.float64(), len(value), [valid, pa.py_buffer(value)])
-
-
-def _part_files(folder: Path) -> list[Path]:
-    return sorted((folder / PARTS).glob("part-*.arrow"))
-
-
-def _read_part(part: Path, columns: Sequence[str] | None = None) -> pa.Table:
-    with pa.OSFile(str(part), "rb") as file:
-        names = pa.ipc.open_file(file).schema.names
-        wanted = None if columns is None else [names.index(name) for name in columns]
-        table = pa.ipc.open_file(file, options=pa.ipc.IpcReadOptions(included_fields=wanted)).read_all()
-    return table if columns is None else table.select(columns)
 
 
 def _groups(parts: list[Path]) -> Iterator[pa.Table]:
@@ -456,38 +216,3 @@ def _groups(parts: list[Path]) -> Iterator[pa.Table]:
             waiting = []
     if waiting:
         yield pa.concat_tables(waiting)
-
-
-def read_telemetry(folder: Path, columns: Sequence[str] | None = None) -> pa.Table:
-    """The telemetry of the run in `folder`: the whole, or what a stopped run has left (perhaps no row at all).
-
-    columns: only these, if given. Raises SwarmError where a file is damaged.
-    """
-    file, parts = folder / FILE, _part_files(folder)
-    try:
-        if file.exists():
-            return pq.read_table(file, columns=columns)
-        if parts:
-            return pa.concat_tables([_read_part(part, columns) for part in parts])
-    except (OSError, pa.ArrowException) as error:
-        raise SwarmError(f"cannot read the telemetry in {folder}: {error}") from error
-    empty = schema().empty_table()
-    return empty.select(columns) if columns is not None else empty
-
-
-def telemetry_columns(folder: Path) -> list[str]:
-    """The columns that the run in `folder` has."""
-    file, parts = folder / FILE, _part_files(folder)
-    names: list[str] = schema().names
-    if file.exists():
-        names = pq.read_schema(file).names
-    elif parts:
-        with pa.OSFile(str(parts[0]), "rb") as part:
-            names = pa.ipc.open_file(part).schema.names
-    return names
-
-
-def values(table: pa.Table, name: str) -> NDArray[np.float64]:
-    """A numeric column as doubles, NaN where null."""
-    out: NDArray[np.float64] = table.column(name).cast(pa.float64()).to_numpy()
-    return out
