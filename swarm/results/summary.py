@@ -410,9 +410,11 @@ def _summary(load: Callable[[str], pa.Table], columns: Sequence[str]) -> dict[st
         "notes": NOTES,
     }
     if "delta_v_m_s" in columns:
-        spent = [_max(everything.of(first, last).column("delta_v_m_s")) for first, last in pairwise([0, *past])]
-        for name, delta_v in zip(names, spent, strict=True):
-            if name in out["craft"]:
-                out["craft"][name]["delta_v_m_s"] = delta_v
-        out["swarm"]["delta_v_m_s"] = _mean(np.array(spent, dtype=np.float64))
+        own: list[float | None] = []
+        for rank, (first, last) in enumerate(pairwise([0, *past])):
+            if last > first:
+                spent = _max(everything.of(first, last).column("delta_v_m_s"))
+                out["craft"][names[rank % len(names)]]["delta_v_m_s"] = spent
+                own += [spent] if rank < len(names) else []
+        out["swarm"]["delta_v_m_s"] = _mean(np.array(own, dtype=np.float64))
     return out
