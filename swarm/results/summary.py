@@ -428,5 +428,6 @@ def _summary(load: Callable[[str], pa.Table], columns: Sequence[str]) -> dict[st
         spent = {rank: _max(rows.column("delta_v_m_s")) for rank, rows in parts.items()}
         for rank, delta_v in spent.items():
             out["craft"][names[rank % len(names)]]["delta_v_m_s"] = delta_v
-        out["swarm"]["delta_v_m_s"] = _mean(np.array(list(spent.values()), dtype=np.float64))
+        by_own = [delta_v for rank, delta_v in spent.items() if rank < len(names)]
+        out["swarm"]["delta_v_m_s"] = _mean(np.array(by_own, dtype=np.float64))
     return out
