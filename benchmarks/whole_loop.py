@@ -84,7 +84,7 @@ class Loop:
         self.times, self.end = Times([], []), Times([], [])
         flight, writer = self.flight, self.writer
         self.stages.wrap(flight.world, "advance", "physics")
-        self.stages.wrap(flight, "_wrench", "control")
+        self.stages.wrap(flight.dynamics, "_wrench", "control")
         self.stages.wrap(flight.visibility, "state", "visibility")
         self.stages.wrap(flight.lighthouse, "sweep", "crossing times")
         self.stages.wrap(flight.decoder, "decode", "decode")
@@ -101,7 +101,7 @@ class Loop:
         with timed(self.times if counted else Times([], [])):
             for _ in range(periods):
                 time_s, truth, sight, estimate = self.flight.period(self.frame)
-                self.writer.append(self.frame, time_s, truth, sight, estimate)
+                self.writer.append(self.frame, time_s, truth, sight, estimate, extra=self.flight.extra)
                 self.frame += 1
         if not counted:
             self.stages.seconds.clear()

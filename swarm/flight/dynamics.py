@@ -19,6 +19,7 @@ from swarm.onboard.control import Command, State
 from swarm.onboard.navigation import Estimate
 from swarm.scenario import Scenario
 from swarm.world.world import PeriodTruth
+from swarm.world.wrench import OnboardWrench
 
 
 class Dynamics:
@@ -46,13 +47,7 @@ class Dynamics:
 
     def advance(self, frame: int, faults: Faults | None) -> PeriodTruth:
         """Move every craft through the lighthouse period `frame`."""
-        believed = self._believed(faults)
-        reference = self.guided.steer(frame * self._period_s, believed)
-        command = self.guided.command(reference, believed, self.orbit)
-        wanted = control.wrench(command, reference, believed, self.world.mass, self.world.inertia)
-        drive = self.actuators.drive(*wanted, believed, command, self._stuck(faults))
-        self.command = drive.command.only(self._by_estimate)
-        truth = self.world.advance(*self._pushed(frame, drive, faults), drive.onboard)
+        truth = self.world.advance(*self._wrench(frame, faults))
         self._true = State(
             matrix_from_quaternion(truth.quaternion[-1]), truth.angular_rate[-1], truth.position[-1], truth.velocity[-1]
         )
@@ -66,6 +61,16 @@ class Dynamics:
                 estimate.rotation, estimate.angular_rate, estimate.position, estimate.velocity
             ).ahead(self._period_s / 2)
         self.guided.learn(truth, estimate)
+
+    def _wrench(self, frame: int, faults: Faults | None) -> tuple[Floats, Floats, OnboardWrench | None]:
+        """What moves every craft in this period: its control, through its actuators, and what pushes it beside."""
+        believed = self._believed(faults)
+        reference = self.guided.steer(frame * self._period_s, believed)
+        command = self.guided.command(reference, believed, self.orbit)
+        wanted = control.wrench(command, reference, believed, self.world.mass, self.world.inertia)
+        drive = self.actuators.drive(*wanted, believed, command, self._stuck(faults))
+        self.command = drive.command.only(self._by_estimate)
+        return *self._pushed(frame, drive, faults), drive.onboard
 
     def _believed(self, faults: Faults | None) -> State:
         """The states that the craft steer by; NaN where a craft is lost, or does not know any."""
