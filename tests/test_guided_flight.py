@@ -47,6 +47,15 @@ def test_a_short_docking_holds_every_criterion(docking):
     assert docking.summary["criteria_held"], docking.summary["criteria"]
 
 
+def test_the_berth_has_no_sensor_and_is_no_part_of_the_swarms_figures(docking):
+    craft, swarm_wide = docking.summary["craft"], docking.summary["swarm"]
+    assert craft["berth"]["navigates"] is False
+    assert craft["berth"]["tracking_share"] is None
+    assert swarm_wide["tracking_share"] == craft["servicer"]["tracking_share"]
+    assert swarm_wide["delta_v_m_s"] == craft["servicer"]["delta_v_m_s"]
+    assert swarm_wide["contact_periods"] > 0
+
+
 def test_docked_it_stays_on_the_port_without_thrust(docking):
     phase = column(docking, "phase", "servicer")
     after = np.flatnonzero(phase == "docked")[5:]

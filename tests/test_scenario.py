@@ -182,7 +182,7 @@ def test_every_default_is_written_and_what_is_unset_says_so() -> None:
         ),
         (
             '[[craft]]\nmotion = {kind = "waypoints", points_m = [[0, 0, 1]], times_s = [30]}',
-            "craft[0].motion.times_s = [30]: the first time must lie within the run (duration_s = 30.0)",
+            "craft[0].motion.times_s = [30]: the first time (30 s) must lie within the run, which ends at duration_s = 30",
         ),
         (
             '[[craft]]\nmotion = {kind = "waypoints", points_m = [], times_s = [1]}',

@@ -86,7 +86,7 @@ def _criteria(summary: Mapping[str, Any]) -> dict[str, Any]:
     verdicts = summary.get("criteria")
     if not verdicts:
         return {}
-    missed = ", ".join(verdict["name"] for verdict in verdicts if not verdict["held"])
+    missed = ", ".join(verdict["name"] for verdict in verdicts if verdict["held"] is False)
     figures = {f"criterion_{verdict['name']}": verdict["value"] for verdict in verdicts}
     return {"criteria_held": summary["criteria_held"], "criteria_missed": missed, **figures}
 

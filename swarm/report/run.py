@@ -15,7 +15,7 @@ from swarm.report.figures import BLUE, GREY, ORANGE, SERIES, Picture, picture, p
 from swarm.report.page import Column, Fact, Section, Table, number, prose
 from swarm.results.columns import STATUS
 from swarm.results.reading import values
-from swarm.results.report import limits
+from swarm.results.report import about, limits, outcome
 from swarm.results.run_folder import Run
 
 DOF = 6
@@ -107,10 +107,7 @@ def sections(run: Run) -> list[Section]:
 
 
 def _criteria(verdicts: Sequence[Mapping[str, Any]]) -> Table:
-    rows = [
-        [v["name"], "held" if v["held"] else "missed", v["craft"] or "", number(v["value"]), limits(v)]
-        for v in verdicts
-    ]
+    rows = [[v["name"], outcome(v).lower(), about(v), number(v["value"]), limits(v)] for v in verdicts]
     return Table([Column(head) for head in ("criterion", "", "craft", "value", "limits")], rows, left=3)
 
 

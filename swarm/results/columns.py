@@ -3,6 +3,7 @@
 What is not known is null: never NaN, zero or a default pose.
 """
 
+import json
 from collections.abc import Sequence
 
 import pyarrow as pa
@@ -18,6 +19,7 @@ SENSORS = ("none", "lighthouse", "stereo", "lighthouse+stereo", "camera", "light
 "lidar": that of a craft which somebody else observes."""
 NAMES = {"status": STATUS, "sensor": SENSORS, "ccd": CCD_STATES}
 """The columns of names: their codes are kept, with null for a code beyond the names."""
+_WITHOUT_SENSORS = "craft_without_sensors"
 FUSED = "fused"
 """Observer of an estimate that several LiDARs make together."""
 
@@ -41,11 +43,17 @@ def _rates(prefix: str, whose: str) -> list[pa.Field]:
     ]
 
 
-def schema(replay: bool = False, ccd: bool = False, lidar: bool = False, extra: Sequence[Extra] = ()) -> pa.Schema:
+def schema(
+    replay: bool = False,
+    ccd: bool = False,
+    lidar: bool = False,
+    extra: Sequence[Extra] = (),
+    without_sensors: Sequence[str] = (),
+) -> pa.Schema:
     """Columns in order, each with its `unit` and `meaning` as field metadata.
 
     replay: with the peer's pose. ccd: with what the cameras found. lidar: with whose observation an estimate is.
-    extra: and these, at the end.
+    extra: and these, at the end. without_sensors: names of craft that navigate by nothing, kept in the metadata.
     """
     f64, i16, i32 = pa.float64(), pa.int16(), pa.int32()
     fields = [
@@ -92,7 +100,13 @@ def schema(replay: bool = False, ccd: bool = False, lidar: bool = False, extra: 
         meaning = f"whose LiDAR the estimate of a passive craft rests on; {FUSED!r}: of several; null: its own estimate"
         fields.append(_column("observer", pa.dictionary(pa.int32(), pa.string()), "", meaning))
     fields += [_column(column.name, column.type, column.unit, column.meaning) for column in extra]
-    return pa.schema(fields)
+    return pa.schema(fields, {_WITHOUT_SENSORS: json.dumps(list(without_sensors))} if without_sensors else None)
+
+
+def bystanders(schema: pa.Schema) -> list[str]:
+    """The craft without sensors that the schema of a run's telemetry names."""
+    said = (schema.metadata or {}).get(_WITHOUT_SENSORS.encode())
+    return list(json.loads(said)) if said else []
 
 
 def column_reference() -> str:

@@ -8,7 +8,8 @@ A criterion's value is a statistic of one column over the rows of its craft and 
     separation_m     the least distance between the bodies' origins of any two of its craft, at the epochs
 
 `last` and `at_contact` are one value per craft, its last one and the last one before its first contact: each of them
-must lie within the limits, and the one farthest out, or least far in, is reported. What has no value is not held.
+must lie within the limits, and the one farthest out, or least far in, is reported. What has no value is not held; a
+criterion about a time after the end of the run, which a shorter run of a scenario has, is not judged.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -31,14 +32,17 @@ Load = Callable[[str], pa.Table]
 
 
 class Verdict(NamedTuple):
-    """One criterion judged. value: None where there is none; craft: whose value it is, where it is one craft's."""
+    """One criterion judged. value: None where there is none; craft: whose value it is, where it is one craft's; about:
+    the craft that it names, none for all. held: None where it is not judged, its time being after the end of the run.
+    """
 
     name: str
     value: float | None
     craft: str | None
     min: float | None
     max: float | None
-    held: bool
+    held: bool | None
+    about: tuple[str, ...]
 
 
 def check_measures(criteria: Sequence[Criterion], schema: pa.Schema, scenario: str) -> None:
@@ -67,7 +71,7 @@ def summary_of(verdicts: Sequence[Verdict]) -> dict[str, Any]:
     if not verdicts:
         return {}
     return {
-        "criteria_held": all(verdict.held for verdict in verdicts),
+        "criteria_held": all(verdict.held is not False for verdict in verdicts),
         "criteria": [verdict._asdict() for verdict in verdicts],
     }
 
@@ -86,6 +90,11 @@ class _Rows:
         if name not in self._columns:
             self._columns[name] = values(self._load(name), name)
         return self._columns[name]
+
+    @property
+    def end_s(self) -> float:
+        """The last epoch."""
+        return float(self.column("time_s").max(initial=0.0))
 
     def tracking(self) -> Bools:
         status = self._load("status").column("status").cast(pa.string())
@@ -107,6 +116,8 @@ class _Rows:
 
 def _judge(criterion: Criterion, rows: _Rows) -> Verdict:
     c, mine = criterion, rows.chosen(criterion)
+    if c.from_s > rows.end_s:
+        return Verdict(c.label, None, None, c.min, c.max, None, c.craft)
     who: str | None = None
     value: float | None = None
     if c.measure in NAMED:
@@ -120,7 +131,7 @@ def _judge(criterion: Criterion, rows: _Rows) -> Verdict:
         known = rows.column(c.measure)[mine]
         known = known[np.isfinite(known)]
         value = float(_OVER_ALL[c.statistic](known)) if len(known) else None
-    return Verdict(c.label, value, who, c.min, c.max, _margin(c, value) >= 0)
+    return Verdict(c.label, value, who, c.min, c.max, _margin(c, value) >= 0, c.craft)
 
 
 def _margin(criterion: Criterion, value: float | None) -> float:

@@ -12,9 +12,9 @@ from rich.text import Text
 
 PLAIN_EVERY_S = 5.0
 """Wall time between two plain lines."""
-KERNELS, COMPILES_FOR_S = 160, 30
+COMPILES_FOR_S = 30
 """What a first run compiles, more or less, and how long that takes on a core of 2023 that does little else."""
-COMPILING = f"compiling the kernels, once on this machine: about {COMPILES_FOR_S} s"
+COMPILING = f"compiling the kernels that this kind of run needs, once: about {COMPILES_FOR_S} s the first time"
 WIDE = 76
 """Columns from which the bar spells its units out."""
 
@@ -46,7 +46,7 @@ class _Figures(ProgressColumn):
             compiled: int | None = task.fields["compiled"]
             if compiled is None:
                 return Text("starting")
-            done = f"{compiled} of some {KERNELS}"
+            done = f"{compiled} so far"
             return Text(f"compiling kernels, once, ~{COMPILES_FOR_S} s: {done}" if self._wide else f"compiling {done}")
         time_s = f"{p.time_s:.1f}/{p.duration_s:.1f} s"
         tracking = f"{p.tracking}/{p.craft} tracking"
@@ -89,15 +89,13 @@ class ProgressDisplay:
         elif self._compiling_since is None:
             self._line(COMPILING)
         elif time.monotonic() - self._last_line >= PLAIN_EVERY_S:
-            self._line(f"compiling the kernels: {done} of some {KERNELS}")
+            self._line(f"compiling the kernels: {done} so far")
         if self._compiling_since is None:
             self._compiling_since = time.monotonic()
 
     def __call__(self, progress: Progress) -> None:
         """Show how far the run is."""
-        if self._latest is None and self._compiling_since is not None:
-            took_s = time.monotonic() - self._compiling_since
-            self._line(f"{self._compiled} kernels compiled in {took_s:.0f} s; the next run finds them in the cache")
+        self._end_compiling()
         if self._latest is None and progress.notice:
             self._line(progress.notice)
         self._latest = progress
@@ -106,9 +104,18 @@ class ProgressDisplay:
         elif time.monotonic() - self._last_line >= PLAIN_EVERY_S:
             self._plain(progress)
 
+    def _end_compiling(self) -> None:
+        """Say how long it took, if anything was compiled since this was said last."""
+        if self._compiling_since is not None:
+            took_s = time.monotonic() - self._compiling_since
+            self._line(f"{self._compiled} kernels compiled in {took_s:.0f} s; the next run finds them in the cache")
+            self._compiling_since = None
+
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        if kind is None:
+            self._end_compiling()
         if self._bar:
             if kind is None and self._latest:
                 self._bar.update(self._task, completed=self._latest.duration_s)

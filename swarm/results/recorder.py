@@ -58,6 +58,13 @@ class Scene(NamedTuple):
     extra: Sequence[Extra] = ()
 
     @property
+    def without_sensors(self) -> list[str]:
+        """Craft that carry no sensor and that nobody observes: they navigate by nothing."""
+        sensing = {pair.craft for pair in self.ccd} | {i for pair in self.lidar for i in pair}
+        dark = np.flatnonzero(~self.photodiodes.present.any(axis=1))
+        return [self.craft[i] for i in dark.tolist() if i not in sensing]
+
+    @property
     def observer(self) -> list[str | None] | None:
         """Whose observation each craft's estimate is; None in a run without LiDARs."""
         if not self.lidar:

@@ -112,10 +112,21 @@ def criteria_table(verdicts: Sequence[Mapping[str, Any]]) -> Table:
     for head, side in (("criterion", "left"), ("", "left"), ("value", "right"), ("limits", "left"), ("craft", "left")):
         table.add_column(head, justify="right" if side == "right" else "left", no_wrap=head == "")
     for v in verdicts:
-        held = Text("held", "green") if v["held"] else Text("MISSED", "bold red")
+        held = Text(outcome(v), {True: "green", False: "bold red", None: "yellow"}[v["held"]])
         value = NOTHING if v["value"] is None else f"{v['value']:.4g}"
-        table.add_row(Text(v["name"]), held, value, limits(v), Text(v["craft"] or ""))
+        table.add_row(Text(v["name"]), held, value, limits(v), Text(about(v)))
     return table
+
+
+def outcome(verdict: Mapping[str, Any]) -> str:
+    """Whether a criterion held."""
+    return {True: "held", False: "MISSED", None: "not judged: after the end"}[verdict["held"]]
+
+
+def about(verdict: Mapping[str, Any]) -> str:
+    """Whose value it is, or which craft it is about."""
+    named = list(verdict.get("about") or ())
+    return verdict["craft"] or (_names(named) if named else "all")
 
 
 def limits(verdict: Mapping[str, Any]) -> str:
@@ -131,13 +142,12 @@ def results(summary: Mapping[str, Any], width: int) -> RenderableType:
     swarm = summary.get("swarm")
     if not swarm:
         return Text("Not one lighthouse period was recorded.")
-    craft = _chosen(summary["craft"])
-    rows = [*craft.items(), *([("swarm", swarm)] if len(summary["craft"]) > 1 else [])]
+    navigating = {name: f for name, f in summary["craft"].items() if f.get("navigates", True)}
+    craft = _chosen(navigating)
+    rows = [*craft.items(), *([("swarm", swarm)] if len(navigating) > 1 else [])]
     lines: list[RenderableType] = [_table(rows, width)]
-    if len(craft) < len(summary["craft"]):
-        lines.append(
-            Text(f"The {len(craft)} worst of {len(summary['craft'])} craft; summary.json has them all.", "dim")
-        )
+    if len(craft) < len(navigating):
+        lines.append(Text(f"The {len(craft)} worst of {len(navigating)} craft; summary.json has them all.", "dim"))
     sentences = [*findings(swarm), *inspections(summary.get("lidar") or {}), *warnings(summary["craft"])]
     return Group(*lines, Text(), *(Text(sentence, style) for sentence, style in sentences))
 
@@ -155,6 +165,8 @@ def findings(figures: Figures) -> list[tuple[str, str]]:
                 "above": "errors larger than the filter promises",
             }[side]
             band = f"6 is exact, {f['band_low']:.2f} to {f['band_high']:.2f} is chance"
+            if side == "above" and (hit := figures.get("contact_periods")):
+                meaning += f"; there were {hit} periods in contact, whose blow no filter can know of"
             out.append((f"{name} {f['mean']:.2f}: {meaning} ({band})", _colour(f)))
     position, attitude = figures.get("ekf_to_pnp_position_ratio"), figures.get("ekf_to_pnp_attitude_ratio")
     if position is not None and attitude is not None:
@@ -181,7 +193,7 @@ def inspections(lidar: Mapping[str, Figures]) -> list[tuple[str, str]]:
     return [
         (
             f"{name}'s LiDAR: {f['target']} tracked in {f['tracked_share']:.1%} of {f['scans']} scans, acquired "
-            f"{f['acquisitions']} times"
+            + ("once" if f["acquisitions"] == 1 else f"{f['acquisitions']} times")
             + (
                 f"; attitude error of a scan {f['measured_attitude_mean_deg']:.2f}° on average, "
                 f"{f['measured_attitude_max_deg']:.2f}° at most"
@@ -196,6 +208,7 @@ def inspections(lidar: Mapping[str, Figures]) -> list[tuple[str, str]]:
 
 def warnings(craft: Mapping[str, Figures]) -> list[tuple[str, str]]:
     """What is wrong with single craft that the swarm's figures hide, and what to do about it."""
+    craft = {name: f for name, f in craft.items() if f.get("navigates", True)}
     dark = [name for name, f in craft.items() if not (f["mean_visible"] or f.get("ccd") or f.get("observed"))]
     refused = {name: f["refused_share"] or 0.0 for name, f in craft.items() if f.get("refused_share")}
     refused = {name: share for name, share in refused.items() if share > REFUSED_MUCH}

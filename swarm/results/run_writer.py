@@ -110,7 +110,13 @@ def writing_run(
     with RunFolder.create(scenario.name, scenario.seed, None if out is None else Path(out), force) as folder:
         folder.write_scenario(to_toml(scenario, versions()))
         telemetry = Telemetry(
-            folder.path, scene.craft, replay, ccd=bool(scene.ccd), observer=scene.observer, extra=scene.extra
+            folder.path,
+            scene.craft,
+            replay,
+            ccd=bool(scene.ccd),
+            observer=scene.observer,
+            extra=scene.extra,
+            without_sensors=scene.without_sensors,
         )
         recording: Recorder = NullRecording()
         if (record and scenario.recording.enabled) or live:
@@ -120,7 +126,8 @@ def writing_run(
             recording = Recording(folder.recording, scene, live=live)
         angle_writer = AngleWriter(folder.path, angles) if angles is not None else None
         scan_writer = ScanWriter(folder.path, scene.craft) if scene.lidar else None
-        writer = RunWriter(telemetry, recording, len(scene.craft), duration_s, angle_writer, scan_writer)
+        navigating = len(scene.craft) - len(scene.without_sensors)
+        writer = RunWriter(telemetry, recording, navigating, duration_s, angle_writer, scan_writer)
         try:
             yield writer
         except BaseException as stop:

@@ -29,7 +29,7 @@ from scipy.special import gammaincinv
 from estimators.arrays import Bools, Floats, Ints
 from estimators.rotation import angle_between, matrix_from_quaternion, mean_rotation
 from swarm.results.ccd_columns import CCD_STATES
-from swarm.results.columns import NAMES, SENSORS, STATUS
+from swarm.results.columns import NAMES, SENSORS, STATUS, bystanders
 from swarm.results.lidar_scans import summarise_scans
 from swarm.results.reading import read_telemetry, telemetry_columns, values
 from swarm.results.rows import attitude_errors_into
@@ -343,6 +343,7 @@ def _figures(
             np.isfinite(rows.column("nis")) & (rows.column("status") != STATUS.index("tracking")), solved
         ),
         "mean_visible": _mean(visible),
+        "contact_periods": int(np.count_nonzero(rows.column("contact") == 1)),
         "solved_share": share(solved, visible >= 4),
         "solved_share_with_5_photodiodes": share(solved, visible >= 5),
         "residual_median_rad": _median(rows.column("residual_rad")),
@@ -390,11 +391,13 @@ def _summary(load: Callable[[str], pa.Table], columns: Sequence[str]) -> dict[st
     craft = load("craft")
     codes = _codes(craft, "craft").astype(np.int64)
     names = craft.column("craft").unify_dictionaries().chunk(0).dictionary.to_pylist() if len(codes) else []
-    # Craft that others observe come last: they are none of those that find themselves.
+    # Craft that others observe, and those without any sensor, come last: they do not find themselves.
     observed = (
         np.isfinite(_codes(load("observer"), "observer")) if "observer" in columns else np.zeros(len(codes), bool)
     )
-    ranks = codes + len(names) * observed
+    without_sensors = [names.index(name) for name in bystanders(craft.schema) if name in names]
+    aside = observed | np.isin(codes, without_sensors)
+    ranks = codes + len(names) * aside
     everything = _Rows(load, np.argsort(ranks, kind="stable"), (0, len(codes)))
     frame, time_s = everything.frame, everything.column("time_s")
     if not len(frame):
@@ -408,18 +411,21 @@ def _summary(load: Callable[[str], pa.Table], columns: Sequence[str]) -> dict[st
     span = int(frame.max() - frame.min())
     period_s = float(time_s.max() - time_s.min()) / span if span else 0.0
     # The bias takes half of all columns, and nothing else needs them.
-    own = everything.of(0, len(codes) - int(np.count_nonzero(observed)))
+    own = everything.of(0, len(codes) - int(np.count_nonzero(aside)))
     every = [own, *parts.values()]
     bias = [None if kind[0] else _motion_bias(rows) for rows in every]
     everything.forget()
     swarm, *single = (_figures(rows, period_s, *kind, drift) for rows, drift in zip(every, bias, strict=True))
+    seen = set(codes[observed].tolist())
     out: dict[str, Any] = {
         "periods": len(np.unique(frame)),
         "duration_s": (span + 1) * period_s,
         "craft_count": len(names),
         "swarm": swarm,
         "craft": {
-            names[rank % len(names)]: figures | ({"observed": rank >= len(names)} if "observer" in columns else {})
+            names[rank % len(names)]: figures
+            | ({"navigates": False, "tracking_share": None} if rank % len(names) in without_sensors else {})
+            | ({"observed": rank % len(names) in seen} if "observer" in columns else {})
             for rank, figures in zip(parts, single, strict=True)
         },
         "notes": NOTES,

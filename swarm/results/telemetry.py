@@ -51,10 +51,14 @@ class Telemetry:
         ccd: bool = False,
         observer: Sequence[str | None] | None = None,
         extra: Sequence[Extra] = (),
+        without_sensors: Sequence[str] = (),
     ) -> None:
-        """observer: of a run with LiDARs, whose observation each craft's estimate is, None where its own."""
+        """observer: of a run with LiDARs, whose observation each craft's estimate is, None where its own.
+
+        without_sensors: craft that navigate by nothing.
+        """
         self._folder, self._craft = folder, list(craft)
-        self._schema = schema(replay, ccd, observer is not None, extra)
+        self._schema = schema(replay, ccd, observer is not None, extra, without_sensors)
         self._observer = list(observer or ())
         self._extra = {column.name: column for column in extra}
         periods = max(1, min(PERIODS_PER_PART, ROWS_PER_GROUP // max(1, len(craft))))

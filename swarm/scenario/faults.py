@@ -27,7 +27,10 @@ class Strike(Table):
 
     at_s: float | None = Field(default=None, ge=0, le=86400, description="When it strikes. Unset: at random.")
     probability_per_s: float | None = Field(
-        default=None, gt=0, le=10, description="It strikes at random, each craft by itself. Unset: at at_s."
+        default=None,
+        gt=0,
+        le=10,
+        description="It strikes at random: each craft by itself, where it is about craft. Unset: at at_s.",
     )
 
     def between_keys(self) -> Iterator[Mistake]:

@@ -3,6 +3,7 @@
 `python -m swarm.scenario docs` writes both files; a test asserts that they are up to date.
 """
 
+import inspect
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -81,7 +82,7 @@ def _sections() -> Iterator[str]:
 
 
 def _section(title: str, name: str, table: type[Table], level: str = "##") -> Iterator[str]:
-    yield f"{level} {title}\n\n{(table.__doc__ or '').strip()}\n"
+    yield f"{level} {title}\n\n{inspect.cleandoc(table.__doc__ or '')}\n"
     yield "| key | unit or type | default | limits | meaning |\n|---|---|---|---|---|"
     for key, field in table.model_fields.items():
         if key != "kind" and not (name == "" and tables_of(field.annotation)):

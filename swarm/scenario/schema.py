@@ -327,7 +327,8 @@ class Scenario(Table):
             motion = group.motion
             if motion.kind == "waypoints" and motion.times_s[0] >= self.duration_s:
                 yield (
-                    f"the first time must lie within the run (duration_s = {self.duration_s})",
+                    f"the first time ({motion.times_s[0]:g} s) must lie within the run, which ends at "
+                    f"duration_s = {self.duration_s:g} s",
                     f"{key}.motion.times_s",
                     "duration_s",
                 )
@@ -363,14 +364,12 @@ class Scenario(Table):
             yield 'must hold its place exactly: feedback = "truth"', key, f"{table}.feedback"
 
     def _criteria_mistakes(self, names: tuple[str, ...]) -> Iterator[Mistake]:
-        """Criteria are about craft that exist, at times of the run, and have a name each."""
+        """Criteria are about craft that exist, and have a name each."""
         labels = [criterion.label for criterion in self.criteria]
         for i, criterion in enumerate(self.criteria):
             for k, name in enumerate(criterion.craft):
                 if name not in names:
                     yield f"no craft has this name{did_you_mean(name, names)}", f"criteria[{i}].craft[{k}]"
-            if criterion.from_s >= self.duration_s:
-                yield f"must lie within the run (duration_s = {self.duration_s})", f"criteria[{i}].from_s", "duration_s"
             if labels[i] in labels[:i]:
                 yield f"another criterion is called {labels[i]} too: give one of them a name", f"criteria[{i}].name"
 
