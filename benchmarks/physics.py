@@ -13,7 +13,7 @@ from harness import finish, interleaved, options, show
 
 from estimators.arrays import Floats
 from estimators.rotation import matrix_from_quaternion
-from swarm import build
+from swarm import builders
 from swarm.scenario import load
 from swarm.world.world import World
 
@@ -31,10 +31,10 @@ def main() -> None:
     candidates, worlds = {}, {}
     for steps in (4, 8):
         scenario = load("swarm1000", [f"swarm.count={chosen.craft}", f"physics.steps_per_period={steps}"])
-        world = worlds[steps] = build.world(scenario, build.fleet(scenario))
+        world = worlds[steps] = builders.world(scenario, builders.fleet(scenario))
         # Some millimetres a second, so that nobody meets anybody.
         world._rate[:, :3] = np.random.default_rng(0).normal(0, 1e-3, (chosen.craft, 3))
-        free = build.world(scenario, build.fleet(scenario))
+        free = builders.world(scenario, builders.fleet(scenario))
         free.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
 
         def alone(world: World = free, steps: int = steps) -> None:

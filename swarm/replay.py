@@ -12,7 +12,7 @@ import numpy as np
 
 from estimators.arrays import Floats
 from estimators.calibration_problem import Noise
-from swarm import build
+from swarm import builders
 from swarm.assets import find_model
 from swarm.errors import SwarmError
 from swarm.layout import Photodiodes
@@ -99,7 +99,7 @@ class Playback:
         self._decoder = PulseDecoder(
             self.layout.present, self.windows.tick_s, frame_s=self.windows.frame_s, slot=self.windows.slot
         )
-        navigation = build.navigation(settings)
+        navigation = builders.navigation(settings)
         # A real station's noise is only guessed: what its residuals should be is not known.
         untested = replace(navigation.integrity, residual_test=False, tick_s=None)
         navigation = replace(navigation, frame_s=self.windows.frame_s, integrity=untested)

@@ -18,7 +18,7 @@ import swarm
 from estimators.calibration_model import fan_errors, linear_fans
 from estimators.calibration_problem import Noise, to_gauge
 from estimators.sweep import FanErrors
-from swarm import build, cli
+from swarm import builders, cli
 from swarm.calibration.calibrate import Calibrated, calibrate_survey
 from swarm.calibration.report import fan_sigmas, file_text
 from swarm.calibration.survey import observe_run
@@ -145,7 +145,7 @@ def test_angles_are_written_as_decoded_and_read_back(tmp_path):
         offset[table.craft[rows], table.photodiode[rows]] = np.nan_to_num(table.offset_s[rows])
         np.testing.assert_array_equal(offset, flight.angles.offset_s)
     assert table.believed.craft == ("craft-0", "craft-1")
-    assert table.believed.noise == build.angle_noise(scenario)
+    assert table.believed.noise == builders.angle_noise(scenario)
     np.testing.assert_array_equal(table.believed.point_m[1], flight.world.photodiodes.point_m[1])
 
 
@@ -281,7 +281,7 @@ def test_a_models_photodiodes_are_those_of_every_craft_of_it(tmp_path):
     )
     (tmp_path / "c.toml").write_text(text)
     scenario = load("formation", ["swarm.count=2", f"navigation.calibration='{tmp_path / 'c.toml'}'"])
-    placed = build.believed_layout(scenario, layout).point_m
+    placed = builders.believed_layout(scenario, layout).point_m
     np.testing.assert_array_equal(placed[0], model)
     np.testing.assert_array_equal(placed[1], single)
 

@@ -12,7 +12,7 @@ from scipy.stats import chi2
 import swarm
 from estimators import rotation as rot
 from estimators.error_state import POSE_COLUMNS
-from swarm import build
+from swarm import builders
 from swarm.assets import find_model
 from swarm.errors import SwarmError
 from swarm.flight.flight import Flight
@@ -42,11 +42,11 @@ class Free:
 def scene():
     """The scenario's world, its pair of cameras, what the chaser knows of them, and the ray cast."""
     scenario = load("ccd-docking")
-    motions = build.fleet(scenario)
-    world = build.world(scenario, motions)
-    true, known = build.cameras(scenario, world, motions.at(0.0))[0]
+    motions = builders.fleet(scenario)
+    world = builders.world(scenario, motions)
+    true, known = builders.cameras(scenario, world, motions.at(0.0))[0]
     line = Visibility(
-        world.model, world.photodiodes, world.craft_bodies, world.lighthouse_body, build.lighthouse(scenario)
+        world.model, world.photodiodes, world.craft_bodies, world.lighthouse_body, builders.lighthouse(scenario)
     )
     quiet = replace(true, image_noise_m=0.0, outages=())
     return SimpleNamespace(world=world, true=quiet, outages=true.outages, known=known, line=line)
@@ -398,7 +398,7 @@ def test_models_without_cameras_or_lights_are_named():
         ("craft[1].model=cubesat6u", "has 0 lights (sites whose name starts with 'light'), at least 3 are needed"),
     ):
         with pytest.raises(SwarmError) as raised:
-            build.check(load("ccd-docking", [override]))
+            builders.check(load("ccd-docking", [override]))
         assert message in str(raised.value)
 
 
@@ -422,11 +422,11 @@ def test_a_scenario_with_outages_writes_out_and_reads_back_equal(tmp_path):
 
 def test_pushes_are_what_the_scenario_says_and_no_others():
     settings = load("ccd-docking")
-    pushes = build.pushes(settings)
+    pushes = builders.pushes(settings)
     assert pushes.pushed.tolist() == [True, False]
     drawn = [pushes.at(frame) for frame in range(3000)]
     acceleration = np.array([d.acceleration[0] for d in drawn])
     assert acceleration.std() == pytest.approx(0.02, rel=0.05)
     assert not any(d.acceleration[1].any() for d in drawn[:300])
-    again = build.pushes(load("ccd-docking", ["craft[1].disturbance.acceleration_m_s2=1"]))
+    again = builders.pushes(load("ccd-docking", ["craft[1].disturbance.acceleration_m_s2=1"]))
     assert np.array_equal(again.at(700).acceleration[0], drawn[700].acceleration[0])

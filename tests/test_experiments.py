@@ -16,7 +16,7 @@ from rich.console import Console
 from estimators import rotation as rot
 from estimators.dop import dilution, image_dilution
 from estimators.sweep import FanErrors, ideal_theta, measured_theta
-from swarm import build
+from swarm import builders
 from swarm.errors import SwarmError
 from swarm.experiments import EXPERIMENTS, Experiment, find, reproduce, rungs
 from swarm.experiments import lighthouse_dynamic as dynamic
@@ -98,7 +98,7 @@ def test_the_same_seed_gives_the_same_files(tmp_path):
 def test_the_ladder_rises_with_every_cause_and_falls_with_every_cure(tmp_path, monkeypatch):
     # Calibrating has its own tests: here the craft simply knows the truth.
     def true_values(scenario: Scenario, layout: Photodiodes) -> rungs.Knowledge:
-        station = build.lighthouse(scenario)
+        station = builders.lighthouse(scenario)
         mounted = Lighthouse(layout, station, scenario.seed, [crc32(b"craft-0")]).photodiodes
         return rungs.Knowledge((station.fan_x, station.fan_y), mounted)
 

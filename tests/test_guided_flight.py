@@ -7,7 +7,7 @@ import pytest
 
 import swarm
 from estimators.rotation import matrix_from_quaternion
-from swarm import build
+from swarm import builders
 from swarm.assets import find_model, models
 from swarm.errors import SwarmError
 from swarm.flight.flight import Flight
@@ -155,14 +155,14 @@ def test_scatter_is_drawn_per_craft_and_is_as_wide_as_it_says():
         "swarm.motion.figures[0].radius_m=40.0",
     )
     scenario = swarm.load("formation-reconfigure", (*changes, "lighthouse.range_max_m=100"))
-    motions = build.fleet(scenario)
-    off = build.start(scenario, motions).position - motions.start().position
+    motions = builders.fleet(scenario)
+    off = builders.start(scenario, motions).position - motions.start().position
     # Standard error of a standard deviation from 600 draws: 3 %.
     assert off.std() == pytest.approx(0.01, rel=0.12)
     fewer = swarm.load("formation-reconfigure", (*changes, "swarm.count=3"))
-    few = build.fleet(fewer)
+    few = builders.fleet(fewer)
     # A craft's draw does not depend on how many there are; their places do, and subtract with rounding.
-    assert np.allclose(build.start(fewer, few).position - few.start().position, off[:3], atol=1e-12)
+    assert np.allclose(builders.start(fewer, few).position - few.start().position, off[:3], atol=1e-12)
 
 
 def test_what_does_not_broadcast_is_not_heard_and_craft_without_guidance_fly_as_ever():
@@ -195,7 +195,7 @@ def test_mistakes_in_a_docking_are_named(changes, message):
 def test_a_model_without_a_port_cannot_be_docked_to():
     scenario = swarm.load("docking", ("craft[1].model=mockup",))
     with pytest.raises(SwarmError, match=r"motion.target = 'berth'.*mockup.xml has no docking port"):
-        build.fleet(scenario)
+        builders.fleet(scenario)
 
 
 @pytest.mark.parametrize(
@@ -216,4 +216,4 @@ def test_mistakes_in_a_formation_are_named(figures, message):
 def test_a_projected_circle_needs_an_orbit():
     scenario = swarm.load("formation-reconfigure", ('swarm.motion.figures=[{shape="projected-circle",radius_m=1.0}]',))
     with pytest.raises(SwarmError, match=r"projected-circle.*\[orbit\]"):
-        build.fleet(scenario)
+        builders.fleet(scenario)

@@ -12,7 +12,7 @@ from estimators import rotation as rot
 from estimators.ray_cast import cast
 from swarm import load, simulate
 from swarm.assets import find_model
-from swarm.build import check
+from swarm.builders import check
 from swarm.errors import SwarmError
 from swarm.experiments import reproduce
 from swarm.experiments.lidar import Turntable, error_deg, quantiles, turned

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimators import rotation as rot
-from swarm import build
+from swarm import builders
 from swarm.flight.flight import Flight
 from swarm.layout import Photodiodes, pad
 from swarm.onboard.acquisition import DECISIVE, Sighting, follow, search
@@ -64,15 +64,15 @@ def swarm_run() -> tuple[Flight, list[Pulses], list[Estimate]]:
 @pytest.mark.parametrize("bank", ["filterpy", "compiled"])
 def test_a_craft_knows_the_same_alone_and_in_a_swarm_bit_for_bit(swarm_run, bank):
     flight, pulses, together = swarm_run
-    settings = replace(build.navigation(load("crossing")), filter=bank)
+    settings = replace(builders.navigation(load("crossing")), filter=bank)
     if bank != "filterpy":
-        decoder = build.decoder(load("crossing"), flight.world.photodiodes.present)
+        decoder = builders.decoder(load("crossing"), flight.world.photodiodes.present)
         navigator = Navigator(flight.world.photodiodes, settings)
         together = [navigator.step(decoder.decode(period)) for period in pulses]
     tracked = 0
     for craft in range(flight.world.photodiodes.craft_count):
         layout = flight.world.photodiodes.of(craft)
-        decoder = build.decoder(load("crossing"), layout.present)
+        decoder = builders.decoder(load("crossing"), layout.present)
         navigator = Navigator(layout, settings)
         for every, period in zip(together, pulses, strict=True):
             own = navigator.step(decoder.decode(alone(period, craft)))

@@ -13,7 +13,7 @@ from annotated_types import Ge, Gt, Le, Lt
 from pydantic.fields import FieldInfo
 
 from estimators import error_state
-from swarm import build, scenario
+from swarm import builders, scenario
 from swarm.assets import scenarios
 from swarm.errors import SwarmError
 from swarm.motion import fleet as motion
@@ -182,7 +182,7 @@ def test_every_default_is_written_and_what_is_unset_says_so() -> None:
         ),
         (
             '[[craft]]\nmotion = {kind = "waypoints", points_m = [[0, 0, 1]], times_s = [30]}',
-            "craft[0].motion.times_s = [30]: the first time (30 s) must lie within the run, which ends at duration_s = 30",
+            "times_s = [30]: the first time (30 s) must lie within the run, which ends at duration_s = 30 s",
         ),
         (
             '[[craft]]\nmotion = {kind = "waypoints", points_m = [], times_s = [1]}',
@@ -343,7 +343,7 @@ def test_craft_are_numbered_swarm_first(file: Path) -> None:
     assert [c.name for c in craft] == ["craft-0", "craft-1", "craft-2", "odd"]
     assert [(c.index, c.count) for c in craft] == [(0, 2), (1, 2), (0, 1), (0, 1)]
     assert [c.model.stem for c in craft] == ["mockup", "mockup", "mockup", "cubesat6u"]
-    assert build.steers_by_estimate(load(file)).tolist() == [False, False, False, True]
+    assert builders.steers_by_estimate(load(file)).tolist() == [False, False, False, True]
 
 
 def test_a_replay_takes_only_what_it_uses() -> None:
@@ -395,14 +395,14 @@ def test_settings_are_si() -> None:
             "lighthouse.rate_hz=50",
         ],
     )
-    station = build.lighthouse(settings)
+    station = builders.lighthouse(settings)
     assert station.angle_noise_rad == pytest.approx(4.266e-5, rel=1e-4)  # 8.8", as source 1's note has it
     assert station.field_rad == pytest.approx(2 * math.pi / 3, rel=1e-15)
     assert station.incidence_max_rad == pytest.approx(1.3962634, rel=1e-7)
     assert (station.sync_jitter_s, station.tick_s) == pytest.approx((3e-9, 2e-8), rel=1e-15)
     assert (station.mounting_error_m, station.photodiode_diameter_m) == pytest.approx((5e-4, 3e-3), rel=1e-15)
     assert station.fan_y.gibbous_magnitude == 0.01
-    craft = build.navigation(settings)
+    craft = builders.navigation(settings)
     assert craft.frame_s == 0.02
     assert craft.angle_noise_rad == station.angle_noise_rad
     assert craft.rotor_correlation == station.rotor_correlation
@@ -411,11 +411,11 @@ def test_settings_are_si() -> None:
 def test_a_craft_never_believes_more_than_its_ticks_allow() -> None:
     settings = load("formation", ["lighthouse.angle_noise_arcsec=0"])
     # Uniform rounding of two instants to 20 ns, at 60 turns per second: 2 pi 60 sqrt(2 / 12) 20e-9 rad.
-    assert build.navigation(settings).angle_noise_rad == pytest.approx(3.078e-6, rel=1e-3)
+    assert builders.navigation(settings).angle_noise_rad == pytest.approx(3.078e-6, rel=1e-3)
 
 
 def test_process_noise_defaults_are_the_filters() -> None:
-    made = build.navigation(load("formation"))
+    made = builders.navigation(load("formation"))
     assert made.acceleration_noise_m_s2 == error_state.DEFAULT_ACCELERATION_NOISE_M_S2
     # The scenario has it in degrees: a rounding error of the conversion.
     assert made.angular_acceleration_noise_rad_s2 == pytest.approx(
@@ -426,11 +426,11 @@ def test_process_noise_defaults_are_the_filters() -> None:
 def test_drift_is_the_filters_own_model_unless_told() -> None:
     def drift(*overrides: str) -> motion.Drift:
         settings = load("drift", overrides)
-        made = build.craft._motion(scenario.craft(settings)[0], settings)
+        made = builders.craft._motion(scenario.craft(settings)[0], settings)
         assert isinstance(made, motion.Drift)
         return made
 
-    believed = build.navigation(load("drift", ["navigation.acceleration_noise_m_s2=0.3"]))
+    believed = builders.navigation(load("drift", ["navigation.acceleration_noise_m_s2=0.3"]))
     own = drift("navigation.acceleration_noise_m_s2=0.3")
     assert own.acceleration_m_s2 == believed.acceleration_noise_m_s2 == 0.3
     assert own.angular_acceleration_rad_s2 == believed.angular_acceleration_noise_rad_s2
@@ -451,7 +451,7 @@ def test_every_motion_becomes_its_record(file: Path) -> None:
     entries = (f'[[craft]]\nmotion = {{ kind = "{k}", {rest}, {turned} }}\n' for k, rest in kinds.items())
     file.write_text("".join(entries))
     settings = load(file)
-    made = [build.craft._motion(c, settings) for c in scenario.craft(settings)]
+    made = [builders.craft._motion(c, settings) for c in scenario.craft(settings)]
     attitude = motion.Attitude(False, math.pi, math.pi / 2, math.pi / 4, 2 * math.pi)
     one, four = (1.0, 2.0, 3.0), (4.0, 5.0, 6.0)
     noise = settings.navigation
@@ -485,7 +485,7 @@ def test_every_motion_becomes_its_record(file: Path) -> None:
 )
 def test_craft_inside_another_one_name_the_keys_to_change(overrides: list[str], where: str) -> None:
     with pytest.raises(SwarmError) as raised:
-        build.check(load("formation", overrides))
+        builders.check(load("formation", overrides))
     assert where in str(raised.value)
     assert "inside" in str(raised.value)
 
@@ -494,7 +494,7 @@ def test_a_motion_that_makes_no_sense_names_its_keys() -> None:
     with pytest.raises(
         SwarmError, match=r"scenario static: craft\[1\]\.motion\.position_m = \[0\.0, 1\.0, 0\.0\]: .*face"
     ):
-        build.check(load("static", ["craft[1].motion.position_m=[0.0, 1.0, 0.0]"]))
+        builders.check(load("static", ["craft[1].motion.position_m=[0.0, 1.0, 0.0]"]))
 
 
 def test_a_model_with_too_few_photodiodes_names_its_key(file: Path, tmp_path: Path) -> None:
@@ -505,7 +505,7 @@ def test_a_model_with_too_few_photodiodes_names_its_key(file: Path, tmp_path: Pa
         '[swarm]\ncount = 1\n[[craft]]\nmodel = "few.xml"\nmotion = {kind = "hold", position_m = [1, 0, 3]}'
     )
     with pytest.raises(SwarmError) as raised:
-        build.check(load(file))
+        builders.check(load(file))
     assert "craft[0].model = " in str(raised.value)
     assert "3 photodiodes" in str(raised.value)
 

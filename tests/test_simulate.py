@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 import swarm
 from estimators import rotation as rot
-from swarm import build
+from swarm import builders
 from swarm.assets import scenarios
 from swarm.errors import SwarmError
 from swarm.flight.flight import Flight
@@ -190,7 +190,7 @@ def test_a_swarm_fills_the_field_and_nearly_all_of_it_tracks(flown):
     assert figures["ekf_position_rms_m"] < 0.02
     assert not column(run, "contact").any()
     settings = swarm.load("swarm1000")
-    first = build.fleet(settings).start().position
+    first = builders.fleet(settings).start().position
     field = np.tan(np.radians(settings.lighthouse.field_deg / 2))
     assert np.all(np.abs(first[:, :2]) < field * first[:, 2:])
     assert np.linalg.norm(first, axis=1).max() < settings.lighthouse.range_max_m

@@ -30,7 +30,7 @@ from estimators.arrays import Bools, Floats
 from estimators.dop import dilution
 from estimators.pnp import refine
 from estimators.sweep import correct
-from swarm import build
+from swarm import builders
 from swarm.flight.flight import Flight
 from swarm.images import LightImages
 from swarm.layout import Photodiodes
@@ -152,8 +152,8 @@ class _Onboard:
 
     def metrics(self) -> Metrics:
         """Fly craft 0 once more on its own pulses, and compare."""
-        decoder = build.decoder(self._scenario, self._one.present)
-        navigator = Navigator(self._one, build.navigation(self._scenario))
+        decoder = builders.decoder(self._scenario, self._one.present)
+        navigator = Navigator(self._one, builders.navigation(self._scenario))
         own_s, apart_m = [], 0.0
         for pulses, command, position in zip(self._pulses, self._commands, self._positions, strict=True):
             began = thread_time()
@@ -173,7 +173,7 @@ class _Central:
 
     def __init__(self, scenario: Scenario, navigator: Navigator, photodiodes: Photodiodes) -> None:
         self._navigator, self._layout = navigator, photodiodes
-        self._settings = build.navigation(scenario)
+        self._settings = builders.navigation(scenario)
         self._rate_hz = scenario.lighthouse.rate_hz
         self._angles: SweepAngles | None = None
         self._before: Estimate | None = None

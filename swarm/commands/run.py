@@ -60,11 +60,11 @@ def check(scenario: Scenario, overrides: Overrides = None, seed: Seed = None) ->
     swarm check formation --set swarm.count=16 > mine.toml
     """
     with mistakes():
-        from swarm import build
+        from swarm import builders
         from swarm.scenario import load, to_toml
 
         settings = load(scenario, overrides or (), seed)
-        build.check(settings)
+        builders.check(settings)
         typer.echo(to_toml(settings), nl=False)
         if sys.stdout.isatty():
             typer.echo(

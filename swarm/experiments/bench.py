@@ -14,7 +14,7 @@ from estimators import rotation as rot
 from estimators.arrays import Bools, Floats
 from estimators.pnp import PoseSolution, refine
 from estimators.sweep import FanErrors, FanPair, kernel_errors
-from swarm import build
+from swarm import builders
 from swarm.layout import Photodiodes
 from swarm.motion.pointing import facing
 from swarm.onboard.acquisition import NONE, Sighting, follow, search
@@ -74,8 +74,8 @@ class Bench:
     def __init__(self, model: str = "mockup") -> None:
         """Build the craft's world, for its shape. Raises SwarmError where there is no such model."""
         scenario = validate({"swarm": {"count": 1, "model": model}}, file=model, folder=Path.cwd())
-        self.settings = build.lighthouse(scenario)
-        world = build.world(scenario, build.fleet(scenario))
+        self.settings = builders.lighthouse(scenario)
+        world = builders.world(scenario, builders.fleet(scenario))
         self.layout = world.photodiodes
         self._visibility = Visibility(
             world.model, self.layout, world.craft_bodies, world.lighthouse_body, self.settings
@@ -179,7 +179,7 @@ class Bench:
             *pulses,
         )
         present = np.broadcast_to(self.layout.present, (rows, photodiodes))
-        half = self.settings.field_rad / 2 + build.FAN_ERROR_MAX_RAD
+        half = self.settings.field_rad / 2 + builders.FAN_ERROR_MAX_RAD
         decoder = PulseDecoder(present, tick, rate_hz=self.settings.rate_hz, field_half_angle_rad=half)
         return decoder.decode(pulses)
 

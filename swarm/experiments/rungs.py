@@ -14,7 +14,7 @@ import numpy as np
 
 from estimators.arrays import Bools, Floats
 from estimators.sweep import FanPair, correct
-from swarm import build
+from swarm import builders
 from swarm.calibration.calibrate import calibrate_survey
 from swarm.calibration.survey import observe_run
 from swarm.experiments.alignment import Alignment, align
@@ -76,7 +76,7 @@ class Computer:
         """layout: as drawn. key: the craft's. known: what it knows if it is calibrated."""
         self._moving = rung.moving
         self._lighthouse = Lighthouse(layout, station(scenario, rung), scenario.seed, [key])
-        self._decoder = build.decoder(scenario, layout.present)
+        self._decoder = builders.decoder(scenario, layout.present)
         self._navigator = Navigator(known.photodiodes if rung.calibrated else layout, settings(scenario, rung, known))
         self._pnp: list[tuple[Floats, Floats]] = []
         self._filter: list[tuple[Floats, Floats]] = []
@@ -115,7 +115,7 @@ def calibrated(scenario: Scenario, layout: Photodiodes) -> Knowledge:
 
 def station(scenario: Scenario, rung: Rung) -> LighthouseSettings:
     """The station and the mounting, with the rung's errors only."""
-    out = build.lighthouse(scenario)
+    out = builders.lighthouse(scenario)
     if not rung.fans:
         out = replace(out, fan_x=PERFECT[0], fan_y=PERFECT[1])
     return out if rung.mounting else replace(out, mounting_error_m=0.0)
@@ -123,7 +123,7 @@ def station(scenario: Scenario, rung: Rung) -> LighthouseSettings:
 
 def settings(scenario: Scenario, rung: Rung, known: Knowledge) -> NavigationSettings:
     """The on-board computer's settings on a rung."""
-    out = replace(build.navigation(scenario), motion_compensation=rung.compensated)
+    out = replace(builders.navigation(scenario), motion_compensation=rung.compensated)
     if rung.calibrated:
         out = replace(out, fan_x=known.fans[0], fan_y=known.fans[1])
     trusted = (rung.calibrated and rung.compensated) or not rung.moving

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimators.arrays import Floats
 from estimators.rotation import matrix_from_quaternion
-from swarm import build
+from swarm import builders
 from swarm.actuation.actuators import Drive
 from swarm.actuation.execution import ActuatorFaults
 from swarm.faults.injection import Faults
@@ -31,16 +31,16 @@ class Dynamics:
 
     def __init__(self, scenario: Scenario) -> None:
         """Build the craft where they start. Raises SwarmError where the scenario cannot fly."""
-        self.motions = build.fleet(scenario)
-        self.world = build.world(scenario, self.motions)
-        self.orbit = build.orbit(scenario)
-        self.actuators = build.actuators(scenario, self.world)
-        self.pushes = build.pushes(scenario)
-        self._by_estimate = build.steers_by_estimate(scenario)
+        self.motions = builders.fleet(scenario)
+        self.world = builders.world(scenario, self.motions)
+        self.orbit = builders.orbit(scenario)
+        self.actuators = builders.actuators(scenario, self.world)
+        self.pushes = builders.pushes(scenario)
+        self._by_estimate = builders.steers_by_estimate(scenario)
         self.guided = GuidedFlight(scenario, self.motions, self.world, self._by_estimate)
         self._period_s = 1 / scenario.lighthouse.rate_hz
         craft = len(self.world.names)
-        start = build.start(scenario, self.motions)
+        start = builders.start(scenario, self.motions)
         self._true = State(matrix_from_quaternion(start.quaternion), start.angular_rate, start.position, start.velocity)
         self._estimated = control.unknown(craft)
         self.command = Command(*np.zeros((2, craft, 3)))

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.arrays import Bools, Floats
-from swarm import build
+from swarm import builders
 from swarm.flight.dynamics import Dynamics
 from swarm.flight.scene import scene
 from swarm.onboard.decoder import SweepAngles
@@ -46,25 +46,26 @@ class Flight:
 
     def __init__(self, scenario: Scenario) -> None:
         """Build everything. Raises SwarmError where the scenario cannot fly."""
-        settings = build.lighthouse(scenario)
+        settings = builders.lighthouse(scenario)
         self.dynamics = Dynamics(scenario)
         self.world = self.dynamics.world
-        layout = build.photodiodes(scenario, self.world)
+        layout = builders.photodiodes(scenario, self.world)
         self.visibility = Visibility(
             self.world.model, layout, self.world.craft_bodies, self.world.lighthouse_body, settings
         )
-        self.lighthouse = Lighthouse(layout, settings, scenario.seed, build.craft_keys(scenario))
-        self.faults = build.faults(scenario, self.world, self.lighthouse, self.visibility)
-        self.decoder = build.decoder(scenario, layout.present)
-        cameras = build.cameras(scenario, self.world, self.dynamics.motions.at(0.0))
+        self.lighthouse = Lighthouse(layout, settings, scenario.seed, builders.craft_keys(scenario))
+        self.faults = builders.faults(scenario, self.world, self.lighthouse, self.visibility)
+        self.decoder = builders.decoder(scenario, layout.present)
+        cameras = builders.cameras(scenario, self.world, self.dynamics.motions.at(0.0))
         pairs = [true for true, _ in cameras]
         self.ccd = Ccd(pairs, self.visibility, scenario.seed, scenario.duration_s) if cameras else None
-        self.lidars = build.lidars(scenario, self.world)
-        self.inspection = build.inspection(scenario, self.lidars)
-        navigation, own_layout = build.navigation(scenario), build.believed_layout(scenario, self.world.photodiodes)
+        self.lidars = builders.lidars(scenario, self.world)
+        self.inspection = builders.inspection(scenario, self.lidars)
+        navigation = builders.navigation(scenario)
+        own_layout = builders.believed_layout(scenario, self.world.photodiodes)
         own_layout = own_layout._replace(present=layout.present)
         self.navigator = Navigator(own_layout, navigation, [known for _, known in cameras])
-        fans, noise = (navigation.fan_x, navigation.fan_y), build.angle_noise(scenario)
+        fans, noise = (navigation.fan_x, navigation.fan_y), builders.angle_noise(scenario)
         self.believed = believed(self.world.names, own_layout, fans, noise)
         self.angles: SweepAngles | None = None
         self.scans: list[LidarFix] = []

@@ -10,7 +10,7 @@ import numpy as np
 from estimators.arrays import Bools, Floats
 from estimators.relative_orbit import RelativeOrbit
 from estimators.rotation import matrix_from_quaternion
-from swarm import build
+from swarm import builders
 from swarm.guidance.guidance import Knowledge
 from swarm.motion.fleet import Fleet, Reference
 from swarm.onboard import control
@@ -31,8 +31,8 @@ class GuidedFlight:
         station = motions.at(0.0)
         self._motions, self._world = motions, world
         self._blind = steers_by_estimate
-        self._matings = build.matings(settings)
-        self._guidance = build.guidance(settings, self._matings, station)
+        self._matings = builders.matings(settings)
+        self._guidance = builders.guidance(settings, self._matings, station)
         nothing = np.zeros(len(steers_by_estimate))
         self._known = Knowledge(nothing > 0, nothing, nothing > 0)
         self._period_s = 1 / settings.lighthouse.rate_hz

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from estimators.layout_error import Mix
 from estimators.pnp import FEWEST_LIT
-from swarm import build, scenario
+from swarm import builders, scenario
 from swarm.assets import find_model
 from swarm.errors import SwarmError
 from swarm.placement.poses import PoseRange
@@ -58,7 +58,7 @@ def task(request: Request) -> Task:
         raise SwarmError(
             f"--off-axis-deg {request.off_axis_deg:g}: must be at least 0 and below {largest:g}, the field"
         )
-    settings = build.lighthouse(_scenario(request.overrides))
+    settings = builders.lighthouse(_scenario(request.overrides))
     return Task(
         Hull(find_model(request.model)),
         settings,

@@ -1,6 +1,6 @@
 """The tables of a scenario that say what moves the craft beside their control: `[orbit]` and `[craft.actuation]`.
 
-`swarm.build` turns them into `estimators.relative_orbit` and `swarm.actuation`.
+`swarm.builders` turns them into `estimators.relative_orbit` and `swarm.actuation`.
 """
 
 from typing import Literal

@@ -1,7 +1,7 @@
 """What a scenario file may say: one frozen pydantic model per table, extra keys forbidden.
 
 A key carries its unit as a suffix. The description of every field is what the scenario reference, the JSON schema
-for editors and the error messages say about it. Nothing here computes: `swarm.build` turns it into SI settings.
+for editors and the error messages say about it. Nothing here computes: `swarm.builders` turns it into SI settings.
 """
 
 from collections.abc import Iterator

@@ -14,9 +14,9 @@ from estimators.arrays import Bools
 from estimators.rotation import matrix_from_quaternion
 from swarm import scenario
 from swarm.assets import find_model
-from swarm.build.cameras import craft_keys
-from swarm.build.dynamics import orbit
-from swarm.build.guidance import beginning, facing_port, matings
+from swarm.builders.cameras import craft_keys
+from swarm.builders.dynamics import orbit
+from swarm.builders.guidance import beginning, facing_port, matings
 from swarm.errors import SwarmError
 from swarm.layout import Photodiodes
 from swarm.motion import fleet as motion

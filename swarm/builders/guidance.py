@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from estimators.relative_orbit import RelativeOrbit
 from swarm import scenario
-from swarm.build.dynamics import orbit
+from swarm.builders.dynamics import orbit
 from swarm.errors import SwarmError
 from swarm.guidance.corridor import Corridor
 from swarm.guidance.docking import Docking, DockingPlan

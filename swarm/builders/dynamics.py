@@ -6,7 +6,7 @@ from estimators.relative_orbit import RelativeOrbit, circular
 from swarm import scenario
 from swarm.actuation.actuators import Actuators
 from swarm.actuation.hardware import Fitted
-from swarm.build.cameras import craft_keys
+from swarm.builders.cameras import craft_keys
 from swarm.scenario import Scenario
 from swarm.world.world import World
 

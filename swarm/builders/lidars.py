@@ -3,7 +3,7 @@
 from math import radians
 
 from swarm import scenario
-from swarm.build.cameras import craft_keys
+from swarm.builders.cameras import craft_keys
 from swarm.errors import SwarmError
 from swarm.onboard.inspection import Inspection, InspectionSettings, Observer
 from swarm.scenario import Lidar as LidarTable

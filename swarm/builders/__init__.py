@@ -4,14 +4,14 @@ Everything that a scenario alone cannot show is wrong, a craft inside another on
 found here, before anything is written.
 """
 
-from swarm.build.cameras import cameras, craft_keys
-from swarm.build.craft import fleet, photodiodes, pushes, start, steers_by_estimate, world
-from swarm.build.dynamics import actuators, orbit
-from swarm.build.faults import check_faults, faults
-from swarm.build.guidance import guidance, matings
-from swarm.build.lidars import inspection, lidars
-from swarm.build.navigation import believed_layout, navigation
-from swarm.build.station import ARCSEC, FAN_ERROR_MAX_RAD, angle_noise, decoder, lighthouse
+from swarm.builders.cameras import cameras, craft_keys
+from swarm.builders.craft import fleet, photodiodes, pushes, start, steers_by_estimate, world
+from swarm.builders.dynamics import actuators, orbit
+from swarm.builders.faults import check_faults, faults
+from swarm.builders.guidance import guidance, matings
+from swarm.builders.lidars import inspection, lidars
+from swarm.builders.navigation import believed_layout, navigation
+from swarm.builders.station import ARCSEC, FAN_ERROR_MAX_RAD, angle_noise, decoder, lighthouse
 from swarm.scenario import Scenario
 
 __all__ = [

@@ -1,6 +1,6 @@
 """From a scenario's `[[fault]]` tables to what goes wrong in its run."""
 
-from swarm.build.cameras import craft_keys
+from swarm.builders.cameras import craft_keys
 from swarm.errors import SwarmError
 from swarm.faults.injection import Faults
 from swarm.scenario import Scenario

@@ -4,8 +4,8 @@ from dataclasses import replace
 from math import inf, pi, radians, sqrt
 
 from swarm import scenario
-from swarm.build.dynamics import orbit
-from swarm.build.station import ARCSEC
+from swarm.builders.dynamics import orbit
+from swarm.builders.station import ARCSEC
 from swarm.errors import SwarmError, did_you_mean
 from swarm.layout import Photodiodes
 from swarm.onboard.integrity import IntegritySettings
