@@ -67,8 +67,8 @@ def worst_slopes(
         inverse[4, 5],
         inverse[5, 5],
     )
-    s00, s01, s02, s03, s04, s05 = s[0]
-    s10, s11, s12, s13, s14, s15 = s[1]
+    t00, t01, t02, t03, t04, t05 = t[0]
+    t10, t11, t12, t13, t14, t15 = t[1]
     # Straight through, without a branch, so that several photodiodes go through side by side.
     for k in range(n):
         x0, x1, x2, x3, x5 = rows[0, 0, k], rows[0, 1, k], rows[0, 2, k], rows[0, 3, k], rows[0, 4, k]
@@ -86,11 +86,11 @@ def worst_slopes(
         q3 = i03 * y0 + i13 * y1 + i23 * y2 + i34 * y4 + i35 * y5
         q4 = i04 * y0 + i14 * y1 + i24 * y2 + i44 * y4 + i45 * y5
         q5 = i05 * y0 + i15 * y1 + i25 * y2 + i45 * y4 + i55 * y5
-        # The photodiode's rows of U.
-        ux0 = 1 - (p0 * s00 + p1 * s01 + p2 * s02 + p3 * s03 + p4 * s04 + p5 * s05)
-        ux1 = -(p0 * s10 + p1 * s11 + p2 * s12 + p3 * s13 + p4 * s14 + p5 * s15)
-        uy0 = -(q0 * s00 + q1 * s01 + q2 * s02 + q3 * s03 + q4 * s04 + q5 * s05)
-        uy1 = 1 - (q0 * s10 + q1 * s11 + q2 * s12 + q3 * s13 + q4 * s14 + q5 * s15)
+        # The photodiode's rows of U: less x^T N^-1 s.
+        ux0 = 1 - (x0 * t00 + x1 * t01 + x2 * t02 + x3 * t03 + x5 * t05)
+        ux1 = -(x0 * t10 + x1 * t11 + x2 * t12 + x3 * t13 + x5 * t15)
+        uy0 = -(y0 * t00 + y1 * t01 + y2 * t02 + y4 * t04 + y5 * t05)
+        uy1 = 1 - (y0 * t10 + y1 * t11 + y2 * t12 + y4 * t14 + y5 * t15)
         # A_k
         axx = 1 - (x0 * p0 + x1 * p1 + x2 * p2 + x3 * p3 + x5 * p5)
         axx -= w00 * ux0 * ux0 + 2 * w01 * ux0 * ux1 + w11 * ux1 * ux1
