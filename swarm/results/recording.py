@@ -90,6 +90,8 @@ class Recording:
         self._every = min(6, -(-craft // MOST_SINGLE))
         self._detail = [scene.craft.index(name) for name in scene.detail] or list(range(min(1, craft)))
         self._near = np.array(self._detail if self._crowd else range(craft), dtype=np.int64)
+        still = set(scene.without_sensors)
+        self._navigating = {i for i in range(craft) if scene.craft[i] not in still}
         self._colour = drawing.palette(craft)
         self._early: list[Period] = []
         self._waiting: list[Batch] = []
@@ -240,7 +242,8 @@ class Recording:
         points = self._scene.photodiodes.point_m[i][self._scene.photodiodes.present[i]]
         self._static(f"{self._body(i)}/photodiodes", rr.Points3D(points, radii=-2.0))
         states = rr.StateConfiguration(values=list(STATUS), colors=np.array(STATUS_COLOURS, dtype=np.uint32))
-        self._static(f"status/{name}", states)
+        if i in self._navigating:
+            self._static(f"status/{name}", states)
         for column in self._states():
             names = self._scene.extra[column].names
             ink = np.array([STATE_COLOURS[k % len(STATE_COLOURS)] for k in range(len(names))], dtype=np.uint32)
@@ -308,8 +311,9 @@ class Recording:
         for plot in self._plots:
             send(plot.entity, rr.Scalars.columns(scalars=plot.values(batch)))
         for i in self._near:
-            states = [STATUS[code] for code in batch.status[:, i]]
-            send(f"status/{self._scene.craft[i]}", rr.StateChange.columns(state=states))
+            if int(i) in self._navigating:
+                states = [STATUS[code] for code in batch.status[:, i]]
+                send(f"status/{self._scene.craft[i]}", rr.StateChange.columns(state=states))
             for column in self._states():
                 name, names = self._scene.extra[column].name, self._scene.extra[column].names
                 codes = batch.extra[:, i, column]
