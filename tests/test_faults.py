@@ -428,3 +428,18 @@ def test_a_scenario_with_faults_is_written_out_and_read_again(tmp_path):
     (tmp_path / "again.toml").write_text(swarm.scenario.to_toml(scenario))
     again = swarm.load(tmp_path / "again.toml")
     assert again.fault == scenario.fault
+
+
+@pytest.mark.parametrize(
+    ("fault", "message"),
+    [
+        ('kind="thruster-stuck", at_s=1, thruster=0', "--set: fault[0].state: missing: How it is stuck."),
+        ('kind="restart", at_s=1, crft="a"', "--set: fault[0].crft = \"a\": unknown key; did you mean 'craft'?"),
+        ('kind="restart", at_s=-1', "--set: fault[0].at_s = -1: must be at least 0 s"),
+        ('kind="restart", at_s=1, craft="nobody"', '--set: fault[0].craft[0] = "nobody": no craft has the name'),
+    ],
+)
+def test_a_mistake_in_a_fault_is_told_by_its_place(fault, message):
+    with pytest.raises(SwarmError) as raised:
+        swarm.load("formation", [f"fault=[{{{fault}}}]"])
+    assert message in str(raised.value)

@@ -65,6 +65,11 @@ def check(scenario: Scenario, overrides: Overrides = None, seed: Seed = None) ->
 
         settings = load(scenario, overrides or (), seed)
         builders.check(settings)
+        if settings.criteria:
+            from swarm.flight.flight import Flight
+            from swarm.results.run_writer import check_criteria
+
+            check_criteria(settings, Flight(settings).scene)
         typer.echo(to_toml(settings), nl=False)
         if sys.stdout.isatty():
             typer.echo(

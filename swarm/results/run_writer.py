@@ -85,6 +85,11 @@ class RunWriter:
         )
 
 
+def check_criteria(scenario: Scenario, scene: Scene, replay: bool = False) -> None:
+    """Raises SwarmError where a criterion is about nothing that a run of this scene measures."""
+    check_measures(scenario.criteria, schema(replay, bool(scene.ccd), bool(scene.lidar), scene.extra), scenario.name)
+
+
 @contextmanager
 def writing_run(
     scenario: Scenario,
@@ -106,7 +111,7 @@ def writing_run(
     raised on; the scenario's criteria are judged at the end. Raises SwarmError where nothing can be written, or where a
     criterion measures what this run does not.
     """
-    check_measures(scenario.criteria, schema(replay, bool(scene.ccd), bool(scene.lidar), scene.extra), scenario.name)
+    check_criteria(scenario, scene, replay)
     with RunFolder.create(scenario.name, scenario.seed, None if out is None else Path(out), force) as folder:
         folder.write_scenario(to_toml(scenario, versions()))
         telemetry = Telemetry(

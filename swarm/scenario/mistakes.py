@@ -102,6 +102,9 @@ def _choices(annotation: Any) -> tuple[Any, ...]:
 def value_at(data: Any, path: Path) -> Any:
     """What the file says there, or None."""
     for part in path:
+        if isinstance(data, str):
+            # One word where a list of words may stand.
+            return data
         try:
             data = data[part]
         except (KeyError, IndexError, TypeError):
@@ -242,7 +245,7 @@ def _place(loc: Path, root: type[Table]) -> Place:
     inner: tuple[type[Table], ...] = (root,)
     path: list[str | int] = []
     for part in loc:
-        if len(inner) > 1:
+        if len(inner) > 1 and isinstance(part, str):
             inner = tuple(t for t in inner if kind_of(t) == part)
             continue
         path.append(part)
