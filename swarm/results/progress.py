@@ -13,7 +13,7 @@ from rich.text import Text
 PLAIN_EVERY_S = 5.0
 """Wall time between two plain lines."""
 COMPILES_FOR_S = 30
-"""What a first run compiles, more or less, and how long that takes on a core of 2023 that does little else."""
+"""What the compiling of a first run takes, more or less, on a core of 2023 that does little else."""
 COMPILING = f"compiling the kernels that this kind of run needs, once: about {COMPILES_FOR_S} s the first time"
 WIDE = 76
 """Columns from which the bar spells its units out."""

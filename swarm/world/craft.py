@@ -185,18 +185,7 @@ def _fuse(spec: mujoco.MjSpec, path: Path, free: bool) -> mujoco.MjModel:
             raise SwarmError(f"{path}: joint {joint.name!r} moves a part; a craft must be one rigid body")
         spec.delete(joint)
     # What refers to a body would keep it from being fused, and means nothing to one rigid body.
-    for kind in (
-        "keys",
-        "sensors",
-        "actuators",
-        "tendons",
-        "equalities",
-        "pairs",
-        "excludes",
-        "tuples",
-        "flexes",
-        "skins",
-    ):
+    for kind in REFERRING:
         for element in list(getattr(spec, kind)):
             spec.delete(element)
     root = spec.worldbody.bodies[0]
