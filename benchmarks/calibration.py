@@ -25,15 +25,15 @@ from scipy.stats import chi2
 
 from estimators import rotation as rot
 from estimators.arrays import Floats
-from estimators.calibration_model import linear_fans
-from estimators.calibration_problem import Problem, to_gauge
-from swarm.calibration.calibrate import Calibrated, calibrate_survey, held_out, to_survey
-from swarm.calibration.report import fan_sigmas, file_text
-from swarm.calibration.survey import observe_run
+from estimators.calibration.model import linear_fans
+from estimators.calibration.problem import Problem, to_gauge
 from swarm.flight.flight import Flight
+from swarm.flight.simulate import simulate
 from swarm.results.reading import values
 from swarm.scenario import load
-from swarm.simulate import simulate
+from swarm.studies.calibration.calibrate import Calibrated, calibrate_survey, held_out, to_survey
+from swarm.studies.calibration.report import fan_sigmas, file_text
+from swarm.studies.calibration.survey import observe_run
 
 CALIBRATED = ["navigation.angle_noise_arcsec=8.8", "navigation.rotor_correlation=0.8717"]
 

@@ -26,10 +26,10 @@ from typing import Any
 import numpy as np
 
 from estimators.arrays import Floats
-from estimators.dop import dilution
-from estimators.pnp import PoseSolution, refine_projections
-from estimators.pnp_start import cold_start
-from estimators.projection import angle_weights, projections
+from estimators.lighthouse.dop import dilution
+from estimators.lighthouse.pnp import PoseSolution, refine_projections
+from estimators.lighthouse.pnp_start import cold_start
+from estimators.lighthouse.projection import angle_weights, projections
 from estimators.rotation import angle_between, log
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))

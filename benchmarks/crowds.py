@@ -17,7 +17,7 @@ import numpy as np
 from harness import finish, options, show
 
 from estimators.arrays import Floats
-from swarm import layout
+from swarm import hardware as layout
 from swarm.assets import find_model, models
 from swarm.scenario import load
 from swarm.sensors.visibility import THICKNESS_M, Sight, Visibility

@@ -11,7 +11,7 @@ import numpy as np
 from harness import finish, interleaved, options, show
 from period import captured
 
-from estimators.dop import dilution
+from estimators.lighthouse.dop import dilution
 from estimators.rotation import exp, log, matrix_from_quaternion, skew
 
 

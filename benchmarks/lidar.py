@@ -2,7 +2,7 @@
 
     PYTHONPATH=. python benchmarks/lidar.py [--scans 40] [--seed 0]          (needs the extra `bench`)
 
-Scans of the turntable (`swarm.experiments.lidar`: 16 lines, 1 cm, 5 m) at attitudes drawn over SO(3). The reference
+Scans of the turntable (`swarm.studies.papers.lidar`: 16 lines, 1 cm, 5 m) at attitudes drawn over SO(3). The reference
 cloud of the peers is the target's whole surface, 20 000 points with normals; ours works on the mesh. Tracking starts up
 to 5 degrees and 5 cm off. Time is of the processor, one thread, median per scan, after one that is not counted:
 
@@ -29,12 +29,12 @@ import small_gicp
 
 from estimators import rotation as rot
 from estimators.arrays import Floats
-from estimators.scan import Scan
-from estimators.shape import Shape
-from estimators.target_acquisition import acquire
-from estimators.target_tracking import track
-from swarm.experiments.lidar import Turntable, error_deg
-from swarm.experiments.lidar_acquisition import random_rotations
+from estimators.lidar.acquisition import acquire
+from estimators.lidar.scan import Scan
+from estimators.lidar.shape import Shape
+from estimators.lidar.tracking import track
+from swarm.studies.papers.lidar import Turntable, error_deg
+from swarm.studies.papers.lidar_acquisition import random_rotations
 
 REFERENCE_POINTS, VOXEL_M, REACH_M = 20_000, 0.05, 0.3
 TURN_DEG, SHIFT_M, RIGHT_DEG = 5.0, 0.05, 2.0

@@ -2,8 +2,8 @@
 
     PYTHONPATH=. python benchmarks/lidar_conditions.py [--attitudes 40] [--seed 0] [--json]
 
-The satellite 5 m away at attitudes drawn over SO(3), the same for every row (`swarm.experiments.lidar`). Acquisition is
-from nothing, tracking from a prediction 5 degrees and 5 cm off. "Half missing": the outer half of one panel is not
+The satellite 5 m away at attitudes drawn over SO(3), the same for every row (`swarm.studies.papers.lidar`). Acquisition
+is from nothing, tracking from a prediction 5 degrees and 5 cm off. "Half missing": the outer half of one panel is not
 there, while the known shape has it. Right: within 2 degrees. Last, scans of crafts that are not the satellite, in its
 place, with its shape as the one looked for: how many are taken for it.
 """
@@ -18,12 +18,12 @@ from typing import Any
 import numpy as np
 
 from estimators import rotation as rot
-from estimators.target_acquisition import acquire
-from estimators.target_tracking import track
+from estimators.lidar.acquisition import acquire
+from estimators.lidar.tracking import track
 from swarm.assets import find_model
-from swarm.experiments.lidar import FIELD_RAD, Turntable, error_deg
-from swarm.experiments.lidar_acquisition import random_rotations
 from swarm.sensors.lidar import LidarSettings
+from swarm.studies.papers.lidar import FIELD_RAD, Turntable, error_deg
+from swarm.studies.papers.lidar_acquisition import random_rotations
 from swarm.world.surface import known_shape
 
 WHOLE = '<geom name="panel_right" class="panel" pos="0 1.05 0.1"'

@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from estimators.arrays import Bools
 from swarm.flight.flight import Flight
+from swarm.messages import Pulses
 from swarm.onboard import navigation
 from swarm.onboard.decoder import SweepAngles
 from swarm.onboard.navigation import Estimate
-from swarm.pulses import Pulses
 from swarm.results.records import Truth
 from swarm.scenario import load
 from swarm.sensors.visibility import Sight

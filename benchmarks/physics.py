@@ -13,7 +13,7 @@ from harness import finish, interleaved, options, show
 
 from estimators.arrays import Floats
 from estimators.rotation import matrix_from_quaternion
-from swarm import builders
+from swarm.flight import builders
 from swarm.scenario import load
 from swarm.world.world import World
 

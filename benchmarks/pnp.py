@@ -14,9 +14,9 @@ import numpy as np
 from harness import finish, interleaved, options, show
 from period import captured
 
-from estimators.pnp import refine
-from estimators.pnp_start import cold_starts
-from estimators.projection import projections
+from estimators.lighthouse.pnp import refine
+from estimators.lighthouse.pnp_start import cold_starts
+from estimators.lighthouse.projection import projections
 from estimators.rotation import angle_between, matrix_from_quaternion, quaternion_from_matrix
 
 

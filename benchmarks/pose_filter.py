@@ -11,8 +11,8 @@ import numpy as np
 from harness import finish, interleaved, options, show
 from period import captured
 
-from estimators.compiled_filter import CompiledFilterBank
-from estimators.pose_filter import PoseFilterBank
+from estimators.filter.compiled import CompiledFilterBank
+from estimators.filter.filterpy_bank import PoseFilterBank
 
 STATE = ("rotation", "angular_rate", "position", "velocity", "covariance")
 

@@ -15,8 +15,8 @@ from importlib.metadata import version
 from pathlib import Path
 
 from swarm.flight.flight import Flight
+from swarm.flight.simulate import simulate
 from swarm.scenario import Scenario, load
-from swarm.simulate import simulate
 
 
 def flown_s(scenario: Scenario, record: bool, folder: Path) -> float:

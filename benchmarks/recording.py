@@ -17,8 +17,8 @@ from period import captured
 from rerun.chunk import RrdReader
 
 from estimators.rotation import xyzw_from_wxyz
-from swarm.results.recorder import Period
-from swarm.results.recording import Recording
+from swarm.results.recording.recording import Recording
+from swarm.results.recording.scene import Period
 from swarm.results.records import Errors
 
 PERIODS, BY_LOG = 120, 4

@@ -23,7 +23,7 @@ import json, resource, sys, time
 began = time.perf_counter()
 from swarm.scenario import load
 from swarm.flight.flight import Flight
-from swarm.simulate import simulate
+from swarm.flight.simulate import simulate
 from estimators.kernel import told_of_compilation
 craft, fly_s, folder = int(sys.argv[1]), float(sys.argv[2]), sys.argv[3]
 compiled = [0]

@@ -2,10 +2,10 @@
 
     PYTHONPATH=. python benchmarks/stereo.py [--poses 2000] [--seed 0]
 
-Images of 1 um (3 sigma) at 28 mm, 0 m to 30 m between the docking points (`swarm.experiments.stereo`), all five lights
-seen. Per stretch of distance the RMS errors of attitude [deg] and of the target's position in the main camera's frame
-[mm], and per solver the time per pose on one thread. Ours take all poses in one call, and one by one, as a flight does;
-OpenCV takes them one by one:
+Images of 1 um (3 sigma) at 28 mm, 0 m to 30 m between the docking points (`swarm.studies.papers.stereo`), all five
+lights seen. Per stretch of distance the RMS errors of attitude [deg] and of the target's position in the main camera's
+frame [mm], and per solver the time per pose on one thread. Ours take all poses in one call, and one by one, as a flight
+does; OpenCV takes them one by one:
 
     triangulatePoints     points by DLT, then the rigid transform of least squares (SVD): what the closed form does
     solvePnP ITERATIVE    the main camera alone, from the start that our fit has (its own needs six points)
@@ -27,10 +27,10 @@ import numpy as np
 
 from estimators import rotation as rot
 from estimators.arrays import Floats
-from estimators.cameras import refine_cameras
-from estimators.stereo import stereo_pose
-from swarm.experiments import stereo
-from swarm.experiments.stereo import MARKER_M, Poses
+from estimators.stereo.cameras import refine_cameras
+from estimators.stereo.closed_form import stereo_pose
+from swarm.studies.papers import stereo
+from swarm.studies.papers.stereo import MARKER_M, Poses
 
 NOISE = stereo.IMAGE_NOISE_M / stereo.FOCAL_M
 STRETCHES_M = ((0, 5), (5, 10), (10, 20), (20, 30))

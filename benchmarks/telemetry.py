@@ -18,7 +18,7 @@ from harness import Times, finish, options, show, timed
 from period import captured
 
 from estimators.rotation import angle_between, matrix_from_quaternion
-from swarm.results.columns import schema
+from swarm.results.columns.schema import schema
 from swarm.results.reading import read_telemetry, values
 from swarm.results.telemetry import Telemetry
 

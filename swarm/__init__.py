@@ -8,20 +8,18 @@
 What is named here is imported when it is first used, so that `import swarm` and `swarm --help` cost nothing.
 """
 
-import sys
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from swarm.calibration.calibrate import calibrate_survey
-    from swarm.calibration.survey import observe_recording, observe_run
     from swarm.errors import SwarmError
-    from swarm.replay import replay
+    from swarm.flight.replay import replay
+    from swarm.flight.simulate import simulate
     from swarm.results.run_folder import Run, open_run
     from swarm.scenario import Scenario, load
-    from swarm.simulate import simulate
+    from swarm.studies.calibration.calibrate import calibrate_survey
+    from swarm.studies.calibration.survey import observe_recording, observe_run
 
 __all__ = [
     "Run",
@@ -41,26 +39,14 @@ _HOME = {
     "Run": "swarm.results.run_folder",
     "Scenario": "swarm.scenario",
     "SwarmError": "swarm.errors",
-    "calibrate_survey": "swarm.calibration.calibrate",
+    "calibrate_survey": "swarm.studies.calibration.calibrate",
     "load": "swarm.scenario",
-    "observe_recording": "swarm.calibration.survey",
-    "observe_run": "swarm.calibration.survey",
+    "observe_recording": "swarm.studies.calibration.survey",
+    "observe_run": "swarm.studies.calibration.survey",
     "open_run": "swarm.results.run_folder",
-    "replay": "swarm.replay",
-    "simulate": "swarm.simulate",
+    "replay": "swarm.flight.replay",
+    "simulate": "swarm.flight.simulate",
 }
-
-
-class _Package(ModuleType):
-    """The import system binds every submodule to its name here; `simulate` and `replay` stay the functions."""
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        if name in _HOME and isinstance(value, ModuleType):
-            value = getattr(value, name)
-        super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Package
 
 
 def __getattr__(name: str) -> Any:

@@ -5,10 +5,10 @@ from functools import lru_cache
 import numpy as np
 
 from estimators.arrays import Floats, Ints
-from estimators.ray_cast import cast
+from estimators.lidar.ray_cast import cast
+from estimators.lidar.scan import Scan
+from estimators.lidar.shape import Shape
 from estimators.rotation import matrix_from_quaternion
-from estimators.scan import Scan
-from estimators.shape import Shape
 
 DISTANCE = np.array([5.0, 0.0, 0.0])
 NOISE_M = 0.01

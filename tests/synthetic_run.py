@@ -13,7 +13,7 @@ PERIOD_S = 1 / 60
 
 
 class Pose(NamedTuple):
-    """Stands for estimators.pnp.PoseSolution."""
+    """Stands for estimators.lighthouse.pnp.PoseSolution."""
 
     rotation: Floats
     position: Floats
@@ -24,7 +24,7 @@ class Pose(NamedTuple):
 
 
 class Dop(NamedTuple):
-    """Stands for estimators.dop.Dilution."""
+    """Stands for estimators.lighthouse.dop.Dilution."""
 
     covariance: Floats
     adop_deg_per_rad: Floats

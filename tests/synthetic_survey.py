@@ -1,4 +1,4 @@
-"""Surveys with a known answer: poses strewn over the field, angles by `estimators.sweep.measured_theta`."""
+"""Surveys with a known answer: poses strewn over the field, angles by `estimators.lighthouse.sweep.measured_theta`."""
 
 from typing import NamedTuple
 
@@ -6,8 +6,8 @@ import numpy as np
 
 from estimators import rotation as rot
 from estimators.arrays import Floats
-from estimators.calibration_problem import Noise, Survey
-from estimators.sweep import FanErrors, FanPair, measured_theta
+from estimators.calibration.problem import Noise, Survey
+from estimators.lighthouse.sweep import FanErrors, FanPair, measured_theta
 
 PERFECT: FanPair = (FanErrors(), FanErrors())
 REAL: FanPair = (

@@ -5,17 +5,18 @@ import pytest
 
 import swarm
 from estimators import rotation as rot
-from swarm.actuation.actuators import Actuators
-from swarm.actuation.execution import ActuatorFaults, executed
-from swarm.actuation.hardware import Fitted
-from swarm.actuation.modulation import on_time, open_share
-from swarm.actuation.orders import UNLOAD_ABOVE
+from estimators.state import State
 from swarm.assets import find_model
 from swarm.errors import SwarmError
-from swarm.layout import Wheels
-from swarm.onboard.control import Command, State
+from swarm.flight.actuators import Actuators
+from swarm.hardware import Wheels
+from swarm.onboard.actuation.hardware import Fitted
+from swarm.onboard.actuation.modulation import on_time, open_share
+from swarm.onboard.actuation.orders import UNLOAD_ABOVE
+from swarm.onboard.control import Command
 from swarm.scenario import validate
 from swarm.world.craft import load_craft
+from swarm.world.execution import ActuatorFaults, executed
 from swarm.world.world import CraftStart, World
 
 T, STEPS = 1 / 60, 8

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from swarm.actuation.allocation import ROUNDS_PER_ACTUATOR, allocate
+from swarm.onboard.actuation.allocation import ROUNDS_PER_ACTUATOR, allocate
 
 
 def problems(count, thrusters=12, wheels=3, seed=0, reach=2.0):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from swarm.guidance.avoidance import Barrier, barriers, nearest, safe
-from swarm.guidance.broadcast import Broadcasts
+from swarm.onboard.guidance.avoidance import Barrier, barriers, nearest, safe
+from swarm.onboard.guidance.broadcast import Broadcasts
 
 T = 1 / 60
 

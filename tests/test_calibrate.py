@@ -15,20 +15,21 @@ import pytest
 import synthetic_recording
 
 import swarm
-from estimators.calibration_model import fan_errors, linear_fans
-from estimators.calibration_problem import Noise, to_gauge
-from estimators.sweep import FanErrors
-from swarm import builders, cli
-from swarm.calibration.calibrate import Calibrated, calibrate_survey
-from swarm.calibration.report import fan_sigmas, file_text
-from swarm.calibration.survey import observe_run
+from estimators.calibration.model import fan_errors, linear_fans
+from estimators.calibration.problem import Noise, to_gauge
+from estimators.lighthouse.sweep import FanErrors
+from swarm.cli import app as cli
 from swarm.errors import SwarmError
+from swarm.flight import builders
 from swarm.flight.flight import Flight
-from swarm.recordings.calibration_file import calibration_text, held_parts
-from swarm.recordings.station_calibration import StationCalibration, read_calibration
+from swarm.flight.recordings.calibration_file import calibration_text, held_parts
+from swarm.flight.recordings.station_calibration import StationCalibration, read_calibration
 from swarm.results.angles import AngleWriter, believed, read_angles
 from swarm.results.run_folder import Run
 from swarm.scenario import load
+from swarm.studies.calibration.calibrate import Calibrated, calibrate_survey
+from swarm.studies.calibration.report import fan_sigmas, file_text
+from swarm.studies.calibration.survey import observe_run
 
 DATA = Path(__file__).parents[2] / "shared" / "data" / "lighthouse-v1" / "lh1_test_cal.rec.gz"
 QUICK = (

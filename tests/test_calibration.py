@@ -8,10 +8,10 @@ from synthetic_survey import LAYOUT, NOISE, PERFECT, REAL, Truth, survey
 
 from estimators import rotation as rot
 from estimators.arrays import Floats
-from estimators.calibration import Calibration, Unobservable, calibrate
-from estimators.calibration_arrow import Whitening, arrow
-from estimators.calibration_model import linear_fans
-from estimators.calibration_problem import Problem, Survey, to_gauge
+from estimators.calibration.arrow import Whitening, arrow
+from estimators.calibration.model import linear_fans
+from estimators.calibration.problem import Problem, Survey, to_gauge
+from estimators.calibration.solve import Calibration, Unobservable, calibrate
 
 KNOWN = [pytest.param(True, id="poses known"), pytest.param(False, id="poses unknown")]
 

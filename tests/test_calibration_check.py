@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from synthetic_survey import LAYOUT, NOISE, PERFECT, REAL, survey
 
-from estimators.calibration_check import Sightings, solve_poses
-from estimators.calibration_model import linear_fans
-from estimators.calibration_problem import Noise
+from estimators.calibration.check import Sightings, solve_poses
+from estimators.calibration.model import linear_fans
+from estimators.calibration.problem import Noise
 
 POSES = 600
 

@@ -1,11 +1,11 @@
-"""The calibration's forward model against `estimators.sweep`, its slopes against finite differences."""
+"""The calibration's forward model against `estimators.lighthouse.sweep`, its slopes against finite differences."""
 
 import numpy as np
 import pytest
 from synthetic_survey import PERFECT, REAL
 
-from estimators.calibration_model import fan_errors, gibbous_sigma, linear_fans, place, predict
-from estimators.sweep import FanErrors, measured_theta
+from estimators.calibration.model import fan_errors, gibbous_sigma, linear_fans, place, predict
+from estimators.lighthouse.sweep import FanErrors, measured_theta
 
 
 def points(count: int = 200) -> np.ndarray:

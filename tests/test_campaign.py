@@ -16,14 +16,14 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from swarm import cli
-from swarm.campaign import cluster, conduct, study_folder
-from swarm.campaign.conduct import StudyProgress
-from swarm.campaign.plan import plan
-from swarm.campaign.study import load_study, study_toml
-from swarm.campaign.study_folder import JOURNAL, ROWS, STATE, FinishedStudy, open_study, table_of
-from swarm.campaign.task import LOST, Order, fly, is_wall_clock
+from swarm.cli import app as cli
 from swarm.errors import SwarmError
+from swarm.studies.campaign import cluster, conduct, study_folder
+from swarm.studies.campaign.conduct import StudyProgress
+from swarm.studies.campaign.plan import plan
+from swarm.studies.campaign.study import load_study, study_toml
+from swarm.studies.campaign.study_folder import JOURNAL, ROWS, STATE, FinishedStudy, open_study, table_of
+from swarm.studies.campaign.task import LOST, Order, fly, is_wall_clock
 
 ROOT = Path(__file__).parents[1]
 SMALL = """
@@ -201,7 +201,7 @@ def test_a_run_that_fails_is_a_row_with_its_reason() -> None:
 
 
 def test_a_defect_of_one_run_does_not_end_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("swarm.campaign.task._fly", lambda order: 1 // (order.number - 1) and ({}, None))
+    monkeypatch.setattr("swarm.studies.campaign.task._fly", lambda order: 1 // (order.number - 1) and ({}, None))
     done = conduct.conduct(load_study(write(SMALL), seeds=1), serial=True)
     assert [row["status"] for row in done.rows.to_pylist()] == ["complete", "failed"]
     assert done.rows.to_pylist()[1]["reason"].startswith("ZeroDivisionError: ")

@@ -11,16 +11,16 @@ from scipy.stats import chi2
 
 import swarm
 from estimators import rotation as rot
-from estimators.error_state import POSE_COLUMNS
-from swarm import builders
+from estimators.filter.error_state import POSE_COLUMNS
 from swarm.assets import find_model
 from swarm.errors import SwarmError
+from swarm.flight import builders
 from swarm.flight.flight import Flight
-from swarm.images import LightImages
+from swarm.messages import LightImages
 from swarm.onboard import ccd as onboard
 from swarm.onboard.ccd import CcdState
 from swarm.onboard.navigation import Sensor
-from swarm.results.columns import SENSORS
+from swarm.results.columns.schema import SENSORS
 from swarm.scenario import load, to_toml, validate
 from swarm.sensors.ccd import Ccd, Outage
 from swarm.sensors.visibility import Visibility

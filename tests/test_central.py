@@ -8,10 +8,10 @@ from scipy.stats import chi2
 
 from estimators import rotation as rot
 from estimators.arrays import Floats
-from estimators.central import CentralSolution, solve
-from estimators.dop import dilution
-from estimators.pnp import refine
-from estimators.projection import angle_weights, projections
+from estimators.lighthouse.central import CentralSolution, solve
+from estimators.lighthouse.dop import dilution
+from estimators.lighthouse.pnp import refine
+from estimators.lighthouse.projection import angle_weights, projections
 
 
 class Scene:

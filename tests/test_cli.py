@@ -15,12 +15,12 @@ from typing import Any, NamedTuple
 import pytest
 
 import swarm
-from swarm import cli
 from swarm.assets import models, scenarios, studies
-from swarm.experiments import EXPERIMENTS
+from swarm.cli import app as cli
 from swarm.results.progress import Progress
 from swarm.results.run_folder import Run, RunFolder, open_run
 from swarm.scenario import Scenario, load, to_toml
+from swarm.studies.papers import EXPERIMENTS
 
 HEAVY = {
     "mujoco",
@@ -80,7 +80,7 @@ def process(*arguments: str, **environment: str) -> subprocess.CompletedProcess[
 
 def test_nothing_heavy_is_imported_for_help() -> None:
     """`swarm --help` answers at once because of this; a timed assertion would fail on a busy machine."""
-    code = "import sys, swarm, swarm.cli; print(*{name.partition('.')[0] for name in sys.modules})"
+    code = "import sys, swarm, swarm.cli.app; print(*{name.partition('.')[0] for name in sys.modules})"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT).stdout
     assert not HEAVY & set(out.split())
 
@@ -285,7 +285,7 @@ FIGURES: dict[str, Any] = {"status": "complete", "swarm": None, "craft": {}}
 
 @pytest.fixture
 def simulator(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
-    """A stand-in for `swarm.simulate`, which notes how it was called and then does what `act` says."""
+    """A stand-in for `swarm.flight.simulate`, which notes how it was called and then does what `act` says."""
     seen: dict[str, Any] = {"act": lambda: None}
 
     def simulate(
@@ -298,9 +298,9 @@ def simulator(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
             folder.finish(FIGURES)
         return open_run(out)
 
-    module = ModuleType("swarm.simulate")
+    module = ModuleType("swarm.flight.simulate")
     module.simulate = simulate  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "swarm.simulate", module)
+    monkeypatch.setitem(sys.modules, "swarm.flight.simulate", module)
     return seen
 
 
@@ -359,7 +359,7 @@ def test_stopped_before_anything_was_written_says_so(
     def early(*_: Any, **__: Any) -> Run:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(sys.modules["swarm.simulate"], "simulate", early)
+    monkeypatch.setattr(sys.modules["swarm.flight.simulate"], "simulate", early)
     result = command("run", "formation")
     assert result.code == 130
     assert result.err.endswith("error: stopped by SIGINT before anything was written\n")
@@ -369,9 +369,9 @@ def test_the_package_offers_its_functions_whatever_was_imported_before() -> None
     code = """
 import swarm, sys
 assert callable(swarm.load) and not set(sys.modules) & {"mujoco", "rerun"}
-import swarm.simulate, swarm.replay
-assert swarm.simulate.__name__ == "simulate" and callable(swarm.simulate) and callable(swarm.replay)
-from swarm.simulate import simulate
+import swarm.flight.simulate, swarm.flight.replay
+assert swarm.flight.simulate.simulate.__name__ == "simulate" and callable(swarm.simulate) and callable(swarm.replay)
+from swarm.flight.simulate import simulate
 assert swarm.simulate is simulate
 assert set(swarm.__all__) <= set(dir(swarm))
 try:

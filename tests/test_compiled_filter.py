@@ -9,10 +9,10 @@ import pytest
 import swarm
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats
-from estimators.compiled_filter import CompiledFilterBank
-from estimators.filter_bank import FilterBank
-from estimators.pose_filter import PoseFilterBank
-from swarm.layout import pad
+from estimators.filter.bank import FilterBank
+from estimators.filter.compiled import CompiledFilterBank
+from estimators.filter.filterpy_bank import PoseFilterBank
+from swarm.hardware import pad
 from swarm.onboard.navigation import MOST_BY_FILTERPY, NavigationSettings, Navigator
 
 T = 1 / 60
@@ -53,7 +53,7 @@ def test_both_banks_keep_the_same_state_through_starts_gates_gaps_and_stops() ->
         for bank in banks:
             bank.stop(lost)
             bank.predict(step, active & ~lost)
-        # A pose solved with assumed rates is off by B times their error (`estimators.dop`).
+        # A pose solved with assumed rates is off by B times their error (`estimators.lighthouse.dop`).
         assumed = np.concatenate([banks[0].angular_rate, banks[0].velocity], axis=1)
         wrong = np.concatenate([rate, velocity], axis=1) - np.where(update[:, None], assumed, 0.0)
         off = coupling @ wrong[..., None] + np.linalg.cholesky(covariance) @ rng.standard_normal((COUNT, 6, 1))

@@ -9,7 +9,7 @@ import pytest
 import swarm
 from swarm.errors import SwarmError
 from swarm.report.run import sections
-from swarm.results.columns import STATUS, schema
+from swarm.results.columns.schema import STATUS, schema
 from swarm.results.criteria import check_measures, judge, summary_of
 from swarm.scenario import Criterion
 
@@ -183,7 +183,7 @@ max = {limit}
 
 @pytest.mark.parametrize(("limit", "code", "word"), [(1.0, 0, "held"), (1e-9, 1, "MISSED")])
 def test_a_run_prints_which_held_and_its_exit_code_says_it(tmp_path, capsys, monkeypatch, limit, code, word):
-    from swarm import cli
+    from swarm.cli import app as cli
 
     file = tmp_path / "short.toml"
     file.write_text(SCENARIO.format(limit=limit))

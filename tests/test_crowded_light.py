@@ -8,7 +8,7 @@ from test_visibility import L_FACES, L_VERTICES, Limits, brute_force, unit
 from estimators.arrays import Floats
 from estimators.rotation import matrix_from_quaternion
 from swarm.assets import find_model, models
-from swarm.layout import Photodiodes, pad
+from swarm.hardware import Photodiodes, pad
 from swarm.sensors.broad_phase import Placed, cell_of, place_into, sort_into_cells
 from swarm.sensors.hits import HULL, OTHER, hull_hit
 from swarm.sensors.solids import read_solids

@@ -6,8 +6,8 @@ import random
 import numpy as np
 import pytest
 
+from swarm.messages import Pulses
 from swarm.onboard.decoder import PulseDecoder, SweepAngles
-from swarm.pulses import Pulses
 
 TICK_S = 20e-9
 TURN = 1 / 60 / TICK_S

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from swarm.guidance.corridor import Corridor
-from swarm.guidance.docking import Docking, DockingPlan
-from swarm.guidance.glideslope import Glideslope, at_rest, brake, through, towards
-from swarm.guidance.phase import Phase
-from swarm.ports import Closing, Port, closing, docked_pose, placed
+from swarm.hardware import Closing, Port, closing, docked_pose, placed
+from swarm.onboard.guidance.corridor import Corridor
+from swarm.onboard.guidance.docking import Docking, DockingPlan
+from swarm.onboard.guidance.glideslope import Glideslope, at_rest, brake, through, towards
+from swarm.onboard.guidance.phase import Phase
 
 T = 1 / 60
 SLOPE = Glideslope(slope_per_s=0.25, speed_m_s=0.2, acceleration_m_s2=0.02)

@@ -6,8 +6,8 @@ from convex_target import ANGLE_NOISE, RHO, angle_errors, angles, draw, sweep_of
 
 from estimators import rotation as rot
 from estimators.arrays import Floats
-from estimators.dop import Dilution, dilution
-from estimators.pnp import refine
+from estimators.lighthouse.dop import Dilution, dilution
+from estimators.lighthouse.pnp import refine
 
 CRAFT = 30
 

@@ -14,19 +14,19 @@ from matplotlib.figure import Figure
 from rich.console import Console
 
 from estimators import rotation as rot
-from estimators.dop import dilution, image_dilution
-from estimators.sweep import FanErrors, ideal_theta, measured_theta
-from swarm import builders
+from estimators.lighthouse.dop import dilution, image_dilution
+from estimators.lighthouse.sweep import FanErrors, ideal_theta, measured_theta
 from swarm.errors import SwarmError
-from swarm.experiments import EXPERIMENTS, Experiment, find, reproduce, rungs
-from swarm.experiments import lighthouse_dynamic as dynamic
-from swarm.experiments import lighthouse_error_budget as budget
-from swarm.experiments.alignment import align
-from swarm.experiments.bench import Bench, Box, Motion
-from swarm.experiments.results import Grid, Line, Outcome, ResultFolder, column, print_comparison, table_of
-from swarm.layout import Photodiodes
+from swarm.flight import builders
+from swarm.hardware import Photodiodes
 from swarm.scenario import Scenario
 from swarm.sensors.lighthouse import Lighthouse
+from swarm.studies.papers import EXPERIMENTS, Experiment, find, reproduce, rungs
+from swarm.studies.papers import lighthouse_dynamic as dynamic
+from swarm.studies.papers import lighthouse_error_budget as budget
+from swarm.studies.papers.alignment import align
+from swarm.studies.papers.bench import Bench, Box, Motion
+from swarm.studies.papers.results import Grid, Line, Outcome, ResultFolder, column, print_comparison, table_of
 
 FILES = {"data.parquet", "figure.png", "figure.svg", "comparison.json"}
 BOX = Box((0.0, 0.0, 2.5), (2.0, 1.0, 1.5), 0.5)

@@ -5,8 +5,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from synthetic_run import PERIOD_S, estimate_of, truth_at
 
-from swarm.results.columns import schema
-from swarm.results.extra_columns import Extra
+from swarm.results.columns.extra import Extra
+from swarm.results.columns.schema import schema
 from swarm.results.reading import FILE
 from swarm.results.telemetry import Telemetry
 

@@ -11,14 +11,15 @@ import swarm
 from estimators import rotation as rot
 from estimators.rotation import quaternion_from_matrix
 from swarm.errors import SwarmError
-from swarm.faults import mirror, pulses
-from swarm.faults.pulses import Clock, Register, Row
-from swarm.faults.schedule import Schedule, speed_swing
+from swarm.flight.faults.schedule import Schedule, speed_swing
 from swarm.flight.flight import Flight
 from swarm.onboard.decoder import PulseDecoder
 from swarm.onboard.navigation import Status
 from swarm.scenario.faults import KINDS, LighthouseDark, PhotodiodeDead, SyncLoss
+from swarm.sensors import mirror
+from swarm.sensors import pulse_faults as pulses
 from swarm.sensors.lighthouse import Rotor
+from swarm.sensors.pulse_faults import Clock, Register, Row
 
 PERIOD_S = 1 / 60
 NAMES, KEYS = ("a", "b", "c"), (11, 12, 13)

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from estimators.relative_orbit import acceleration, circular
-from swarm.guidance.assignment import assign
-from swarm.guidance.broadcast import FORGOTTEN_S, Broadcasts, Heard
-from swarm.guidance.formation import Figure, Formation
-from swarm.guidance.gains import regulator
-from swarm.guidance.phase import Phase
-from swarm.guidance.shapes import ProjectedCircle, Rigid
+from swarm.onboard.guidance.assignment import assign
+from swarm.onboard.guidance.broadcast import FORGOTTEN_S, Broadcasts, Heard
+from swarm.onboard.guidance.formation import Figure, Formation
+from swarm.onboard.guidance.gains import regulator
+from swarm.onboard.guidance.phase import Phase
+from swarm.onboard.guidance.shapes import ProjectedCircle, Rigid
 
 T = 1 / 60
 

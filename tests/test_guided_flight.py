@@ -7,13 +7,13 @@ import pytest
 
 import swarm
 from estimators.rotation import matrix_from_quaternion
-from swarm import builders
 from swarm.assets import find_model, models
 from swarm.errors import SwarmError
+from swarm.flight import builders
 from swarm.flight.flight import Flight
-from swarm.guidance.phase import Phase
-from swarm.ports import docked_pose, placed
-from swarm.results.guidance_columns import PHASES
+from swarm.hardware import docked_pose, placed
+from swarm.onboard.guidance.phase import Phase
+from swarm.results.columns.guidance import PHASES
 from swarm.world.craft import load_craft
 from swarm.world.world import CraftStart, World
 

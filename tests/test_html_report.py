@@ -11,16 +11,16 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from swarm import cli
-from swarm.campaign.study_folder import StudyFolder, open_study
+from swarm.cli import app as cli
 from swarm.errors import SwarmError
+from swarm.flight.simulate import simulate
 from swarm.report.figures import thin
 from swarm.report.page import number, percent
 from swarm.report.rows import Rows
 from swarm.report.scaling_figures import central_line
 from swarm.report.write import write_report
 from swarm.scenario import load
-from swarm.simulate import simulate
+from swarm.studies.campaign.study_folder import StudyFolder, open_study
 
 COUNTS = (1, 10, 100)
 PERIOD_S = 1 / 60

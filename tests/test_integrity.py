@@ -11,8 +11,8 @@ from scipy.stats import binom, chi2, kstest, ncx2, norm
 
 from estimators import rotation as rot
 from estimators.arrays import Floats
-from estimators.dop import dilution
-from estimators.integrity import (
+from estimators.lighthouse.dop import dilution
+from estimators.lighthouse.integrity import (
     FEWEST_KEPT,
     AngleNoise,
     Sweeps,
@@ -21,7 +21,7 @@ from estimators.integrity import (
     statistic,
     thresholds,
 )
-from estimators.pnp import refine
+from estimators.lighthouse.pnp import refine
 
 OWN, SHARED = ANGLE_NOISE * np.sqrt(1 - RHO), ANGLE_NOISE * np.sqrt(RHO)
 NOISE = AngleNoise(OWN, SHARED)

@@ -8,10 +8,10 @@ from convex_target import ANGLE_NOISE, RHO, dome, random_position, random_rotati
 from scipy.stats import chi2
 
 from estimators.arrays import Floats, Ints
-from estimators.dop import dilution
-from estimators.layout_design import EXCESS, LACKING, MARGIN, SHORT, TAIL, cover, design, objective, refine_design
-from estimators.layout_error import WANTED_LIT, WORST, Mix, Sightings, mixed_errors, percentile, sightings
-from estimators.pose_trials import scatter
+from estimators.layout.design import EXCESS, LACKING, MARGIN, SHORT, TAIL, cover, design, objective, refine_design
+from estimators.layout.error import WANTED_LIT, WORST, Mix, Sightings, mixed_errors, percentile, sightings
+from estimators.lighthouse.dop import dilution
+from estimators.lighthouse.pose_trials import scatter
 
 MIX = Mix(np.deg2rad(0.1), 2e-3, ANGLE_NOISE, RHO)
 POINT, NORMAL = dome()
@@ -30,7 +30,7 @@ def scene(count: int, seed: int = 0, rho: float = RHO, every: int = 1) -> Sighti
 
 @pytest.mark.parametrize("rho", [0.0, RHO, 1.0])
 def test_errors_are_those_of_the_dilution(rho: float) -> None:
-    """`estimators.dop` works per craft, in other units, and is itself tested against source 1's matrices."""
+    """`estimators.lighthouse.dop` works per craft, in other units, and is itself tested against source 1's matrices."""
     rotation, position = poses(200)
     lit = visible(rotation, position, POINT, NORMAL)
     chosen = np.array([0, 1, 3, 4, 6, 7, 8, 10])
@@ -121,7 +121,7 @@ def test_an_exchange_never_worsens_its_start() -> None:
 def test_same_seed_same_design_on_any_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
     candidates = scene(100, 5)
     first = design(candidates, 6, 0.4, starts=10, finalists=4, rounds=1, seed=7)
-    monkeypatch.setattr("estimators.layout_design.WORKERS_MAX", 1)
+    monkeypatch.setattr("estimators.layout.design.WORKERS_MAX", 1)
     second = design(candidates, 6, 0.4, starts=10, finalists=4, rounds=1, seed=7)
     for a, b in zip(first, second, strict=True):
         np.testing.assert_array_equal(a.chosen, b.chosen)
@@ -218,6 +218,6 @@ def test_scatter_does_not_depend_on_its_batches(monkeypatch: pytest.MonkeyPatch)
     rotation, position = poses(7, 10)
     lit = np.ones((7, 12), dtype=np.bool_)
     whole = scatter(rotation, position, lit, POINT, ANGLE_NOISE, 0.0, 10, seed=1)
-    monkeypatch.setattr("estimators.pose_trials.BATCH", 20)
+    monkeypatch.setattr("estimators.lighthouse.pose_trials.BATCH", 20)
     assert np.isfinite(whole.attitude_rad).all()
     assert np.isfinite(scatter(rotation, position, lit, POINT, ANGLE_NOISE, 0.0, 10, seed=1).attitude_rad).all()

@@ -9,14 +9,15 @@ import pytest
 from lidar_target import box
 
 from estimators import rotation as rot
-from estimators.ray_cast import cast
-from swarm import load, simulate
+from estimators.lidar.ray_cast import cast
+from swarm import load
 from swarm.assets import find_model
-from swarm.builders import check
 from swarm.errors import SwarmError
-from swarm.experiments import reproduce
-from swarm.experiments.lidar import Turntable, error_deg, quantiles, turned
+from swarm.flight import simulate
+from swarm.flight.builders import check
 from swarm.sensors.lidar import Lidar, LidarSettings, Mount
+from swarm.studies.papers import reproduce
+from swarm.studies.papers.lidar import Turntable, error_deg, quantiles, turned
 from swarm.world.surface import known_shape, surface
 from swarm.world.world import CraftStart, World
 
@@ -130,7 +131,7 @@ def test_a_bare_mesh_is_a_target(tmp_path, suffix):
 
 @pytest.mark.skipif(not HST.exists(), reason="needs the mesh of a real spacecraft")
 def test_a_real_spacecraft_is_acquired_from_its_mesh_alone():
-    from estimators.target_acquisition import acquire
+    from estimators.lidar.acquisition import acquire
 
     bench = Turntable(1, HST, distance_m=24.0)
     truth = turned(np.array([20.0, 130.0, -50.0]))

@@ -10,10 +10,10 @@ from scipy.spatial.transform import Rotation, Slerp
 from scipy.stats import chi2
 
 from estimators.arrays import Bools, Floats
+from estimators.lighthouse.sweep import FanErrors, ideal_theta, kernel_errors, measured_theta
 from estimators.rotation import exp, quaternion_from_matrix
-from estimators.sweep import FanErrors, ideal_theta, kernel_errors, measured_theta
-from swarm.layout import Photodiodes, pad
-from swarm.pulses import SYNC_WIDTH_S, SYNC_WIDTH_STEP_S, Pulses
+from swarm.hardware import Photodiodes, pad
+from swarm.messages import SYNC_WIDTH_S, SYNC_WIDTH_STEP_S, Pulses
 from swarm.sensors.crossing import cross_into
 from swarm.sensors.lighthouse import BLOCK, Lighthouse, LighthouseSettings
 

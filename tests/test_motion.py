@@ -6,8 +6,8 @@ from scipy import stats
 
 from estimators import rotation as rot
 from swarm.errors import SwarmError
-from swarm.motion import wander
-from swarm.motion.fleet import Approach, Attitude, Drift, Fleet, Hold, Ring, Task, Tumble, Wander, Waypoints
+from swarm.world.motion import wander
+from swarm.world.motion.fleet import Approach, Attitude, Drift, Fleet, Hold, Ring, Task, Tumble, Wander, Waypoints
 
 TURNED = Attitude(roll_rad=0.3, pitch_rad=-0.4, yaw_rad=0.2, spin_rad_s=0.7)
 ZIGZAG = ((0.5, 0.2, 3.0), (-0.5, 0.4, 4.0), (-1.0, -0.3, 2.5), (0.0, 0.0, 3.0))

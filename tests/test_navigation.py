@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from estimators import rotation as rot
-from swarm import builders
+from swarm.flight import builders
 from swarm.flight.flight import Flight
-from swarm.layout import Photodiodes, pad
+from swarm.hardware import Photodiodes, pad
+from swarm.messages import Pulses
 from swarm.onboard.acquisition import DECISIVE, Sighting, follow, search
 from swarm.onboard.decoder import PulseDecoder, SweepAngles
 from swarm.onboard.navigation import Estimate, NavigationSettings, Navigator, Status
-from swarm.pulses import Pulses
 from swarm.scenario import load
 from swarm.sensors.visibility import Sight
 
@@ -216,6 +216,6 @@ def test_nothing_seen_from_the_start_is_a_search_and_no_number():
 
 
 def test_sight_codes_of_the_recording_are_those_of_the_sensor():
-    from swarm.results import recorder
+    from swarm.results.recording import scene as recorder
 
     assert (recorder.OUTSIDE, recorder.BLOCKED, recorder.LIT) == (Sight.OUTSIDE, Sight.BLOCKED, Sight.LIT)

@@ -6,7 +6,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 import swarm
-from estimators.pose_filter import PoseFilterBank
+from estimators.filter.filterpy_bank import PoseFilterBank
 from estimators.relative_orbit import (
     BORESIGHTS,
     EARTH_MU_M3_S2,
@@ -18,7 +18,7 @@ from estimators.relative_orbit import (
     transition,
 )
 from swarm.assets import find_model
-from swarm.layout import Photodiodes
+from swarm.hardware import Photodiodes
 from swarm.onboard.decoder import SweepAngles
 from swarm.onboard.navigation import NavigationSettings, Navigator
 from swarm.scenario import validate

@@ -29,7 +29,7 @@ def test_the_wheel_carries_code_models_and_scenarios_and_nothing_else(wheel):
         "swarm/scenarios/formation.toml",
         "swarm/scenarios/studies/scaling.toml",
         "swarm/report/templates/report.html.j2",
-        "swarm/cli.py",
+        "swarm/cli/app.py",
     ):
         assert wanted in names
     assert not [name for name in names if "__pycache__" in name or name.endswith((".nbi", ".nbc", ".rrd"))]

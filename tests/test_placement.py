@@ -14,17 +14,17 @@ from scipy.stats import kstest
 import swarm
 from estimators.arrays import Floats
 from estimators.rotation import matrix_from_quaternion, quaternion_from_matrix
-from swarm import cli
 from swarm.assets import find_model, models
+from swarm.cli import app as cli
 from swarm.errors import SwarmError
-from swarm.placement import judgement, search, smallest, study
-from swarm.placement.even import even_spreads, farthest_points, least_distance
-from swarm.placement.judgement import compare, judge
-from swarm.placement.poses import PoseRange, Poses, lattice
-from swarm.placement.prediction import Prediction, Task, predict
-from swarm.placement.request import Request, task
-from swarm.placement.sight import lit
 from swarm.sensors.visibility import Visibility
+from swarm.studies.layout import judgement, search, smallest, study
+from swarm.studies.layout.even import even_spreads, farthest_points, least_distance
+from swarm.studies.layout.judgement import compare, judge
+from swarm.studies.layout.poses import PoseRange, Poses, lattice
+from swarm.studies.layout.prediction import Prediction, Task, predict
+from swarm.studies.layout.request import Request, task
+from swarm.studies.layout.sight import lit
 from swarm.world.craft import load_craft
 from swarm.world.hull import Mount
 from swarm.world.world import CraftStart, World
@@ -197,9 +197,9 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     for module, values in small.items():
         for name, value in values.items():
             monkeypatch.setattr(module, name, value)
-    monkeypatch.setattr("swarm.placement.prediction.SECOND_POSES", 400)
+    monkeypatch.setattr("swarm.studies.layout.prediction.SECOND_POSES", 400)
     effort = {"starts": 20, "finalists": 3, "rounds": 1, "seed": 0}
-    monkeypatch.setattr("estimators.layout_design.design.__kwdefaults__", effort)
+    monkeypatch.setattr("estimators.layout.design.design.__kwdefaults__", effort)
 
 
 @pytest.fixture

@@ -17,8 +17,8 @@ from scipy.optimize import least_squares
 
 from estimators import rotation as rot
 from estimators.arrays import Floats
-from estimators.pnp import PoseSolution, refine, refine_projections
-from estimators.projection import COLUMNS, add_curvature, gather, project, projections
+from estimators.lighthouse.pnp import PoseSolution, refine, refine_projections
+from estimators.lighthouse.projection import COLUMNS, add_curvature, gather, project, projections
 
 RATES = (3, np.deg2rad(30.0), 0.3)
 

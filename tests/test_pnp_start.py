@@ -5,8 +5,8 @@ import pytest
 from convex_target import ANGLE_NOISE, RHO, angle_errors, angles, draw, random_position, random_rotation, sweep_offsets
 
 from estimators.arrays import Bools, Floats
-from estimators.pnp import refine
-from estimators.pnp_start import StartCandidates, cold_start, cold_starts
+from estimators.lighthouse.pnp import refine
+from estimators.lighthouse.pnp_start import StartCandidates, cold_start, cold_starts
 from estimators.rotation import angle_between, exp
 
 NOISE_IND = ANGLE_NOISE * np.sqrt(1 - RHO)

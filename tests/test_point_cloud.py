@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from estimators import rotation as rot
-from estimators.curvature import curvature, grow
-from estimators.feature_templates import segment
-from estimators.point_cloud import align_principal, principal, ransac_plane
+from estimators.lidar.curvature import curvature, grow
+from estimators.lidar.feature_templates import segment
+from estimators.lidar.point_cloud import align_principal, principal, ransac_plane
 
 
 def test_the_largest_plane_is_found_among_outliers():

@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from estimators import rotation as rot
 from estimators.arrays import Floats
-from estimators.error_state import (
+from estimators.filter.error_state import (
     POSE_COLUMNS,
     RATE_COLUMNS,
     innovation_into,
@@ -19,7 +19,7 @@ from estimators.error_state import (
     propagate,
     transition_into,
 )
-from estimators.pose_filter import PoseFilterBank
+from estimators.filter.filterpy_bank import PoseFilterBank
 
 T = 1 / 60
 RATES = [np.zeros(3), np.array([1e-6, 0, 2e-6]), np.array([0.02, -0.1, 0.05]), np.array([3.0, -20.0, 40.0])]

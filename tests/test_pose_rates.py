@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estimators import rotation as rot
-from estimators.pose_rates import pose_rates
+from estimators.calibration.pose_rates import pose_rates
 
 T = 1 / 60
 

@@ -17,10 +17,11 @@ from synthetic_run import PERIOD_S, estimate_of, lost, truth_at
 
 from estimators.rotation import matrix_from_quaternion, wxyz_from_xyzw, xyzw_from_wxyz
 from swarm.errors import SwarmError
-from swarm.layout import pad
-from swarm.results import drawing, plots, recorder, viewer
-from swarm.results.recorder import BLOCKED, LIT, OUTSIDE, NullRecording, Period, Scene
-from swarm.results.recording import ENLARGED, FAN_TURN_S, Recording
+from swarm.hardware import pad
+from swarm.results.recording import drawing, plots, viewer
+from swarm.results.recording import scene as recorder
+from swarm.results.recording.recording import ENLARGED, FAN_TURN_S, Recording
+from swarm.results.recording.scene import BLOCKED, LIT, OUTSIDE, NullRecording, Period, Scene
 from swarm.results.records import Peer
 from swarm.results.telemetry import Telemetry
 from swarm.world.shapes import box
@@ -302,7 +303,7 @@ def test_the_null_recording_takes_everything_and_needs_no_rerun():
     null.append(None)
     null.close()
     assert null.notice is None
-    code = "import sys, swarm.results.recorder; sys.exit('rerun' in sys.modules)"
+    code = "import sys, swarm.results.recording.scene; sys.exit('rerun' in sys.modules)"
     run = subprocess.run([sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": str(ROOT)}, check=False)
     assert run.returncode == 0
 

@@ -19,15 +19,15 @@ from synthetic_recording import (
     write,
 )
 
-from estimators.pnp import PoseSolution, refine
+from estimators.lighthouse.pnp import PoseSolution, refine
+from estimators.lighthouse.sweep import FanErrors, correct
 from estimators.rotation import matrix_from_quaternion
-from estimators.sweep import FanErrors, correct
 from swarm.errors import SwarmError
+from swarm.flight.recordings.framing import frame_pulses
+from swarm.flight.recordings.libsurvive import PulseLog, Recording, read_libsurvive
+from swarm.flight.recordings.station_calibration import StationCalibration, read_calibration
+from swarm.flight.recordings.windows import Source, Window, Windows
 from swarm.onboard.decoder import PulseDecoder, SweepAngles
-from swarm.recordings.framing import frame_pulses
-from swarm.recordings.libsurvive import PulseLog, Recording, read_libsurvive
-from swarm.recordings.station_calibration import StationCalibration, read_calibration
-from swarm.recordings.windows import Source, Window, Windows
 
 REAL = Path(__file__).parents[2] / "shared" / "data" / "lighthouse-v1" / "lh1_test_cal.rec.gz"
 HALF_TICK_RAD = 0.5 * np.pi / 400_000

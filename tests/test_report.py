@@ -12,8 +12,8 @@ import pytest
 from rich.cells import cell_len
 from rich.console import Console
 
+from swarm.report.run_table import findings, print_report, warnings
 from swarm.results.progress import COMPILING, Progress, ProgressDisplay
-from swarm.results.report import findings, print_report, warnings
 
 ROOT = Path(__file__).resolve().parents[1]
 

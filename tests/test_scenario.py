@@ -12,14 +12,15 @@ import pytest
 from annotated_types import Ge, Gt, Le, Lt
 from pydantic.fields import FieldInfo
 
-from estimators import error_state
-from swarm import builders, scenario
+from estimators.filter import error_state
+from swarm import scenario
 from swarm.assets import scenarios
 from swarm.errors import SwarmError
-from swarm.motion import fleet as motion
+from swarm.flight import builders
 from swarm.scenario import Scenario, load, to_toml
 from swarm.scenario.mistakes import split_unit, tables_of
 from swarm.scenario.motions import Table
+from swarm.world.motion import fleet as motion
 
 ROOT = Path(__file__).parent.parent
 DIMENSIONLESS = {

@@ -10,9 +10,9 @@ from scipy.stats import chi2
 
 import swarm
 from estimators import rotation as rot
-from swarm import builders
 from swarm.assets import scenarios
 from swarm.errors import SwarmError
+from swarm.flight import builders
 from swarm.flight.flight import Flight
 from swarm.onboard.navigation import Status
 from swarm.results.run_folder import Run
@@ -197,6 +197,6 @@ def test_a_swarm_fills_the_field_and_nearly_all_of_it_tracks(flown):
 
 
 def test_status_names_of_the_telemetry_are_those_of_the_navigator():
-    from swarm.results.columns import STATUS
+    from swarm.results.columns.schema import STATUS
 
     assert [name.upper() for name in STATUS] == [status.name for status in Status]

@@ -5,13 +5,13 @@ import pytest
 from scipy.optimize import least_squares
 
 from estimators import rotation as rot
-from estimators.cameras import first_pose, refine_cameras
-from estimators.stereo import Reason, stereo_pose
-from estimators.stereo_precision import plane_point
-from estimators.triangulation import Rig, toed_in, triangulate
-from estimators.vector_attitude import attitude_into, minimum_norm
-from swarm.experiments import stereo
-from swarm.experiments.stereo import MARKER_M, errors, images
+from estimators.stereo.cameras import first_pose, refine_cameras
+from estimators.stereo.closed_form import Reason, stereo_pose
+from estimators.stereo.precision import plane_point
+from estimators.stereo.triangulation import Rig, toed_in, triangulate
+from estimators.stereo.vector_attitude import attitude_into, minimum_norm
+from swarm.studies.papers import stereo
+from swarm.studies.papers.stereo import MARKER_M, errors, images
 
 RIG = toed_in(0.3, np.deg2rad(2.0))
 FLAT_M = MARKER_M * [1, 1, 0]

@@ -9,7 +9,7 @@ from scipy.stats import chi2
 from synthetic_run import PERIOD_S, estimate_of, lost, truth_at
 
 from estimators.rotation import exp, matrix_from_quaternion, quaternion_from_matrix
-from swarm.results.columns import schema
+from swarm.results.columns.schema import schema
 from swarm.results.reading import read_telemetry
 from swarm.results.records import Peer
 from swarm.results.summary import autocorrelation_time, consistency, summarise, summarise_run

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estimators.arrays import Floats
-from estimators.sweep import (
+from estimators.lighthouse.sweep import (
     FanErrors,
     correct,
     direction,

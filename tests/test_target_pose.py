@@ -9,16 +9,16 @@ from lidar_target import DISTANCE, NOISE_M, attitudes, box, brick, crooked, dire
 from scipy.stats import chi2
 
 from estimators import rotation as rot
-from estimators.agreement import agreement
-from estimators.feature_templates import angles_zyx, from_angles_zyx, right_angles
-from estimators.likeness import likenesses
-from estimators.pose_search import rotations
-from estimators.ray_cast import cast, triangles
-from estimators.registration import register
-from estimators.scan import Scan, clusters, from_points
-from estimators.shape import Shape
-from estimators.target_acquisition import Verdict, acquire
-from estimators.target_tracking import Outcome, chain, track
+from estimators.lidar.acquisition import Verdict, acquire
+from estimators.lidar.agreement import agreement
+from estimators.lidar.feature_templates import angles_zyx, from_angles_zyx, right_angles
+from estimators.lidar.likeness import likenesses
+from estimators.lidar.pose_search import rotations
+from estimators.lidar.ray_cast import cast, triangles
+from estimators.lidar.registration import register
+from estimators.lidar.scan import Scan, clusters, from_points
+from estimators.lidar.shape import Shape
+from estimators.lidar.tracking import Outcome, chain, track
 
 
 def off_deg(a, b):

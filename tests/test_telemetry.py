@@ -15,9 +15,10 @@ from synthetic_run import PERIOD_S, estimate_of, lost, truth_at
 
 from estimators.rotation import xyzw_from_wxyz
 from swarm.errors import SwarmError
-from swarm.results import guidance_columns, telemetry
-from swarm.results.columns import column_reference, schema
-from swarm.results.integrity_columns import COLUMNS
+from swarm.results import telemetry
+from swarm.results.columns import guidance as guidance_columns
+from swarm.results.columns.integrity import COLUMNS
+from swarm.results.columns.schema import column_reference, schema
 from swarm.results.reading import FILE, PARTS, read_telemetry
 from swarm.results.records import Peer
 from swarm.results.telemetry import Telemetry
@@ -238,7 +239,7 @@ def test_a_damaged_file_is_one_message(tmp_path):
 def test_the_column_reference_is_in_step():
     page = ROOT / "docs" / "telemetry.md"
     assert page.read_text(encoding="utf-8") == column_reference(), (
-        "write swarm.results.columns.column_reference() to docs/telemetry.md"
+        "write swarm.results.columns.schema.column_reference() to docs/telemetry.md"
     )
     guided = len(guidance_columns.COLUMNS) + len(guidance_columns.DOCKING_COLUMNS)
     assert (

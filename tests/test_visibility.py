@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from estimators.arrays import Floats
 from estimators.rotation import matrix_from_quaternion
-from swarm.layout import Photodiodes, pad
+from swarm.hardware import Photodiodes, pad
 from swarm.sensors.visibility import Sight, Visibility
 
 

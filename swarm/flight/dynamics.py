@@ -9,15 +9,16 @@ import numpy as np
 
 from estimators.arrays import Floats
 from estimators.rotation import matrix_from_quaternion
-from swarm import builders
-from swarm.actuation.actuators import Drive
-from swarm.actuation.execution import ActuatorFaults
-from swarm.faults.injection import Faults
+from estimators.state import State, unknown
+from swarm.flight import builders
+from swarm.flight.actuators import Drive
+from swarm.flight.faults.injection import Faults
 from swarm.flight.guided import GuidedFlight
 from swarm.onboard import control
-from swarm.onboard.control import Command, State
+from swarm.onboard.control import Command
 from swarm.onboard.navigation import Estimate
 from swarm.scenario import Scenario
+from swarm.world.execution import ActuatorFaults
 from swarm.world.world import PeriodTruth
 from swarm.world.wrench import OnboardWrench
 
@@ -42,7 +43,7 @@ class Dynamics:
         craft = len(self.world.names)
         start = builders.start(scenario, self.motions)
         self._true = State(matrix_from_quaternion(start.quaternion), start.angular_rate, start.position, start.velocity)
-        self._estimated = control.unknown(craft)
+        self._estimated = unknown(craft)
         self.command = Command(*np.zeros((2, craft, 3)))
 
     def advance(self, frame: int, faults: Faults | None) -> PeriodTruth:
@@ -79,7 +80,7 @@ class Dynamics:
             believed = believed.where(~self._by_estimate, self._estimated)
         if faults is not None:
             idle = faults.out_of_control() | faults.restarting()
-            believed = believed.where(~idle, control.unknown(len(idle)))
+            believed = believed.where(~idle, unknown(len(idle)))
         return believed
 
     def _stuck(self, faults: Faults | None) -> ActuatorFaults | None:

@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.arrays import Bools, Floats
-from swarm import builders
+from swarm.flight import builders
 from swarm.flight.dynamics import Dynamics
 from swarm.flight.scene import scene
 from swarm.onboard.decoder import SweepAngles
 from swarm.onboard.inspection import LidarFix
 from swarm.onboard.navigation import Estimate, Navigator
-from swarm.results import integrity_columns
 from swarm.results.angles import believed
+from swarm.results.columns import integrity as integrity_columns
 from swarm.results.records import Truth
 from swarm.scenario import Scenario
 from swarm.sensors.ccd import Ccd

@@ -10,17 +10,18 @@ import numpy as np
 from estimators.arrays import Bools, Floats
 from estimators.relative_orbit import RelativeOrbit
 from estimators.rotation import matrix_from_quaternion
-from swarm import builders
-from swarm.guidance.guidance import Knowledge
-from swarm.motion.fleet import Fleet, Reference
+from estimators.state import Reference, State
+from swarm.flight import builders
+from swarm.hardware import Closing
 from swarm.onboard import control
-from swarm.onboard.control import Command, State
+from swarm.onboard.control import Command
+from swarm.onboard.guidance.guidance import Knowledge
 from swarm.onboard.navigation import Estimate, Status
-from swarm.ports import Closing
-from swarm.results import guidance_columns
-from swarm.results.extra_columns import Extra
+from swarm.results.columns import guidance as guidance_columns
+from swarm.results.columns.extra import Extra
 from swarm.scenario import Scenario
 from swarm.world.docking import Mating
+from swarm.world.motion.fleet import Fleet
 from swarm.world.world import PeriodTruth, World
 
 

@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 
 from swarm.assets import find_model
-from swarm.layout import Photodiodes
+from swarm.hardware import Photodiodes
 from swarm.onboard.inspection import Inspection
-from swarm.results.extra_columns import Extra
-from swarm.results.recorder import CcdScene, Scene
+from swarm.results.columns.extra import Extra
+from swarm.results.recording.scene import CcdScene, Scene
 from swarm.scenario import Scenario
 from swarm.sensors.ccd import CcdSettings
 from swarm.world.craft import visuals

@@ -20,8 +20,8 @@ import numpy as np
 
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats
-from estimators.pnp import PoseSolution, refine
-from estimators.pnp_start import cold_starts
+from estimators.lighthouse.pnp import PoseSolution, refine
+from estimators.lighthouse.pnp_start import cold_starts
 
 DECISIVE = 25.0
 """Difference of the costs, in units of the noise variance, that decides between two poses (5 sigma)."""

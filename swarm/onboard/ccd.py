@@ -4,8 +4,8 @@ Main camera first; {C1} is its frame, {T} the target's body frame, b the craft's
 period, for every craft that carries a pair of cameras:
 
     both cameras see three lights or more, not on one line:
-        closed form (source 2, 2.1), `estimators.stereo`; then, unless told otherwise, the fit to all images of both
-        cameras from there, `estimators.cameras`: its covariance is the smallest that the images allow
+        closed form (source 2, 2.1), `estimators.stereo.closed_form`; then, unless told otherwise, the fit to all images
+        of both cameras from there, `estimators.stereo.cameras`: its covariance is the smallest that the images allow
     the main camera alone sees four or more:
         the same fit to its images, from the filter's prediction, or from nothing where the first pose is certain
     else no pose, and the reason
@@ -33,12 +33,12 @@ import numpy as np
 
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats, Ints
-from estimators.cameras import CameraPose, first_pose, refine_cameras
-from estimators.dop import factors
-from estimators.stereo import FEWEST_COMMON, Reason, stereo_pose
-from estimators.triangulation import Rig
-from swarm.images import LightImages
-from swarm.layout import Cameras
+from estimators.lighthouse.dop import factors
+from estimators.stereo.cameras import CameraPose, first_pose, refine_cameras
+from estimators.stereo.closed_form import FEWEST_COMMON, Reason, stereo_pose
+from estimators.stereo.triangulation import Rig
+from swarm.hardware import Cameras
+from swarm.messages import LightImages
 from swarm.onboard.acquisition import DECISIVE
 
 FEWEST_ALONE = 4
@@ -48,7 +48,7 @@ RESIDUAL_LIMIT_RAD = 1e-3
 
 
 class CcdState(IntEnum):
-    """What became of one period's images; from TOO_FEW on as `estimators.stereo.Reason`."""
+    """What became of one period's images; from TOO_FEW on as `estimators.stereo.closed_form.Reason`."""
 
     STEREO = 0
     TOO_FEW = 1

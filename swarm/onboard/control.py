@@ -6,59 +6,24 @@
 with e = log(R_ref R^T) the attitude error as an active rotation vector in the lighthouse frame, I the inertia about
 the centre of mass turned into that frame, and the gyroscopic torque cancelled. The closed loop of each axis is a
 second-order system of natural frequency w_p (w_a) and damping z. In an orbit the force is less by what gravity and the
-turning frame do anyway (`estimators.relative_orbit`). What thrusters and wheels make of it: `swarm.actuation`.
+turning frame do anyway (`estimators.relative_orbit`). What thrusters and wheels make of it: `swarm.onboard.actuation`.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from estimators import rotation as rot
 from estimators.arrays import Bools, Floats
-from estimators.error_state import log_into
+from estimators.filter.error_state import log_into
 from estimators.kernel import kernel
 from estimators.relative_orbit import RelativeOrbit
 from estimators.relative_orbit import acceleration as orbital_acceleration
 from estimators.rotation import multiply_into
-from swarm.motion.fleet import Reference
+from estimators.state import Reference, State
 
 POSITION_FREQUENCY_RAD_S = 1.0
 ATTITUDE_FREQUENCY_RAD_S = 2.0
 DAMPING = 0.9
-
-
-class State(NamedTuple):
-    """Where C craft are, or believe to be: rotation (C, 3, 3), angular_rate (C, 3) [rad/s], position (C, 3) [m],
-    velocity (C, 3) [m/s]; NaN where unknown.
-    """
-
-    rotation: Floats
-    angular_rate: Floats
-    position: Floats
-    velocity: Floats
-
-    def ahead(self, time_s: float) -> "State":
-        """The state `time_s` later if the rates stay as they are."""
-        return self._replace(
-            rotation=rot.exp(self.angular_rate * time_s) @ self.rotation,
-            position=self.position + self.velocity * time_s,
-        )
-
-    def where(self, mask: Bools, other: "State") -> "State":
-        """This state for the craft in `mask` (C,), `other` for the rest."""
-        flat = np.reshape(mask, (-1, 1))
-        return State(
-            np.where(mask.reshape(-1, 1, 1), self.rotation, other.rotation),
-            np.where(flat, self.angular_rate, other.angular_rate),
-            np.where(flat, self.position, other.position),
-            np.where(flat, self.velocity, other.velocity),
-        )
-
-
-def unknown(craft: int) -> State:
-    """The state of craft that know nothing."""
-    nothing = np.full((craft, 3), np.nan)
-    return State(np.full((craft, 3, 3), np.nan), nothing, nothing, nothing)
 
 
 class Feedback(NamedTuple):

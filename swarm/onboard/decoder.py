@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
+from swarm.messages import SKIP_BIT, SYNC_WIDTH_S, SYNC_WIDTH_STEP_S, Pulses
 from swarm.onboard.flashes import MAX_FLASHES, Flashes, FlashRecord, Timing, follow, group
-from swarm.pulses import SKIP_BIT, SYNC_WIDTH_S, SYNC_WIDTH_STEP_S, Pulses
 
 SLOT_S = 20000 / 48e6
 """The second station's flash comes this much after the first's [s]."""

@@ -2,7 +2,7 @@
 
 A pulse is part of a flash if it is at least half as long as the shortest flash. Overlapping ones are one flash: it rose
 when the first of them rose and is as long as the longest, because a photodiode in weak light triggers late; its length
-is its code (see `swarm.pulses`). A craft believes flashes as follows:
+is its code (see `swarm.messages`). A craft believes flashes as follows:
 
 - It locks on when it sees an X and a Y flash that announce sweeps and lie half a turn apart.
 - Locked, it believes the flash nearest to where the same fan's last one puts it, within `tolerance`. One that is
@@ -18,7 +18,7 @@ import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
-from swarm.pulses import FAN_BIT, SKIP_BIT
+from swarm.messages import FAN_BIT, SKIP_BIT
 
 MAX_FLASHES = 32
 """Flashes that are told apart per call; two stations make eight, further ones are rejected."""

@@ -3,11 +3,11 @@
 Per scan and observer, at the epoch of the lighthouse period in which the scan is complete:
 
     scan, everything moved to the epoch                                  swarm.onboard.lidar
-    -> no track: acquire, from nothing                                    estimators.target_acquisition
-    -> a track: register, from the filter's prediction                    estimators.target_tracking
+    -> no track: acquire, from nothing                                    estimators.lidar.acquisition
+    -> a track: register, from the filter's prediction                    estimators.lidar.tracking
     -> lost (residual, overlap, gate) so many times in a row: acquire again from this very scan
     -> pose of the target in the lighthouse frame, through the observer's own fix
-    -> EKF, the same one as for craft                                     estimators.pose_filter
+    -> EKF, the same one as for craft                                     estimators.filter.filterpy_bank
 
 All in the lighthouse frame. With the observer at (R_o, p_o), its scanner turned by R_l_s, the target found at
 (R_s_t, p_s) in the scanner's frame, and r = p - p_o,
@@ -30,17 +30,17 @@ import numpy as np
 
 from estimators import rotation as rot
 from estimators.arrays import Floats
-from estimators.pose_filter import PoseFilterBank
-from estimators.scan import Scan
-from estimators.shape import Shape
-from estimators.target_acquisition import Verdict, acquire
-from estimators.target_tracking import track
+from estimators.filter.filterpy_bank import PoseFilterBank
+from estimators.lidar.acquisition import Verdict, acquire
+from estimators.lidar.scan import Scan
+from estimators.lidar.shape import Shape
+from estimators.lidar.tracking import track
+from swarm.messages import LidarPattern, LidarScan
 from swarm.onboard.lidar import Motion, at_epoch, scanner
 from swarm.onboard.navigation import Estimate, Status
-from swarm.scans import LidarPattern, LidarScan
 
 LIDAR_SENSOR = 6
-"""Of `swarm.results.columns.SENSORS`: no sum of `Sensor`s, since a pair of cameras is never one camera too."""
+"""Of `swarm.results.columns.schema.SENSORS`: no sum of `Sensor`s, since a pair of cameras is never one camera too."""
 UNKNOWN_RATE = (0.3, 0.3)
 """1 sigma per axis of a target's rates before they are known: angular [rad/s], linear [m/s]."""
 POSE = np.array([0, 1, 2, 6, 7, 8])

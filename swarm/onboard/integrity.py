@@ -2,7 +2,8 @@
 
 Per lighthouse period, after PnP:
 
-- the residuals are tested (`estimators.integrity`); a pose that fails is solved again without the fewest photodiodes
+- the residuals are tested (`estimators.lighthouse.integrity`); a pose that fails is solved again without the fewest
+photodiodes
   that make the others agree, or is not believed at all;
 - a protection level bounds the error of what passed: with K the normal quantile of the integrity risk,
 
@@ -11,10 +12,10 @@ Per lighthouse period, after PnP:
 
   The first term is the noise: for every Gaussian of covariance P, P(|e| > K sqrt(tr P)) is no more than the two-sided
   tail of one normal variable beyond K, for any K above 1.24 (Szekely and Bakirov, Probab. Theory Relat. Fields 126,
-  2003). The second one is the fault: one false photodiode that the residual test has missed (`estimators.slope`), L
-  being the noncentrality that it misses with the probability `missed_detection`. A filter that coasts keeps the second
-  term of the last pose that it took in. Where its gate refuses a pose, one of the two is wrong: the filter's level then
-  reaches as far beyond the pose as the pose's own level.
+  2003). The second one is the fault: one false photodiode that the residual test has missed
+  (`estimators.lighthouse.slope`), L being the noncentrality that it misses with the probability `missed_detection`. A
+  filter that coasts keeps the second term of the last pose that it took in. Where its gate refuses a pose, one of the
+  two is wrong: the filter's level then reaches as far beyond the pose as the pose's own level.
 - the alert is raised where the filter's level passes its limit, or there is no estimate to have one.
 
 The rotor's speed is watched on the way: flashes come once per turn, and a turn that is too long or short by the craft's
@@ -29,8 +30,9 @@ import numpy as np
 from scipy.special import ndtri
 
 from estimators.arrays import Bools, Floats, Ints
-from estimators.dop import Dilution
-from estimators.integrity import (
+from estimators.kernel import kernel
+from estimators.lighthouse.dop import Dilution
+from estimators.lighthouse.integrity import (
     AngleNoise,
     Sweeps,
     consistent_subset,
@@ -38,8 +40,7 @@ from estimators.integrity import (
     statistic,
     thresholds,
 )
-from estimators.kernel import kernel
-from estimators.pnp import PoseSolution
+from estimators.lighthouse.pnp import PoseSolution
 from estimators.rotation import angle_between
 from swarm.onboard.decoder import SweepAngles
 

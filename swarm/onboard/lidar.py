@@ -15,8 +15,8 @@ import numpy as np
 
 from estimators import rotation as rot
 from estimators.arrays import Floats
-from estimators.scan import Scan
-from swarm.scans import LidarPattern, LidarScan
+from estimators.lidar.scan import Scan
+from swarm.messages import LidarPattern, LidarScan
 
 TYPICAL_M = 10.0
 """Where a ray is taken to pass while nothing is known of the target."""

@@ -2,11 +2,11 @@
 
 Per lighthouse period and craft:
 
-    angles, less the known errors of the fans            estimators.sweep
-    -> pose at the epoch, LM on (7) from the prediction   estimators.pnp        (searching: from nothing, acquisition)
-    -> residuals tested, false photodiodes dropped        estimators.integrity, by swarm.onboard.integrity
-    -> H, ADOP, PDOP at that pose (13) to (22)            estimators.dop
-    -> EKF with measurement covariance s^2 H              estimators.pose_filter, or for a large swarm compiled_filter
+    angles, less the known errors of the fans            estimators.lighthouse.sweep
+    -> pose at the epoch, LM on (7) from the prediction   estimators.lighthouse.pnp        (searching: from nothing,
+    acquisition) -> residuals tested, false photodiodes dropped        estimators.lighthouse.integrity, by
+    swarm.onboard.integrity -> H, ADOP, PDOP at that pose (13) to (22)            estimators.lighthouse.dop -> EKF with
+    measurement covariance s^2 H              estimators.filter.filterpy_bank, or for a large swarm compiled_filter
 
 Craft with a pair of cameras then give the same EKF the pose that these see, `swarm.onboard.ccd`, with its covariance:
 two sensors are two updates, one after the other, and either is enough.
@@ -25,21 +25,21 @@ import numpy as np
 
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats, Ints
-from estimators.compiled_filter import CompiledFilterBank
-from estimators.dop import Dilution, dilution
-from estimators.error_state import (
+from estimators.filter.bank import FilterBank
+from estimators.filter.compiled import CompiledFilterBank
+from estimators.filter.error_state import (
     DEFAULT_ACCELERATION_NOISE_M_S2,
     DEFAULT_ANGULAR_ACCELERATION_NOISE_RAD_S2,
     RATE_COLUMNS,
 )
-from estimators.filter_bank import FilterBank
-from estimators.integrity import Sweeps
-from estimators.pnp import PoseSolution, refine
-from estimators.pose_filter import PoseFilterBank
+from estimators.filter.filterpy_bank import PoseFilterBank
+from estimators.lighthouse.dop import Dilution, dilution
+from estimators.lighthouse.integrity import Sweeps
+from estimators.lighthouse.pnp import PoseSolution, refine
+from estimators.lighthouse.sweep import FanErrors, correct
 from estimators.relative_orbit import RelativeOrbit, acceleration
-from estimators.sweep import FanErrors, correct
-from swarm.images import LightImages
-from swarm.layout import Photodiodes
+from swarm.hardware import Photodiodes
+from swarm.messages import LightImages
 from swarm.onboard import ccd
 from swarm.onboard.acquisition import NONE, Hypotheses, Sighting, advance, search
 from swarm.onboard.ccd import CcdCalibration, CcdFix, CcdState
@@ -65,7 +65,7 @@ class Status(IntEnum):
 
 
 class Sensor(IntFlag):
-    """Whose pose went into a craft's filter this period; the names are `swarm.results.columns.SENSORS`."""
+    """Whose pose went into a craft's filter this period; the names are `swarm.results.columns.schema.SENSORS`."""
 
     NONE = 0
     LIGHTHOUSE = 1

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimators.arrays import Bools, Floats
-from swarm.campaign.study_folder import FinishedStudy
-from swarm.campaign.task import COMPLETE
+from swarm.studies.campaign.study_folder import FinishedStudy
+from swarm.studies.campaign.task import COMPLETE
 
 
 class Spread(NamedTuple):

@@ -13,9 +13,9 @@ from scipy.stats import chi2
 from estimators.arrays import Floats, Ints
 from swarm.report.figures import BLUE, GREY, ORANGE, SERIES, Picture, picture, plain_log, thin
 from swarm.report.page import Column, Fact, Section, Table, number, prose
-from swarm.results.columns import STATUS
+from swarm.report.run_table import about, limits, outcome
+from swarm.results.columns.schema import STATUS
 from swarm.results.reading import values
-from swarm.results.report import about, limits, outcome
 from swarm.results.run_folder import Run
 
 DOF = 6

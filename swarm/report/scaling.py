@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from swarm.campaign.study_folder import FinishedStudy
 from swarm.report.page import Column, Fact, Section, Table, count, number, percent, prose
 from swarm.report.rows import Rows
 from swarm.report.scaling_figures import central_cost, central_gain, central_line, onboard, precision, visibility
+from swarm.studies.campaign.study_folder import FinishedStudy
 
 COUNT = "swarm.count"
 PROSE = "scaling.txt.j2"

@@ -5,12 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from swarm.campaign.study_folder import FinishedStudy
-from swarm.campaign.task import COMPLETE
 from swarm.report.figures import BLUE, GREY, Picture, picture
 from swarm.report.page import Column, Section, Table, number
 from swarm.report.rows import Rows, as_floats, finished
 from swarm.scenario.mistakes import split_unit
+from swarm.studies.campaign.study_folder import FinishedStudy
+from swarm.studies.campaign.task import COMPLETE
 
 MERITS = (
     ("ekf_position_rms_m", 1000.0, "position error, RMS", "mm"),

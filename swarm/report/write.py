@@ -2,14 +2,14 @@
 
 from pathlib import Path
 
-from swarm.campaign.study_folder import FIGURES, REPORT, FinishedStudy, is_study, open_study
-from swarm.campaign.task import COMPLETE
 from swarm.report import run as of_run
 from swarm.report import scaling, sweep
 from swarm.report.page import Page, Section, html
 from swarm.report.rows import Rows
 from swarm.results.disk import write_text, writing
 from swarm.results.run_folder import SCENARIO, Run, open_run
+from swarm.studies.campaign.study_folder import FIGURES, REPORT, FinishedStudy, is_study, open_study
+from swarm.studies.campaign.task import COMPLETE
 
 REPRODUCE = (
     "The same seeds give the same numbers, bit for bit, on the same machine and versions, whatever the number of "

@@ -18,10 +18,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from estimators.arrays import Bools, Floats, Ints
-from estimators.calibration_problem import Noise
-from estimators.sweep import FanErrors, FanPair
+from estimators.calibration.problem import Noise
+from estimators.lighthouse.sweep import FanErrors, FanPair
 from swarm.errors import SwarmError
-from swarm.layout import Photodiodes
+from swarm.hardware import Photodiodes
 from swarm.results.disk import writing
 
 FILE = "angles.parquet"

@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from swarm.errors import SwarmError
-from swarm.results.columns import schema
+from swarm.results.columns.schema import schema
 
 FILE = "telemetry.parquet"
 PARTS = FILE + ".partial"

@@ -3,11 +3,11 @@
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from estimators.arrays import Bools, Floats, Ints
-from swarm.results.ccd_columns import CcdFix
+from swarm.results.columns.ccd import CcdFix
 
 if TYPE_CHECKING:
-    from estimators.dop import Dilution
-    from estimators.pnp import PoseSolution
+    from estimators.lighthouse.dop import Dilution
+    from estimators.lighthouse.pnp import PoseSolution
 
 
 class Truth(NamedTuple):

@@ -14,12 +14,12 @@ from estimators.arrays import Floats
 from swarm import __version__
 from swarm.errors import SwarmError
 from swarm.results.angles import AngleWriter, Believed, SweepAngles
-from swarm.results.columns import STATUS, schema
+from swarm.results.columns.schema import STATUS, schema
 from swarm.results.criteria import check_measures, judge, summary_of
 from swarm.results.lidar_scans import LidarFix, ScanWriter
 from swarm.results.progress import Progress
 from swarm.results.reading import read_telemetry
-from swarm.results.recorder import NullRecording, Period, Recorder, Scene
+from swarm.results.recording.scene import NullRecording, Period, Recorder, Scene
 from swarm.results.records import Estimate, Peer, Truth
 from swarm.results.run_folder import Run, RunFolder, open_run
 from swarm.results.summary import summarise_run
@@ -126,7 +126,7 @@ def writing_run(
         recording: Recorder = NullRecording()
         if (record and scenario.recording.enabled) or live:
             # rerun takes most of a second to import: only who records pays for it.
-            from swarm.results.recording import Recording
+            from swarm.results.recording.recording import Recording
 
             recording = Recording(folder.recording, scene, live=live)
         angle_writer = AngleWriter(folder.path, angles) if angles is not None else None

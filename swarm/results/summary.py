@@ -28,8 +28,8 @@ from scipy.special import gammaincinv
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.rotation import angle_between, matrix_from_quaternion, mean_rotation
-from swarm.results.ccd_columns import CCD_STATES
-from swarm.results.columns import NAMES, SENSORS, STATUS, bystanders
+from swarm.results.columns.ccd import CCD_STATES
+from swarm.results.columns.schema import NAMES, SENSORS, STATUS, bystanders
 from swarm.results.lidar_scans import summarise_scans
 from swarm.results.reading import read_telemetry, telemetry_columns, values
 from swarm.results.rows import attitude_errors_into

@@ -20,11 +20,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from estimators.arrays import Floats
-from swarm.results import ccd_columns
-from swarm.results.ccd_columns import CCD_STATES
-from swarm.results.columns import NAMES, schema
+from swarm.results.columns import ccd as ccd_columns
+from swarm.results.columns.ccd import CCD_STATES
+from swarm.results.columns.extra import Extra
+from swarm.results.columns.schema import NAMES, schema
 from swarm.results.disk import writing
-from swarm.results.extra_columns import Extra
 from swarm.results.reading import FILE, PARTS, part_files
 from swarm.results.records import Errors, Estimate, Peer, Truth
 from swarm.results.rows import rows_into

@@ -1,7 +1,7 @@
 """The `[craft.ccd]` table of a scenario: a pair of cameras on one craft, looking at another craft's lights.
 
-Defaults are those of source 2, section 3. `swarm.builders` turns the table into the SI settings of `swarm.sensors.ccd`
-and of `swarm.onboard.ccd`.
+Defaults are those of source 2, section 3. `swarm.flight.builders` turns the table into the SI settings of
+`swarm.sensors.ccd` and of `swarm.onboard.ccd`.
 """
 
 from collections.abc import Iterator

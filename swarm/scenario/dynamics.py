@@ -1,6 +1,6 @@
 """The tables of a scenario that say what moves the craft beside their control: `[orbit]` and `[craft.actuation]`.
 
-`swarm.builders` turns them into `estimators.relative_orbit` and `swarm.actuation`.
+`swarm.flight.builders` turns them into `estimators.relative_orbit` and `swarm.onboard.actuation`.
 """
 
 from typing import Literal

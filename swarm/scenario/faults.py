@@ -1,7 +1,7 @@
 """The `[[fault]]` tables of a scenario: one frozen pydantic model per kind, told apart by `kind`.
 
 A fault strikes at a time, or at random with a probability per second, and lasts for a time, until a time, or for good.
-`swarm.faults` makes them happen.
+`swarm.flight.faults` makes them happen.
 """
 
 from collections.abc import Iterator

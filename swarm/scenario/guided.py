@@ -1,6 +1,7 @@
 """The kinds of motion that a craft decides on board, by its own estimate and by what others broadcast.
 
-`swarm.build_guidance` turns these tables into the SI records of `swarm.guidance`, which compute. See docs/guidance.md.
+`swarm.build_guidance` turns these tables into the SI records of `swarm.onboard.guidance`, which compute. See
+docs/guidance.md.
 """
 
 from collections.abc import Iterator

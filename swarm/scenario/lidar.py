@@ -1,6 +1,7 @@
 """The `[craft.lidar]` table of a scenario: a LiDAR on one craft, and the passive craft that it inspects.
 
-`swarm.builders.lidars` turns the table into the SI settings of `swarm.sensors.lidar` and of `swarm.onboard.inspection`.
+`swarm.flight.builders.lidars` turns the table into the SI settings of `swarm.sensors.lidar` and of
+`swarm.onboard.inspection`.
 """
 
 from collections.abc import Iterator

@@ -1,7 +1,7 @@
 """The `motion` table of a scenario: one frozen pydantic model per kind, told apart by `kind`.
 
 Positions are metres in the lighthouse frame (x right, y down, z forward, away from the lighthouse).
-`swarm.builders` turns these tables into the SI records of `swarm.motion.fleet`, which compute.
+`swarm.flight.builders` turns these tables into the SI records of `swarm.world.motion.fleet`, which compute.
 """
 
 from collections.abc import Iterator

@@ -1,7 +1,8 @@
 """What a scenario file may say: one frozen pydantic model per table, extra keys forbidden.
 
 A key carries its unit as a suffix. The description of every field is what the scenario reference, the JSON schema
-for editors and the error messages say about it. Nothing here computes: `swarm.builders` turns it into SI settings.
+for editors and the error messages say about it. Nothing here computes: `swarm.flight.builders` turns it into SI
+settings.
 """
 
 from collections.abc import Iterator
@@ -105,7 +106,9 @@ class Physics(Table):
 
 
 class Fan(Table):
-    """Systematic errors of one fan, all zero for a perfect one: equation (E) of `estimators.sweep` has the signs."""
+    """Systematic errors of one fan, all zero for a perfect one: equation (E) of `estimators.lighthouse.sweep` has the
+    signs.
+    """
 
     phase_rad: float = Field(default=0.0, ge=-0.5, le=0.5, description="Constant error; positive lowers the angle.")
     tilt_rad: float = Field(

@@ -25,8 +25,8 @@ import numpy as np
 
 from estimators.arrays import Bools, Floats
 from estimators.rotation import exp, matrix_from_quaternion
-from swarm.images import LightImages
-from swarm.layout import Cameras, Lights
+from swarm.hardware import Cameras, Lights
+from swarm.messages import LightImages
 
 BLOCK = 64
 """Frames whose random numbers are drawn at once."""

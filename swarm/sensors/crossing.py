@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
+from estimators.lighthouse.sweep import measured_angle
 from estimators.rotation import sine_cosine
-from estimators.sweep import measured_angle
 
 CONVERGED_S = 1e-13
 """The root is found when the rotor needs less than this for the angle that is left [s]."""

@@ -23,7 +23,7 @@ import numpy as np
 
 from estimators.arrays import Floats, Ints
 from estimators.rotation import exp, log, matrix_from_quaternion, quaternion_from_matrix
-from swarm.scans import LidarPattern, LidarScan
+from swarm.messages import LidarPattern, LidarScan
 from swarm.world.world import PeriodTruth
 
 PURPOSE = 0x6C69646172

@@ -3,7 +3,8 @@
 Lighthouse frame: x right, y down, looking along +z. In the period that starts at t_k = frame / rate, fan X passes its
 zero at t_k and fan Y at t_k + T/2. A photodiode, moving with its craft, is hit by a fan at the instant t that solves
 
-    measured(p(t)) + rotor error + own error = w (t - t_0),    w = 2 pi / T            (1), with (E) of estimators.sweep
+    measured(p(t)) + rotor error + own error = w (t - t_0),    w = 2 pi / T            (1), with (E) of
+    estimators.lighthouse.sweep
 
 p(t) interpolated between the physics' knots as MuJoCo moves: a straight line and a turn at constant rate. Errors of
 one standard deviation s per angle: the rotor's part sqrt(rho) s is one draw per fan and sweep for the whole swarm, the
@@ -26,9 +27,9 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
-from estimators.sweep import FanErrors, kernel_errors
-from swarm.layout import Photodiodes
-from swarm.pulses import SYNC_WIDTH_S, SYNC_WIDTH_STEP_S, Pulses
+from estimators.lighthouse.sweep import FanErrors, kernel_errors
+from swarm.hardware import Photodiodes
+from swarm.messages import SYNC_WIDTH_S, SYNC_WIDTH_STEP_S, Pulses
 from swarm.sensors.crossing import cross_into, pack_into
 
 BLOCK = 64

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.arrays import Bools, Floats, Ints
-from swarm.layout import Photodiodes
+from swarm.hardware import Photodiodes
 from swarm.sensors.broad_phase import MOST_CELLS, Placed, place_into, sort_into_cells
 from swarm.sensors.hits import HULL
 from swarm.sensors.line_of_sight import sight_into

@@ -23,8 +23,7 @@ import numpy as np
 from estimators.arrays import Floats
 from estimators.rotation import matrix_from_quaternion
 from swarm.errors import SwarmError
-from swarm.layout import Cameras, Lights, Thrusters, Wheels
-from swarm.ports import Port
+from swarm.hardware import Cameras, Lights, Port, Thrusters, Wheels
 from swarm.world import shapes
 from swarm.world.docking import port_of
 from swarm.world.mesh_file import SUFFIXES, mesh_spec

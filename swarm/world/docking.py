@@ -1,8 +1,8 @@
 """A craft's docking port as its model file has it, and the latches that close when two ports have met.
 
 The port is the site whose name starts with `port`: +z outwards along the docking axis, the origin where the mating
-faces meet (`swarm.ports`). A latch is a weld of MuJoCo's between the two bodies, idle until it is closed; it then keeps
-the pose that they have to each other. It closes when both touch something while the ports stand within its reach.
+faces meet (`swarm.hardware`). A latch is a weld of MuJoCo's between the two bodies, idle until it is closed; it then
+keeps the pose that they have to each other. It closes when both touch something while the ports stand within its reach.
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ import numpy as np
 from estimators.arrays import Floats
 from estimators.rotation import matrix_from_quaternion, quaternion_multiply, skew
 from swarm.errors import SwarmError
-from swarm.ports import Closing, Port, closing, placed
+from swarm.hardware import Closing, Port, closing, placed
 
 ANCHOR, POSE, TORQUE = slice(0, 3), slice(3, 10), 10
 """Where MuJoCo's data of a weld has its anchor in the second body, that body's pose in the first, its torque scale."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from estimators.rotation import matrix_from_quaternion
 from swarm.errors import SwarmError
-from swarm.layout import Cameras, Lights
+from swarm.hardware import Cameras, Lights
 
 HALF_TURN_ABOUT_X = np.diag([1.0, -1.0, -1.0])
 

@@ -17,7 +17,7 @@ import numpy as np
 from estimators.arrays import Floats
 from estimators.rotation import matrix_from_quaternion
 from swarm.errors import SwarmError
-from swarm.layout import Thrusters, Wheels
+from swarm.hardware import Thrusters, Wheels
 from swarm.world.optics import numbered
 
 NUMBERS = {

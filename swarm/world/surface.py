@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.arrays import Floats
-from estimators.shape import Shape
+from estimators.lidar.shape import Shape
 from swarm.world.craft import load_craft
 
 

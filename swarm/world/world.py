@@ -22,7 +22,7 @@ from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
 from estimators.relative_orbit import RelativeOrbit
 from estimators.rotation import matrix_from_quaternion
-from swarm import layout
+from swarm import hardware as layout
 from swarm.errors import SwarmError
 from swarm.world import docking
 from swarm.world.assembly import LIGHTHOUSE, Placement, assemble

@@ -1,0 +1,1 @@
+"""Calibration of a lighthouse's fans and of photodiode positions from a survey."""

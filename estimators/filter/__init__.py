@@ -1,0 +1,1 @@
+"""The pose filter: its equations, and two banks that run them."""

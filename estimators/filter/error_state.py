@@ -1,0 +1,162 @@
+"""One craft's error state: its prediction and its innovation, as kernels that every bank of pose filters shares.
+
+Kept per craft in the lighthouse frame: R = R_l_b, angular rate w, position p, velocity v. The filter's state is their
+error x = (d, dw, dp, dv), 12 numbers, with R_true = Exp([d]x) R and truth minus estimate for the rest. Over dt
+
+    R <- Exp([w]x dt) R,  p <- p + v dt,  x <- F x + Gamma (angular acceleration, acceleration)
+    F = [[E, dt J_l], [0, I]] for (d, dw), [[I, dt I], [0, I]] for (dp, dv),  E = Exp([w]x dt), J_l = J_l(w dt)
+    Q = Gamma diag(sigma^2) Gamma^T,  Gamma = (dt^2 / 2, dt): accelerations white, constant over each dt
+
+The measurement is the PnP pose (R_z, p_z) with covariance s^2 H of (18). PnP refers its angles to one epoch with the
+predicted rates, so their error enters through the coupling B (`estimators.lighthouse.dop`), and the innovation is
+
+    y = (log(R_z R^T), p_z - p) = (d, dp) + B (dw, dv) + noise
+
+After an update R <- Exp([d]x) R, the rest is added, and x is zero again. The reset turns P by d/2, far below the
+filter's other linearisations, and is left out.
+"""
+
+import math
+
+import numpy as np
+
+from estimators.arrays import Floats
+from estimators.kernel import kernel
+from estimators.rotation import exp_into, multiply_into
+
+DEFAULT_ACCELERATION_NOISE_M_S2 = 0.2
+"""White acceleration [m/s^2] per axis, constant over a period. docs/filter.md has the table behind the choice."""
+DEFAULT_ANGULAR_ACCELERATION_NOISE_RAD_S2 = math.radians(12.0)
+"""White angular acceleration [rad/s^2] per axis, constant over a period (docs/filter.md)."""
+
+STATES, POSE = 12, 6
+POSE_COLUMNS = np.array([0, 1, 2, 6, 7, 8])
+"""Where (attitude, position) sit in the state."""
+RATE_COLUMNS = np.array([3, 4, 5, 9, 10, 11])
+"""Where (angular rate, velocity) sit in the state."""
+
+
+@kernel
+def log_into(rotation: Floats, out: Floats) -> None:
+    """Write the rotation vector [rad], at most pi long, of `rotation` (3, 3) into `out` (3,)."""
+    m = rotation
+    trace = m[0, 0] + m[1, 1] + m[2, 2]
+    q = np.empty(4)  # the unit quaternion times an unknown factor
+    if trace > 0:
+        q[0], q[1], q[2], q[3] = 1 + trace, m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]
+    else:
+        i = 0
+        if m[1, 1] > m[i, i]:
+            i = 1
+        if m[2, 2] > m[i, i]:
+            i = 2
+        j, k = (i + 1) % 3, (i + 2) % 3
+        q[0], q[1 + i] = m[k, j] - m[j, k], 1 + m[i, i] - m[j, j] - m[k, k]
+        q[1 + j], q[1 + k] = m[i, j] + m[j, i], m[i, k] + m[k, i]
+    if q[0] < 0:
+        for i in range(4):
+            q[i] = -q[i]
+    sine = np.sqrt(q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    # atan(s)/s = 1 - s^2/3 + ..., whose next term is below rounding at s = 1e-4.
+    scale = 2 * np.arctan2(sine, q[0]) / sine if sine > 1e-4 * q[0] else (2 - 2 * (sine / q[0]) ** 2 / 3) / q[0]
+    for i in range(3):
+        out[i] = scale * q[1 + i]
+
+
+@kernel
+def left_jacobian_into(v: Floats, out: Floats) -> None:
+    """Write J_l(v) (3, 3) of a rotation vector (3,) [rad], with Exp(v + d) = Exp(J_l d) Exp(v), into `out`."""
+    square = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+    angle = np.sqrt(square)
+    if angle < 1e-2:
+        c, t = 0.5 - square / 24 + square * square / 720, 1 / 6 - square / 120 + square * square / 5040
+    else:
+        half = np.sin(angle / 2)
+        c, t = 2 * half * half / square, (angle - np.sin(angle)) / (angle * square)
+    # I + c [v]x + t [v]x^2, with [v]x^2 = v v^T - |v|^2 I
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = t * v[i] * v[j]
+        out[i, i] += 1 - t * square
+    out[0, 1] -= c * v[2]
+    out[0, 2] += c * v[1]
+    out[1, 0] += c * v[2]
+    out[1, 2] -= c * v[0]
+    out[2, 0] -= c * v[1]
+    out[2, 1] += c * v[0]
+
+
+@kernel
+def transition_into(angular_rate: Floats, dt: float, out: Floats) -> None:
+    """Write F (12, 12) for one step `dt` [s] at `angular_rate` (3,) [rad/s] into `out`."""
+    v = angular_rate * dt
+    out[:] = 0.0
+    for i in range(STATES):
+        out[i, i] = 1.0
+    exp_into(v, out[:3, :3])
+    left_jacobian_into(v, out[:3, 3:6])
+    for i in range(3):
+        for j in range(3):
+            out[i, 3 + j] *= dt
+        out[6 + i, 9 + i] = dt
+
+
+@kernel
+def process_noise_into(dt: float, acceleration: float, angular_acceleration: float, out: Floats) -> None:
+    """Write Q (12, 12) into `out`: sigmas [m/s^2], [rad/s^2] per axis, white, constant over `dt` [s]."""
+    out[:] = 0.0
+    for i in range(STATES):
+        sigma = angular_acceleration if i < 6 else acceleration
+        if i % 6 < 3:
+            out[i, i] = (sigma * dt * dt / 2) ** 2
+            out[i, i + 3] = out[i + 3, i] = sigma * sigma * dt * dt * dt / 2
+        else:
+            out[i, i] = (sigma * dt) ** 2
+
+
+@kernel
+def propagate(rotation: Floats, angular_rate: Floats, position: Floats, velocity: Floats, dt: float) -> None:
+    """Move one craft's pose on by `dt` [s] at constant rates, in place."""
+    turn, turned = np.empty((3, 3)), np.empty((3, 3))
+    exp_into(angular_rate * dt, turn)
+    multiply_into(turn, rotation, turned)
+    rotation[:] = turned
+    for i in range(3):
+        position[i] += velocity[i] * dt
+
+
+@kernel
+def innovation_into(
+    rotation_z: Floats,
+    position_z: Floats,
+    rotation: Floats,
+    position: Floats,
+    rate_coupling: Floats,
+    y: Floats,
+    h: Floats,
+) -> None:
+    """Write the innovation into `y` (6, 1) and its matrix H, y = H x + noise, into `h` (6, 12)."""
+    difference = np.empty((3, 3))
+    multiply_into(rotation_z, rotation.T, difference)
+    log_into(difference, y[:3, 0])
+    h[:] = 0.0
+    for i in range(3):
+        y[3 + i, 0] = position_z[i] - position[i]
+        h[i, i] = h[3 + i, 6 + i] = 1.0
+    for i in range(6):
+        for j in range(3):
+            h[i, 3 + j], h[i, 9 + j] = rate_coupling[i, j], rate_coupling[i, 3 + j]
+
+
+@kernel
+def correct(rotation: Floats, angular_rate: Floats, position: Floats, velocity: Floats, x: Floats) -> None:
+    """Move the estimated error `x` (12, 1) into one craft's pose and rates, and leave it zero."""
+    turn, turned = np.empty((3, 3)), np.empty((3, 3))
+    exp_into(x[:3, 0], turn)
+    multiply_into(turn, rotation, turned)
+    rotation[:] = turned
+    for i in range(3):
+        angular_rate[i] += x[3 + i, 0]
+        position[i] += x[6 + i, 0]
+        velocity[i] += x[9 + i, 0]
+    x[:] = 0.0

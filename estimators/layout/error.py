@@ -1,0 +1,153 @@
+"""What a set of photodiodes would measure poses with: source 1 (14) to (22) for many poses and any choice at once.
+
+At pose p photodiode k adds its two rows of J (14), derivatives of its angles by the pose error (attitude, position,
+lighthouse frame, at rest), and they add up over the chosen ones that are lit:
+
+    N = sum rows^T rows,   s_fan = sum of the fan's rows
+    H = (1 - rho) N^-1 + rho sum_fan N^-1 s_fan s_fan^T N^-1                                                    (18)
+
+The predicted error of the pose mixes attitude and position, each against what counts as an error of one, a and d:
+
+    e^2 = (ADOP s / a)^2 + (PDOP s / d)^2,   s the angle noise                                                  (22)
+
+With the rows' columns scaled by a / s and d / s, e^2 is the trace of H. A pose is solvable by a set if at least
+`FEWEST_LIT` of it are lit and they determine the pose; otherwise its error counts as infinite.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators.arrays import Bools, Floats, Ints
+from estimators.kernel import kernel
+from estimators.lighthouse.pnp import FEWEST_LIT
+from estimators.lighthouse.projection import checked, checked_lit
+from estimators.linear import cholesky_into
+
+WANTED_LIT = 6
+"""Photodiodes that a pose should be seen by: two may be lost."""
+LACKING = 0.02
+"""In the search, a pose's error counts so much more for each photodiode that it lacks of the wanted ones."""
+WORST = 1e3
+"""Errors beyond so many times the wanted ones count as unsolvable."""
+
+
+class Mix(NamedTuple):
+    """What counts as an error of one, attitude_rad and position_m, under this angle noise."""
+
+    attitude_rad: float
+    position_m: float
+    angle_noise_rad: float
+    rotor_correlation: float
+
+
+class Sightings(NamedTuple):
+    """What N candidates see. row: (P, N, 2, 6), scaled rows of J, and lit: (P, N), at the poses where errors are
+    predicted. reached: (Q, N), lit at more poses, by which the unsolvable ones are counted.
+    """
+
+    row: Floats
+    lit: Bools
+    reached: Bools
+    rotor_correlation: float
+
+
+def sightings(rotation: Floats, position: Floats, lit: Bools, point_m: Floats, mix: Mix, every: int = 1) -> Sightings:
+    """What candidates at `point_m` (N, 3) [m], body frame, measure at Q poses at rest; errors at `every` n-th of them.
+
+    rotation: (Q, 3, 3) R_l_b. position: (Q, 3) [m], lighthouse frame. lit: (Q, N), in the light of both fans.
+    Raises ValueError where shapes do not fit `lit`.
+    """
+    reached = checked_lit(lit)
+    poses, count = reached.shape
+    rotation = checked("rotation", rotation, (poses, 3, 3))[::every]
+    position = checked("position", position, (poses, 3))[::every]
+    lit = np.ascontiguousarray(reached[::every])
+    arm = np.einsum("pij,nj->pni", rotation, checked("point_m", point_m, (count, 3)))
+    p = arm + position[:, None]
+    row = np.zeros((len(lit), count, 2, 6))
+    for fan in range(2):
+        # theta = arccot(x / z): (13) times (10), and its moment about the craft's origin for the attitude (8).
+        gradient = np.zeros_like(p)
+        square = p[..., fan] ** 2 + p[..., 2] ** 2
+        gradient[..., fan], gradient[..., 2] = -p[..., 2] / square, p[..., fan] / square
+        row[:, :, fan, :3] = np.cross(arm, gradient) * (mix.attitude_rad / mix.angle_noise_rad)
+        row[:, :, fan, 3:] = gradient * (mix.position_m / mix.angle_noise_rad)
+    row[~lit] = 0.0
+    return Sightings(row, lit, reached, mix.rotor_correlation)
+
+
+@kernel
+def mixed_error(normal: Floats, fan_sum: Floats, rho: float, lower: Floats, inverse: Floats) -> float:
+    """e from N (6, 6) and s (2, 6), inf where N is singular. lower, inverse: (6, 6) workspace.
+
+    tr N^-1 = |L^-1|^2 and |N^-1 s|^2 = |L^-T L^-1 s|^2 with N = L L^T.
+    """
+    if not cholesky_into(normal, lower):
+        return np.inf
+    own = 0.0
+    for j in range(6):
+        inverse[j, j] = 1 / lower[j, j]
+        own += inverse[j, j] ** 2
+        for i in range(j + 1, 6):
+            value = 0.0
+            for k in range(j, i):
+                value -= lower[i, k] * inverse[k, j]
+            inverse[i, j] = value / lower[i, i]
+            own += inverse[i, j] ** 2
+    shared = 0.0
+    for fan in range(2):
+        for i in range(6):
+            value = 0.0
+            for k in range(i, 6):
+                part = 0.0
+                for j in range(k + 1):
+                    part += inverse[k, j] * fan_sum[fan, j]
+                value += inverse[k, i] * part
+            shared += value * value
+    return float(np.sqrt((1 - rho) * own + rho * shared))
+
+
+@kernel
+def add_up(row: Floats, lit: Bools, chosen: Ints, without: int, normal: Floats, fan_sum: Floats, seen: Ints) -> None:
+    """N (P, 6, 6), s (P, 2, 6) and the number lit (P,) of the chosen candidates but for slot `without`."""
+    normal[:], fan_sum[:], seen[:] = 0.0, 0.0, 0
+    for p in range(lit.shape[0]):
+        for slot in range(len(chosen)):
+            k = chosen[slot]
+            if slot == without or not lit[p, k]:
+                continue
+            seen[p] += 1
+            for fan in range(2):
+                for a in range(6):
+                    fan_sum[p, fan, a] += row[p, k, fan, a]
+                    for b in range(6):
+                        normal[p, a, b] += row[p, k, fan, a] * row[p, k, fan, b]
+
+
+@kernel
+def _errors_into(normal: Floats, fan_sum: Floats, seen: Ints, rho: float, out: Floats) -> None:
+    lower, inverse = np.zeros((6, 6)), np.zeros((6, 6))
+    for p in range(len(seen)):
+        out[p] = np.inf
+        if seen[p] >= FEWEST_LIT:
+            e = mixed_error(normal[p], fan_sum[p], rho, lower, inverse)
+            if e < WORST:
+                out[p] = e
+
+
+def mixed_errors(candidates: Sightings, chosen: Ints) -> Floats:
+    """The predicted error e (P,) at every pose with the chosen candidates (n,); inf where not solvable."""
+    poses = len(candidates.lit)
+    normal, fan_sum, seen = np.empty((poses, 6, 6)), np.empty((poses, 2, 6)), np.empty(poses, dtype=np.int64)
+    chosen = np.ascontiguousarray(chosen, dtype=np.int64)
+    add_up(candidates.row, candidates.lit, chosen, -1, normal, fan_sum, seen)
+    out = np.empty(poses)
+    _errors_into(normal, fan_sum, seen, candidates.rotor_correlation, out)
+    return out
+
+
+def percentile(error: Floats, share: float) -> float:
+    """The smallest error that at least this share of the poses (P,) does not exceed; unsolvable ones, inf, count."""
+    rank = int(np.ceil(share * len(error) - 1e-9)) - 1
+    return float(np.sort(error)[max(rank, 0)])

@@ -1,0 +1,1 @@
+"""LiDAR: the pose of a target of known shape from one scan."""

@@ -1,0 +1,209 @@
+"""Acquisition: the pose of a target of known shape from one scan, from nothing.
+
+    1. the returns fall into objects; one that is no larger than the shape can be the target
+    2. thousands of starts, each refined a little and scored          estimators.lidar.pose_search
+    3. the best that differ: registration, point to plane, k-d tree   estimators.lidar.registration
+       and what the best of these is easily mistaken for              estimators.lidar.likeness
+    4. every ray against what each of them predicts                   estimators.lidar.agreement
+    5. the best of all, if enough rays agree with it and no other pose agrees nearly as well
+
+A scan that allows two poses is *ambiguous*: the better one is given, and that it is a guess is said.
+"""
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators import rotation as rot
+from estimators.arrays import Floats
+from estimators.lidar.agreement import agreement
+from estimators.lidar.likeness import mistaken
+from estimators.lidar.pose_search import STARTS, Poses, distinct, rotations, search
+from estimators.lidar.registration import ITERATIONS, JUMP, Registration, register
+from estimators.lidar.scan import Scan, checked, clusters
+from estimators.lidar.shape import Shape
+
+ROUGH_ITERATIONS = 20
+"""Of a candidate's first registration; what is not there by then is not the best one."""
+LINKS = (0.6, 0.3, 0.1)
+"""Returns nearer than this, against the shape's radius, belong to one object; the wider links first."""
+
+
+class Verdict(Enum):
+    """What a scan is good for."""
+
+    FOUND = "found"
+    AMBIGUOUS = "ambiguous"
+    """Another pose agrees with the scan nearly as well."""
+    UNDETERMINED = "undetermined"
+    """What is seen leaves a direction free: a single plane, for instance."""
+    NOT_RECOGNISED = "not recognised"
+    """No pose agrees with the scan: another object, or too much of it missing."""
+    TOO_FEW = "too few returns"
+
+
+@dataclass(frozen=True)
+class AcquisitionSettings:
+    """starts: rotations tried. candidates: of them refined and compared. apart_rad: poses nearer than this are one.
+
+    fewest: returns without which nothing is tried. overlap_least: share of the rays that must agree. margin: cost that
+    the runner-up must have more, against the best's own. size_slack: an object may be this much larger than the shape.
+    """
+
+    starts: int = STARTS
+    candidates: int = 12
+    apart_rad: float = 0.15
+    fewest: int = 40
+    overlap_least: float = 0.8
+    margin: float = 1.0
+    size_slack: float = 1.15
+
+
+class Acquisition(NamedTuple):
+    """The target in the scanner's frame: rotation (3, 3) R_s_t, position (3,) [m], NaN where there is none.
+
+    covariance: (6, 6), ordered (attitude, position). verdict: whether to believe it. confidence: 0 to 1, above 0.5
+    exactly where `verdict` is FOUND. overlap: share of the rays that agree. margin: what the runner-up costs more.
+    runner_up: its attitude (3, 3), NaN where there is none. residual_m: RMS. points: returns of the target.
+    """
+
+    rotation: Floats
+    position: Floats
+    covariance: Floats
+    verdict: Verdict
+    confidence: float
+    overlap: float
+    margin: float
+    runner_up: Floats
+    residual_m: float
+    points: int
+
+    @property
+    def found(self) -> bool:
+        """Whether the pose can be believed."""
+        return self.verdict is Verdict.FOUND
+
+
+class _Candidate(NamedTuple):
+    fit: Registration
+    cost: float
+    overlap: float
+
+
+def acquire(scan: Scan, shape: Shape, settings: AcquisitionSettings | None = None) -> Acquisition:
+    """The pose of the target `shape` from one `scan` of it. Raises ValueError where the scan is none (`checked`)."""
+    s = settings or AcquisitionSettings()
+    best, tried = nothing(0), set[tuple[int, int, int]]()
+    # Parts of the target may stand apart where what joins them was not hit; other things may stand near it.
+    for members in (m for link in LINKS for m in clusters(checked(scan), link * shape.radius_m)):
+        key = int(members[0]), int(members[-1]), len(members)
+        own = scan.direction[members] * scan.range_m[members, None]
+        if key in tried or len(members) < s.fewest or _extent(own) > s.size_slack * shape.diameter_m:
+            continue
+        tried.add(key)
+        found = _of_object(_alone(scan, members, own, shape), scan, shape, s)
+        if found.confidence > best.confidence or not np.isfinite(best.position).all():
+            best = found
+        if found.found:
+            break
+    return best
+
+
+def nothing(points: int) -> Acquisition:
+    """No pose: too few returns."""
+    unknown = np.full((3, 3), np.nan)
+    return Acquisition(
+        unknown, unknown[0], np.full((6, 6), np.nan), Verdict.TOO_FEW, 0.0, np.nan, np.nan, unknown, np.nan, points
+    )
+
+
+def _extent(point: Floats) -> float:
+    """At least the largest distance between two of these points, less 2 %."""
+    centred = point - point.mean(axis=0)
+    axes = np.linalg.svd(centred, full_matrices=False)[2]
+    turned = centred @ axes.T
+    first = turned[np.argmax(turned[:, 0])] - turned[np.argmin(turned[:, 0])]
+    return float(max(np.linalg.norm(first), *np.ptp(turned, axis=0)))
+
+
+def _alone(scan: Scan, members: np.ndarray, own: Floats, shape: Shape) -> Scan:
+    """The rays towards one object, those beside it included; what other objects returned is left out."""
+    other = scan.returned
+    other[members] = False
+    rest = scan.rays(~other)
+    return rest.around((own.min(axis=0) + own.max(axis=0)) / 2, shape.diameter_m)
+
+
+def _of_object(scan: Scan, everything: Scan, shape: Shape, s: AcquisitionSettings) -> Acquisition:
+    point = scan.point
+    poses = distinct(search(scan, shape, rotations(s.starts)), s.apart_rad / 2, s.candidates)
+    some = point[:: max(1, len(point) // 300)]
+    rough = _refined(scan, shape, poses, some, ROUGH_ITERATIONS)
+    if rough:
+        first = min(rough, key=lambda c: c.cost).fit
+        rough += _refined(scan, shape, mistaken(shape, first.rotation, first.position), some, ROUGH_ITERATIONS)
+    order = sorted(range(len(rough)), key=lambda i: rough[i].cost)
+    # The best ones once more, with all points.
+    best_fits = [rough[i].fit for i in order[:4]]
+    leaders = Poses(np.array([f.rotation for f in best_fits]), np.array([f.position for f in best_fits]), np.zeros(0))
+    fine = sorted(_refined(scan, shape, leaders, point), key=lambda c: c.cost)
+    if not fine:
+        return nothing(len(point))._replace(verdict=Verdict.NOT_RECOGNISED)
+    best = fine[0]
+    others = [c for c in fine[1:] + [rough[i] for i in order[4:]] if _differ(c.fit, best.fit, s, shape)]
+    second = min(others, key=lambda c: c.cost, default=None)
+    margin = (second.cost - best.cost) / best.cost if second else np.inf
+    # What else returned from where the target is said to be must be explained, too: this may be but a part of it.
+    whole = agreement(everything.around(best.fit.position, shape.radius_m), shape, best.fit.rotation, best.fit.position)
+    best = best._replace(overlap=min(best.overlap, whole.overlap) if whole.rays else 0.0)
+    verdict = Verdict.FOUND
+    if best.overlap < s.overlap_least:
+        verdict = Verdict.NOT_RECOGNISED
+    elif best.fit.degenerate:
+        verdict = Verdict.UNDETERMINED
+    elif margin < s.margin:
+        verdict = Verdict.AMBIGUOUS
+    return Acquisition(
+        best.fit.rotation,
+        best.fit.position,
+        best.fit.covariance,
+        verdict,
+        _confidence(best, margin, s),
+        best.overlap,
+        margin,
+        second.fit.rotation if second else np.full((3, 3), np.nan),
+        best.fit.residual_m,
+        len(point),
+    )
+
+
+def _confidence(best: _Candidate, margin: float, s: AcquisitionSettings) -> float:
+    """The weaker of the two: how far overlap and margin are beyond their limits, a half at the limit itself."""
+    if best.fit.degenerate:
+        return 0.0
+    fits = best.overlap / s.overlap_least
+    beyond = (best.overlap - s.overlap_least) / (1 - s.overlap_least)
+    overlap = 0.5 * fits**4 if fits < 1 else 0.5 + 0.5 * beyond
+    unique = 1 - 0.5 ** max(margin / s.margin, 0.0)
+    return float(min(overlap, unique))
+
+
+def _refined(scan: Scan, shape: Shape, poses: Poses, point: Floats, iterations: int = ITERATIONS) -> list[_Candidate]:
+    out = []
+    edges = scan.edges(JUMP * shape.radius_m)
+    for rotation, position in zip(poses.rotation, poses.position, strict=True):
+        reach_m = 0.12 * shape.radius_m
+        fit = register(
+            point, shape, rotation, position, scan.noise_m, edges=edges, reach_m=reach_m, iterations=iterations
+        )
+        seen = agreement(scan, shape, fit.rotation, fit.position)
+        if seen.rays:
+            out.append(_Candidate(fit, seen.cost, seen.overlap))
+    return out
+
+
+def _differ(a: Registration, b: Registration, s: AcquisitionSettings, shape: Shape) -> bool:
+    turned = float(rot.angle_between(a.rotation, b.rotation))
+    return turned > s.apart_rad or float(np.linalg.norm(a.position - b.position)) > s.apart_rad * shape.radius_m

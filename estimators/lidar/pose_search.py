@@ -1,0 +1,294 @@
+"""Poses of a known shape that a scan from one side allows, from nothing: thousands of starts, each refined a little.
+
+Frames: s the scanner's, t the target's; a pose (R, p) maps t to s. For every rotation of a set spread evenly over SO(3)
+(super-Fibonacci spirals, Alexa, CVPR 2022) the scan's centroid x_c gives a start for the position,
+
+    p = x_c - R c(v),   v = R^T (-x_c / |x_c|)
+
+with c(v) the centroid of what is seen of the shape from direction v: the whole shape's centroid would be wrong, since
+its far side is missing from the scan. Two steps of point-to-point translation and eight of point-to-plane (as in
+`estimators.lidar.registration`) follow, with closest points looked up in the shape's grid. Then the score
+
+    mean_i min(|x_i - q_i|^2 / w^2, 1)  +  share of what v sees that the scan contradicts
+
+where a surface point seen from v is contradicted by the ray nearest to it if that did not return, or came from clearly
+behind. The second term is what tells a pose that hides surface from one that explains why it is not there.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from estimators import rotation as rot
+from estimators.arrays import Floats
+from estimators.kernel import kernel
+from estimators.lidar.scan import Scan
+from estimators.lidar.shape import Shape, Views
+from estimators.linear import cholesky_into, solve_cholesky
+from estimators.rotation import exp_into, multiply_into
+
+STARTS = 3000
+"""Rotations, about 13 degrees apart."""
+SEARCH_POINTS = 160
+"""Returns of the scan that the search looks at."""
+WIDTH = 0.12
+"""Of the shape's radius: points further from the surface than this are as wrong as can be."""
+CELLS = 128
+TRANSLATIONS, STEPS = 2, 8
+GOLDEN = 1.533751168755204288118041
+"""Root of x^4 = x + 4: the second irrational of the super-Fibonacci spirals."""
+
+
+class Poses(NamedTuple):
+    """M poses, best first: rotation (M, 3, 3), position (M, 3) [m], score (M,)."""
+
+    rotation: Floats
+    position: Floats
+    score: Floats
+
+
+class _RayImage(NamedTuple):
+    """Which ray looks where: frame (3, 3), its z towards the target. ray: (A, A), -1 where no ray is near. half:
+    tangent of the half width.
+    """
+
+    frame: Floats
+    ray: NDArray[np.int32]
+    half: float
+
+
+def rotations(count: int = STARTS) -> Floats:
+    """`count` rotations (count, 3, 3), spread evenly over SO(3)."""
+    s = np.arange(count) + 0.5
+    inner, outer = np.sqrt(s / count), np.sqrt(1 - s / count)
+    a, b = 2 * np.pi * s / np.sqrt(2), 2 * np.pi * s / GOLDEN
+    return rot.matrix_from_quaternion(
+        np.stack([inner * np.sin(a), inner * np.cos(a), outer * np.sin(b), outer * np.cos(b)], axis=-1)
+    )
+
+
+def search(scan: Scan, shape: Shape, starts: Floats) -> Poses:
+    """Every start (M, 3, 3) refined and scored, best first. `scan`: the target's rays and those around it."""
+    point = scan.point
+    stride = max(1, -(-len(point) // SEARCH_POINTS))
+    some = np.ascontiguousarray(point[np.argsort(_shuffled(len(point)))[::stride]])
+    rotation = np.ascontiguousarray(starts.copy())
+    position, score = np.empty((len(starts), 3)), np.empty(len(starts))
+    image = _ray_image(scan, point.mean(axis=0), shape)
+    depth = np.where(scan.returned, scan.range_m, np.inf)
+    grid = shape.grid
+    _search_into(
+        rotation,
+        position,
+        score,
+        some,
+        point.mean(axis=0),
+        shape.point,
+        shape.normal,
+        grid.nearest,
+        grid.low,
+        grid.cell_m,
+        shape.views,
+        image,
+        depth,
+        WIDTH * shape.radius_m,
+        3 * scan.noise_m + shape.spacing_m,
+    )
+    order = np.argsort(score, kind="stable")
+    return Poses(rotation[order], position[order], score[order])
+
+
+def distinct(poses: Poses, apart_rad: float, most: int) -> Poses:
+    """The best `most` poses of which no two are turned against each other by less than `apart_rad`."""
+    kept: list[int] = []
+    for i in range(len(poses.score)):
+        if np.isfinite(poses.score[i]) and (
+            not kept or rot.angle_between(poses.rotation[kept], poses.rotation[i]).min() >= apart_rad
+        ):
+            kept.append(i)
+            if len(kept) == most:
+                break
+    return Poses(poses.rotation[kept], poses.position[kept], poses.score[kept])
+
+
+def _shuffled(count: int) -> Floats:
+    """Numbers that order points at random, the same way every time."""
+    return np.random.default_rng(0).random(count)
+
+
+def _ray_image(scan: Scan, centroid: Floats, shape: Shape) -> _RayImage:
+    """The scan's rays by direction, as wide as the target may be."""
+    distance = float(np.linalg.norm(centroid))
+    z = centroid / distance
+    x = np.cross([0.0, 1.0, 0.0] if abs(z[1]) < 0.9 else [1.0, 0.0, 0.0], z)
+    x /= np.linalg.norm(x)
+    frame = np.stack([x, np.cross(z, x), z])
+    half = min(1.2 * shape.diameter_m / max(distance, 0.5 * shape.diameter_m), 2.0)
+    middle = (np.arange(CELLS) + 0.5) / CELLS * 2 * half - half
+    u, v = np.meshgrid(middle, middle, indexing="ij")
+    look = np.stack([u, v, np.ones_like(u)], axis=-1)
+    look /= np.linalg.norm(look, axis=-1, keepdims=True)
+    _, ray = cKDTree(scan.direction).query(look @ frame, distance_upper_bound=0.75 * scan.spacing_rad)
+    return _RayImage(frame, np.where(ray < len(scan.direction), ray, -1).astype(np.int32), half)
+
+
+@kernel
+def _nearest(own: Floats, nearest: NDArray[np.int32], low: Floats, cell: float) -> int:
+    """Index of the surface point nearest to `own` (3,), by the grid; from outside, that of the nearest cell."""
+    i = min(max(int((own[0] - low[0]) / cell), 0), nearest.shape[0] - 1)
+    j = min(max(int((own[1] - low[1]) / cell), 0), nearest.shape[1] - 1)
+    k = min(max(int((own[2] - low[2]) / cell), 0), nearest.shape[2] - 1)
+    return int(nearest[i, j, k])
+
+
+@kernel
+def _view(direction: Floats, rotation: Floats, toward: Floats) -> int:
+    """The view nearest to R^T `toward`."""
+    best, index = -2.0, 0
+    x = rotation[0, 0] * toward[0] + rotation[1, 0] * toward[1] + rotation[2, 0] * toward[2]
+    y = rotation[0, 1] * toward[0] + rotation[1, 1] * toward[1] + rotation[2, 1] * toward[2]
+    z = rotation[0, 2] * toward[0] + rotation[1, 2] * toward[1] + rotation[2, 2] * toward[2]
+    for k in range(len(direction)):
+        dot = direction[k, 0] * x + direction[k, 1] * y + direction[k, 2] * z
+        if dot > best:
+            best, index = dot, k
+    return index
+
+
+@kernel
+def _into_body(rotation: Floats, position: Floats, point: Floats, out: Floats) -> None:
+    for k in range(3):
+        out[k] = 0.0
+        for i in range(3):
+            out[k] += rotation[i, k] * (point[i] - position[i])
+
+
+@kernel
+def _search_into(
+    rotation: Floats,
+    position: Floats,
+    score: Floats,
+    point: Floats,
+    centroid: Floats,
+    surface: Floats,
+    normal: Floats,
+    nearest: NDArray[np.int32],
+    low: Floats,
+    cell: float,
+    views: Views,
+    image: _RayImage,
+    depth: Floats,
+    width: float,
+    tolerance: float,
+) -> None:
+    toward = -centroid / np.sqrt(np.sum(centroid**2))
+    own, j, step = np.empty(3), np.empty(6), np.empty(6)
+    a, lower = np.empty((6, 6)), np.zeros((6, 6))
+    turn, turned = np.empty((3, 3)), np.empty((3, 3))
+    for c in range(len(rotation)):
+        r, p = rotation[c], position[c]
+        v = _view(views.direction, r, toward)
+        for i in range(3):
+            p[i] = centroid[i]
+            for k in range(3):
+                p[i] -= r[i, k] * views.centroid[v, k]
+        for number in range(TRANSLATIONS + STEPS):
+            a[:] = 0.0
+            step[:] = 0.0
+            reach = 4 * width if number < TRANSLATIONS + 2 else 2 * width
+            for s in range(len(point)):
+                _into_body(r, p, point[s], own)
+                near = _nearest(own, nearest, low, cell)
+                m, n = surface[near], normal[near]
+                square = (own[0] - m[0]) ** 2 + (own[1] - m[1]) ** 2 + (own[2] - m[2]) ** 2
+                if square > reach * reach:
+                    continue
+                weight = (1 - square / (reach * reach)) ** 2
+                if number < TRANSLATIONS:
+                    for i in range(3):
+                        a[i, i] += weight
+                        for k in range(3):
+                            step[i] += weight * r[i, k] * (own[k] - m[k])
+                    continue
+                error = n[0] * (own[0] - m[0]) + n[1] * (own[1] - m[1]) + n[2] * (own[2] - m[2])
+                for i in range(3):
+                    turned[0, i] = r[i, 0] * m[0] + r[i, 1] * m[1] + r[i, 2] * m[2]
+                    turned[1, i] = r[i, 0] * n[0] + r[i, 1] * n[1] + r[i, 2] * n[2]
+                q, w = turned[0], turned[1]
+                j[0], j[1], j[2] = q[1] * w[2] - q[2] * w[1], q[2] * w[0] - q[0] * w[2], q[0] * w[1] - q[1] * w[0]
+                j[3], j[4], j[5] = w[0], w[1], w[2]
+                for i in range(6):
+                    step[i] += weight * j[i] * error
+                    for k in range(i + 1):
+                        a[i, k] += weight * j[i] * j[k]
+            if number < TRANSLATIONS:
+                for i in range(3):
+                    p[i] += step[i] / max(a[i, i], 1.0)
+                continue
+            # Damped: what the matched surface does not determine stays where it is.
+            trace = 1e-9
+            for i in range(6):
+                trace += a[i, i]
+                for k in range(i):
+                    a[k, i] = a[i, k]
+            for i in range(6):
+                a[i, i] += 1e-3 * trace
+            if not cholesky_into(a, lower):
+                break
+            solve_cholesky(lower, step)
+            exp_into(step[:3], turn)
+            multiply_into(turn, r, turned)
+            r[:] = turned
+            for i in range(3):
+                p[i] += step[3 + i]
+        score[c] = _score(r, p, point, surface, nearest, low, cell, views, image, depth, width, tolerance, own)
+
+
+@kernel
+def _score(
+    rotation: Floats,
+    position: Floats,
+    point: Floats,
+    surface: Floats,
+    nearest: NDArray[np.int32],
+    low: Floats,
+    cell: float,
+    views: Views,
+    image: _RayImage,
+    depth: Floats,
+    width: float,
+    tolerance: float,
+    own: Floats,
+) -> float:
+    forward = 0.0
+    for s in range(len(point)):
+        _into_body(rotation, position, point[s], own)
+        m = surface[_nearest(own, nearest, low, cell)]
+        square = (own[0] - m[0]) ** 2 + (own[1] - m[1]) ** 2 + (own[2] - m[2]) ** 2
+        forward += min(square / (width * width), 1.0)
+    distance = np.sqrt(np.sum(position**2))
+    v = _view(views.direction, rotation, -position / max(distance, 1e-9))
+    observed, contradicted = 0, 0
+    size = image.ray.shape[0]
+    q = np.empty(3)
+    for index in views.sample[v]:
+        m = surface[index]
+        for i in range(3):
+            q[i] = position[i] + rotation[i, 0] * m[0] + rotation[i, 1] * m[1] + rotation[i, 2] * m[2]
+        z = image.frame[2, 0] * q[0] + image.frame[2, 1] * q[1] + image.frame[2, 2] * q[2]
+        if z <= 0:
+            continue
+        x = (image.frame[0, 0] * q[0] + image.frame[0, 1] * q[1] + image.frame[0, 2] * q[2]) / z
+        y = (image.frame[1, 0] * q[0] + image.frame[1, 1] * q[1] + image.frame[1, 2] * q[2]) / z
+        column, row = int((x + image.half) / (2 * image.half) * size), int((y + image.half) / (2 * image.half) * size)
+        if column < 0 or row < 0 or column >= size or row >= size or abs(x) > image.half or abs(y) > image.half:
+            continue
+        ray = image.ray[column, row]
+        if ray < 0:
+            continue
+        observed += 1
+        if depth[ray] > np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2]) + 2 * tolerance:
+            contradicted += 1
+    return forward / len(point) + (contradicted / observed if observed > 0 else 1.0)

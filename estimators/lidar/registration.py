@@ -1,0 +1,241 @@
+"""Point-to-plane registration of a scan with a target's known surface: iterated closest points, with a covariance.
+
+Frames: s the scanner's, t the target's. The pose (R, p) of the target in s maps t to s. A scanned point x_i is matched
+with its closest surface point m_i (k-d tree), normal n_i, both in t; with q_i = R m_i + p and N_i = R n_i in s
+
+    e_i = N_i . (x_i - q_i),   J_i = [(R m_i) x N_i, N_i],   min sum_i w_i (e_i - J_i d)^2
+
+gives the step d = (attitude, position): R <- Exp([d]x) R, p <- p + dp (Chen and Medioni 1992; error convention of this
+package: active, left). Only surface that the scanner can see takes part. w_i = b_i / s_i^2: an error of the range
+counts across the surface by the cosine of its incidence, s_i^2 = (noise cos)^2 + (0.3 noise)^2, and Tukey's b takes
+outliers away, its width shrinking from the start's uncertainty to a few times the noise.
+
+Near the end two things become exact: the matches are where the points' own rays meet the mesh, and the scan's edges,
+where its lines leave the target, are matched with the shape's sharp edges: with T_i the edge's tangent,
+
+    N_i = x_i x T_i / |...|,   s_i^2 = step along the line^2 / 12 + (0.7 noise)^2
+
+in the same e_i and J_i. They determine what planes leave free, such as a turn about the line of sight.
+
+Directions that the matched surface does not determine (a single plane, a sphere) are left as they are, told apart by
+the eigenvalues of the normal matrix, and get an infinite variance. Covariance: (J^T W J)^-1, times the mean of
+w e^2 where that is above one.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from estimators import rotation as rot
+from estimators.arrays import Bools, Floats, Ints
+from estimators.lidar.ray_cast import cast
+from estimators.lidar.scan import Edges
+from estimators.lidar.shape import Shape
+
+FEWEST_POINTS = 12
+"""Matched points without which there is no answer."""
+FLOOR = 0.3
+"""Of the noise: what no incidence takes away, of jitter and of the known shape itself."""
+GRAZING = 0.12
+"""Cosine of the incidence (83 degrees) beyond which a return is not used."""
+NEIGHBOURS = 4
+"""Surface points that a return is compared with."""
+WEAK_ATTITUDE_RAD, WEAK_POSITION = 0.05, 0.05
+"""A direction whose sigma is larger (position: against the shape's radius) is not determined."""
+EDGE_GATE = (0.025, 4.0)
+"""How far a scanned edge may be from the known one: at first, against the radius; at last, in sigmas."""
+JUMP = 0.1
+"""A range that jumps by this, against the radius, is an edge."""
+EDGE_FLOOR = 0.7
+"""Of the noise: an edge is not known better than this, however fine the steps."""
+CLEAR = 0.4
+"""Sine of the least angle between an edge and the line of sight, and between it and the scan's line."""
+POLISH_RAD = 3e-3
+"""Steps below this: from now on, matched along the rays."""
+STEP_RAD, STEP_M = 1e-5, 1e-5
+"""Steps below these end the iteration (e_final and eps_final of the paper in one)."""
+ITERATIONS = 40
+
+
+class Registration(NamedTuple):
+    """Pose of the target in the scanner's frame: rotation (3, 3), position (3,) [m].
+
+    covariance: (6, 6), ordered (attitude, position), infinite on the diagonal where `degenerate`. converged: the steps
+    became small. iterations: how many. residual_m: RMS of the matched points. matched: share of the points matched.
+    degenerate: a direction is not determined.
+    """
+
+    rotation: Floats
+    position: Floats
+    covariance: Floats
+    converged: bool
+    iterations: int
+    residual_m: float
+    matched: float
+    degenerate: bool
+
+
+def failed(rotation: Floats, position: Floats) -> Registration:
+    """No answer, with the pose that it started from."""
+    return Registration(rotation, position, np.full((6, 6), np.nan), False, 0, np.nan, 0.0, True)
+
+
+def register(
+    point: Floats,
+    shape: Shape,
+    rotation: Floats,
+    position: Floats,
+    noise_m: float,
+    *,
+    edges: Edges | None = None,
+    reach_m: float = 0.3,
+    iterations: int = ITERATIONS,
+) -> Registration:
+    """Refine the target's pose from a start near it.
+
+    point: (n, 3) [m] in s. rotation (3, 3), position (3,): the start. noise_m: 1 sigma of a range. edges: where the
+    scan's lines leave the target. reach_m: how far points may lie from the surface at the start. Raises ValueError
+    where an argument is not finite.
+    """
+    if not (np.isfinite(point).all() and np.isfinite(rotation).all() and np.isfinite(position).all()):
+        raise ValueError("point, rotation, position: not finite")
+    if len(point) < FEWEST_POINTS:
+        return failed(rotation, position)
+    least = 3.5 * float(np.hypot(noise_m, 0.15 * shape.spacing_m))
+    width, seen_from = max(reach_m, least), np.full(3, np.inf)
+    visible = edge_seen = np.zeros(0, dtype=np.int64)
+    gate = EDGE_GATE[0] * shape.radius_m
+    tree = edge_tree = None
+    converged, polishing = False, False
+    number = 0
+    while number < iterations:
+        number += 1
+        viewpoint = -rotation.T @ position
+        # What is visible changes with the pose: looked at again when the view has turned by more than 3 degrees.
+        if tree is None or np.linalg.norm(viewpoint - seen_from) > 0.05 * np.linalg.norm(viewpoint):
+            seen_from, visible = viewpoint, np.flatnonzero(shape.visible_from(viewpoint))
+            if len(visible) < FEWEST_POINTS:
+                return failed(rotation, position)
+            tree = cKDTree(shape.point[visible])
+            edge_seen = np.flatnonzero(shape.edges_from(viewpoint)) if edges is not None else visible
+            edge_tree = cKDTree(shape.edge.point[edge_seen] if edges is not None else shape.point[visible])
+        if polishing:
+            matched = _along_rays(point, shape, rotation, position)
+        else:
+            matched = _closest(point, shape, visible, tree, rotation, position, width)
+        error, jacobian, weight, bisquare = _linearised(point, *matched, rotation, position, width, noise_m)
+        normal, right = jacobian.T @ (weight[:, None] * jacobian), jacobian.T @ (weight * error)
+        if polishing and edges is not None and len(edges.point):
+            gate = max(0.75 * gate, EDGE_GATE[1] * float(np.max(edges.sigma_m)))
+            sigma = np.hypot(edges.sigma_m, EDGE_FLOOR * noise_m)
+            own_normal, own_right = _of_edges(edges, sigma, shape, edge_seen, edge_tree, rotation, position, gate)
+            normal, right = normal + own_normal, right + own_right
+        used = weight > 0
+        if np.count_nonzero(used) < FEWEST_POINTS:
+            return failed(rotation, position)
+        step, _ = _solve(normal, right, 1.0, shape.radius_m)
+        rotation, position = rot.exp(step[:3]) @ rotation, position + step[3:]
+        small = np.linalg.norm(step[:3]) < STEP_RAD and np.linalg.norm(step[3:]) < STEP_M
+        if small and polishing:
+            converged = True
+            break
+        polishing = polishing or bool(width <= least and np.linalg.norm(step[:3]) < POLISH_RAD)
+        # The weights follow what is left of the error, but never widen again.
+        rms = 1.5 * float(np.median(np.abs(error[used])))
+        width = max(least, min(0.7 * width, 4.0 * rms + 0.3 * width))
+    residual = float(np.sqrt(np.average(error**2, weights=bisquare)))
+    sigma = np.sqrt(max(1.0, float(np.sum(weight * error**2) / np.sum(bisquare))))
+    _, covariance = _solve(normal, np.zeros(6), sigma, shape.radius_m)
+    degenerate = not bool(np.isfinite(covariance).all())
+    return Registration(rotation, position, covariance, converged, number, residual, float(np.mean(used)), degenerate)
+
+
+def _closest(
+    point: Floats, shape: Shape, visible: Ints, tree: cKDTree, rotation: Floats, position: Floats, width: float
+) -> tuple[Floats, Floats, Bools]:
+    """The closest surface points (n, 3), their normals (n, 3), both in t, and where there is one within reach (n,)."""
+    own = (point - position) @ rotation
+    distance, index = tree.query(own, k=NEIGHBOURS, distance_upper_bound=width + 2 * shape.spacing_m)
+    near = visible[np.where(np.isfinite(distance), index, 0)]
+    offset = own[:, None] - shape.point[near]
+    along = np.einsum("nkj,nkj->nk", shape.normal[near], offset)
+    # A surface point stands for a disc around it: beside an edge, the nearest one may be that of the wrong face.
+    lateral = np.sqrt(np.maximum(distance**2 - along**2, 0.0)) - shape.spacing_m
+    which = np.argmin(along**2 + np.maximum(lateral, 0.0) ** 2, axis=1)
+    row = np.arange(len(own))
+    chosen = near[row, which]
+    return shape.point[chosen], shape.normal[chosen], np.isfinite(distance[row, which])
+
+
+def _along_rays(point: Floats, shape: Shape, rotation: Floats, position: Floats) -> tuple[Floats, Floats, Bools]:
+    """Where the points' own rays meet the exact surface (n, 3), the normals there (n, 3), in t, and which do (n,)."""
+    direction = point @ rotation
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    viewpoint = -rotation.T @ position
+    hits = cast(shape.mesh, viewpoint, direction)
+    # On a rim, a ray of half a step's difference meets another face: what such a match says is chance.
+    found = np.isfinite(hits.distance) & shape.broad[hits.triangle]
+    m = viewpoint + np.where(np.isfinite(hits.distance), hits.distance, 0.0)[:, None] * direction
+    return m, shape.mesh.normal[hits.triangle], found
+
+
+def _linearised(
+    point: Floats, m: Floats, n: Floats, found: Bools, rotation: Floats, position: Floats, width: float, noise_m: float
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Errors (n,), Jacobians (n, 6), weights (n,) and their Tukey part (n,) of points matched with `m`, `n`."""
+    error = np.sum(n * ((point - position) @ rotation - m), axis=1)
+    ratio = np.where(found, error / width, 1.0)
+    bisquare = np.where(np.abs(ratio) < 1, (1 - ratio**2) ** 2, 0.0)
+    turned, across = m @ rotation.T, n @ rotation.T
+    cosine = np.sum(across * point, axis=1) / np.linalg.norm(point, axis=1)
+    # A face seen at a grazing angle is told from its neighbour by a hair: what it would say weighs too much.
+    bisquare[np.abs(cosine) < GRAZING] = 0.0
+    weight = bisquare / (noise_m**2 * (cosine**2 + FLOOR**2))
+    return error, np.concatenate([np.cross(turned, across), across], axis=1), weight, bisquare
+
+
+def _of_edges(
+    edges: Edges,
+    sigma: Floats,
+    shape: Shape,
+    seen: Ints,
+    tree: cKDTree,
+    rotation: Floats,
+    position: Floats,
+    gate: float,
+) -> tuple[Floats, Floats]:
+    """What the scan's edges, known to `sigma` (k,) [m], add: the normal matrix (6, 6) and its right side (6,)."""
+    own = (edges.point - position) @ rotation
+    distance, index = tree.query(own, distance_upper_bound=gate)
+    found = np.isfinite(distance)
+    chosen = seen[index[found]]
+    x, m = edges.point[found], shape.edge.point[chosen]
+    # An edge is seen across itself, and by a line that crosses it: one that runs along it does not end there.
+    across = np.cross(x, shape.edge.tangent[chosen] @ rotation.T)
+    size = np.linalg.norm(across, axis=1) / np.linalg.norm(x, axis=1)
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
+    turned = m @ rotation.T
+    error = np.sum(across * (x - turned - position), axis=1)
+    crossing = np.abs(np.sum(across * edges.along[found], axis=1))
+    clear = (size > CLEAR) & (crossing > CLEAR) & (np.abs(error) < gate)
+    weight = np.where(clear, (1 - (error / gate) ** 2) ** 2, 0.0) / sigma[found] ** 2
+    jacobian = np.concatenate([np.cross(turned, across), across], axis=1)
+    return jacobian.T @ (weight[:, None] * jacobian), jacobian.T @ (weight * error)
+
+
+def _solve(normal: Floats, right: Floats, sigma: float, radius_m: float) -> tuple[Floats, Floats]:
+    """The step (6,) within the directions that are determined, and the covariance (6, 6) for errors of `sigma`."""
+    # In units in which both parts of a direction weigh the same.
+    unit = np.array([WEAK_ATTITUDE_RAD] * 3 + [WEAK_POSITION * radius_m] * 3)
+    value, vector = np.linalg.eigh(normal * unit[:, None] * unit)
+    strong = value > sigma**2
+    inverse = np.where(strong, 1 / np.where(strong, value, 1.0), 0.0)
+    step = unit * (vector @ (inverse * (vector.T @ (unit * right))))
+    if not strong.all():
+        weak = (np.abs(vector[:, ~strong]) > 0.1).any(axis=1)
+        covariance = np.zeros((6, 6))
+        covariance[np.diag_indices(6)] = np.where(weak, np.inf, unit**2)
+        return step, covariance
+    out: Floats = sigma**2 * (unit[:, None] * ((vector * inverse) @ vector.T) * unit)
+    return step, out

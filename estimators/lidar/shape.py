@@ -1,0 +1,225 @@
+"""A target's known shape, prepared once for registration: points on its surface, what is seen of it from where.
+
+Everything is in the target's body frame t. From a triangle mesh follow
+
+    points with normals, spread evenly over the outer surface      what a scan is compared with
+    a k-d tree over them, and a grid of the nearest one            exact, and fast, closest points
+    views from V directions: which points are seen, their centroid  what a scan from one side must look like
+
+A view weighs a point by the cosine of its incidence: a scanner's rays are spread evenly over angle, not over surface.
+"""
+
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from estimators.arrays import Bools, Floats, Ints
+from estimators.lidar.ray_cast import Triangles, cast, triangles
+
+POINTS = 4000
+VIEWS = 240
+"""Directions of the views, 13 degrees apart."""
+VIEW_POINTS = 96
+"""Points of a view that stand for all that is seen of it."""
+ALIKE, BROAD = 0.85, 0.4
+"""A triangle is in the midst of like surface if so much of its surroundings has its normal, within 32 degrees."""
+SHARP_RAD = np.radians(25)
+CELLS = 72
+"""Cells of the grid along the longest side of the box around the shape."""
+MARGIN = 0.25
+"""How far the grid reaches beyond the box, against its longest side."""
+
+
+class Grid(NamedTuple):
+    """The index of the surface point nearest to the centre of every cell. low: (3,) corner [m]. cell_m: edge."""
+
+    low: Floats
+    cell_m: float
+    nearest: NDArray[np.int32]
+
+
+class Views(NamedTuple):
+    """direction: (V, 3), from the shape to the viewer. seen: (V, n) surface points. centroid: (V, 3) [m] of what is
+    seen. sample: (V, `VIEW_POINTS`), indices of points that represent it.
+    """
+
+    direction: Floats
+    seen: Bools
+    centroid: Floats
+    sample: Ints
+
+
+class SharpEdges(NamedTuple):
+    """point: (e, 3) [m]. tangent: (e, 3), along the edge. outward: (e, 3), between the faces' normals, which are one
+    and two, (e, 3); opposite to each other where there is one face only.
+    """
+
+    point: Floats
+    tangent: Floats
+    outward: Floats
+    one: Floats
+    two: Floats
+
+
+class Shape:
+    """The shape. point: (n, 3) [m], normal: (n, 3) outward, mesh: its triangles, radius_m: about the body's origin.
+
+    broad: (F,), triangles that are no rims, no rods. tree: a `cKDTree` of the points. spacing_m: typical distance
+    between neighbouring points. edge: points on the sharp edges, where a silhouette can be.
+    """
+
+    def __init__(self, vertex: Floats, face: NDArray[np.integer], points: int = POINTS, seed: int = 0) -> None:
+        """Take a mesh with vertices (V, 3) [m] and faces (F, 3), outward; parts may overlap.
+
+        seed: of the random points. Raises ValueError where the mesh has no area or is not finite.
+        """
+        self.mesh: Triangles = triangles(vertex, face)
+        self.vertex = np.asarray(vertex, dtype=np.float64)[np.unique(face)]
+        self.radius_m = float(np.linalg.norm(self.vertex, axis=1).max())
+        self.diameter_m = _diameter(self.vertex)
+        point, normal = _sprinkle(self.mesh, 4 * points, np.random.default_rng(seed))
+        kept = _thinned(point, points)
+        direction = sphere(VIEWS)
+        seen = _seen(self.mesh, point[kept], normal[kept], direction, self.radius_m)
+        # What is never seen lies inside: where parts overlap.
+        outer = seen.any(axis=0)
+        self.point, self.normal = point[kept][outer], normal[kept][outer]
+        self._seen, self._direction = seen[:, outer], direction
+        edge = sharp_edges(vertex, face, 0.012 * self.radius_m)
+        shown = _seen(self.mesh, edge.point, edge.outward, direction[::4], self.radius_m).any(axis=0)
+        self.edge = SharpEdges(*(part[shown] for part in edge))
+        self.tree = cKDTree(self.point)
+        self.spacing_m = float(np.median(self.tree.query(self.point, k=2)[0][:, 1]))
+        self.broad = self._broad()
+        self._rng = np.random.default_rng(seed)
+
+    def _broad(self) -> Bools:
+        """(F,): triangles in the midst of surface that looks the same way; not the rim of a plate, not a thin rod."""
+        m = self.mesh
+        reach = 2.5 * self.spacing_m
+        expected = np.pi * reach**2 * len(self.point) / _area(m)
+        near = self.tree.query_ball_point(m.corner + (m.edge1 + m.edge2) / 3, reach)
+        alike = [np.count_nonzero(self.normal[i] @ n > ALIKE) for i, n in zip(near, m.normal, strict=True)]
+        out: Bools = np.array(alike) > BROAD * expected
+        return out
+
+    @cached_property
+    def views(self) -> Views:
+        """What is seen from all around, from far away."""
+        weight = self._seen * np.maximum(self._direction @ self.normal.T, 0.0)
+        share = weight / weight.sum(axis=1, keepdims=True)
+        sample = np.stack([self._rng.choice(len(self.point), VIEW_POINTS, p=row) for row in share])
+        return Views(self._direction, self._seen, share @ self.point, sample.astype(np.int64))
+
+    @cached_property
+    def grid(self) -> Grid:
+        """The nearest surface point, by cell."""
+        low, high = self.point.min(axis=0), self.point.max(axis=0)
+        longest = float((high - low).max())
+        cell = longest * (1 + 2 * MARGIN) / CELLS
+        low, high = low - MARGIN * longest, high + MARGIN * longest
+        axes = [np.arange(a + cell / 2, b, cell) for a, b in zip(low, high, strict=True)]
+        centre = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+        return Grid(low, cell, self.tree.query(centre, eps=0.2)[1].astype(np.int32))
+
+    def visible_from(self, viewpoint: Floats) -> Bools:
+        """(n,): the surface points that a viewer at `viewpoint` (3,) [m] sees: facing it, and nothing in between."""
+        toward = viewpoint - self.point
+        distance = np.linalg.norm(toward, axis=1)
+        direction = toward / np.maximum(distance, 1e-12)[:, None]
+        out: Bools = np.sum(self.normal * direction, axis=1) > 0
+        start = self.point[out] + 1e-4 * self.radius_m * self.normal[out]
+        out[out] = cast(self.mesh, start, direction[out]).distance > distance[out]
+        return out
+
+    def edges_from(self, viewpoint: Floats) -> Bools:
+        """(e,): the points on sharp edges where a viewer at `viewpoint` (3,) [m] sees the surface end.
+
+        One face looks to the viewer and the other away, and nothing is in between.
+        """
+        toward = viewpoint - self.edge.point
+        out: Bools = np.sum(toward * self.edge.one, axis=1) * np.sum(toward * self.edge.two, axis=1) <= 0
+        start = self.edge.point[out] + 2e-3 * self.radius_m * self.edge.outward[out]
+        toward = viewpoint - start
+        distance = np.linalg.norm(toward, axis=1)
+        out[out] = cast(self.mesh, start, toward / distance[:, None]).distance > distance
+        return out
+
+
+def sphere(count: int) -> Floats:
+    """`count` directions (count, 3) spread evenly over the sphere (Fibonacci's spiral)."""
+    i = np.arange(count) + 0.5
+    z, turn = 1 - 2 * i / count, np.pi * (1 + np.sqrt(5)) * i
+    radius = np.sqrt(1 - z * z)
+    return np.stack([radius * np.cos(turn), radius * np.sin(turn), z], axis=1)
+
+
+def sharp_edges(vertex: Floats, face: NDArray[np.integer], spacing_m: float) -> SharpEdges:
+    """Points every `spacing_m` along the edges of a mesh (V, 3), (F, 3) that are open or bend beyond `SHARP_RAD`."""
+    corner, index = np.unique(np.round(vertex, 6), axis=0, return_inverse=True)
+    triangle = index.reshape(-1)[face]
+    across = np.cross(corner[triangle[:, 1]] - corner[triangle[:, 0]], corner[triangle[:, 2]] - corner[triangle[:, 0]])
+    size = np.linalg.norm(across, axis=1)
+    triangle, normal = triangle[size > 1e-12], across[size > 1e-12] / size[size > 1e-12, None]
+    pair = np.sort(triangle[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    owner = np.repeat(np.arange(len(triangle)), 3)
+    unique, which, count = np.unique(pair, axis=0, return_inverse=True, return_counts=True)
+    order = np.argsort(which.reshape(-1), kind="stable")
+    first = np.cumsum(count) - count
+    a, b = normal[owner[order[first]]], normal[owner[order[first + np.minimum(count, 2) - 1]]]
+    b = np.where((count == 1)[:, None], -a, b)
+    sharp = (count != 2) | (np.sum(a * b, axis=1) < np.cos(SHARP_RAD))
+    start, end, a, b = corner[unique[sharp, 0]], corner[unique[sharp, 1]], a[sharp], b[sharp]
+    length = np.linalg.norm(end - start, axis=1)
+    tangent = (end - start) / length[:, None]
+    # Where the faces fold back on each other, either normal serves.
+    between = np.where(np.linalg.norm(a + b, axis=1, keepdims=True) < 1e-6, a, a + b)
+    between /= np.linalg.norm(between, axis=1, keepdims=True)
+    pieces = np.maximum(1, np.ceil(length / spacing_m)).astype(np.int64)
+    of = np.repeat(np.arange(len(length)), pieces)
+    number = np.arange(len(of)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    along = (number + 0.5) / pieces[of] * length[of]
+    return SharpEdges(start[of] + along[:, None] * tangent[of], tangent[of], between[of], a[of], b[of])
+
+
+def _area(mesh: Triangles) -> float:
+    return float(np.linalg.norm(np.cross(mesh.edge1, mesh.edge2), axis=1).sum() / 2)
+
+
+def _diameter(vertex: Floats) -> float:
+    """The longest extent over many directions: at most 1 % short of the largest distance between two vertices."""
+    return float(np.ptp(vertex @ sphere(400).T, axis=0).max())
+
+
+def _sprinkle(mesh: Triangles, count: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
+    """Random points (count, 3), uniform over the surface, and the normals there."""
+    area = np.linalg.norm(np.cross(mesh.edge1, mesh.edge2), axis=1)
+    which = np.sort(rng.choice(len(area), count, p=area / area.sum()))
+    u, v = rng.random((2, count, 1))
+    u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
+    return mesh.corner[which] + u * mesh.edge1[which] + v * mesh.edge2[which], mesh.normal[which]
+
+
+def _seen(mesh: Triangles, point: Floats, normal: Floats, direction: Floats, radius_m: float) -> Bools:
+    """(V, n): which points are seen from far away in each of the directions (V, 3)."""
+    out: Bools = direction @ normal.T > 0
+    for row, toward in zip(out, direction, strict=True):
+        start = point[row] + 1e-4 * radius_m * normal[row]
+        row[row] = ~np.isfinite(cast(mesh, start, np.broadcast_to(toward, start.shape)).distance)
+    return out
+
+
+def _thinned(point: Floats, count: int) -> Ints:
+    """Indices of about `count` points, spread evenly: one per cell of a grid whose cell is searched for."""
+    if len(point) <= count:
+        return np.arange(len(point))
+    low, high = 0.0, float(np.ptp(point, axis=0).max())
+    kept = np.arange(len(point))
+    for _ in range(20):
+        cell = (low + high) / 2
+        _, kept = np.unique(np.floor(point / cell).astype(np.int64), axis=0, return_index=True)
+        low, high = (cell, high) if len(kept) > count else (low, cell)
+    return np.sort(kept)

@@ -1,0 +1,165 @@
+"""Tracking: the pose of a target of known shape from one scan, starting from where it is believed to be.
+
+Registration from the prediction (`estimators.lidar.registration`); then every ray against what the result predicts
+(`estimators.lidar.agreement`). The target is lost where the surface does not determine the pose, the residual is not
+noise, too few rays agree, or the registration walked away from the prediction.
+
+`chain` is the paper's own tracking (section 1.3): each scan against the previous *scan*, principal components first,
+(15) to (19), then point to plane; its errors add up along the track. It is here to be compared.
+"""
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from estimators import rotation as rot
+from estimators.arrays import Floats
+from estimators.lidar.agreement import agreement
+from estimators.lidar.point_cloud import align_principal
+from estimators.lidar.point_cloud import checked as checked_points
+from estimators.lidar.pose_search import search
+from estimators.lidar.registration import JUMP, register
+from estimators.lidar.scan import Scan, checked
+from estimators.lidar.shape import Shape
+
+AROUND = rot.exp(np.concatenate([np.radians(angle) * axes for angle in (10, 20) for axes in (np.eye(3), -np.eye(3))]))
+"""Turns of the prediction that are tried where it leads to no agreement."""
+TRIED = 3
+
+
+class Outcome(Enum):
+    """What became of a scan."""
+
+    TRACKED = "tracked"
+    TOO_FEW = "too few returns"
+    UNDETERMINED = "undetermined"
+    RESIDUAL = "residual too large"
+    OVERLAP = "overlap too small"
+    WALKED_AWAY = "far from the prediction"
+
+
+@dataclass(frozen=True)
+class TrackingSettings:
+    """fewest: returns. reach: how far from the surface returns may lie at the start, against the shape's radius.
+
+    overlap_sure: with fewer rays that agree, other starts near the prediction are tried. residual_most: RMS, against
+    the noise. overlap_least: share of the rays that must agree. walk_most_rad: how far the attitude may be from the
+    prediction.
+    """
+
+    fewest: int = 25
+    overlap_sure: float = 0.93
+    reach: float = 0.15
+    residual_most: float = 3.0
+    overlap_least: float = 0.7
+    walk_most_rad: float = 0.35
+
+
+class Track(NamedTuple):
+    """The target in the scanner's frame: rotation (3, 3), position (3,) [m]; covariance (6, 6), ordered (attitude,
+    position). outcome: whether to believe it. residual_m: RMS. overlap: share of the rays that agree. points: returns.
+    """
+
+    rotation: Floats
+    position: Floats
+    covariance: Floats
+    outcome: Outcome
+    residual_m: float
+    overlap: float
+    points: int
+
+    @property
+    def tracked(self) -> bool:
+        """Whether the pose can be believed."""
+        return self.outcome is Outcome.TRACKED
+
+
+def track(
+    scan: Scan, shape: Shape, rotation: Floats, position: Floats, settings: TrackingSettings | None = None
+) -> Track:
+    """The target's pose from `scan`, near the predicted rotation (3, 3), position (3,) [m].
+
+    Raises ValueError where the scan is none (`scan.checked`) or the prediction is not finite.
+    """
+    s = settings or TrackingSettings()
+    if not (np.isfinite(rotation).all() and np.isfinite(position).all()):
+        raise ValueError("rotation, position: the prediction is not finite")
+    part = checked(scan).around(position, (1 + s.reach) * shape.radius_m)
+    point = part.point
+    if len(point) < s.fewest:
+        return Track(rotation, position, np.full((6, 6), np.nan), Outcome.TOO_FEW, np.nan, np.nan, len(point))
+    edges, reach_m = part.edges(JUMP * shape.radius_m), s.reach * shape.radius_m
+    fit = register(point, shape, rotation, position, scan.noise_m, edges=edges, reach_m=reach_m)
+    seen = agreement(part, shape, fit.rotation, fit.position)
+    if not seen.overlap >= s.overlap_sure:
+        # Perhaps a neighbouring minimum: whatever explains the rays best wins.
+        near = search(part, shape, AROUND @ rotation)
+        for start_rotation, start_position in zip(near.rotation[:TRIED], near.position[:TRIED], strict=True):
+            other = register(point, shape, start_rotation, start_position, scan.noise_m, edges=edges, reach_m=reach_m)
+            agrees = agreement(part, shape, other.rotation, other.position)
+            if agrees.cost < seen.cost:
+                fit, seen = other, agrees
+    overlap = seen.overlap
+    outcome = Outcome.TRACKED
+    if fit.degenerate:
+        outcome = Outcome.UNDETERMINED
+    elif fit.residual_m > s.residual_most * scan.noise_m:
+        outcome = Outcome.RESIDUAL
+    elif not overlap >= s.overlap_least:
+        outcome = Outcome.OVERLAP
+    elif float(rot.angle_between(fit.rotation, rotation)) > s.walk_most_rad:
+        outcome = Outcome.WALKED_AWAY
+    return Track(fit.rotation, fit.position, fit.covariance, outcome, fit.residual_m, overlap, len(point))
+
+
+def chain(scan: Scan, previous: Scan, rotation: Floats, position: Floats) -> tuple[Floats, Floats]:
+    """The paper's tracking: the pose (3, 3), (3,) of a scan from that of the `previous` one, both of the target alone.
+
+    Principal components where they help, then point-to-plane registration of scan with scan. Raises ValueError where a
+    scan has fewer than 12 returns.
+    """
+    point, before = checked_points(scan.point, 12), checked_points(previous.point, 12)
+    tree = cKDTree(before)
+    spread = np.linalg.norm(np.ptp(before, axis=0))
+    # Neighbours on one line alone would not make a plane.
+    normal = _normals(before, tree, 1.5 * scan.spacing_rad * float(np.median(np.linalg.norm(before, axis=1))))
+    coarse = align_principal(before, point, np.eye(3))
+    turn, shift = np.eye(3), point.mean(axis=0) - before.mean(axis=0)
+    if coarse.determined and _gap(point, tree, coarse.rotation, coarse.translation) < _gap(point, tree, turn, shift):
+        turn, shift = coarse.rotation, coarse.translation
+    width = 0.1 * float(spread)
+    for _ in range(40):
+        back = (point - shift) @ turn
+        distance, index = tree.query(back, distance_upper_bound=width)
+        found = np.isfinite(distance)
+        m, n = before[np.where(found, index, 0)], normal[np.where(found, index, 0)]
+        error = np.sum(n * (back - m), axis=1)
+        scale = max(3 * scan.noise_m, 0.3 * width)
+        weight = np.where(found & (np.abs(error) < scale), (1 - (error / scale) ** 2) ** 2, 0.0)
+        turned, across = m @ turn.T, n @ turn.T
+        jacobian = np.concatenate([np.cross(turned, across), across], axis=1)
+        a = jacobian.T @ (weight[:, None] * jacobian)
+        # What does not overlap well enough to be determined stays as it is.
+        step = np.linalg.solve(a + 1e-6 * np.trace(a) * np.eye(6), jacobian.T @ (weight * error))
+        turn, shift = rot.exp(step[:3]) @ turn, shift + step[3:]
+        if np.linalg.norm(step) < 1e-5:
+            break
+        width = max(0.8 * width, 0.02 * float(spread))
+    return turn @ rotation, turn @ position + shift
+
+
+def _gap(point: Floats, tree: cKDTree, rotation: Floats, translation: Floats) -> float:
+    return float(np.median(tree.query((point - translation) @ rotation)[0]))
+
+
+def _normals(point: Floats, tree: cKDTree, radius_m: float) -> Floats:
+    """Normals (n, 3), towards the scanner, by principal components of the neighbours within `radius_m`."""
+    out = np.empty_like(point)
+    for i, members in enumerate(tree.query_ball_point(point, radius_m)):
+        near = point[members] - point[members].mean(axis=0)
+        out[i] = np.linalg.eigh(near.T @ near)[1][:, 0]
+    turned: Floats = np.where(np.sum(out * point, axis=1, keepdims=True) > 0, -out, out)
+    return turned

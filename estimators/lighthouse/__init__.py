@@ -1,0 +1,1 @@
+"""Lighthouse: sweep angles to a pose, its precision and its integrity."""

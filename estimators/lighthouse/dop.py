@@ -1,0 +1,309 @@
+"""Dilution of precision: how angle noise, and wrong assumed motion, become pose error; source 1 (13) to (22).
+
+With the rows of J = J(theta, f) J(f, psi), each angle's derivative by the pose error, R_true = Exp([d]x) R_est,
+p_true = p_est + dp, in the lighthouse frame and ordered (attitude d [rad], position dp [m]),
+
+    H = (J^T J)^-1 J^T R_theta J (J^T J)^-1,   Cov = H s^2                                (18)
+
+    J^T R_theta J = (1 - rho) J^T J + rho sum_fan s_fan s_fan^T,   s_fan = sum of the fan's rows
+
+because R_theta (19) is 1 on its diagonal and rho between angles of one fan. The sign of (13) cancels in H. Source 1
+states the attitude in its passive vector phi and maps it by J_r(phi) (21) before it takes the trace (22); the rows
+here are derivatives by the rotation error d = -J_r dphi itself, so J_r is absorbed and ADOP is a plain trace (tested
+against the paper's form).
+
+A camera measures x/z and y/z themselves: J(theta, f), minus sin^2 theta, is then replaced by the image noise's own
+Jacobian, the weight 1 of an image coordinate whose noise is the unit (`image_dilution`); rho is zero.
+
+An error of the motion assumed within the period moves the angle of instant tau by tau times its row, so that the solved
+pose errs, to first order, by B times the error of the rates:
+
+    B = (J^T J)^-1 sum tau_i J_i^T J_i
+
+What one false photodiode can do to the pose without being noticed is `estimators.lighthouse.slope`'s, from the same
+rows.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators.arrays import Bools, Floats
+from estimators.kernel import kernel
+from estimators.lighthouse.projection import COLUMNS, TAU, WEIGHT, checked, checked_lit, gather, project, spans_plane
+from estimators.lighthouse.slope import worst_slopes
+from estimators.linear import invert_spd_into
+
+
+class Dilution(NamedTuple):
+    """For C craft; NaN where not computed.
+
+    covariance: (C, 6, 6) H of (18) for unit angle noise, (attitude, position), lighthouse frame, left-active error.
+    adop_deg_per_rad, pdop_m_per_rad: (C,), (22). rate_coupling: (C, 6, 6) [s], B of
+    pose_solved - pose_true = B (rates_true - rates_assumed) + noise, rates (angular rate, velocity).
+    attitude_slope_deg_per_rad, position_slope_m_per_rad: (C,), of `estimators.lighthouse.slope`; infinite where some
+    photodiode's fault would not show at all.
+    """
+
+    covariance: Floats
+    adop_deg_per_rad: Floats
+    pdop_m_per_rad: Floats
+    rate_coupling: Floats
+    attitude_slope_deg_per_rad: Floats
+    position_slope_m_per_rad: Floats
+
+
+@kernel
+def _sums_into(
+    table: Floats,
+    n: int,
+    rotation: Floats,
+    position: Floats,
+    angles: bool,
+    normal: Floats,
+    moved: Floats,
+    fan_sum: Floats,
+    rows: Floats,
+) -> bool:
+    """Write the lower triangles of J^T J and sum tau J^T J (6, 6), and the fans' sums of rows (2, 6), of one craft.
+
+    rows (2, 5, K): the rows themselves, without the derivative by the other fan's coordinate.
+
+    angles: of equal noise; else the table's weights stand for (13). False where a photodiode is behind. A row has no
+    derivative by the other fan's coordinate: it is not added up. Columns 0 to 2 are the attitude, p the fan's own
+    coordinate, z the third one; sums named n belong to J^T J, m to the moved ones, s to the fan's rows.
+    """
+    # In registers, not in the matrices: a sum in memory waits for the one before.
+    n00 = n10 = n11 = n20 = n21 = n22 = nz0 = nz1 = nz2 = nzz = 0.0
+    m00 = m10 = m11 = m20 = m21 = m22 = mz0 = mz1 = mz2 = mzz = 0.0
+    for fan in range(2):
+        s0 = s1 = s2 = sp = sz = 0.0
+        np0 = np1 = np2 = npp = nzp = mp0 = mp1 = mp2 = mpp = mzp = 0.0
+        for i in range(fan * n, fan * n + n):
+            value, ahead, r0, r1, r2, g, gz = project(table, i, rotation, position[fan], position[2])
+            if not ahead > 0:
+                return False
+            slope = -1 / (1 + value * value) if angles else table[i, WEIGHT]
+            a0, a1, a2, ap, az = slope * r0, slope * r1, slope * r2, slope * g, slope * gz
+            tau = table[i, TAU]
+            k = i - fan * n
+            rows[fan, 0, k], rows[fan, 1, k], rows[fan, 2, k], rows[fan, 3, k], rows[fan, 4, k] = a0, a1, a2, ap, az
+            t0, t1, t2, tp, tz = tau * a0, tau * a1, tau * a2, tau * ap, tau * az
+            s0, s1, s2, sp, sz = s0 + a0, s1 + a1, s2 + a2, sp + ap, sz + az
+            n00 += a0 * a0
+            n10 += a1 * a0
+            n11 += a1 * a1
+            n20 += a2 * a0
+            n21 += a2 * a1
+            n22 += a2 * a2
+            np0 += ap * a0
+            np1 += ap * a1
+            np2 += ap * a2
+            npp += ap * ap
+            nz0 += az * a0
+            nz1 += az * a1
+            nz2 += az * a2
+            nzp += az * ap
+            nzz += az * az
+            m00 += t0 * a0
+            m10 += t1 * a0
+            m11 += t1 * a1
+            m20 += t2 * a0
+            m21 += t2 * a1
+            m22 += t2 * a2
+            mp0 += tp * a0
+            mp1 += tp * a1
+            mp2 += tp * a2
+            mpp += tp * ap
+            mz0 += tz * a0
+            mz1 += tz * a1
+            mz2 += tz * a2
+            mzp += tz * ap
+            mzz += tz * az
+        place = 3 + fan
+        fan_sum[fan, 0], fan_sum[fan, 1], fan_sum[fan, 2] = s0, s1, s2
+        fan_sum[fan, 3], fan_sum[fan, 4], fan_sum[fan, 5] = 0.0, 0.0, sz
+        fan_sum[fan, place] = sp
+        normal[place, 0], normal[place, 1], normal[place, 2] = np0, np1, np2
+        normal[place, place], normal[5, place] = npp, nzp
+        moved[place, 0], moved[place, 1], moved[place, 2] = mp0, mp1, mp2
+        moved[place, place], moved[5, place] = mpp, mzp
+    normal[0, 0], normal[1, 0], normal[1, 1] = n00, n10, n11
+    normal[2, 0], normal[2, 1], normal[2, 2] = n20, n21, n22
+    normal[4, 3] = 0.0
+    normal[5, 0], normal[5, 1], normal[5, 2], normal[5, 5] = nz0, nz1, nz2, nzz
+    moved[0, 0], moved[1, 0], moved[1, 1] = m00, m10, m11
+    moved[2, 0], moved[2, 1], moved[2, 2] = m20, m21, m22
+    moved[4, 3] = 0.0
+    moved[5, 0], moved[5, 1], moved[5, 2], moved[5, 5] = mz0, mz1, mz2, mzz
+    return True
+
+
+@kernel
+def _dilution_all(
+    rotation: Floats,
+    position: Floats,
+    lit: Bools,
+    point: Floats,
+    offset: Floats,
+    angular_rate: Floats,
+    velocity: Floats,
+    weight: Floats,
+    rho: float,
+    mask: Bools,
+    covariance: Floats,
+    coupling: Floats,
+    adop: Floats,
+    pdop: Floats,
+    slope: Floats,
+) -> None:
+    """(13) to (18) and (22) for every craft; NaN where the pose is not determined.
+
+    weight: (C, K, 2), inverse noise of each projection, or empty where the angles have equal noise.
+    """
+    angles = weight.size == 0
+    table, row = np.empty((2 * lit.shape[1], COLUMNS)), np.empty(6)
+    normal, moved, inverse = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
+    fan_sum, spread = np.empty((2, 6)), np.empty((2, 6))
+    rows, square = np.empty((2, 5, lit.shape[1])), np.empty((2, lit.shape[1]))
+    for c in range(lit.shape[0]):
+        adop[c] = pdop[c] = np.nan
+        for a in range(6):
+            for b in range(6):
+                covariance[c, a, b] = coupling[c, a, b] = np.nan
+        if not (mask[c] and spans_plane(lit[c], point[c])):
+            continue
+        n = gather(lit[c], point[c], offset[c], angular_rate[c], velocity[c], table)
+        if not angles:
+            i = 0
+            for k in range(lit.shape[1]):
+                if lit[c, k]:
+                    table[i, WEIGHT], table[n + i, WEIGHT] = weight[c, k, 0], weight[c, k, 1]
+                    i += 1
+        if not _sums_into(table, n, rotation[c], position[c], angles, normal, moved, fan_sum, rows):
+            continue
+        if not invert_spd_into(normal, inverse):
+            continue
+        for a in range(6):
+            for b in range(a):
+                moved[b, a] = moved[a, b]
+        for fan in range(2):
+            for a in range(6):
+                value = 0.0
+                for b in range(6):
+                    value += inverse[a, b] * fan_sum[fan, b]
+                spread[fan, a] = value
+        for a in range(6):
+            for b in range(6):
+                shared = spread[0, a] * spread[0, b] + spread[1, a] * spread[1, b]
+                covariance[c, a, b] = (1 - rho) * inverse[a, b] + rho * shared
+                row[b] = 0.0
+            for k in range(6):
+                factor = inverse[a, k]
+                for b in range(6):
+                    row[b] += factor * moved[k, b]
+            for b in range(6):
+                coupling[c, a, b] = row[b]
+        h = covariance[c]
+        adop[c] = np.rad2deg(np.sqrt(h[0, 0] + h[1, 1] + h[2, 2]))
+        pdop[c] = np.sqrt(h[3, 3] + h[4, 4] + h[5, 5])
+        slope[0, c], slope[1, c] = worst_slopes(rows, n, inverse, fan_sum, spread, rho, square)
+
+
+def factors(covariance: Floats) -> tuple[Floats, Floats]:
+    """(22): ADOP [deg/rad] and PDOP [m/rad], both (...), of pose covariances (..., 6, 6) for unit noise."""
+    variance = np.diagonal(covariance, axis1=-2, axis2=-1)
+    adop: Floats = np.rad2deg(np.sqrt(variance[..., :3].sum(axis=-1)))
+    pdop: Floats = np.sqrt(variance[..., 3:].sum(axis=-1))
+    return adop, pdop
+
+
+def dilution(
+    rotation: Floats,
+    position: Floats,
+    lit: Bools,
+    point_m: Floats,
+    offset_s: Floats,
+    angular_rate: Floats,
+    velocity: Floats,
+    rotor_correlation: float,
+    mask: Bools,
+) -> Dilution:
+    """H, ADOP, PDOP, the rate coupling B and the slopes of C craft at their measured poses.
+
+    Args:
+        rotation: (C, 3, 3) R_l_b at the epoch.
+        position: (C, 3) [m], lighthouse frame.
+        lit: (C, K), both fans seen.
+        point_m: (C, K, 3) [m], photodiodes in the body frame.
+        offset_s: (C, K, 2) [s], each angle's instant minus the epoch.
+        angular_rate: (C, 3) [rad/s], assumed within the period, lighthouse frame.
+        velocity: (C, 3) [m/s], likewise.
+        rotor_correlation: rho of (19), in [0, 1].
+        mask: (C,), the craft to compute; the others, and those whose lit photodiodes do not determine a pose, are NaN.
+
+    Raises:
+        ValueError: an array's shape does not fit `lit`, or rho is outside [0, 1]; the message names the argument.
+    """
+    if not 0 <= rotor_correlation <= 1:
+        raise ValueError(f"rotor_correlation is {rotor_correlation}, outside [0, 1]")
+    motion = offset_s, angular_rate, velocity
+    return _checked_dilution(rotation, position, lit, point_m, motion, None, float(rotor_correlation), mask)
+
+
+def image_dilution(
+    rotation: Floats,
+    position: Floats,
+    seen: Bools,
+    point_m: Floats,
+    weight: Floats,
+    offset_s: Floats,
+    velocity: Floats,
+    mask: Bools,
+) -> Dilution:
+    """H, ADOP and PDOP of C poses from image coordinates u = x/f, v = y/f, for unit noise of u and v.
+
+    weight: (C, K, 2), inverse noise of each coordinate, as in `refine_projections`; the rest as in `dilution`.
+    """
+    still = np.zeros((len(seen), 3))
+    return _checked_dilution(rotation, position, seen, point_m, (offset_s, still, velocity), weight, 0.0, mask)
+
+
+def _checked_dilution(
+    rotation: Floats,
+    position: Floats,
+    lit: Bools,
+    point_m: Floats,
+    motion: tuple[Floats, Floats, Floats],
+    weight: Floats | None,
+    rho: float,
+    mask: Bools,
+) -> Dilution:
+    """Check the shapes and run the kernel; motion: offset_s, angular_rate, velocity; weight None: angles."""
+    lit = checked_lit(lit)
+    craft, photodiodes = lit.shape
+    mask = np.ascontiguousarray(mask, dtype=np.bool_)
+    if mask.shape != (craft,):
+        raise ValueError(f"mask has shape {mask.shape}, expected {(craft,)}")
+    offset_s, angular_rate, velocity = motion
+    covariance, coupling = np.empty((2, craft, 6, 6))
+    adop, pdop = np.empty((2, craft))
+    slope = np.full((2, craft), np.nan)
+    _dilution_all(
+        checked("rotation", rotation, (craft, 3, 3)),
+        checked("position", position, (craft, 3)),
+        lit,
+        checked("point_m", point_m, (craft, photodiodes, 3)),
+        checked("offset_s", offset_s, (craft, photodiodes, 2)),
+        checked("angular_rate", angular_rate, (craft, 3)),
+        checked("velocity", velocity, (craft, 3)),
+        np.empty((0, 0, 2)) if weight is None else checked("weight", weight, (craft, photodiodes, 2)),
+        rho,
+        mask,
+        covariance,
+        coupling,
+        adop,
+        pdop,
+        slope,
+    )
+    return Dilution(covariance, adop, pdop, coupling, np.rad2deg(slope[0]), slope[1])

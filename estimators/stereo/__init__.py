@@ -1,0 +1,1 @@
+"""Two cameras: the pose of a target from the images of its lights."""

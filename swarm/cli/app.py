@@ -1,0 +1,95 @@
+"""The command `swarm`: its commands put together. Everything heavy is imported by the command that uses it.
+
+Exit codes: 0 done, 1 done but a criterion of the scenario did not hold, 2 a mistake of the user (one message, no
+traceback), 128 + n stopped by signal n (130: Ctrl-C).
+"""
+
+import os
+import sys
+from typing import Annotated
+
+import typer
+
+from swarm.cli.calibrate import calibrate
+from swarm.cli.layout import layout
+from swarm.cli.look import list_, view
+from swarm.cli.replay import replay
+from swarm.cli.reproduce import reproduce
+from swarm.cli.run import check, run
+from swarm.cli.study import report, study
+
+HELP = """Fly a swarm of spacecraft in front of one laser lighthouse; each craft finds its own pose.
+
+Begin with:
+
+\b
+  swarm list                   what there is to fly
+  swarm run formation          eight craft on a ring, 30 s
+  swarm view runs/formation-7  look at it, in the viewer
+  swarm check my.toml          is my own scenario right?
+  swarm run my.toml --set swarm.count=16 --seed 3
+  swarm study scaling          many runs, on all cores
+  swarm report runs/scaling    one HTML page of them
+  swarm reproduce              the papers' experiments
+
+A run leaves a folder: recording.rrd for the viewer,
+telemetry.parquet with a row per craft and period,
+summary.json, and scenario.toml to repeat it.
+From Python: import swarm; swarm.simulate(swarm.load("formation"))
+"""
+
+app = typer.Typer(
+    name="swarm",
+    help=HELP,
+    epilog="swarm COMMAND --help explains each with an example. Scenario files: docs/scenario.md.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
+
+
+def main() -> int:
+    """Run the command line; the exit code."""
+    # Batches of small matrices: threads of the linear algebra only wait for each other, at twice the processor time.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            # A terminal without Unicode shows '?' instead of failing.
+            stream.reconfigure(errors="replace")
+    try:
+        try:
+            app(prog_name="swarm")
+        finally:
+            sys.stdout.flush()
+    except SystemExit as end:
+        return end.code if isinstance(end.code, int) else int(bool(end.code))
+    except OSError as error:
+        # What is printed could not be: a full disk, or a reader that has gone. Nothing is left to print at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        print(f"error: cannot print: {error.strerror}", file=sys.stderr)  # noqa: T201
+        return 2
+    return 0
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from swarm import __version__
+
+        typer.echo(f"swarm {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _swarm(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+app.command("list")(list_)
+for command in (run, view, check, replay, reproduce, calibrate, layout, study, report):
+    app.command()(command)

@@ -1,0 +1,50 @@
+"""The command `swarm reproduce`: the papers' experiments."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from swarm.cli.terminal import experiment_and_report, mistakes
+
+Size = Annotated[int | None, typer.Option(metavar="N", help="A smaller, quicker form; see the list.")]
+
+
+def reproduce(
+    experiment: Annotated[
+        str | None, typer.Argument(metavar="EXPERIMENT", help="One of those that are listed without it.")
+    ] = None,
+    poses: Size = None,
+    frames: Size = None,
+    runs: Size = None,
+    seconds: Size = None,
+    draws: Size = None,
+    seed: Annotated[int | None, typer.Option("--seed", metavar="N", help="Replace the experiment's seed.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FOLDER", help="Where to write; else runs/<experiment>-<seed>.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace an experiment that is there already.")] = False,
+) -> None:
+    """Do a paper's experiment again: its table beside ours.
+
+    \b
+    swarm reproduce
+    swarm reproduce lighthouse-static
+    swarm reproduce lighthouse-static --poses 5 --frames 300
+
+    Without EXPERIMENT, list them, with what makes each smaller.
+    It leaves data.parquet, figure.png, figure.svg, comparison.json.
+    """
+    with mistakes():
+        from swarm.studies.papers import EXPERIMENTS
+
+        if experiment is None:
+            for name, known in EXPERIMENTS.items():
+                sizes = " ".join(f"--{size} {value}" for size, value in known.sizes.items())
+                typer.echo(f"swarm reproduce {name}")
+                typer.echo(f"  {known.source}, {known.figure}: {known.about}")
+                typer.echo(f"  {sizes}")
+            return
+        asked = {"poses": poses, "frames": frames, "runs": runs, "seconds": seconds, "draws": draws}
+        sizes_asked = {size: value for size, value in asked.items() if value is not None}
+        experiment_and_report(experiment, out=out, force=force, seed=seed, sizes=sizes_asked)

@@ -1,0 +1,77 @@
+"""The commands `swarm run` and `swarm check`: a scenario flown, or only read."""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from swarm.cli.options import Force, NoRecording, Out, Overrides, Scenario, Seed, default_folder
+from swarm.cli.terminal import fly_and_report, mistakes
+
+if TYPE_CHECKING:
+    from swarm.results.progress import Progress
+    from swarm.results.run_folder import Run
+
+
+def run(
+    scenario: Scenario,
+    overrides: Overrides = None,
+    seed: Seed = None,
+    out: Out = None,
+    force: Force = False,
+    live: Annotated[bool, typer.Option("--live", help="Open the viewer and watch while it flies.")] = False,
+    no_recording: NoRecording = False,
+    calibration: Annotated[
+        Path | None,
+        typer.Option("--calibration", metavar="FILE", help="What the craft remove on board: of `swarm calibrate`."),
+    ] = None,
+) -> None:
+    """Fly a scenario, and write what happened.
+
+    \b
+    swarm run formation
+    swarm run formation --set swarm.count=16 \\
+        --set lighthouse.angle_noise_arcsec=20 --seed 3
+    swarm run my/scenario.toml --live --out runs/mine
+    """
+    with mistakes():
+        from swarm.scenario import load
+        from swarm.scenario.text import toml_value
+
+        also = [] if calibration is None else [f"navigation.calibration={toml_value(str(calibration))}"]
+        settings = load(scenario, [*(overrides or ()), *also], seed)
+        folder = out or default_folder(settings.name, settings.seed)
+
+        def fly(progress: Callable[["Progress"], None]) -> "Run":
+            from swarm.flight.simulate import simulate
+
+            return simulate(settings, out=folder, force=force, live=live, record=not no_recording, progress=progress)
+
+        fly_and_report(settings.name, folder, fly)
+
+
+def check(scenario: Scenario, overrides: Overrides = None, seed: Seed = None) -> None:
+    """Check a scenario; print it with every default.
+
+    \b
+    swarm check my/scenario.toml
+    swarm check formation --set swarm.count=16 > mine.toml
+    """
+    with mistakes():
+        from swarm.flight import builders
+        from swarm.scenario import load, to_toml
+
+        settings = load(scenario, overrides or (), seed)
+        builders.check(settings)
+        if settings.criteria:
+            from swarm.flight.flight import Flight
+            from swarm.results.run_writer import check_criteria
+
+            check_criteria(settings, Flight(settings).scene)
+        typer.echo(to_toml(settings), nl=False)
+        if sys.stdout.isatty():
+            typer.echo(
+                f"\n{scenario} is right: {len(settings.craft_names)} craft, {settings.duration_s:g} s.", err=True
+            )

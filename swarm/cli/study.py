@@ -1,0 +1,118 @@
+"""The commands `swarm study` and `swarm report`: many runs, and the page that shows what came out."""
+
+import shlex
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from swarm.cli.terminal import mistakes, stoppable, stopped_by
+from swarm.errors import SwarmError
+
+
+def study(
+    study: Annotated[str, typer.Argument(metavar="STUDY", help="A name that `swarm list` shows, or a .toml file.")],
+    craft: Annotated[
+        str | None, typer.Option("--craft", metavar="N,N,...", help="Numbers of craft: the grid of swarm.count.")
+    ] = None,
+    seeds: Annotated[int | None, typer.Option("--seeds", metavar="N", help="How many seeds for each.")] = None,
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Change one value in every run. Repeatable."),
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            "--scheduler", metavar="ADDR", help="A dask scheduler, such as tcp://host:8786; else this machine."
+        ),
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option("--workers", metavar="N", help="Runs at a time on this machine; else one per core.")
+    ] = None,
+    serial: Annotated[bool, typer.Option("--serial", help="One run after the other, in this process.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on where an earlier start was stopped.")] = False,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FOLDER", help="Where to write; else runs/<study>.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace a study that is there already.")] = False,
+) -> None:
+    """Fly a scenario many times: a row per run.
+
+    \b
+    swarm study scaling --craft 1,10,100,1000 --seeds 8
+    swarm study my/study.toml --resume
+    swarm study my/study.toml --scheduler tcp://host:8786
+    """
+    with mistakes():
+        from swarm.studies.campaign.plan import default_folder
+        from swarm.studies.campaign.study import load_study
+
+        if scheduler and (serial or workers):
+            raise SwarmError("--scheduler flies on a cluster; --serial and --workers are for this machine")
+        if resume and force:
+            raise SwarmError("--resume keeps what is there, --force replaces it: choose one")
+        chosen = load_study(study, overrides or (), craft=_numbers(craft), seeds=seeds, workers=workers)
+        folder = out or default_folder(chosen)
+
+        from rich.console import Console
+
+        from swarm.studies.campaign.conduct import conduct
+        from swarm.studies.campaign.progress import StudyProgressDisplay
+        from swarm.studies.campaign.study_folder import open_study
+
+        command = shlex.join(["swarm", *sys.argv[1:]])
+        try:
+            with stoppable(), StudyProgressDisplay(Console(stderr=True), str(chosen.name)) as progress:
+                done = conduct(
+                    chosen,
+                    out=folder,
+                    force=force,
+                    resume=resume,
+                    scheduler=scheduler,
+                    serial=serial,
+                    command=command,
+                    progress=progress,
+                )
+        except KeyboardInterrupt as stop:
+            rows = len(open_study(folder).rows)
+            typer.echo(f"stopped; {rows} runs are finished and kept in {folder}/\nGo on: {_resume(command)}", err=True)
+            raise typer.Exit(128 + stopped_by(stop)) from None
+        from swarm.report.study_table import print_study
+
+        print_study(Console(), done)
+
+
+def report(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="The folder of a study, or of a run.")],
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FILE", help="Where to write; else report.html in the folder.")
+    ] = None,
+) -> None:
+    """Make one HTML page of it, with figures and tables.
+
+    \b
+    swarm report runs/scaling
+    swarm report runs/formation-7 --out formation.html
+    """
+    with mistakes():
+        from swarm.report.write import write_report
+
+        page, figures = write_report(run, out)
+        typer.echo(f"{page}  opens in any browser, and needs nothing else")
+        if figures:
+            typer.echo(f"{figures[0].parent}/  its {len(figures)} figures, as SVG and PNG")
+
+
+def _numbers(text: str | None) -> list[int]:
+    if text is None:
+        return []
+    try:
+        return [int(word) for word in text.split(",")]
+    except ValueError:
+        raise SwarmError(f"--craft: {text!r} is not a list of whole numbers, such as 1,10,100") from None
+
+
+def _resume(command: str) -> str:
+    words = [word for word in shlex.split(command) if word != "--force"]
+    return shlex.join(words if "--resume" in words else [*words, "--resume"])

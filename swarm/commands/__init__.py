@@ -1,1 +1,0 @@
-"""The commands of `swarm`, a file each: parsing and printing, nothing else; `swarm.cli` puts them together."""

@@ -1,0 +1,52 @@
+"""From a validated scenario to what flies: user's units to SI, tables to the records of motion, world and navigation.
+
+Everything that a scenario alone cannot show is wrong, a craft inside another one or a model without photodiodes, is
+found here, before anything is written.
+"""
+
+from swarm.flight.builders.cameras import cameras, craft_keys
+from swarm.flight.builders.craft import fleet, photodiodes, pushes, start, steers_by_estimate, world
+from swarm.flight.builders.dynamics import actuators, orbit
+from swarm.flight.builders.faults import check_faults, faults
+from swarm.flight.builders.guidance import guidance, matings
+from swarm.flight.builders.lidars import inspection, lidars
+from swarm.flight.builders.navigation import believed_layout, navigation
+from swarm.flight.builders.station import ARCSEC, FAN_ERROR_MAX_RAD, angle_noise, decoder, lighthouse
+from swarm.scenario import Scenario
+
+__all__ = [
+    "ARCSEC",
+    "FAN_ERROR_MAX_RAD",
+    "actuators",
+    "angle_noise",
+    "believed_layout",
+    "cameras",
+    "check",
+    "craft_keys",
+    "decoder",
+    "faults",
+    "fleet",
+    "guidance",
+    "inspection",
+    "lidars",
+    "lighthouse",
+    "matings",
+    "navigation",
+    "orbit",
+    "photodiodes",
+    "pushes",
+    "start",
+    "steers_by_estimate",
+    "world",
+]
+
+
+def check(settings: Scenario) -> None:
+    """Build everything once. Raises SwarmError as `fleet`, `world`, `believed_layout`, `cameras`, `lidars` do."""
+    motions = fleet(settings)
+    made = world(settings, motions)
+    believed_layout(settings, made.photodiodes)
+    cameras(settings, made, motions.at(0.0))
+    lidars(settings, made)
+    navigation(settings)
+    check_faults(settings, made)

@@ -1,0 +1,37 @@
+"""From a scenario's `[orbit]` and actuation tables, and the models, to the orbit and the actuators that fly."""
+
+from math import radians
+
+from estimators.relative_orbit import RelativeOrbit, circular
+from swarm import scenario
+from swarm.flight.actuators import Actuators
+from swarm.flight.builders.cameras import craft_keys
+from swarm.onboard.actuation.hardware import Fitted
+from swarm.scenario import Scenario
+from swarm.world.world import World
+
+
+def orbit(settings: Scenario) -> RelativeOrbit | None:
+    """The lighthouse's orbit; None in weightless space."""
+    table = settings.orbit
+    return None if table is None else circular(1e3 * table.altitude_km, table.boresight)
+
+
+def actuators(settings: Scenario, world: World) -> Actuators:
+    """The thrusters and wheels of every craft."""
+    fitted = []
+    for i, (craft, key) in enumerate(zip(scenario.craft(settings), craft_keys(settings), strict=True)):
+        table, thrusters, wheels = craft.actuation, world.thrusters[i], world.wheels[i]
+        if table.ideal:
+            thrusters, wheels = thrusters.none(), wheels.none()
+        errors = table.thrust_error_percent / 100, radians(table.thrust_direction_error_deg)
+        fitted.append(Fitted(thrusters, wheels, errors, key))
+    return Actuators(
+        fitted,
+        world.mass,
+        world.com_m,
+        world.inertia,
+        1 / settings.lighthouse.rate_hz,
+        settings.physics.steps_per_period,
+        settings.seed,
+    )

@@ -1,0 +1,41 @@
+"""From a scenario's `[[fault]]` tables to what goes wrong in its run."""
+
+from swarm.errors import SwarmError
+from swarm.flight.builders.cameras import craft_keys
+from swarm.flight.faults.injection import Faults
+from swarm.scenario import Scenario
+from swarm.scenario.faults import OfCraft, PhotodiodeDead, PhotodiodeStuck, ThrusterStuck
+from swarm.sensors.lighthouse import Lighthouse
+from swarm.sensors.visibility import Visibility
+from swarm.world.world import World
+
+
+def faults(settings: Scenario, world: World, lighthouse: Lighthouse, visibility: Visibility) -> Faults | None:
+    """Everything that goes wrong; None where nothing does. Raises SwarmError as `check_faults`."""
+    if not settings.fault:
+        return None
+    check_faults(settings, world)
+    keys, flown = craft_keys(settings), (settings.seed, settings.duration_s)
+    return Faults(settings.fault, settings.craft_names, keys, *flown, lighthouse, visibility)
+
+
+def check_faults(settings: Scenario, world: World) -> None:
+    """Raises SwarmError, naming scenario, key and value, where a craft has no such photodiode or thruster."""
+    names = settings.craft_names
+    for i, fault in enumerate(settings.fault):
+        for craft in fault.craft or names if isinstance(fault, OfCraft) else ():
+            c = names.index(craft)
+            match fault:
+                case PhotodiodeDead() | PhotodiodeStuck():
+                    key, what, number = "photodiodes", "photodiodes", max(fault.photodiodes)
+                    count = int(world.photodiodes.present[c].sum())
+                case ThrusterStuck():
+                    key, what, number = "thruster", "thrusters", fault.thruster
+                    count = len(world.thrusters[c].force_n)
+                case _:
+                    continue
+            if number >= count:
+                raise SwarmError(
+                    f"scenario {settings.name}: fault[{i}].{key}: there is no number {number}: craft {craft!r} has "
+                    f"{count} {what}, counted from 0"
+                )

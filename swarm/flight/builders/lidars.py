@@ -1,0 +1,77 @@
+"""From a scenario's `[craft.lidar]` tables to the LiDARs that fly, and to the computers that use them, in SI units."""
+
+from math import radians
+
+from swarm import scenario
+from swarm.errors import SwarmError
+from swarm.flight.builders.cameras import craft_keys
+from swarm.onboard.inspection import Inspection, InspectionSettings, Observer
+from swarm.scenario import Lidar as LidarTable
+from swarm.scenario import Scenario
+from swarm.sensors.lidar import Lidar, LidarSettings, Mount
+from swarm.world.surface import known_shape
+from swarm.world.world import World
+
+
+def lidars(settings: Scenario, world: World) -> list[Lidar]:
+    """Every LiDAR, in the order of its craft.
+
+    Raises SwarmError, naming scenario, key and value, where a model has no place for one.
+    """
+    found = []
+    for i, (c, key) in enumerate(zip(scenario.craft(settings), craft_keys(settings), strict=True)):
+        if c.lidar is None:
+            continue
+        where = world.lidars[i]
+        if where is None:
+            raise SwarmError(
+                f"scenario {settings.name}: craft[{i - settings.swarm.count}].lidar: {c.model} has no place for a LiDAR"
+                " (a site named 'lidar')"
+            )
+        mount = Mount(i, *where)
+        found.append(Lidar(world.model, world.craft_bodies, [mount], _sensor(c.lidar), settings.seed, [key]))
+    return found
+
+
+def inspection(settings: Scenario, sensors: list[Lidar]) -> Inspection | None:
+    """The computers of the craft with LiDARs; None where there are none."""
+    craft, names = scenario.craft(settings), list(settings.craft_names)
+    tables = [c.lidar for c in craft if c.lidar is not None]
+    if not tables:
+        return None
+    observers = [
+        Observer(
+            sensor.mounts[0].craft,
+            names.index(table.target),
+            sensor.pattern(0),
+            known_shape(craft[names.index(table.target)].model),
+        )
+        for sensor, table in zip(sensors, tables, strict=True)
+    ]
+    loosest = max(tables, key=lambda t: t.target_angular_acceleration_deg_s2)
+    return Inspection(
+        observers,
+        InspectionSettings(
+            frame_s=1 / settings.lighthouse.rate_hz,
+            acceleration_noise_m_s2=max(t.target_acceleration_m_s2 for t in tables),
+            angular_acceleration_noise_rad_s2=radians(loosest.target_angular_acceleration_deg_s2),
+            gate_probability=settings.navigation.gate_probability,
+            coast_limit_s=settings.navigation.coast_limit_s,
+        ),
+    )
+
+
+def _sensor(table: LidarTable) -> LidarSettings:
+    return LidarSettings(
+        lines=table.lines,
+        vertical_field_rad=radians(table.vertical_field_deg),
+        horizontal_field_rad=radians(table.horizontal_field_deg),
+        resolution_rad=radians(table.resolution_deg),
+        rate_hz=table.rate_hz,
+        range_noise_m=table.range_noise_mm * 1e-3,
+        jitter_rad=radians(table.jitter_deg),
+        range_min_m=table.range_min_m,
+        range_max_m=table.range_max_m,
+        incidence_max_rad=radians(table.incidence_max_deg),
+        dropout_probability=table.dropout_probability,
+    )

@@ -1,0 +1,100 @@
+"""What every craft's computer is configured with and believes, in SI units."""
+
+from dataclasses import replace
+from math import inf, pi, radians, sqrt
+
+from swarm import scenario
+from swarm.errors import SwarmError, did_you_mean
+from swarm.flight.builders.dynamics import orbit
+from swarm.flight.builders.station import ARCSEC
+from swarm.flight.recordings.station_calibration import read_calibration
+from swarm.hardware import Photodiodes
+from swarm.onboard.integrity import IntegritySettings
+from swarm.onboard.navigation import NavigationSettings
+from swarm.scenario import Scenario
+
+SPEED_TOLERANCE = 20e-6
+"""A rotor whose speed is off by less errs by 31 urad at boresight: below the rotor's part of the angle noise."""
+
+
+def navigation(settings: Scenario) -> NavigationSettings:
+    """What every craft's computer is configured with, in SI units.
+
+    Raises SwarmError where the calibration file cannot be read.
+    """
+    table, station = settings.navigation, settings.lighthouse
+    # A flash and a sweep, each rounded to a tick: variance tick^2 / 12 each. No craft may believe it does better.
+    rounding_rad = 2 * pi * station.rate_hz * station.tick_ns * 1e-9 / sqrt(6)
+    noise, correlation = table.angle_noise_arcsec, table.rotor_correlation
+    made = NavigationSettings(
+        frame_s=1 / station.rate_hz,
+        angle_noise_rad=max((station.angle_noise_arcsec if noise is None else noise) * ARCSEC, rounding_rad),
+        rotor_correlation=station.rotor_correlation if correlation is None else correlation,
+        motion_compensation=table.motion_compensation,
+        acceleration_noise_m_s2=table.acceleration_noise_m_s2,
+        angular_acceleration_noise_rad_s2=radians(table.angular_acceleration_noise_deg_s2),
+        gate_probability=table.gate_probability,
+        coast_limit_s=table.coast_limit_s,
+        filter=table.filter,
+        integrity=_integrity(settings),
+        orbit=orbit(settings),
+    )
+    if table.calibration is None:
+        return made
+    calibration = read_calibration(table.calibration)
+    return replace(made, fan_x=calibration.fan_x, fan_y=calibration.fan_y)
+
+
+def _integrity(settings: Scenario) -> IntegritySettings:
+    table, station = settings.navigation.integrity, settings.lighthouse
+    uncalibrated = settings.navigation.calibration is None and (
+        station.mounting_error_mm > 0 or station.fan_x != scenario.Fan() or station.fan_y != scenario.Fan()
+    )
+    test = settings.navigation.motion_compensation and not uncalibrated
+    tick_s, jitter_s = station.tick_ns * 1e-9, station.sync_jitter_ns * 1e-9
+    # Two flashes, each a tick's rounding and eight sigma of jitter off at worst.
+    doubt = (2 * tick_s + 8 * sqrt(2) * jitter_s) * station.rate_hz
+    position_mm, attitude_deg = table.alert_position_mm, table.alert_attitude_deg
+    return IntegritySettings(
+        residual_test=test if table.residual_test is None else table.residual_test,
+        false_alarm=table.false_alarm_probability,
+        missed_detection=table.missed_detection_probability,
+        risk=table.integrity_risk,
+        rounding_rad=2 * pi * station.rate_hz * tick_s / sqrt(12),
+        alert_position_m=inf if position_mm is None else position_mm * 1e-3,
+        alert_attitude_rad=inf if attitude_deg is None else radians(attitude_deg),
+        tick_s=tick_s,
+        speed_tolerance=max(SPEED_TOLERANCE, doubt),
+    )
+
+
+def believed_layout(settings: Scenario, drawn: Photodiodes) -> Photodiodes:
+    """Where every craft believes its photodiodes to be: as drawn, or as its calibration has found them.
+
+    A calibration's [photodiodes.NAME] is for the craft or the model of that name, the craft's going first. Raises
+    SwarmError where it fits no craft, or has another number of photodiodes.
+    """
+    file = settings.navigation.calibration
+    if file is None:
+        return drawn
+    calibration = read_calibration(file)
+    if calibration.point_m is not None:
+        raise SwarmError(
+            f"{file}: [photodiodes] without a name belongs to one object of a replay; for simulated craft it is "
+            "[photodiodes.NAME], with the name of a craft or a model"
+        )
+    craft = scenario.craft(settings)
+    point_m = drawn.point_m.copy()
+    placed = {i: name for i, c in enumerate(craft) for name in (c.model.stem, c.name) if name in calibration.by_name}
+    if calibration.by_name and not placed:
+        known = {name for c in craft for name in (c.model.stem, c.name)}
+        name = next(iter(calibration.by_name))
+        raise SwarmError(f"{file}: [photodiodes.{name}]: no craft or model has this name{did_you_mean(name, known)}")
+    for i, name in placed.items():
+        found, count = calibration.by_name[name], int(drawn.present[i].sum())
+        if len(found) != count:
+            raise SwarmError(
+                f"{file}: [photodiodes.{name}] places {len(found)} photodiodes, but craft {craft[i].name!r} has {count}"
+            )
+        point_m[i, drawn.present[i]] = found
+    return drawn._replace(point_m=point_m)

@@ -1,0 +1,198 @@
+"""The faults of one run, done where they happen: in the light, in the pulses, in a craft's control or its computer.
+
+Per lighthouse period: `begin`, and then what the run loop asks on its way,
+
+    out_of_control, kick, thrusters    whose control does nothing, who is knocked, which thrusters no longer obey
+    light, rotor                       what the lighthouse still gives, and how it turns
+    pulses                             photodiodes dead or stuck, reflections, missed flashes
+    restarting                         whose computer forgets all it knows
+    states                             what is wrong with every craft, for the telemetry
+
+No craft on board is told of any of it.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators.arrays import Bools, Floats, Ints
+from estimators.lighthouse.sweep import measured_theta, time_from_theta
+from swarm.flight.faults.schedule import PURPOSE, Schedule, Window, speed_swing
+from swarm.messages import Pulses
+from swarm.scenario.faults import (
+    AnyFault,
+    CraftLost,
+    Ghosts,
+    LighthouseDark,
+    PhotodiodeDead,
+    PhotodiodeStuck,
+    Reflection,
+    Restart,
+    RotorDrift,
+    SyncLoss,
+    ThrusterStuck,
+)
+from swarm.sensors import mirror
+from swarm.sensors import pulse_faults as pulses
+from swarm.sensors.lighthouse import Lighthouse, Motion, Rotor
+from swarm.sensors.pulse_faults import Clock, Register, Row
+from swarm.sensors.visibility import Visibility
+
+BLOCK = 64
+"""Lighthouse periods per block of random draws."""
+
+
+class StuckThruster(NamedTuple):
+    """A thruster of a craft, by index, that fires all the time (`on`) or never."""
+
+    craft: int
+    thruster: int
+    on: bool
+
+
+class Faults:
+    """What goes wrong with C craft; the same in the same period, in whatever order the streams of others are asked."""
+
+    def __init__(
+        self,
+        faults: Sequence[AnyFault],
+        names: Sequence[str],
+        keys: Sequence[int],
+        seed: int,
+        duration_s: float,
+        lighthouse: Lighthouse,
+        visibility: Visibility,
+    ) -> None:
+        """names, keys: of the craft, as `Schedule` has them."""
+        self._rate_hz = lighthouse.settings.rate_hz
+        self.schedule = Schedule(faults, names, keys, seed, self._rate_hz, duration_s)
+        self._names, self._keys, self._seed = list(names), list(keys), seed
+        self._lighthouse, self._visibility = lighthouse, visibility
+        self._frame, self._now = 0, list[Window]()
+        self._registers: dict[tuple[int, int, int, int], Register] = {}
+
+    def begin(self, frame: int) -> None:
+        """Turn to period `frame`."""
+        self._frame, self._now = frame, self.schedule.at(frame)
+
+    def states(self) -> Ints:
+        """Which of the schedule's `names` is true of every craft (C,)."""
+        return self.schedule.states(self._frame)
+
+    def out_of_control(self) -> Bools:
+        """Whose control does nothing (C,): craft that are lost."""
+        return self._of(CraftLost)
+
+    def kick(self) -> tuple[Floats, Floats] | None:
+        """Change of velocity (C, 3) [m/s] and of angular rate (C, 3) [rad/s] that craft get in this period, if any."""
+        out = np.zeros((2, len(self._names), 3))
+        for window in self._now:
+            if isinstance(window.fault, CraftLost) and window.first == self._frame:
+                out[0, window.craft] += window.fault.velocity_m_s
+                out[1, window.craft] += np.radians(window.fault.angular_rate_deg_s)
+        return (out[0], out[1]) if out.any() else None
+
+    def thrusters(self) -> list[StuckThruster]:
+        """The thrusters that do not obey."""
+        return [
+            StuckThruster(window.craft, window.fault.thruster, window.fault.state == "on")
+            for window in self._now
+            if isinstance(window.fault, ThrusterStuck)
+        ]
+
+    def restarting(self) -> Bools:
+        """Whose computer is starting again (C,)."""
+        return self._of(Restart)
+
+    def light(self, lit: Bools) -> Bools:
+        """Which photodiodes (C, K, 2) have light, of those that are in its way."""
+        dark = any(isinstance(window.fault, LighthouseDark) for window in self._now)
+        return np.zeros_like(lit) if dark else lit
+
+    def rotor(self) -> Rotor | None:
+        """How the rotor turns, if not as it should: at mid-period."""
+        speed, phase_s = 0.0, 0.0
+        for window in self._now:
+            if isinstance(window.fault, RotorDrift):
+                time_s = (self._frame + 0.5 - window.first) / self._rate_hz
+                more, later = speed_swing(time_s, window.fault.for_s, window.fault.speed_ppm * 1e-6)
+                speed, phase_s = speed + float(more), phase_s + float(later)
+        return Rotor(1 + speed, phase_s) if speed or phase_s else None
+
+    def pulses(self, truth: Motion, lit: Bools, given: Pulses) -> Pulses:
+        """The pulses of this period as the craft log them, of what the lighthouse has `given` to the photodiodes `lit`
+        (C, K, 2).
+        """
+        rows: dict[int, Row] = {}
+        # What comes to a photodiode, then what it does, then what the circuit misses.
+        for kind in (Reflection, Ghosts, PhotodiodeStuck, PhotodiodeDead, SyncLoss):
+            for window in self._now:
+                if isinstance(window.fault, kind):
+                    before = rows.get(window.craft, pulses.row_of(given, window.craft))
+                    rows[window.craft] = self._changed(window, before, truth, lit)
+        return pulses.with_rows(given, rows) if rows else given
+
+    def _changed(self, window: Window, row: Row, truth: Motion, lit: Bools) -> Row:
+        """One craft's row after one of its faults."""
+        clock, fault = self._clock(window.craft), window.fault
+        match fault:
+            case Reflection():
+                return self._reflected(fault, window.craft, row, clock, truth, lit)
+            case Ghosts():
+                draws = self._draw(window, (lit.shape[1], 2, 2))
+                struck, shift = draws[..., 0] < fault.share, 2 * draws[..., 1] - 1
+                return pulses.moved(row, clock, struck, np.radians(fault.spread_deg) * shift)
+            case PhotodiodeStuck():
+                for k in fault.photodiodes:
+                    key = (window.number, window.craft, window.first, k)
+                    row = self._registers.setdefault(key, Register()).stuck(row, clock, k)
+                return row
+            case PhotodiodeDead():
+                return pulses.only(row, ~pulses.of_photodiodes(row, fault.photodiodes))
+            case SyncLoss():
+                return pulses.without_flashes(row, clock, self._draw(window, (2,)) < fault.missed_sync_probability)
+            case _:
+                raise TypeError(f"{fault.kind} is no fault of pulses")
+
+    def _reflected(self, fault: Reflection, craft: int, row: Row, clock: Clock, truth: Motion, lit: Bools) -> Row:
+        """With the sweeps by way of mirrors, as the craft stand at the physics' knot in mid-sweep."""
+        if any(isinstance(window.fault, LighthouseDark) for window in self._now):
+            return row
+        named = [self._names.index(name) for name in fault.mirrors]
+        mirrors = [j for j in named or range(len(self._names)) if j != craft]
+        settings, layout = self._lighthouse.settings, self._lighthouse.photodiodes
+        rotor = self.rotor() or Rotor()
+        knots = len(truth.time_s) - 1
+        for fan, knot in enumerate((knots // 4, 3 * knots // 4)):
+            pose = truth.position[knot], truth.quaternion[knot]
+            seen = mirror.ghosts(self._visibility, layout, craft, mirrors, settings, *pose)
+            if not len(seen.photodiode):
+                continue
+            theta = measured_theta(seen.point_m, (settings.fan_x, settings.fan_y))[:, fan]
+            rate_hz = self._rate_hz * rotor.speed
+            instant = rotor.phase_s + fan / 2 / rate_hz + time_from_theta(theta, rate_hz)
+            width = settings.photodiode_diameter_m / seen.way_m / (2 * np.pi * rate_hz)
+            if fault.outshines:
+                direct = pulses.of_photodiodes(row, seen.photodiode) & (clock.fan(row) == fan) & ~clock.flash(row)
+                row = pulses.only(row, ~direct)
+            row = pulses.joined(row, clock.pulse(seen.photodiode, instant, width))
+        return row
+
+    def _of(self, kind: type[CraftLost] | type[Restart]) -> Bools:
+        out = np.zeros(len(self._names), dtype=np.bool_)
+        out[[window.craft for window in self._now if isinstance(window.fault, kind)]] = True
+        return out
+
+    def _clock(self, craft: int) -> Clock:
+        period_s, tick_s = 1 / self._rate_hz, self._lighthouse.settings.tick_s
+        start = self._lighthouse.clock_offset_tick[craft] + self._frame * period_s / tick_s
+        return Clock(float(start), tick_s, period_s)
+
+    def _draw(self, window: Window, shape: tuple[int, ...]) -> Floats:
+        """Uniform random numbers of this period, a stream per fault and craft."""
+        block, place = divmod(self._frame, BLOCK)
+        key = (PURPOSE, window.number, self._keys[window.craft], block)
+        stream = np.random.default_rng(np.random.SeedSequence(self._seed, spawn_key=key))
+        out: Floats = stream.random((BLOCK, *shape))[place]
+        return out

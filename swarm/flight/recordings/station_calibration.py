@@ -1,0 +1,175 @@
+"""A station's calibration, to be taken off its sweep angles: from libsurvive's file, or from one of ours.
+
+libsurvive writes `"key":"value"` pairs and `"lighthouse0":{...}` tables with commas and outer braces left out at will;
+real JSON is read, too. Its `fcal*` values, two each (X sweep, Y sweep), become `FanErrors` through
+`estimators.lighthouse.sweep.from_libsurvive`, which says the signs and frames; `pose` is where it put the station in
+its world. Ours is TOML, in SI units, with every value that is not given zero:
+
+    [fan_x]
+    phase_rad = 0.0586
+    tilt_rad = 0.0013
+    curve = -0.0019
+    gibbous_phase_rad = 2.89
+    gibbous_magnitude = 0.0047
+    [fan_y]
+    ...
+    [photodiodes.craft-0]                     # optional, any number: where those of a craft, or of all craft of a
+    point_m = [[0.07, 0.02, 0.03], ...]       # model, or of a recording's object, really are, in its body frame
+
+A plain [photodiodes] is for the one object of a replay. `swarm.flight.recordings.calibration_file` writes it.
+"""
+
+import json
+import math
+import re
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from estimators.arrays import Floats
+from estimators.lighthouse.sweep import FanErrors, from_libsurvive
+from swarm.errors import SwarmError, did_you_mean
+from swarm.flight.recordings.libsurvive import WorldPose
+
+_FCAL = ("fcalphase", "fcaltilt", "fcalcurve", "fcalgibpha", "fcalgibmag")
+_TOKEN = re.compile(r'(?P<space>\s*)(?P<token>"(?:[^"\\]|\\.)*"|[{}\[\]:,]|[^\s{}\[\]:,"]+)')
+
+
+class StationCalibration(NamedTuple):
+    """Systematic errors of a station's fans; if known, its pose, and where photodiodes are (K, 3) [m].
+
+    point_m: of whoever it is used for. by_name: of the craft, models or objects of these names.
+    """
+
+    fan_x: FanErrors
+    fan_y: FanErrors
+    pose: WorldPose | None = None
+    point_m: Floats | None = None
+    by_name: Mapping[str, Floats] = MappingProxyType({})
+
+    def places(self, name: str) -> Floats | None:
+        """Where the photodiodes of `name` are (K, 3) [m], or None where this does not say."""
+        return self.by_name.get(name, self.point_m)
+
+
+def read_calibration(path: str | Path, lighthouse: int = 0) -> StationCalibration:
+    """Read the calibration of one station; `lighthouse` chooses it in libsurvive's file, ours has only one.
+
+    Raises SwarmError, naming file, key, value and the nearest valid name.
+    """
+    file = Path(path)
+    try:
+        text = file.read_text()
+    except OSError as error:
+        raise SwarmError(f"{file}: {error.strerror or error}") from None
+    except UnicodeDecodeError:
+        raise SwarmError(f"{file}: not a calibration file: it is not text") from None
+    if text.lstrip()[:1] in ('"', "{"):
+        return _from_libsurvive(_tolerant(text, file), file, lighthouse)
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise SwarmError(f"{file}: neither libsurvive's calibration nor TOML: {error}") from None
+    return _from_toml(data, file)
+
+
+def _from_libsurvive(data: dict[str, Any], file: Path, lighthouse: int) -> StationCalibration:
+    stations = [key for key in data if key.startswith("lighthouse") and isinstance(data[key], dict)]
+    name = f"lighthouse{lighthouse}"
+    if name not in stations:
+        raise SwarmError(f"{file}: no station {name!r}{did_you_mean(name, stations) or '; the file has none'}")
+    table = data[name]
+    if table.get("OOTXSet", "1") == "0":
+        raise SwarmError(f"{file}, {name}: OOTXSet is 0: the station's factory calibration had not been received")
+    phase, tilt, curve, gibbous_phase, gibbous_magnitude = (
+        (values[0], values[1]) for values in (_numbers(table, key, 2, f"{file}, {name}") for key in _FCAL)
+    )
+    fan_x, fan_y = from_libsurvive(phase, tilt, curve, gibbous_phase, gibbous_magnitude)
+    pose = None
+    if "pose" in table and table.get("PositionSet", "1") != "0":
+        values = np.array(_numbers(table, "pose", 7, f"{file}, {name}"))
+        length = float(np.linalg.norm(values[3:]))
+        if abs(length - 1) > 1e-2:
+            raise SwarmError(f"{file}, {name}: pose must end with a unit quaternion, its length is {length:.4g}")
+        pose = WorldPose(values[:3], values[3:] / length)
+    return StationCalibration(fan_x, fan_y, pose)
+
+
+def _numbers(table: dict[str, Any], key: str, count: int, where: str) -> list[float]:
+    """`count` finite numbers under a key of libsurvive's, where numbers are written as strings."""
+    if key not in table:
+        raise SwarmError(f"{where}: {key} is missing{did_you_mean(key, table)}")
+    try:
+        values = [float(value) for value in table[key]]
+    except (TypeError, ValueError):
+        values = []
+    if len(values) != count or not all(map(math.isfinite, values)):
+        raise SwarmError(f"{where}: {key} must be {count} numbers, not {table[key]!r}")
+    return values
+
+
+def _from_toml(data: dict[str, Any], file: Path) -> StationCalibration:
+    _known(data, ("fan_x", "fan_y", "photodiodes"), f"{file}")
+    fans = []
+    for name in ("fan_x", "fan_y"):
+        table = data.get(name)
+        if not isinstance(table, dict):
+            raise SwarmError(f"{file}: the table [{name}] is missing{did_you_mean(name, data)}")
+        _known(table, FanErrors._fields, f"{file}, [{name}]")
+        for key, value in table.items():
+            if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+                raise SwarmError(f"{file}, [{name}]: {key} must be a finite number, not {value!r}")
+        fans.append(FanErrors(**{key: float(value) for key, value in table.items()}))
+    table = data.get("photodiodes", {})
+    if not isinstance(table, dict):
+        raise SwarmError(f"{file}, [photodiodes]: must be a table, not {table!r}")
+    named = {name: inner for name, inner in table.items() if isinstance(inner, dict)}
+    _known({key: None for key in table if key not in named}, ("point_m",), f"{file}, [photodiodes]")
+    by_name = {name: _points(inner, f"{file}, [photodiodes.{name}]") for name, inner in named.items()}
+    plain = "photodiodes" in data and (not named or "point_m" in table)
+    point_m = _points({"point_m": table.get("point_m")}, f"{file}, [photodiodes]") if plain else None
+    return StationCalibration(fans[0], fans[1], None, point_m, by_name)
+
+
+def _points(table: dict[str, Any], where: str) -> Floats:
+    _known(table, ("point_m",), where)
+    try:
+        point_m = np.array(table.get("point_m"), dtype=np.float64)
+    except (TypeError, ValueError):
+        point_m = np.empty(0)
+    if point_m.ndim != 2 or point_m.shape[1] != 3 or not np.isfinite(point_m).all():
+        raise SwarmError(f"{where}: point_m must be rows of three finite numbers [m]")
+    return point_m
+
+
+def _known(table: dict[str, Any], keys: tuple[str, ...], where: str) -> None:
+    for key in table:
+        if key not in keys:
+            raise SwarmError(f"{where}: unknown key {key!r}{did_you_mean(key, keys)}")
+
+
+def _tolerant(text: str, file: Path) -> dict[str, Any]:
+    """JSON in which commas and the outer braces may be missing; line numbers in messages stay the file's."""
+    out, previous, end = [], "", 0
+    for match in _TOKEN.finditer(text):
+        if match.start() != end:
+            break
+        end, token = match.end(), match["token"]
+        if previous and previous not in "{[:," and token not in "}]:,":
+            out.append(",")
+        elif previous == "," and token in "}]":
+            out.pop()
+        out += [match["space"], token]
+        previous = token
+    if text[end:].strip():
+        raise SwarmError(f"{file}, line {text.count(chr(10), 0, end) + 1}: a string is not closed: the file is damaged")
+    joined = "".join(out)
+    try:
+        data = json.loads(joined if joined.lstrip().startswith("{") else "{" + joined + "}")
+    except json.JSONDecodeError as error:
+        raise SwarmError(f"{file}, line {error.lineno}: not a calibration file, or damaged: {error.msg}") from None
+    return dict(data)

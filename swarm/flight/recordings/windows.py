@@ -1,0 +1,167 @@
+"""A recording cut into periods: what the on-board code eats, one lighthouse period of one craft at a time.
+
+Windows follow each other without a gap; where the recording has nothing, they are empty, so that a decoder and a filter
+that advance by one period per window keep time. Two sources:
+
+- "pulses": the raw pulses from shortly before the station's X flash to shortly before its next one, for a
+  `PulseDecoder` to decode; nothing more is read from them here than where those flashes are.
+- "angles": libsurvive's own sweep angles.
+
+A station of libsurvive's looks along -z with y up; ours along +z with y down: turned by pi about x. Hence, for its pose
+(R_w_s, t_s) and an object's (R_w_o, t_o) in libsurvive's world w, with F = diag(1, -1, -1) and l our lighthouse frame:
+
+    R_l_o = F R_w_s^T R_w_o,    t_l = F R_w_s^T (t_o - t_s)
+"""
+
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import Literal, NamedTuple, get_args
+
+import numpy as np
+
+from estimators import rotation as rot
+from estimators.arrays import Floats
+from swarm.errors import SwarmError, did_you_mean
+from swarm.flight.recordings.framing import RATE_HZ, TURN_TICKS, frame_angles, frame_pulses, x_flash
+from swarm.flight.recordings.libsurvive import TICK_S, Recording, WorldPose
+from swarm.messages import Pulses
+from swarm.onboard.decoder import SweepAngles
+
+LEAD_S = 600e-6
+"""A window starts this long before its X flash [s]: after the last sweep, before the other station's flash (417 us)."""
+PEER_REACH_S = 0.05
+"""A peer's pose comes from two of its poses, one on either side of the epoch, at most this far from it [s]."""
+_FROM_SURVIVE = np.diag([1.0, -1.0, -1.0])
+
+Source = Literal["pulses", "angles"]
+
+
+class Window(NamedTuple):
+    """One period of one craft (C = 1).
+
+    time_s: of the epoch, on the recording's clock. pulses or angles: of this period, None for the other source.
+    peer_position (1, 3) [m], peer_quaternion (1, 4) wxyz: the recording's own pose of the object at the epoch, in our
+    lighthouse frame, NaN where there is none.
+    """
+
+    time_s: float
+    pulses: Pulses | None
+    angles: SweepAngles | None
+    peer_position: Floats
+    peer_quaternion: Floats
+
+
+class Windows:
+    """The periods of one station in a recording, in order; iterate for `Window`s.
+
+    frame_s: from one epoch to the next. tick_s: of the object's clock. slot: the station that a `PulseDecoder` is to
+    follow. photodiodes: the object's layout.
+    """
+
+    def __init__(
+        self, recording: Recording, lighthouse: int, source: Source = "pulses", station: WorldPose | None = None
+    ) -> None:
+        """lighthouse: libsurvive's number of the station. station: its pose, for the peer's poses (default: LH_POSE).
+
+        Raises SwarmError where the recording has nothing of this station from this source.
+        """
+        if source not in get_args(Source):
+            raise SwarmError(
+                f"source {source!r} is neither 'pulses' nor 'angles'{did_you_mean(source, get_args(Source))}"
+            )
+        if lighthouse not in (0, 1):
+            raise SwarmError(f"lighthouse must be 0 or 1, not {lighthouse}")
+        self._recording, self._lighthouse, self._source = recording, lighthouse, source
+        framing = (
+            frame_pulses(recording.pulses, lighthouse)
+            if source == "pulses"
+            else frame_angles(recording.angles, lighthouse)
+        )
+        if len(framing.start) == 0:
+            what = "raw pulses (C lines)" if source == "pulses" else "sweep angles (A lines)"
+            raise SwarmError(
+                f"{recording.path}: no period of lighthouse {lighthouse} among the {what} of {recording.device!r}"
+            )
+        self._start = framing.start
+        self.frame_s, self.tick_s = framing.turns / RATE_HZ, TICK_S
+        self.slot = 1 if framing.turns == 2 and lighthouse == 0 else 0
+        self.photodiodes = recording.photodiodes
+        log = recording.pulses if source == "pulses" else recording.angles
+        tick = recording.pulses.rise_tick if source == "pulses" else recording.angles.middle_tick
+        # The host logs each event some milliseconds late, irregularly: one straight line through all of them.
+        line = np.polynomial.Polynomial.fit(tick, log.time_s, 1)
+        self._time_s = line(self._start + TURN_TICKS / 2)
+        self._peer = _peer_poses(recording, self._time_s, station or recording.stations.get(lighthouse))
+
+    def __len__(self) -> int:
+        return len(self._start)
+
+    def __iter__(self) -> Iterator[Window]:
+        cut: Iterator[tuple[Pulses | None, SweepAngles | None]]
+        if self._source == "pulses":
+            cut = ((pulses, None) for pulses in self._cut_pulses())
+        else:
+            cut = ((None, angles) for angles in self._cut_angles())
+        for i, (pulses, angles) in enumerate(cut):
+            yield Window(
+                float(self._time_s[i]), pulses, angles, self._peer.position[i : i + 1], self._peer.quaternion[i : i + 1]
+            )
+
+    def _cut_pulses(self) -> Iterator[Pulses]:
+        log = self._recording.pulses
+        period = self.frame_s / TICK_S
+        edges = np.append(self._start, self._start[-1] + period) - LEAD_S / TICK_S
+        index = np.searchsorted(log.rise_tick, edges)
+        for first, last in pairwise(index):
+            yield Pulses(
+                log.photodiode[None, first:last].astype(np.int16),
+                log.rise_tick[None, first:last],
+                log.width_tick[None, first:last].astype(np.int32),
+                np.array([last - first], dtype=np.int32),
+            )
+
+    def _cut_angles(self) -> Iterator[SweepAngles]:
+        log, photodiodes = self._recording.angles, self.photodiodes.present.shape[1]
+        rows = np.flatnonzero(log.lighthouse == self._lighthouse)
+        flash = x_flash(log)[rows]
+        order = np.argsort(flash, kind="stable")
+        rows, flash = rows[order], flash[order]
+        period = self.frame_s / TICK_S
+        index = np.searchsorted(flash, np.append(self._start, self._start[-1] + period) - period / 8)
+        for start, first, last in zip(self._start, index[:-1], index[1:], strict=True):
+            theta, offset = np.full((1, photodiodes, 2), np.nan), np.zeros((1, photodiodes, 2))
+            epoch = round(start + TURN_TICKS / 2)
+            row = rows[first:last]
+            hits = np.zeros((photodiodes, 2), dtype=np.int64)
+            np.add.at(hits, (log.photodiode[row], log.fan[row]), 1)
+            once = row[hits[log.photodiode[row], log.fan[row]] == 1]
+            place = (0, log.photodiode[once], log.fan[once])
+            theta[place] = log.angle_rad[once] + np.pi / 2
+            offset[place] = (log.middle_tick[once] - epoch) * TICK_S
+            none = np.zeros(1, dtype=np.int64)
+            yield SweepAngles(
+                theta, offset, np.isfinite(theta).all(axis=2), none + epoch, none, none + (len(row) - len(once))
+            )
+
+
+def _peer_poses(recording: Recording, time_s: Floats, station: WorldPose | None) -> WorldPose:
+    """The recording's own poses of the object at the times (N,), in our frame of the station, NaN where it has none."""
+    position, quaternion = np.full((len(time_s), 3), np.nan), np.full((len(time_s), 4), np.nan)
+    known = recording.peer_time_s
+    if station is None or len(known) < 2:
+        return WorldPose(position, quaternion)
+    after = np.clip(np.searchsorted(known, time_s), 1, len(known) - 1)
+    before = after - 1
+    within = (known[before] >= time_s - PEER_REACH_S) & (known[after] <= time_s + PEER_REACH_S)
+    within &= (known[before] <= time_s) & (time_s <= known[after])
+    before, after, at = before[within], after[within], time_s[within]
+    share = ((at - known[before]) / np.maximum(known[after] - known[before], 1e-9))[:, None]
+    p, q = recording.peer.position, recording.peer.quaternion
+    nearer = np.where(np.sum(q[before] * q[after], axis=1, keepdims=True) < 0, -q[after], q[after])
+    blend = (1 - share) * q[before] + share * nearer
+    world_position = (1 - share) * p[before] + share * p[after]
+    to_ours = _FROM_SURVIVE @ rot.matrix_from_quaternion(station.quaternion).T
+    position[within] = (world_position - station.position) @ to_ours.T
+    body = rot.matrix_from_quaternion(blend / np.linalg.norm(blend, axis=1, keepdims=True))
+    quaternion[within] = rot.quaternion_from_matrix(to_ours @ body)
+    return WorldPose(position, quaternion)

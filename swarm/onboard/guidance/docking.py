@@ -1,0 +1,179 @@
+"""One craft's way to a docking port: from hold point to hold point along the docking axis, at last softly to contact.
+
+    WAIT -> TRANSFER -> HOLD -> APPROACH -> HOLD ... -> FINAL -> DOCKED
+                          ^--------- RETREAT <-----'       (out of the corridor, or the port missed)
+    any -> LOST -> RETREAT or what it was                  (no pose for a while, or a poor one)
+
+The craft decides by its own estimate, and by a switch in the port that says when the latch has closed. It leaves a hold
+point inwards only while it is inside the corridor (`swarm.onboard.guidance.corridor`) and its navigation is good; out
+of the corridor it flies back to the hold point that it came from. While its navigation is lost it brakes, on what its
+filter predicts by the craft's own orders, and stays; found again, it retreats if it was on the axis. After some
+retreats it gives up.
+
+The reference is a point moved by `swarm.onboard.guidance.glideslope`; in the last leg it passes the port at the closing
+speed.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimators.arrays import Floats
+from swarm.hardware import Closing, Port, docked_pose
+from swarm.onboard.guidance.corridor import Corridor
+from swarm.onboard.guidance.glideslope import Glideslope, Moving, at_rest, brake, through, towards
+from swarm.onboard.guidance.phase import Phase
+
+ARRIVED_M = 0.01
+"""Nearer to a hold point than this, the craft is there."""
+
+
+@dataclass(frozen=True)
+class DockingPlan:
+    """How one craft docks.
+
+    own, target: the ports, in the craft's body frame and in the lighthouse frame. start_m: where it waits at first.
+    hold_ranges_m: ranges of the hold points, outermost first; hold_s: the time at each. closing_speed_m_s: at contact.
+    overtravel_m: how far beyond the port it feels for contact. lost_s, sigma_limit_m: without a pose for longer, or
+    less sure of its position (root of the covariance's trace), its navigation is lost, and it brakes by brake_m_s2.
+    settle_s: good for so long, it is trusted. retreats: how many before it gives up.
+    """
+
+    craft: int
+    own: Port
+    target: Port
+    start_m: Floats
+    hold_ranges_m: tuple[float, ...]
+    hold_s: tuple[float, ...]
+    slope: Glideslope
+    closing_speed_m_s: float
+    corridor: Corridor
+    start_s: float = 0.0
+    overtravel_m: float = 0.02
+    lost_s: float = 0.25
+    sigma_limit_m: float = 0.05
+    brake_m_s2: float = 0.05
+    settle_s: float = 1.0
+    retreats: int = 3
+
+
+class Docking:
+    """The state of one approach; `step` once per lighthouse period."""
+
+    def __init__(self, plan: DockingPlan, period_s: float) -> None:
+        self.plan, self.phase = plan, Phase.WAIT
+        self._period_s = period_s
+        self._reference = at_rest(plan.start_m)
+        self._axis = plan.target.rotation[:, 2]
+        self._docked_m = docked_pose(plan.own, plan.target)[1]
+        self._leg = 0
+        """The hold point that it is at, or flies to, or came from in FINAL."""
+        self._since_s = 0.0
+        self._good_s = self._blind_s = 0.0
+        self._retreats = 0
+        self._interrupted = Phase.WAIT
+
+    def step(
+        self,
+        time_s: float,
+        position: Floats,
+        velocity: Floats,
+        at: Closing,
+        tracking: bool,
+        sigma_m: float,
+        latched: bool,
+    ) -> Moving:
+        """Where the craft should be at `time_s` [s], and how it should move on from there for a period.
+
+        position, velocity: (3,), its own, as it believes them, NaN where it knows none; at: how it believes its port
+        to stand to the target's. tracking: whether it has had a pose this period; sigma_m: of its position. latched:
+        the switch in the port.
+        """
+        self._judge_navigation(tracking and sigma_m <= self.plan.sigma_limit_m)
+        self._decide(time_s, position, velocity, at, latched)
+        now = self._reference
+        self._reference = self._follow(now)
+        # What leads on from here is the acceleration of the step that follows.
+        return Moving(now.position, now.velocity, self._reference.acceleration)
+
+    def _judge_navigation(self, good: bool) -> None:
+        self._good_s = self._good_s + self._period_s if good else 0.0
+        self._blind_s = 0.0 if good else self._blind_s + self._period_s
+
+    def _enter(self, phase: Phase, time_s: float) -> None:
+        self.phase, self._since_s = phase, time_s
+
+    def _decide(self, time_s: float, position: Floats, velocity: Floats, at: Closing, latched: bool) -> None:
+        """Which phase it is from now on."""
+        plan, trusted = self.plan, self._good_s >= self.plan.settle_s
+        inwards = self.phase in (Phase.APPROACH, Phase.FINAL)
+        if self.phase == Phase.DOCKED:
+            return
+        if latched:
+            self._enter(Phase.DOCKED, time_s)
+        elif self.phase not in (Phase.LOST, Phase.WAIT) and self._blind_s > plan.lost_s:
+            self._interrupted = self.phase
+            self._enter(Phase.LOST, time_s)
+        elif inwards and self._blind_s == 0 and (not plan.corridor.contains(at) or self._missed()):
+            self._retreat(time_s)
+        elif self.phase == Phase.LOST and trusted:
+            self._found(time_s, position, velocity)
+        elif self.phase == Phase.WAIT and trusted and time_s >= plan.start_s:
+            self._reference = Moving(position, velocity, np.zeros(3))
+            self._enter(Phase.TRANSFER, time_s)
+        elif self.phase in (Phase.TRANSFER, Phase.RETREAT, Phase.APPROACH) and self._arrived():
+            self._enter(Phase.HOLD, time_s)
+        elif self.phase == Phase.HOLD and trusted and time_s - self._since_s >= plan.hold_s[self._leg]:
+            self._leave_inwards(time_s, at)
+
+    def _missed(self) -> bool:
+        """Whether it should have been latched by now."""
+        beyond = float((self._docked_m - self._reference.position) @ self._axis)
+        return self.phase == Phase.FINAL and beyond > self.plan.overtravel_m
+
+    def _retreat(self, time_s: float) -> None:
+        """Back to the hold point that it came from; after too many times, to the first one for good."""
+        if self.phase == Phase.APPROACH:
+            self._leg -= 1
+        self._retreats += 1
+        if self._retreats > self.plan.retreats:
+            self._leg = 0
+            self._enter(Phase.ABORTED, time_s)
+        else:
+            self._enter(Phase.RETREAT, time_s)
+
+    def _found(self, time_s: float, position: Floats, velocity: Floats) -> None:
+        """Its navigation is back: on from where it is."""
+        self._reference = Moving(position, velocity, np.zeros(3))
+        if self._interrupted in (Phase.APPROACH, Phase.FINAL):
+            if self._interrupted == Phase.APPROACH:
+                self._leg -= 1
+            self._enter(Phase.RETREAT, time_s)
+        else:
+            back = Phase.RETREAT if self._interrupted == Phase.HOLD else self._interrupted
+            self._enter(back, time_s)
+
+    def _leave_inwards(self, time_s: float, at: Closing) -> None:
+        if not self.plan.corridor.contains(at):
+            return
+        if self._leg + 1 < len(self.plan.hold_ranges_m):
+            self._leg += 1
+            self._enter(Phase.APPROACH, time_s)
+        else:
+            self._enter(Phase.FINAL, time_s)
+
+    def _hold_point(self) -> Floats:
+        return self._docked_m + self.plan.hold_ranges_m[self._leg] * self._axis
+
+    def _arrived(self) -> bool:
+        there = float(np.linalg.norm(self._reference.position - self._hold_point())) < ARRIVED_M
+        return there and float(np.linalg.norm(self._reference.velocity)) < self.plan.slope.slope_per_s * ARRIVED_M * 2
+
+    def _follow(self, now: Moving) -> Moving:
+        """The reference one period later."""
+        plan, period = self.plan, self._period_s
+        if self.phase in (Phase.WAIT, Phase.LOST, Phase.DOCKED):
+            return brake(now, plan.brake_m_s2, period)
+        if self.phase == Phase.FINAL:
+            return through(now, self._docked_m, -plan.closing_speed_m_s * self._axis, plan.slope, period)
+        return towards(now, self._hold_point(), plan.slope, period)

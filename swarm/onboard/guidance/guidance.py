@@ -1,0 +1,120 @@
+"""Everything that guides: once per lighthouse period, where the guided craft should be, and how they keep clear.
+
+Every craft is guided by its own estimate and by what the others broadcast; what is computed here for several at once is
+what each computes for itself. The craft that steer by the truth are guided by it, to compare with.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators.arrays import Bools, Floats, Ints
+from estimators.rotation import skew
+from estimators.state import Motion, State, Steered
+from swarm.hardware import Closing, closing, placed
+from swarm.onboard.control import Command, Feedback, feedback
+from swarm.onboard.guidance.avoidance import barriers, safe
+from swarm.onboard.guidance.broadcast import Broadcasts
+from swarm.onboard.guidance.docking import Docking
+from swarm.onboard.guidance.formation import Formation
+from swarm.onboard.guidance.gains import Gains
+from swarm.onboard.guidance.phase import Phase
+
+
+class Knowledge(NamedTuple):
+    """What else C craft know: tracking (C,), whether each has had a pose in the last period; sigma_m (C,), of its
+    position; latched (C,), the switch in its port.
+    """
+
+    tracking: Bools
+    sigma_m: Floats
+    latched: Bools
+
+
+class Clearance(NamedTuple):
+    """Who keeps clear of whom: craft (M,) at least distance_m (M,) away from every other craft that it hears, with a
+    braking acceleration of brake_m_s2 (M,).
+    """
+
+    craft: Ints
+    distance_m: Floats
+    brake_m_s2: Floats
+
+
+class Guidance:
+    """The guided craft among C, period by period: `steer`, then `clear` of what the control makes of it."""
+
+    def __init__(
+        self,
+        period_s: float,
+        gains: Sequence[Gains | None],
+        dockings: Sequence[Docking],
+        formations: Sequence[Formation],
+        clearance: Clearance,
+        broadcasts: Bools,
+    ) -> None:
+        """gains: of every craft, None of those that are not guided. broadcasts: (C,), who tells the others."""
+        count = len(gains)
+        self._dockings, self._formations = list(dockings), list(formations)
+        self._clearance, self._speaks = clearance, broadcasts
+        self._air = Broadcasts(count, period_s)
+        guided = np.array([g is not None for g in gains], dtype=np.bool_)
+        self.feedback: Feedback = feedback(count)
+        """Of every craft: the regulator's, of those that are guided."""
+        for i, own in enumerate(gains):
+            if own is not None:
+                self.feedback.stiffness[i], self.feedback.damping[i] = own
+        self.phase: Ints = np.where(guided, Phase.KEEP, Phase.NONE).astype(np.int64)
+        """(C,), of `Phase`."""
+        self.gave_way: Bools = np.zeros(count, dtype=np.bool_)
+        """(C,), who did not do what it wanted, to keep clear."""
+
+    def steer(self, time_s: float, believed: State, known: Knowledge) -> Steered:
+        """Where the craft that do not follow a fixed path should be at `time_s` [s]."""
+        silent = ~self._speaks[:, None]
+        self._air.tell(np.where(silent, np.nan, believed.position), np.where(silent, np.nan, believed.velocity), 0.0)
+        craft: list[Ints] = []
+        motions: list[Motion] = []
+        heard = self._air.heard()
+        for formation in self._formations:
+            craft.append(formation.craft)
+            motions.append(formation.at(time_s, heard))
+            self.phase[formation.craft] = formation.phase(time_s)
+        for docking in self._dockings:
+            i = docking.plan.craft
+            tracking, sigma, latched = bool(known.tracking[i]), float(known.sigma_m[i]), bool(known.latched[i])
+            at = _stands(docking, believed)
+            moving = docking.step(time_s, believed.position[i], believed.velocity[i], at, tracking, sigma, latched)
+            craft.append(np.array([i]))
+            motions.append(Motion(*(part[None] for part in moving)))
+            self.phase[i] = docking.phase
+        if not craft:
+            return Steered(np.zeros(0, dtype=np.int64), Motion(*np.zeros((3, 0, 3))), np.zeros(0, dtype=np.bool_))
+        who = np.concatenate(craft)
+        parts = (np.concatenate(list(part)) for part in zip(*motions, strict=True))
+        return Steered(who, Motion(*parts), self.phase[who] == Phase.DOCKED)
+
+    def clear(self, command: Command, believed: State) -> Command:
+        """The command nearest to `command` that keeps the craft clear of each other
+        (`swarm.onboard.guidance.avoidance`).
+        """
+        self.gave_way[:] = False
+        watching = self._clearance
+        able = np.isfinite(believed.position[watching.craft]).all(axis=1)
+        who, distance, brake = watching.craft[able], watching.distance_m[able], watching.brake_m_s2[able]
+        if not len(who):
+            return command
+        conditions = barriers(who, believed.position[who], believed.velocity[who], self._air.heard(), distance, brake)
+        most = np.zeros(len(self.phase))
+        most[who] = brake
+        acceleration, self.gave_way = safe(command.acceleration, conditions, most)
+        return command._replace(acceleration=acceleration)
+
+
+def _stands(docking: Docking, believed: State) -> Closing:
+    """How the craft believes its port to stand to the target's, which is at rest."""
+    plan, i = docking.plan, docking.plan.craft
+    own = placed(plan.own, believed.rotation[i], believed.position[i])
+    arm = believed.rotation[i] @ plan.own.position
+    return closing(own, plan.target, believed.velocity[i] + skew(believed.angular_rate[i]) @ arm)

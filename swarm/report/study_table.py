@@ -1,0 +1,39 @@
+"""What `swarm study` prints at its end: a table of the points, what failed, and where the rest is."""
+
+from rich import box
+from rich.console import Console
+from rich.table import Table as RichTable
+from rich.text import Text
+
+from swarm.report.sweep import point_table
+from swarm.studies.campaign.study_folder import ROWS, FinishedStudy
+from swarm.studies.campaign.task import COMPLETE, LOST
+
+MOST_ROWS = 20
+
+
+def print_study(console: Console, study: FinishedStudy) -> None:
+    """Print the study."""
+    rows = study.rows.to_pylist()
+    failed = [row for row in rows if row["status"] != COMPLETE]
+    if len(failed) < len(rows):
+        points = point_table(study)
+        table = RichTable(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
+        for column in points.columns:
+            table.add_column(f"{column.name}\n{column.unit}", justify="right")
+        for cells in points.rows[:MOST_ROWS]:
+            table.add_row(*cells)
+        console.print(table)
+        if len(points.rows) > MOST_ROWS:
+            console.print(Text(f"The first {MOST_ROWS} points; {ROWS} has every run.", "dim"))
+    for row in failed[:3]:
+        console.print(Text(f"\nrun {row['run']} {row['status']}: {row['reason']}", "yellow"), soft_wrap=True)
+    if len(failed) > 3:
+        console.print(Text(f"... and {len(failed) - 3} more", "yellow"))
+    again = ", --resume tries those that were lost again" if any(row["status"] == LOST for row in failed) else ""
+    missing = f", {len(failed)} failed{again}" if failed else ""
+    wall_s = float(study.state.get("wall_s", 0.0))
+    console.print(f"\n{len(rows) - len(failed)} runs in {wall_s:.1f} s{missing}", highlight=False)
+    console.print(f"{study.folder}/{ROWS}  a row per run", highlight=False, markup=False, soft_wrap=True)
+    console.print("Look at it: ", end="")
+    console.print(f"swarm report {study.folder}", style="bold", highlight=False, markup=False, soft_wrap=True)

@@ -1,0 +1,81 @@
+"""How the viewer lays the recording out: the scene large on the left, plots on the right, what is what behind a tab.
+
+Imports rerun like `recording`, which alone uses it.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from estimators.arrays import Floats
+from swarm.results.recording.plots import Plot
+
+MOST_LANES = 6
+"""Lanes of states that have room below the scene; of more, the others are scrolled to."""
+NOT_TO_POINT_AT = ("world/rays", "world/names", "world/trails", "world/lighthouse/fan_x", "world/lighthouse/fan_y")
+
+
+def _view(plot: Plot) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(
+        origin=plot.entity, name=plot.title, plot_legend=rrb.PlotLegend(corner="RightTop", visible=len(plot.names) < 4)
+    )
+
+
+def _column(plots: Sequence[Plot], name: str) -> rrb.Vertical:
+    """Plots below each other; ADOP and PDOP side by side."""
+    views: list[rrb.Container | rrb.View] = []
+    shares: list[float] = []
+    for plot in plots:
+        if plot.entity == "swarm/pdop":
+            views[-1] = rrb.Horizontal(views[-1], _view(plot))
+        else:
+            views.append(_view(plot))
+            shares.append(3.0 if "error" in plot.entity else 2.0)
+    return rrb.Vertical(*views, row_shares=shares, name=name)
+
+
+def _eye(position: Floats) -> rrb.EyeControls3D:
+    """From the right, above and behind the lighthouse: it is on the left of the picture, the craft (n, 3) [m] right."""
+    points = np.concatenate([np.zeros((1, 3)), position])
+    centre = (points.min(axis=0) + points.max(axis=0)) / 2
+    radius = max(0.5, float(np.linalg.norm(points - centre, axis=1).max()))
+    direction = np.array([0.80, -0.42, -0.55])
+    return rrb.EyeControls3D(
+        kind=rrb.Eye3DKind.Orbital,
+        position=centre + 1.9 * radius * direction / np.linalg.norm(direction),
+        look_target=centre,
+        eye_up=(0, -1, 0),
+    )
+
+
+def blueprint(
+    swarm: Sequence[Plot], single: Mapping[str, Sequence[Plot]], position: Floats, lanes: int, live: bool
+) -> rrb.Blueprint:
+    """The layout. position: (n, 3) [m] of the craft at the start, to aim the camera. lanes: craft with a status."""
+    low = 1.0 + (float(position[:, 1].max()) if len(position) else 0.0)
+    scene = rrb.Spatial3DView(
+        origin="world",
+        name="Lighthouse and craft",
+        eye_controls=_eye(position),
+        line_grid=rrb.LineGrid3D(
+            spacing=1.0, plane=rr.components.Plane3D((0, 1, 0), low), color=[120, 130, 150, 70], stroke_width=1.0
+        ),
+        background=[13, 17, 23],
+        overrides={entity: rrb.EntityBehavior(interactive=False) for entity in NOT_TO_POINT_AT},
+    )
+    status = rrb.StateTimelineView(origin="status", name="Status")
+    about = rrb.TextDocumentView(origin="about", name="What is what")
+    columns = [_column(swarm, "Swarm"), *(_column(plots, name) for name, plots in single.items())]
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Vertical(scene, status, row_shares=[7, 0.5 + 0.4 * min(lanes, MOST_LANES)]),
+            rrb.Tabs(*columns, about, active_tab=0),
+            column_shares=[3, 2],
+        ),
+        rrb.TimePanel(timeline="sim_time", state="collapsed", play_state="following" if live else "playing"),
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+        rrb.TopPanel(state="expanded"),
+    )

@@ -1,0 +1,1 @@
+"""Studies built on flights: campaigns, calibration, photodiode layouts, the papers' experiments."""

@@ -1,0 +1,70 @@
+"""The smallest number of photodiodes for a wanted precision."""
+
+from collections.abc import Callable
+from math import degrees, inf, isfinite
+
+import numpy as np
+
+from estimators.layout.error import percentile
+from estimators.lighthouse.pnp import FEWEST_LIT
+from swarm.errors import SwarmError
+from swarm.studies.layout.prediction import Prediction, Task
+from swarm.studies.layout.search import Places, find
+
+PHOTODIODES_MAX = 64
+
+
+def smallest(
+    task: Task, at: Places, attitude_deg: float | None, position_mm: float | None, say: Callable[[str], None]
+) -> int:
+    """The least number of photodiodes whose predicted errors, at the percentile, are as wanted; None: any will do.
+
+    Quick searches, up in steps that grow with what is missing (the errors of photodiodes at the same places fall with
+    the root of their number), then down by halves; a longer search might do with fewer. say: is told each step. Raises
+    SwarmError, with what the largest number reaches, where it is not enough.
+    """
+    most = min(PHOTODIODES_MAX, len(at.coarse.point_m))
+    too_few, count = FEWEST_LIT - 1, FEWEST_LIT
+    while True:
+        found = find(task, at, count, quick=True).prediction
+        say(_figures(found, task.share, count))
+        ratio = _ratio(found, task.share, attitude_deg, position_mm)
+        if ratio <= 1:
+            break
+        if count >= most:
+            wanted = [f"{attitude_deg:g}°"] if attitude_deg is not None else []
+            wanted += [f"{position_mm:g} mm"] if position_mm is not None else []
+            raise SwarmError(f"{_figures(found, task.share, count)}; wanted: {', '.join(wanted)}")
+        too_few = count
+        # Half of what the root law asks for, because better places are found too; blind poses tell nothing.
+        more = min((ratio**2 - 1) / 2, 1.0) if isfinite(ratio) else 0.25
+        count = min(most, count + max(1, round(more * count)))
+    while count - too_few > 1:
+        middle = (too_few + count) // 2
+        found = find(task, at, middle, quick=True).prediction
+        say(_figures(found, task.share, middle))
+        if _ratio(found, task.share, attitude_deg, position_mm) <= 1:
+            count = middle
+        else:
+            too_few = middle
+    return count
+
+
+def meets(found: Prediction, share: float, attitude_deg: float | None, position_mm: float | None) -> bool:
+    """Whether the errors at the percentile are as wanted."""
+    return _ratio(found, share, attitude_deg, position_mm) <= 1
+
+
+def _ratio(found: Prediction, share: float, attitude_deg: float | None, position_mm: float | None) -> float:
+    """The larger of the errors at the percentile over what is wanted."""
+    attitude = degrees(percentile(found.attitude_rad, share)) / (inf if attitude_deg is None else attitude_deg)
+    position = 1e3 * percentile(found.position_m, share) / (inf if position_mm is None else position_mm)
+    return float(np.nanmax([attitude, position])) if found.unsolvable <= 1 - share else inf
+
+
+def _figures(found: Prediction, share: float, count: int) -> str:
+    blind = f"{count} photodiodes leave {100 * found.unsolvable:.1f} % of the poses unsolvable"
+    if found.unsolvable > 1 - share:
+        return blind
+    attitude, position = degrees(percentile(found.attitude_rad, share)), 1e3 * percentile(found.position_m, share)
+    return f"{blind}, {100 * share:g} % are within {attitude:.3f}° and {position:.2f} mm"

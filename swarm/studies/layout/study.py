@@ -1,0 +1,112 @@
+"""`swarm layout` from request to files: search, judge against the shipped and the even layouts, write.
+
+A layout leaves, beside each other: the craft's MJCF, and with `-layout` in their names the figures (JSON) and the
+picture (PNG and SVG).
+"""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from swarm.errors import SwarmError
+from swarm.results.disk import write_text, writing
+from swarm.studies.layout import judgement
+from swarm.studies.layout.even import even_spreads
+from swarm.studies.layout.figure import draw
+from swarm.studies.layout.judgement import Judged, judge
+from swarm.studies.layout.report import figures
+from swarm.studies.layout.request import Request, task
+from swarm.studies.layout.search import find, places
+from swarm.studies.layout.smallest import smallest
+from swarm.world.craft import load_craft
+from swarm.world.hull import Mount
+from swarm.world.refit import refit
+
+EVENS = 24
+"""Even spreads, from as many first photodiodes."""
+GRID_M = 1e-5
+"""Positions are rounded to so much: what is judged is what the file says [m]."""
+DESIGNED, SHIPPED, EVEN = "designed", "shipped", "even"
+
+
+class Study(NamedTuple):
+    """What was found and written: figures as in the JSON, and the files."""
+
+    figures: dict[str, Any]
+    files: tuple[Path, ...]
+
+
+def files_of(out: Path) -> tuple[Path, ...]:
+    """The model, the figures and the pictures of a layout that is written as `out`."""
+    return (out, *(out.with_name(f"{out.stem}-layout{suffix}") for suffix in (".json", ".png", ".svg")))
+
+
+def default_out(request: Request, model: Path) -> Path:
+    """Where a layout goes if the user does not say."""
+    return Path("runs") / f"layout-{model.stem}-{request.photodiodes or 'smallest'}" / model.name
+
+
+def study(request: Request, out: Path | None, force: bool, say: Callable[[str], None], seed: int = 0) -> Study:
+    """Find a layout and write it. say: is told what is going on. Raises SwarmError; nothing is written then."""
+    asked = task(request)
+    model = asked.hull.path
+    out = default_out(request, model) if out is None else out
+    files = files_of(out)
+    _check_target(out, model, files, force)
+
+    say("places on the hull")
+    at = places(asked)
+    count = request.photodiodes
+    if count is None:
+        count = smallest(asked, at, request.attitude_deg, request.position_mm, say)
+    say(f"{count} photodiodes among {len(at.coarse.point_m)} places, at {len(at.poses.position)} poses")
+    mount = tidy(find(asked, at, count, seed=seed).mount)
+
+    say("predicting and measuring")
+    evens = [at.fine.at(chosen) for chosen in even_spreads(at.fine.point_m, count, EVENS)]
+    layouts = [(DESIGNED, mount), (EVEN, evens[0])]
+    if len(asked.hull.shipped.point_m):
+        layouts.append((SHIPPED, asked.hull.shipped))
+    others = [(f"{EVEN} {i}", other) for i, other in enumerate(evens[1:], start=1)]
+    judged = judge(asked, layouts + others, [name for name, _ in layouts])
+    made = figures(request, asked, judged)
+    _write(files, model, mount, made, judged, asked)
+    return Study(made, files)
+
+
+def tidy(mount: Mount) -> Mount:
+    """The photodiodes in order, front faces first, then around the craft, at rounded positions."""
+    azimuth = np.arctan2(mount.point_m[:, 1], mount.point_m[:, 0])
+    order = np.lexsort((azimuth, -mount.normal[:, 2].round(3)))
+    sorted_ = mount.at(order)
+    return Mount((sorted_.point_m / GRID_M).round() * GRID_M, sorted_.normal)
+
+
+def _check_target(out: Path, model: Path, files: tuple[Path, ...], force: bool) -> None:
+    if out.suffix != ".xml":
+        raise SwarmError(f"--out {out}: the model's file must end in .xml")
+    if out.resolve() == model.resolve():
+        raise SwarmError(f"--out {out}: this is the model that the layout is designed for; choose another file")
+    there = [path for path in files if path.exists()]
+    if there and not force:
+        raise SwarmError(f"{there[0]} is there already; --force replaces it")
+
+
+def _write(
+    files: tuple[Path, ...], model: Path, mount: Mount, made: dict[str, Any], judged: list[Judged], asked: Any
+) -> None:
+    out, numbers, *pictures = files
+    with writing(out):
+        out.parent.mkdir(parents=True, exist_ok=True)
+    about = f"{model.name} with {len(mount.point_m)} photodiodes placed by `swarm layout`"
+    write_text(out, refit(model, mount, out, about))
+    load_craft(out)
+    write_text(numbers, json.dumps(made, indent=2, allow_nan=False) + "\n")
+    picture = draw(asked, judged, judgement.tried)
+    for path in pictures:
+        with writing(path):
+            # The SVG's date would make every run's file another one.
+            picture.savefig(path, dpi=150, metadata={"Date": None} if path.suffix == ".svg" else None)

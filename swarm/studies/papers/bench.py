@@ -1,0 +1,219 @@
+"""One craft before the lighthouse, many independent periods of it as one batch.
+
+The sensor chain is the simulator's own: a ray cast says which photodiodes are lit, the crossing instants are solved on
+the moving craft, pulses are rounded to ticks of a clock of random phase and decoded (1). But a row of the batch is a
+period, not a craft: the rotor's error is shared by the photodiodes of a row and fan, and drawn afresh for every row.
+"""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators import rotation as rot
+from estimators.arrays import Bools, Floats
+from estimators.lighthouse.pnp import PoseSolution, refine
+from estimators.lighthouse.sweep import FanErrors, FanPair, kernel_errors
+from swarm.flight import builders
+from swarm.hardware import Photodiodes
+from swarm.messages import SYNC_WIDTH_S, SYNC_WIDTH_STEP_S, Pulses
+from swarm.onboard.acquisition import NONE, Sighting, follow, search
+from swarm.onboard.decoder import PulseDecoder, SweepAngles
+from swarm.scenario import validate
+from swarm.sensors.crossing import cross_into, pack_into
+from swarm.sensors.lighthouse import LighthouseSettings
+from swarm.sensors.visibility import Visibility
+from swarm.world.motion.pointing import facing
+
+PERFECT: FanPair = (FanErrors(), FanErrors())
+FIRST_TICK, CLOCK_S = 1e6, 1200.0
+"""A clock shows between so many ticks and so many seconds more at a period's start."""
+
+
+class Motion(NamedTuple):
+    """How the rows move within their period, in straight lines at constant rates about the epoch.
+
+    rotation (N, 3, 3), position (N, 3) [m] at the epoch; angular_rate (N, 3) [rad/s], velocity (N, 3) [m/s].
+    """
+
+    rotation: Floats
+    position: Floats
+    angular_rate: Floats
+    velocity: Floats
+
+    @classmethod
+    def rest(cls, rotation: Floats, position: Floats) -> "Motion":
+        """Rows that do not move."""
+        return cls(rotation, position, np.zeros_like(position), np.zeros_like(position))
+
+    def repeat(self, count: int) -> "Motion":
+        """Every row `count` times, one after the other."""
+        return Motion(*(np.repeat(part, count, axis=0) for part in self))
+
+    def rows(self, chosen: slice) -> "Motion":
+        """Some of the rows."""
+        return Motion(*(part[chosen] for part in self))
+
+
+class Box(NamedTuple):
+    """Where poses are drawn: facing the lighthouse but for a turn of at most turn_rad, so many photodiodes lit."""
+
+    centre_m: tuple[float, float, float]
+    size_m: tuple[float, float, float]
+    turn_rad: float
+    fewest_lit: int = 6
+
+
+class Bench:
+    """A craft model before a lighthouse of default settings."""
+
+    settings: LighthouseSettings
+    layout: Photodiodes
+    """Of the one craft, (1, K)."""
+
+    def __init__(self, model: str = "mockup") -> None:
+        """Build the craft's world, for its shape. Raises SwarmError where there is no such model."""
+        scenario = validate({"swarm": {"count": 1, "model": model}}, file=model, folder=Path.cwd())
+        self.settings = builders.lighthouse(scenario)
+        world = builders.world(scenario, builders.fleet(scenario))
+        self.layout = world.photodiodes
+        self._visibility = Visibility(
+            world.model, self.layout, world.craft_bodies, world.lighthouse_body, self.settings
+        )
+
+    @property
+    def point_m(self) -> Floats:
+        """The photodiodes as drawn, (K, 3) [m] in the body frame."""
+        point: Floats = self.layout.point_m[0]
+        return point
+
+    @property
+    def period_s(self) -> float:
+        """One turn of the rotors [s]."""
+        return 1 / self.settings.rate_hz
+
+    def lit(self, rotation: Floats, position: Floats) -> Bools:
+        """Which photodiodes (N, K) are lit with the craft at poses (N, 3, 3), (N, 3) [m], by ray cast."""
+        quaternion = rot.quaternion_from_matrix(rotation)
+        out = np.zeros((len(position), self.layout.present.shape[1]), dtype=np.bool_)
+        for i in range(len(position)):
+            out[i] = self._visibility.lit(position[i : i + 1], quaternion[i : i + 1])[0]
+        return out
+
+    def random_pose(self, rng: np.random.Generator, box: Box) -> tuple[Motion, Bools]:
+        """A pose at rest (one row) within `box`, and its lit photodiodes (1, K)."""
+        still = np.zeros((1, 3))
+        while True:
+            place = np.array(box.centre_m) + np.array(box.size_m) * rng.uniform(-0.5, 0.5, 3)
+            turned = rot.exp(box.turn_rad * rng.uniform(-1, 1, 3) / np.sqrt(3))
+            rotation = facing(place[None], still, still).rotation @ turned
+            lit = self.lit(rotation, place[None])
+            if np.count_nonzero(lit) >= box.fewest_lit:
+                return Motion.rest(rotation, place[None]), lit
+
+    def noise(self, rows: int, rng: np.random.Generator, noise_rad: float, rotor_correlation: float) -> Floats:
+        """Random angle errors (N, K, 2) [rad]: the rotor's, shared within a row and fan, and each angle's own (19)."""
+        own = rng.standard_normal((rows, self.layout.present.shape[1], 2))
+        shared = rng.standard_normal((rows, 1, 2))
+        out: Floats = noise_rad * (np.sqrt(rotor_correlation) * shared + np.sqrt(1 - rotor_correlation) * own)
+        return out
+
+    def angles(
+        self,
+        motion: Motion,
+        lit: Bools,
+        error_rad: Floats,
+        rng: np.random.Generator,
+        *,
+        fans: FanPair = PERFECT,
+        point_m: Floats | None = None,
+        tick_s: float | None = None,
+    ) -> SweepAngles:
+        """What N independent periods of the craft deliver on board.
+
+        lit: (N, K). error_rad: (N, K, 2), added to the fans' angles. rng: the clocks' phases. fans: the station's
+        systematic errors. point_m: (N, K, 3), where the photodiodes really are; else as drawn. tick_s: of the clocks.
+        """
+        rows, photodiodes = lit.shape
+        tick = self.settings.tick_s if tick_s is None else tick_s
+        period = self.period_s
+        knot = np.linspace(0.0, period, 3)
+        since = knot[:, None, None] - period / 2
+        turned = rot.exp(motion.angular_rate * since) @ motion.rotation
+        both = np.repeat(lit[..., None], 2, axis=-1)
+        instant, width = np.full(both.shape, np.nan), np.full(both.shape, np.nan)
+        cross_into(
+            knot,
+            motion.position + motion.velocity * since,
+            rot.quaternion_from_matrix(turned),
+            np.broadcast_to(self.layout.point_m, (rows, photodiodes, 3)).copy() if point_m is None else point_m,
+            np.broadcast_to(self.layout.normal, (rows, photodiodes, 3)).copy(),
+            both,
+            error_rad,
+            kernel_errors(fans),
+            period,
+            self.settings.photodiode_diameter_m,
+            instant,
+            width,
+        )
+        most = 4 * photodiodes
+        pulses = Pulses(
+            np.full((rows, most), -1, dtype=np.int16),
+            np.zeros((rows, most), dtype=np.int64),
+            np.zeros((rows, most), dtype=np.int32),
+            np.zeros(rows, dtype=np.int32),
+        )
+        clock = FIRST_TICK + CLOCK_S / tick * np.asarray(rng.random(rows))
+        flash_width = (SYNC_WIDTH_S + SYNC_WIDTH_STEP_S * np.arange(2)) / tick
+        pack_into(
+            both,
+            instant,
+            width,
+            np.zeros_like(both),
+            np.zeros(rows, dtype=np.int64),
+            np.zeros((rows, 0, 3)),
+            np.array([0.0, period / 2]),
+            np.rint(flash_width).astype(np.int64),
+            clock,
+            tick,
+            *pulses,
+        )
+        present = np.broadcast_to(self.layout.present, (rows, photodiodes))
+        half = self.settings.field_rad / 2 + builders.FAN_ERROR_MAX_RAD
+        decoder = PulseDecoder(present, tick, rate_hz=self.settings.rate_hz, field_half_angle_rad=half)
+        return decoder.decode(pulses)
+
+    def solve(
+        self, angles: SweepAngles, start: Motion, *, at_rest: bool = True, point_m: Floats | None = None
+    ) -> PoseSolution:
+        """PnP of every row from `start`; unless `at_rest`, with the rows' true rates taken into account.
+
+        point_m: (K, 3), where the photodiodes are believed to be; else as drawn.
+        """
+        rates = (start.angular_rate, start.velocity)
+        return refine(
+            angles.theta,
+            angles.lit,
+            np.broadcast_to(self.point_m if point_m is None else point_m, (*angles.lit.shape, 3)),
+            start.rotation,
+            start.position,
+            angles.offset_s,
+            *(np.zeros_like(rate) if at_rest else rate for rate in rates),
+        )
+
+    def first_pose(
+        self, angles: SweepAngles, noise_rad: float, point_m: Floats | None = None
+    ) -> tuple[Floats, Floats] | None:
+        """Rotation (3, 3) and position (3,) of a craft at rest, from nothing, as on board: one row after the other.
+
+        noise_rad: the independent part of the angle noise. point_m: as in `solve`. None where it stays ambiguous to the
+        last row.
+        """
+        hypotheses, points = NONE, self.point_m if point_m is None else point_m
+        for i in range(len(angles.lit)):
+            sighting = Sighting(angles.theta[i], angles.lit[i], points, angles.offset_s[i])
+            known = follow(hypotheses, sighting, noise_rad) if len(hypotheses.evidence) else NONE
+            hypotheses = known if len(known.evidence) else search(sighting, noise_rad)
+            if hypotheses.decided:
+                return hypotheses.rotation[0], hypotheses.position[0]
+        return None
