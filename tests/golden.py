@@ -44,13 +44,13 @@ import swarm
 # The rest of what is called of the package beside `swarm`'s own names: where files move, only this block changes.
 # isort: split
 from swarm import assets
-from swarm.campaign.conduct import conduct
-from swarm.campaign.study import load_study
-from swarm.campaign.task import is_wall_clock
-from swarm.experiments import EXPERIMENTS, reproduce
-from swarm.placement.request import Request
-from swarm.placement.study import study as design_layout
 from swarm.scenario import for_replay
+from swarm.studies.campaign.conduct import conduct
+from swarm.studies.campaign.study import load_study
+from swarm.studies.campaign.task import is_wall_clock
+from swarm.studies.layout.request import Request
+from swarm.studies.layout.study import study as design_layout
+from swarm.studies.papers import EXPERIMENTS, reproduce
 
 KEPT = Path(__file__).with_suffix("")
 REAL = Path(__file__).resolve().parents[2] / "shared" / "data" / "lighthouse-v1" / "lh1_test_cal.rec.gz"

@@ -10,10 +10,9 @@ from lidar_target import box
 
 from estimators import rotation as rot
 from estimators.lidar.ray_cast import cast
-from swarm import load
+from swarm import load, simulate
 from swarm.assets import find_model
 from swarm.errors import SwarmError
-from swarm.flight import simulate
 from swarm.flight.builders import check
 from swarm.sensors.lidar import Lidar, LidarSettings, Mount
 from swarm.studies.papers import reproduce

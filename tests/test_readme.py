@@ -1,5 +1,6 @@
 """The README keeps its word: its snippets run, its links lead somewhere, its commands exist."""
 
+import os
 import re
 import subprocess
 import sys
@@ -33,7 +34,13 @@ def test_python_snippets_run(page, text, tmp_path):
     if "../shared/data" in text or ".rec" in text:
         pytest.skip("needs a recording of a real lighthouse")
     done = subprocess.run(
-        [sys.executable, "-c", text], cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False
+        [sys.executable, "-c", text],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
     )
     assert done.returncode == 0, f"{page}:\n{done.stderr}"
 
