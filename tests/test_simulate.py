@@ -14,7 +14,7 @@ from swarm.assets import scenarios
 from swarm.errors import SwarmError
 from swarm.flight import builders
 from swarm.flight.flight import Flight
-from swarm.onboard.navigation import Status
+from swarm.onboard.settings import Status
 from swarm.results.run_folder import Run
 
 
@@ -67,7 +67,8 @@ def test_drift_is_consistent_with_the_chi_square_band():
         flight = Flight(scenario)
         frames = round(scenario.duration_s / flight.period_s)
         for frame in range(frames):
-            _, truth, _, estimate = flight.period(frame)
+            period = flight.period(frame)
+            truth, estimate = period.truth, period.estimate
             back = frames - 1 - frame
             if back % 30 == 0 and back // 30 < len(flight.world.names):
                 craft = back // 30
@@ -155,7 +156,7 @@ def test_more_craft_change_nothing_for_those_that_were_there(tmp_path):
     alone = Flight(swarm.load("static", [*grid, "swarm.count=0"]))
     beside = Flight(swarm.load("static", [*grid, "swarm.count=1"]))
     for frame in range(30):
-        one, two = alone.period(frame)[3], beside.period(frame)[3]
+        one, two = alone.period(frame).estimate, beside.period(frame).estimate
         np.testing.assert_array_equal(one.position, two.position[1:])
         np.testing.assert_array_equal(one.covariance, two.covariance[1:])
 

@@ -105,10 +105,10 @@ class Ccd:
 
     def __init__(self, pairs: Sequence[CcdSettings], line: Line, seed: int, duration_s: float) -> None:
         """duration_s: how long the run lasts, for the random failures."""
-        self._pairs, self._line, self._seed = tuple(pairs), line, seed
-        self._most = max((len(pair.lights.point_m) for pair in self._pairs), default=0)
-        self.mounted = tuple(self._mounted(pair) for pair in self._pairs)
-        self._outages = tuple((*pair.outages, *self._random_outages(pair, duration_s)) for pair in self._pairs)
+        self.pairs, self._line, self._seed = tuple(pairs), line, seed
+        self._most = max((len(pair.lights.point_m) for pair in self.pairs), default=0)
+        self.mounted = tuple(self._mounted(pair) for pair in self.pairs)
+        self._outages = tuple((*pair.outages, *self._random_outages(pair, duration_s)) for pair in self.pairs)
         self._block = -1
         self._draws: list[tuple[Floats, Bools]] = []
 
@@ -118,9 +118,9 @@ class Ccd:
         time_s, position, quaternion = float(truth.time_s[epoch]), truth.position[epoch], truth.quaternion[epoch]
         rotation = matrix_from_quaternion(quaternion)
         self._draw(frame // BLOCK)
-        image = np.full((len(self._pairs), 2, self._most, 2), np.nan)
+        image = np.full((len(self.pairs), 2, self._most, 2), np.nan)
         seen = np.zeros(image.shape[:-1], dtype=np.bool_)
-        for p, pair in enumerate(self._pairs):
+        for p, pair in enumerate(self.pairs):
             light = pair.lights.point_m @ rotation[pair.target].T + position[pair.target]
             shine = pair.lights.normal @ rotation[pair.target].T
             noise, lost = self._draws[p]
@@ -174,7 +174,7 @@ class Ccd:
         """The noise (BLOCK, 2, L, 2) and lost images (BLOCK, 2) of every pair, for this block of frames."""
         if block != self._block:
             self._block, self._draws = block, []
-            for pair in self._pairs:
+            for pair in self.pairs:
                 shape = (BLOCK, 2, len(pair.lights.point_m), 2)
                 chance = self._stream(Purpose.LOST, pair.key, block).random((BLOCK, 2))
                 noise = self._stream(Purpose.IMAGE, pair.key, block).standard_normal(shape)

@@ -4,6 +4,17 @@ Everything that a scenario alone cannot show is wrong, a craft inside another on
 found here, before anything is written.
 """
 
+from swarm.flight.builders.assembly import (
+    computer,
+    latches,
+    measured_by,
+    no_command,
+    own_layout,
+    pilot,
+    sensors,
+    start_state,
+    surroundings,
+)
 from swarm.flight.builders.cameras import cameras, craft_keys
 from swarm.flight.builders.craft import fleet, photodiodes, pushes, start, steers_by_estimate, world
 from swarm.flight.builders.dynamics import actuators, orbit
@@ -22,21 +33,30 @@ __all__ = [
     "believed_layout",
     "cameras",
     "check",
+    "computer",
     "craft_keys",
     "decoder",
     "faults",
     "fleet",
     "guidance",
     "inspection",
+    "latches",
     "lidars",
     "lighthouse",
     "matings",
+    "measured_by",
     "navigation",
+    "no_command",
     "orbit",
+    "own_layout",
     "photodiodes",
+    "pilot",
     "pushes",
+    "sensors",
     "start",
+    "start_state",
     "steers_by_estimate",
+    "surroundings",
     "world",
 ]
 

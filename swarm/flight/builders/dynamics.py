@@ -4,10 +4,10 @@ from math import radians
 
 from estimators.relative_orbit import RelativeOrbit, circular
 from swarm import scenario
-from swarm.flight.actuators import Actuators
 from swarm.flight.builders.cameras import craft_keys
-from swarm.onboard.actuation.hardware import Fitted
+from swarm.hardware import Fitted, actuator_set
 from swarm.scenario import Scenario
+from swarm.world.actuators import Actuators
 from swarm.world.world import World
 
 
@@ -17,21 +17,20 @@ def orbit(settings: Scenario) -> RelativeOrbit | None:
     return None if table is None else circular(1e3 * table.altitude_km, table.boresight)
 
 
-def actuators(settings: Scenario, world: World) -> Actuators:
-    """The thrusters and wheels of every craft."""
-    fitted = []
+def fitted(settings: Scenario, world: World) -> list[Fitted]:
+    """Return the thrusters and wheels of every craft; an ideal craft has none."""
+    out = []
     for i, (craft, key) in enumerate(zip(scenario.craft(settings), craft_keys(settings), strict=True)):
         table, thrusters, wheels = craft.actuation, world.thrusters[i], world.wheels[i]
         if table.ideal:
             thrusters, wheels = thrusters.none(), wheels.none()
         errors = table.thrust_error_percent / 100, radians(table.thrust_direction_error_deg)
-        fitted.append(Fitted(thrusters, wheels, errors, key))
-    return Actuators(
-        fitted,
-        world.mass,
-        world.com_m,
-        world.inertia,
-        1 / settings.lighthouse.rate_hz,
-        settings.physics.steps_per_period,
-        settings.seed,
-    )
+        out.append(Fitted(thrusters, wheels, errors, key))
+    return out
+
+
+def actuators(settings: Scenario, world: World) -> Actuators:
+    """Return the thrusters and wheels of every craft as they really are."""
+    own = fitted(settings, world)
+    period_s, steps = 1 / settings.lighthouse.rate_hz, settings.physics.steps_per_period
+    return Actuators(own, actuator_set(own, world.com_m), world.mass, period_s, steps, settings.seed)

@@ -1,5 +1,6 @@
 """From a scenario's `[craft.lidar]` tables to the LiDARs that fly, and to the computers that use them, in SI units."""
 
+from collections.abc import Sequence
 from math import radians
 
 from swarm import scenario
@@ -33,12 +34,12 @@ def lidars(settings: Scenario, world: World) -> list[Lidar]:
     return found
 
 
-def inspection(settings: Scenario, sensors: list[Lidar]) -> Inspection | None:
-    """The computers of the craft with LiDARs; None where there are none."""
+def inspection(settings: Scenario, sensors: Sequence[Lidar]) -> Inspection:
+    """Return the computers of the craft with LiDARs; without any, one that does nothing."""
     craft, names = scenario.craft(settings), list(settings.craft_names)
     tables = [c.lidar for c in craft if c.lidar is not None]
     if not tables:
-        return None
+        return Inspection((), InspectionSettings(frame_s=1 / settings.lighthouse.rate_hz))
     observers = [
         Observer(
             sensor.mounts[0].craft,

@@ -63,7 +63,7 @@ def run(request: Request) -> Outcome:
     key = crc32(flight.world.names[0].encode())
     computers = [Computer(rung, scenario, flight.world.photodiodes, key, known) for rung in LADDER]
     request.progress(0.0, "aligning the frames")
-    frame_of = [alignment(rung, scenario, flight.lighthouse.photodiodes, known) for rung in LADDER]
+    frame_of = [alignment(rung, scenario, flight.sensors.lighthouse.photodiodes, known) for rung in LADDER]
     length = round(seconds * scenario.lighthouse.rate_hz)
     frames = runs * length
     rotation, position = np.empty((frames, 3, 3)), np.empty((frames, 3))

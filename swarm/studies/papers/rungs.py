@@ -17,7 +17,8 @@ from estimators.lighthouse.sweep import FanPair, correct
 from swarm.flight import builders
 from swarm.flight.simulate import simulate
 from swarm.hardware import Photodiodes
-from swarm.onboard.navigation import NavigationSettings, Navigator
+from swarm.onboard.navigation import Navigator
+from swarm.onboard.settings import NavigationSettings
 from swarm.scenario import Scenario, Wander, load
 from swarm.sensors.lighthouse import Lighthouse, LighthouseSettings
 from swarm.studies.calibration.calibrate import calibrate_survey

@@ -68,10 +68,10 @@ def run(request: Request) -> Outcome:
 
 def _fly(scenario: Scenario, progress: Callable[[float], None]) -> Flown:
     flight = Flight(scenario)
-    count = round(scenario.duration_s / flight.period_s)
     rows = []
-    for frame in range(count):
-        time_s, truth, _, estimate = flight.period(frame)
+    for period in flight.fly():
+        truth, estimate = period.truth, period.estimate
+        assert truth is not None
         covariance = estimate.covariance[CHASER][np.ix_(POSE_COLUMNS, POSE_COLUMNS)]
         turn = matrix_from_quaternion(truth.quaternion[CHASER]) @ estimate.rotation[CHASER].T
         error = np.concatenate([log(turn), truth.position[CHASER] - estimate.position[CHASER]])
@@ -80,9 +80,11 @@ def _fly(scenario: Scenario, progress: Callable[[float], None]) -> Flown:
         sigma = np.sqrt(np.diagonal(covariance))
         assert estimate.ccd is not None
         gap = _gap(truth.position, truth.quaternion)
-        rows.append((time_s, gap, estimate.ccd.state[CHASER], nees, error, sigma, int(estimate.sensor[CHASER] > 0)))
-        if frame % 60 == 0:
-            progress(frame / count)
+        rows.append(
+            (period.time_s, gap, estimate.ccd.state[CHASER], nees, error, sigma, int(estimate.sensor[CHASER] > 0))
+        )
+        if period.frame % 60 == 0:
+            progress(period.frame / flight.periods)
     return Flown(*(np.array(part) for part in zip(*rows, strict=True)))
 
 
