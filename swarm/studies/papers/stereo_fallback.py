@@ -71,7 +71,9 @@ def _fly(scenario: Scenario, progress: Callable[[float], None]) -> Flown:
     count = round(scenario.duration_s / flight.period_s)
     rows = []
     for frame in range(count):
-        time_s, truth, _, estimate = flight.period(frame)
+        period = flight.period(frame)
+        time_s, truth, estimate = period.time_s, period.truth, period.estimate
+        assert truth is not None
         covariance = estimate.covariance[CHASER][np.ix_(POSE_COLUMNS, POSE_COLUMNS)]
         turn = matrix_from_quaternion(truth.quaternion[CHASER]) @ estimate.rotation[CHASER].T
         error = np.concatenate([log(turn), truth.position[CHASER] - estimate.position[CHASER]])
