@@ -34,7 +34,7 @@ class Tally:
         """Fly it."""
         for frame in range(round(seconds / flight.period_s)):
             period = flight.period(frame)
-        truth, estimate = period.truth, period.estimate
+            truth, estimate = period.truth, period.estimate
             turn, own = matrix_from_quaternion(truth.quaternion), estimate.integrity
             tracking = estimate.status == Status.TRACKING
             every = np.ones_like(tracking)

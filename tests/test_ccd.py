@@ -20,7 +20,7 @@ from swarm.messages import LightImages
 from swarm.onboard import ccd as onboard
 from swarm.onboard.ccd import CcdState
 from swarm.onboard.settings import Sensor
-from swarm.results.columns.schema import SENSORS
+from swarm.results.columns.core import SENSORS
 from swarm.scenario import load, to_toml, validate
 from swarm.sensors.ccd import Ccd, Outage
 from swarm.sensors.visibility import Visibility

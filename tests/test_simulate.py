@@ -14,7 +14,6 @@ from swarm.assets import scenarios
 from swarm.errors import SwarmError
 from swarm.flight import builders
 from swarm.flight.flight import Flight
-from swarm.onboard.settings import Status
 from swarm.results.run_folder import Run
 
 
@@ -195,9 +194,3 @@ def test_a_swarm_fills_the_field_and_nearly_all_of_it_tracks(flown):
     field = np.tan(np.radians(settings.lighthouse.field_deg / 2))
     assert np.all(np.abs(first[:, :2]) < field * first[:, 2:])
     assert np.linalg.norm(first, axis=1).max() < settings.lighthouse.range_max_m
-
-
-def test_status_names_of_the_telemetry_are_those_of_the_navigator():
-    from swarm.results.columns.schema import STATUS
-
-    assert [name.upper() for name in STATUS] == [status.name for status in Status]

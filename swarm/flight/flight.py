@@ -16,7 +16,7 @@ from swarm.hardware import Closing
 from swarm.results.period import Guided, Period
 from swarm.results.records import Truth
 from swarm.scenario import Scenario
-from swarm.sensors.visibility import Sight
+from swarm.sensors.sight import Sight
 from swarm.world.world import PeriodTruth
 
 

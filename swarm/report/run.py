@@ -14,7 +14,7 @@ from estimators.arrays import Floats, Ints
 from swarm.report.figures import BLUE, GREY, ORANGE, SERIES, Picture, picture, plain_log, thin
 from swarm.report.page import Column, Fact, Section, Table, number, prose
 from swarm.report.run_table import about, limits, outcome
-from swarm.results.columns.schema import STATUS
+from swarm.results.columns.core import STATUS
 from swarm.results.reading import values
 from swarm.results.run_folder import Run
 

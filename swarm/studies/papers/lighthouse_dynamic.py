@@ -26,7 +26,7 @@ from estimators import rotation as rot
 from estimators.arrays import Bools, Floats
 from swarm.flight.flight import Flight
 from swarm.scenario import load
-from swarm.sensors.visibility import Sight
+from swarm.sensors.sight import Sight
 from swarm.studies.papers import figures
 from swarm.studies.papers.alignment import Alignment
 from swarm.studies.papers.results import Grid, Line, Outcome, Request, column, table_of
