@@ -313,7 +313,7 @@ EXTRA = {
         divide=12.0,
     ),
 }  # fmt: skip
-COSTLY = ("ccd-docking", "inspect-satellite", "swarm-inspect", "swarm1000")
+COSTLY = ("ccd-docking", "formation-reconfigure", "inspect-satellite", "swarm-inspect", "swarm1000")
 """Flown with one seed only; with the other one by --long."""
 FLIGHTS = {name: f if name in COSTLY else f._replace(seeds=BOTH) for name, f in SHIPPED.items()} | EXTRA
 LONG = {
@@ -545,9 +545,12 @@ REST: dict[str, Callable[[Path], Values]] = {
 }
 LONG_REST: dict[str, Callable[[Path], Values]] = {
     "layout": _layout,
-    **{name: REST.pop(name) for name in ("experiment-lighthouse-dynamic", "experiment-stereo-fallback")},
+    **{
+        f"experiment-{name}": REST.pop(f"experiment-{name}")
+        for name in ("lighthouse-dynamic", "stereo-fallback", "stereo-noise", "lidar-turn")
+    },
 }
-"""A quarter of a minute each, as small as they can be."""
+"""Costly as small as they can be, or close to what another case computes."""
 
 
 # --- keeping and comparing --------------------------------------------------------------------------------------------
