@@ -198,7 +198,7 @@ def test_cameras_fail_by_time_by_distance_and_at_random(scene):
 
 def fix(scene, images, predicted=None):
     rotation, position = (np.full((2, 3, 3), np.nan), np.full((2, 3), np.nan)) if predicted is None else predicted
-    return onboard.fix(2, [scene.known], images, rotation, position)
+    return onboard.fix([scene.known], images, rotation, position)
 
 
 def truth(motion):
@@ -281,11 +281,11 @@ def test_wrong_images_give_no_pose_but_a_reason(scene):
             wrong = images.image_m.copy()
             wrong[:, :, swapped[0]] = images.image_m[:, :, swapped[1]]
             rotation, position = truth(motion)
-            state = onboard.fix(2, [known], LightImages(wrong, images.seen), rotation, position).state[0]
+            state = onboard.fix([known], LightImages(wrong, images.seen), rotation, position).state[0]
             if len(swapped[0]) == 2:
                 assert state not in (CcdState.STEREO, CcdState.CAMERA)
     collinear = replace(scene.known, light_m=np.outer(np.linspace(-1, 1, 5), [0.3, 0.1, 0.0]))
-    state = onboard.fix(2, [collinear], images, *truth(motion)).state[0]
+    state = onboard.fix([collinear], images, *truth(motion)).state[0]
     assert state == CcdState.COLLINEAR
 
 
@@ -342,8 +342,8 @@ def test_a_craft_steered_by_the_truth_gets_no_command_in_its_filter():
     """It would be a way for the truth into navigation."""
     f = Flight(load("ccd-docking", ["craft[0].feedback=truth"]))
     f.move(0)
-    assert not f.dynamics.command.acceleration.any()
-    assert not f.dynamics.command.angular_acceleration.any()
+    assert not f.command.acceleration.any()
+    assert not f.command.angular_acceleration.any()
 
 
 def test_the_run_records_what_the_cameras_did(tmp_path):

@@ -184,7 +184,7 @@ def test_a_reflection_obeys_the_mirror_and_mujocos_rays_go_the_same_way(hall, ti
     model, data = hall.world.model, mujoco.MjData(hall.world.model)
     data.qpos[:] = np.concatenate([position, quaternion], axis=1).ravel()
     mujoco.mj_forward(model, data)
-    layout, turn = hall.lighthouse.photodiodes, rot.matrix_from_quaternion(quaternion)
+    layout, turn = hall.sensors.lighthouse.photodiodes, rot.matrix_from_quaternion(quaternion)
     geom, normal = np.zeros(1, dtype=np.int32), np.zeros(3)
     for k, q, way in zip(seen.photodiode, seen.point_m, seen.way_m, strict=True):
         reach = np.linalg.norm(q)
@@ -204,7 +204,7 @@ def test_no_reflection_is_overlooked_by_a_fine_search_over_the_faces(hall):
     # Fermat: of all points of a face the mirror's makes the way stationary; here it is looked for on a grid.
     position, quaternion = poses(hall, 8.0)
     seen = Counter(ghosts(hall, (position, quaternion)).photodiode.tolist())
-    layout, turn = hall.lighthouse.photodiodes, rot.matrix_from_quaternion(quaternion)
+    layout, turn = hall.sensors.lighthouse.photodiodes, rot.matrix_from_quaternion(quaternion)
     p = layout.point_m[0, layout.present[0]] @ turn[0].T + position[0]
     n_p = layout.normal[0, layout.present[0]] @ turn[0].T
     n = -turn[1] @ np.array([0, 0, -1.0])
@@ -222,8 +222,10 @@ def test_no_reflection_is_overlooked_by_a_fine_search_over_the_faces(hall):
             good = (miss < 2e-3) & (back @ n_p[k] > np.cos(np.radians(80))) & (np.sum(away * onward, axis=1) > 0)
             scene = position, quaternion
             for i in np.flatnonzero(good)[:1]:
-                through = hall.visibility.blocked(np.zeros(3), point[i][None], *scene, through_lighthouse=True)[0]
-                if not through and not hall.visibility.blocked(point[i] + 1e-4 * n, p[k][None], *scene)[0]:
+                through = hall.sensors.visibility.blocked(np.zeros(3), point[i][None], *scene, through_lighthouse=True)[
+                    0
+                ]
+                if not through and not hall.sensors.visibility.blocked(point[i] + 1e-4 * n, p[k][None], *scene)[0]:
                     found.add(k)
     assert found
     assert found <= set(seen)

@@ -172,7 +172,7 @@ def test_what_does_not_broadcast_is_not_heard_and_craft_without_guidance_fly_as_
     heard = flight.pilot.guidance._air.heard()
     assert not heard.known[1], "the berth has no lighthouse on board, and says nothing"
     plain = Flight(swarm.load("formation"))
-    assert not plain.dynamics.guided.guides
+    assert plain.pilot.guidance is None
     assert plain.period(0).guided is None
 
 
