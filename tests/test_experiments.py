@@ -10,13 +10,13 @@ from zlib import crc32
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from matplotlib.figure import Figure
 from rich.console import Console
 
 from estimators import rotation as rot
 from estimators.lighthouse.dop import dilution, image_dilution
 from estimators.lighthouse.sweep import FanErrors, ideal_theta, measured_theta
 from swarm.errors import SwarmError
+from swarm.figures import Figure
 from swarm.flight import builders
 from swarm.hardware import Photodiodes
 from swarm.scenario import Scenario

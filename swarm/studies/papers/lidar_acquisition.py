@@ -9,13 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
-from matplotlib.figure import Figure
 
 from estimators import rotation as rot
 from estimators.arrays import Floats
 from estimators.lidar.acquisition import Acquisition, acquire
 from estimators.lidar.feature_templates import Templates
-from swarm.studies.papers import figures
+from swarm import figures
+from swarm.figures import Figure
 from swarm.studies.papers.lidar import Turntable, error_deg, quantiles, turned
 from swarm.studies.papers.results import Line, Outcome, Request, column, table_of
 

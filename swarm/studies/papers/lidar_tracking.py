@@ -9,14 +9,14 @@ from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
-from matplotlib.figure import Figure
 
 from estimators.arrays import Floats
 from estimators.lidar.acquisition import acquire
 from estimators.lidar.scan import Scan
 from estimators.lidar.tracking import Outcome as Fate
 from estimators.lidar.tracking import TrackingSettings, chain, track
-from swarm.studies.papers import figures
+from swarm import figures
+from swarm.figures import Figure
 from swarm.studies.papers.lidar import Turntable, error_deg, quantiles, turned
 from swarm.studies.papers.results import Line, Outcome, Request, column, table_of
 

@@ -20,14 +20,14 @@ from zlib import crc32
 
 import numpy as np
 import pyarrow as pa
-from matplotlib.figure import Figure
 
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats
+from swarm import figures
+from swarm.figures import Figure
 from swarm.flight.flight import Flight
 from swarm.scenario import load
 from swarm.sensors.visibility import Sight
-from swarm.studies.papers import figures
 from swarm.studies.papers.alignment import Alignment
 from swarm.studies.papers.results import Grid, Line, Outcome, Request, column, table_of
 from swarm.studies.papers.rungs import BOTH, FULL, LADDER, NOISE, Computer, Track, alignment, calibrated

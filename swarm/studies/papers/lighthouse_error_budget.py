@@ -28,13 +28,13 @@ from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
-from matplotlib.figure import Figure
 
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats
 from estimators.lighthouse.pnp import PoseSolution
 from estimators.lighthouse.sweep import FanErrors, FanPair
-from swarm.studies.papers import figures
+from swarm import figures
+from swarm.figures import Figure
 from swarm.studies.papers.alignment import NONE, Alignment, align
 from swarm.studies.papers.bench import PERFECT, Bench, Box, Motion
 from swarm.studies.papers.results import Grid, Line, Outcome, Request, column, table_of

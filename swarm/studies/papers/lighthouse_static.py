@@ -14,14 +14,14 @@ from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
-from matplotlib.figure import Figure
 
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats
 from estimators.lighthouse.dop import dilution, image_dilution
 from estimators.lighthouse.pnp import PoseSolution, refine_projections
+from swarm import figures
 from swarm.errors import SwarmError
-from swarm.studies.papers import figures
+from swarm.figures import Figure
 from swarm.studies.papers.bench import Bench, Motion
 from swarm.studies.papers.results import Line, Outcome, Request, column, table_of
 from swarm.world.motion.pointing import facing

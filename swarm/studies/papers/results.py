@@ -17,10 +17,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import matplotlib as mpl
 import pyarrow as pa
 import pyarrow.parquet as pq
-from matplotlib.figure import Figure
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -28,13 +26,13 @@ from rich.text import Text
 
 from swarm import __version__
 from swarm.errors import SwarmError
+from swarm.figures import Figure, save
 from swarm.results.disk import write_text, writing
 from swarm.results.run_folder import PROGRAM
 from swarm.studies.papers import Experiment
 
 DATA, COMPARISON, PNG, SVG = "data.parquet", "comparison.json", "figure.png", "figure.svg"
 VERSIONS = ("mujoco", "numpy", "scipy", "numba", "filterpy")
-DPI = 150
 
 Value = float | tuple[float, float] | str | None
 """One figure, the smallest and the largest of several, words, or nothing."""
@@ -133,12 +131,8 @@ class ResultFolder:
             self.path.mkdir(parents=True, exist_ok=True)
             (self.path / COMPARISON).unlink(missing_ok=True)
             _replace(self.path / DATA, lambda file: pq.write_table(outcome.data, file))
-            # A salt of its own makes the SVG's identifiers, and so the file, the same every time.
-            with mpl.rc_context({"svg.hashsalt": name}):
-                _replace(self.path / PNG, lambda file: outcome.figure.savefig(file, format="png", dpi=DPI))
-                _replace(
-                    self.path / SVG, lambda file: outcome.figure.savefig(file, format="svg", metadata={"Date": None})
-                )
+            for file in (PNG, SVG):
+                _replace(self.path / file, lambda temporary: save(outcome.figure, temporary, salt=name))
         head = {
             "program": PROGRAM,
             "version": __version__,

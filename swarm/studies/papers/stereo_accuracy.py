@@ -11,7 +11,6 @@ adds the condition number of A, about Z / b (its normal equations that squared),
 
 import numpy as np
 import pyarrow as pa
-from matplotlib.figure import Figure
 
 from estimators import rotation as rot
 from estimators.arrays import Floats
@@ -19,7 +18,9 @@ from estimators.stereo.closed_form import Reason, stereo_pose
 from estimators.stereo.precision import plane_point
 from estimators.stereo.triangulation import Rig, triangulate
 from estimators.stereo.vector_attitude import minimum_norm
-from swarm.studies.papers import figures, stereo
+from swarm import figures
+from swarm.figures import Figure
+from swarm.studies.papers import stereo
 from swarm.studies.papers.results import Line, Outcome, Request, column, table_of
 from swarm.studies.papers.stereo import Poses
 

@@ -9,14 +9,15 @@ from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
-from matplotlib.figure import Figure
 
 from estimators.arrays import Floats
 from estimators.stereo.closed_form import stereo_pose
 from estimators.stereo.precision import plane_point
 from estimators.stereo.triangulation import triangulate
+from swarm import figures
 from swarm.errors import SwarmError
-from swarm.studies.papers import figures, stereo
+from swarm.figures import Figure
+from swarm.studies.papers import stereo
 from swarm.studies.papers.results import Line, Outcome, Request, column, table_of
 
 DISTANCE_M = 10.0

@@ -15,17 +15,17 @@ from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
-from matplotlib.figure import Figure
 from scipy.special import gammaincinv
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.filter.error_state import POSE_COLUMNS
 from estimators.rotation import log, matrix_from_quaternion
+from swarm import figures
+from swarm.figures import Figure
 from swarm.flight.flight import Flight
 from swarm.onboard.ccd import CcdState
 from swarm.results.summary import consistency
 from swarm.scenario import Scenario, load
-from swarm.studies.papers import figures
 from swarm.studies.papers.results import Line, Outcome, Request, column, table_of
 
 SCENARIO, CHASER, TARGET = "ccd-docking", 0, 1

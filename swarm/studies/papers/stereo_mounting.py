@@ -7,12 +7,13 @@ than depths, does not have this property; it is shown beside, at every 16th pose
 
 import numpy as np
 import pyarrow as pa
-from matplotlib.figure import Figure
 
 from estimators.arrays import Floats
 from estimators.stereo.cameras import refine_cameras
 from estimators.stereo.closed_form import stereo_pose
-from swarm.studies.papers import figures, stereo
+from swarm import figures
+from swarm.figures import Figure
+from swarm.studies.papers import stereo
 from swarm.studies.papers.results import Line, Outcome, Request, column, table_of
 from swarm.studies.papers.stereo import Poses
 
