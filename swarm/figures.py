@@ -76,8 +76,9 @@ def save(figure: Figure, file: Path, salt: str | None = None) -> None:
         salt: What the SVG's identifiers follow from; with it the file is the same every time.
     """
     kind = file.name.removesuffix(".tmp").rpartition(".")[2]
+    options: dict[str, Any] = {"metadata": {"Date": None}} if kind == "svg" else {"dpi": 150}
     with mpl.rc_context({} if salt is None else {"svg.hashsalt": salt}):
-        figure.savefig(file, format=kind, dpi=150, metadata={"Date": None} if kind == "svg" else None)
+        figure.savefig(file, format=kind, **options)
 
 
 def legend(
@@ -90,9 +91,7 @@ def legend(
         axes.legend(ncols=columns, loc=place)
 
 
-def measured_and_said(
-    axes: Axes, x: Any, measured: Any, said: Any, ink: str, label: str, size: float = 2.5, width: float = 0.9
-) -> None:
+def measured_and_said(axes: Axes, x: Any, measured: Any, said: Any, ink: str, label: str, size: float = 2.5) -> None:
     """Draw measured values as dots and predicted ones as a line of the same colour.
 
     Args:
@@ -103,10 +102,9 @@ def measured_and_said(
         ink: Colour of both.
         label: Label of the dots in the legend.
         size: Size of the dots [pt].
-        width: Width of the line [pt].
     """
     axes.plot(x, measured, "o", ms=size, color=ink, label=label)
-    axes.plot(x, said, "-", lw=width, color=ink)
+    axes.plot(x, said, "-", lw=0.9, color=ink)
 
 
 def plain_log_y(axes: Axes) -> None:

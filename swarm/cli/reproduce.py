@@ -25,7 +25,7 @@ def reproduce(
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an experiment that is there already.")] = False,
 ) -> None:
-    """Do a paper's experiment again: its table beside ours.
+    """Repeat an experiment of a paper, and print its table beside ours.
 
     \b
     swarm reproduce
@@ -36,10 +36,11 @@ def reproduce(
     It leaves data.parquet, figure.png, figure.svg, comparison.json.
     """
     with mistakes():
-        from swarm.studies.papers import EXPERIMENTS
+        from swarm.studies.papers import EXPERIMENTS, find
 
         if experiment is None:
-            for name, known in EXPERIMENTS.items():
+            for name in EXPERIMENTS:
+                known = find(name)
                 sizes = " ".join(f"--{size} {value}" for size, value in known.sizes.items())
                 typer.echo(f"swarm reproduce {name}")
                 typer.echo(f"  {known.source}, {known.figure}: {known.about}")
