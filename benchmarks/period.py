@@ -13,7 +13,7 @@ from swarm.onboard.decoder import SweepAngles
 from swarm.onboard.navigation import Estimate
 from swarm.results.records import Truth
 from swarm.scenario import load
-from swarm.sensors.visibility import Sight
+from swarm.sensors.sight import Sight
 from swarm.world.world import PeriodTruth
 
 

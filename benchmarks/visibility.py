@@ -15,7 +15,8 @@ from harness import finish, interleaved, options, show
 from period import captured
 
 from estimators.rotation import matrix_from_quaternion
-from swarm.sensors.visibility import THICKNESS_M, Sight
+from swarm.sensors.sight import Sight
+from swarm.sensors.visibility import THICKNESS_M
 
 
 def main() -> None:

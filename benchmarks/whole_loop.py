@@ -100,11 +100,12 @@ class Loop:
         Stages.current = self.stages
         with timed(self.times if counted else Times([], [])):
             for _ in range(periods):
-                time_s, truth, sight, estimate = self.flight.period(self.frame)
-                self.writer.append(self.frame, time_s, truth, sight, estimate, extra=self.flight.extra)
+                period = self.flight.period(self.frame)
+                self.writer.append(period)
                 self.frame += 1
         if not counted:
             self.stages.seconds.clear()
+        truth, estimate = period.truth, period.estimate
         known = np.isfinite(estimate.position[:, 0])
         self.errors.append(np.linalg.norm(estimate.position - truth.position, axis=1)[known])
         self.tracking = float(np.mean(estimate.status == navigation.Status.TRACKING))

@@ -136,15 +136,14 @@ def test_angles_are_written_as_decoded_and_read_back(tmp_path):
     run = swarm.simulate(scenario, out=tmp_path / "run", record=False)
     table, flight = read_angles(run.folder), Flight(scenario)
     for frame in range(30):
-        flight.period(frame)
-        assert flight.angles is not None
+        angles = flight.period(frame).angles
         rows = table.frame == frame
-        theta = np.full_like(flight.angles.theta, np.nan)
+        theta = np.full_like(angles.theta, np.nan)
         theta[table.craft[rows], table.photodiode[rows]] = table.theta[rows]
-        np.testing.assert_array_equal(theta, flight.angles.theta)
+        np.testing.assert_array_equal(theta, angles.theta)
         offset = np.zeros_like(theta)
         offset[table.craft[rows], table.photodiode[rows]] = np.nan_to_num(table.offset_s[rows])
-        np.testing.assert_array_equal(offset, flight.angles.offset_s)
+        np.testing.assert_array_equal(offset, angles.offset_s)
     assert table.believed.craft == ("craft-0", "craft-1")
     assert table.believed.noise == builders.angle_noise(scenario)
     np.testing.assert_array_equal(table.believed.point_m[1], flight.world.photodiodes.point_m[1])

@@ -20,7 +20,7 @@ from swarm.messages import LightImages
 from swarm.onboard import ccd as onboard
 from swarm.onboard.ccd import CcdState
 from swarm.onboard.navigation import Sensor
-from swarm.results.columns.schema import SENSORS
+from swarm.results.columns.core import SENSORS
 from swarm.scenario import load, to_toml, validate
 from swarm.sensors.ccd import Ccd, Outage
 from swarm.sensors.visibility import Visibility
@@ -296,7 +296,8 @@ def flight(*overrides):
     f = Flight(load("ccd-docking", [*short, "craft[0].motion.start_s=1", "craft[0].motion.speed_m_s=1.2", *overrides]))
     out = SimpleNamespace(sensor=[], nees=[], error=[], sigma=[], distance=[])
     for frame in range(round(11 / f.period_s)):
-        _, true, _, e = f.period(frame)
+        period = f.period(frame)
+        true, e = period.truth, period.estimate
         turn = rot.matrix_from_quaternion(true.quaternion[0]) @ e.rotation[0].T
         error = np.concatenate([rot.log(turn), true.position[0] - e.position[0]])
         covariance = e.covariance[0][np.ix_(POSE_COLUMNS, POSE_COLUMNS)]

@@ -9,7 +9,8 @@ import pytest
 import swarm
 from swarm.errors import SwarmError
 from swarm.report.run import sections
-from swarm.results.columns.schema import STATUS, schema
+from swarm.results.columns.core import STATUS
+from swarm.results.columns.schema import schema
 from swarm.results.criteria import check_measures, judge, summary_of
 from swarm.scenario import Criterion
 

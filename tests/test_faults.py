@@ -320,7 +320,7 @@ def test_a_craft_drops_the_same_photodiodes_alone_and_in_a_swarm():
     one, two = (Flight(swarm.load("formation", [ghosts, f"swarm.count={count}"])) for count in (1, 2))
     # The first craft of a ring is at the same place, however many there are.
     for frame in range(60):
-        alone, beside = one.period(frame)[3], two.period(frame)[3]
+        alone, beside = one.period(frame).estimate, two.period(frame).estimate
         assert alone.integrity.dropped[0] == beside.integrity.dropped[0]
         np.testing.assert_array_equal(alone.position[0], beside.position[0])
         assert beside.integrity.dropped[1] == 0
@@ -342,7 +342,8 @@ def test_a_computer_that_restarts_beside_a_stuck_photodiode_finds_itself_at_once
     flight = Flight(swarm.load("fault-parade", overrides))
     status, error, dropped = [], [], []
     for frame in range(222):
-        _, truth, _, estimate = flight.period(frame)
+        period = flight.period(frame)
+        truth, estimate = period.truth, period.estimate
         status.append(int(estimate.status[2]))
         error.append(np.linalg.norm(estimate.position[2] - truth.position[2]))
         dropped.append(int(estimate.integrity.dropped[2]))
@@ -385,11 +386,7 @@ def test_thrusters_do_not_obey():
     stuck = 'fault=[{kind="thruster-stuck", thruster=2, state="on", at_s=0.1, for_s=0.1, craft="i"}]'
     craft = 'craft=[{name="i", model="cubesat12u", motion={kind="hold"}}]'
     flight = Flight(swarm.load("static", ["swarm.count=0", craft, stuck, "duration_s=1"]))
-    column = [extra.name for extra in flight.scene.extra].index("thrusters_open")
-    opened = []
-    for frame in range(20):
-        flight.period(frame)
-        opened.append(flight.extra[0, column])
+    opened = [flight.period(frame).work.thrusters_open[0] for frame in range(20)]
     assert opened[:6] == [0] * 6, "at rest nothing fires"
     assert min(opened[6:12]) >= 1
 

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from estimators.arrays import Floats
 from estimators.rotation import matrix_from_quaternion
 from swarm.hardware import Photodiodes, pad
-from swarm.sensors.visibility import Sight, Visibility
+from swarm.sensors.sight import Sight
+from swarm.sensors.visibility import Visibility
 
 
 class Limits(NamedTuple):

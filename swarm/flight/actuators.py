@@ -18,16 +18,9 @@ from swarm.onboard.actuation.hardware import Fitted, hardware
 from swarm.onboard.actuation.modulation import open_share
 from swarm.onboard.actuation.orders import Order, Orders
 from swarm.onboard.control import Command
-from swarm.results.columns.extra import Extra
+from swarm.results.period import ActuatorWork
 from swarm.world.execution import ActuatorFaults, executed, obeyed
 from swarm.world.wrench import OnboardWrench
-
-COLUMNS = (
-    Extra("delta_v_m_s", "m/s", "impulse of the craft's thrusters, or its ideal force, over its mass", plot="delta-v"),
-    Extra("thrusters_open", "1", "thrusters that were open in the period", "count", plot="thrusters open"),
-    Extra("wheel_momentum_nms", "N m s", "momentum of the craft's reaction wheels together", plot="wheel momentum"),
-)
-"""What telemetry shows of the actuators: their true work up to the end of the period."""
 
 
 class Drive(NamedTuple):
@@ -76,17 +69,17 @@ class Actuators:
         self._open = np.zeros((len(fitted), self.most_thrusters), dtype=np.bool_)
 
     @property
-    def columns(self) -> tuple[Extra, ...]:
-        """The telemetry columns of `work`; those of thrusters and wheels only where a craft has some."""
-        return COLUMNS if len(self._hardware.who) else COLUMNS[:1]
+    def fitted(self) -> bool:
+        """A craft has thrusters or wheels."""
+        return len(self._hardware.who) > 0
 
-    def work(self) -> Floats:
-        """What has been done up to the end of the last period, (C, len(columns)); NaN where a craft has none of it."""
+    def work(self) -> ActuatorWork:
+        """Return what has been done up to the end of the last period."""
         momentum = np.full(len(self._delta_v), np.nan)
         momentum[self._hardware.who] = np.linalg.norm(self._orders.stored, axis=1)
         firing = np.where(self._thrusting, np.count_nonzero(self._open, axis=1), np.nan)
         momentum[~self._has_wheels] = np.nan
-        return np.stack([self._delta_v, firing, momentum], axis=1)[:, : len(self.columns)]
+        return ActuatorWork(self._delta_v.copy(), firing, momentum)
 
     def drive(
         self, force: Floats, torque: Floats, believed: State, command: Command, faults: ActuatorFaults | None = None

@@ -17,6 +17,7 @@ from swarm.flight.guided import GuidedFlight
 from swarm.onboard import control
 from swarm.onboard.control import Command
 from swarm.onboard.navigation import Estimate
+from swarm.results.period import Guided
 from swarm.scenario import Scenario
 from swarm.world.execution import ActuatorFaults
 from swarm.world.world import PeriodTruth
@@ -54,14 +55,14 @@ class Dynamics:
         )
         return truth
 
-    def learn(self, truth: PeriodTruth, estimate: Estimate) -> None:
-        """What the craft know at the epoch of the period, for those that steer by it."""
+    def learn(self, truth: PeriodTruth, estimate: Estimate) -> Guided | None:
+        """Take what the craft know at the epoch of the period, for those that steer by it; return their guidance."""
         if self._by_estimate.any():
             # The estimate is of the epoch; the next wrench begins half a period later.
             self._estimated = State(
                 estimate.rotation, estimate.angular_rate, estimate.position, estimate.velocity
             ).ahead(self._period_s / 2)
-        self.guided.learn(truth, estimate)
+        return self.guided.learn(truth, estimate)
 
     def _wrench(self, frame: int, faults: Faults | None) -> tuple[Floats, Floats, OnboardWrench | None]:
         """What moves every craft in this period: its control, through its actuators, and what pushes it beside."""

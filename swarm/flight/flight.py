@@ -6,42 +6,31 @@
 Nothing but pulses passes from the lighthouse to a craft.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.arrays import Bools, Floats
+from estimators.arrays import Bools
 from swarm.flight import builders
 from swarm.flight.dynamics import Dynamics
 from swarm.flight.scene import scene
 from swarm.onboard.decoder import SweepAngles
 from swarm.onboard.inspection import LidarFix
-from swarm.onboard.navigation import Estimate, Navigator
+from swarm.onboard.navigation import Navigator
 from swarm.results.angles import believed
-from swarm.results.columns import integrity as integrity_columns
+from swarm.results.period import Period
 from swarm.results.records import Truth
 from swarm.scenario import Scenario
 from swarm.sensors.ccd import Ccd
 from swarm.sensors.lighthouse import Lighthouse
-from swarm.sensors.visibility import Sight, Visibility
+from swarm.sensors.sight import Sight
+from swarm.sensors.visibility import Visibility
 from swarm.world.world import PeriodTruth
-
-
-class Seen(NamedTuple):
-    """One period at its epoch: time_s, the truth, the `Sight` of every photodiode (C, K), what each craft knows."""
-
-    time_s: float
-    truth: Truth
-    sight: NDArray[np.int8]
-    estimate: Estimate
 
 
 class Flight:
     """The world, its sensors and every craft's computer.
 
-    After each period, angles: what every craft's decoder made of it; scans: what became of the LiDARs' scans that it
-    completed; extra: the values of the telemetry's extra columns, (C, N). scene: what a recording is told beforehand.
+    believed: what the craft take for true while they measure. scene: what a recording is told beforehand.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -67,32 +56,35 @@ class Flight:
         self.navigator = Navigator(own_layout, navigation, [known for _, known in cameras])
         fans, noise = (navigation.fan_x, navigation.fan_y), builders.angle_noise(scenario)
         self.believed = believed(self.world.names, own_layout, fans, noise)
-        self.angles: SweepAngles | None = None
-        self.scans: list[LidarFix] = []
-        self.extra: Floats | None = None
         self.period_s = 1 / settings.rate_hz
-        fault = [] if self.faults is None else [integrity_columns.fault_column(self.faults.schedule.names)]
-        limits = scenario.navigation.integrity
-        watched = bool(fault) or limits.alert_position_mm is not None or limits.alert_attitude_deg is not None
-        own = integrity_columns.columns(watched)
-        extra = [*own, *self.dynamics.actuators.columns, *self.dynamics.guided.columns, *fault]
-        self.scene = scene(scenario, self.world, layout, pairs, self.inspection, extra)
+        names = () if self.faults is None else self.faults.schedule.names
+        self.scene = scene(scenario, self.dynamics, layout, pairs, self.inspection, names)
 
-    def period(self, frame: int) -> Seen:
+    def period(self, frame: int) -> Period:
         """Fly one lighthouse period."""
         truth, sight = self.move(frame)
-        self.angles = self._measure(truth, frame, sight == Sight.LIT)
+        angles = self._measure(truth, frame, sight == Sight.LIT)
         images = self.ccd.expose(truth, frame) if self.ccd is not None else None
-        estimate = self.navigator.step(self.angles, images, self.dynamics.command)
-        at_epoch = _at_epoch(truth)
+        estimate = self.navigator.step(angles, images, self.dynamics.command)
         time_s = float(truth.time_s[len(truth.time_s) // 2])
+        scans: list[LidarFix] = []
         if self.inspection is not None:
             found = [scan for lidar in self.lidars for scan in lidar.sweep(truth)]
-            self.scans = self.inspection.step(found, estimate, time_s)
+            scans = self.inspection.step(found, estimate, time_s)
             estimate = self.inspection.into(estimate)
-        self.dynamics.learn(truth, estimate)
-        self.extra = self._extra(estimate)
-        return Seen(time_s, at_epoch, np.minimum(sight[..., 0], sight[..., 1]), estimate)
+        guided = self.dynamics.learn(truth, estimate)
+        return Period(
+            frame,
+            time_s,
+            _at_epoch(truth),
+            np.minimum(sight[..., 0], sight[..., 1]),
+            angles,
+            estimate,
+            scans=scans,
+            work=self.dynamics.actuators.work(),
+            guided=guided,
+            fault=None if self.faults is None else self.faults.states(),
+        )
 
     def move(self, frame: int) -> tuple[PeriodTruth, NDArray[np.int8]]:
         """Move every craft through one lighthouse period, and no more: nobody measures, nobody navigates.
@@ -124,12 +116,6 @@ class Flight:
             self.navigator.forget(off)
         angles = self.decoder.decode(pulses)
         return angles._replace(lit=angles.lit & ~off[:, None])
-
-    def _extra(self, estimate: Estimate) -> Floats:
-        """The values of the scene's extra columns, (C, N), in their order."""
-        states = [] if self.faults is None else [self.faults.states()[:, None]]
-        own = integrity_columns.values(estimate.integrity)
-        return np.concatenate([own, self.dynamics.actuators.work(), self.dynamics.guided.values, *states], axis=1)
 
 
 def _at_epoch(truth: PeriodTruth) -> Truth:

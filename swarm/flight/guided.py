@@ -7,7 +7,7 @@ learn     after the period: latches close, and the craft's switches and navigati
 
 import numpy as np
 
-from estimators.arrays import Bools, Floats
+from estimators.arrays import Bools
 from estimators.relative_orbit import RelativeOrbit
 from estimators.rotation import matrix_from_quaternion
 from estimators.state import Reference, State
@@ -17,8 +17,7 @@ from swarm.onboard import control
 from swarm.onboard.control import Command
 from swarm.onboard.guidance.guidance import Knowledge
 from swarm.onboard.navigation import Estimate, Status
-from swarm.results.columns import guidance as guidance_columns
-from swarm.results.columns.extra import Extra
+from swarm.results.period import Guided
 from swarm.scenario import Scenario
 from swarm.world.docking import Mating
 from swarm.world.motion.fleet import Fleet
@@ -38,12 +37,8 @@ class GuidedFlight:
         self._known = Knowledge(nothing > 0, nothing, nothing > 0)
         self._period_s = 1 / settings.lighthouse.rate_hz
         self._reference = station
-        self.columns: tuple[Extra, ...] = () if self._guidance is None else guidance_columns.COLUMNS
-        """The telemetry columns that this flight has beside the usual ones."""
-        if self._matings:
-            self.columns += guidance_columns.DOCKING_COLUMNS
-        self.values: Floats = np.zeros((len(nothing), 0))
-        """Their values for the last period, (C, N)."""
+        self.guides, self.docks = self._guidance is not None, bool(self._matings)
+        """There are guided craft, and craft that dock."""
 
     def steer(self, time_s: float, believed: State) -> Reference:
         """Where every craft should be at `time_s` [s], as far as they know by `believed` where they are."""
@@ -59,23 +54,20 @@ class GuidedFlight:
         clear = self._guidance.clear(wanted, believed)
         return clear if orbit is None else control.without_gravity(clear, reference.holds_position, believed, orbit)
 
-    def learn(self, truth: PeriodTruth, estimate: Estimate) -> None:
-        """What the period that has ended brings."""
-        if self._guidance is None:
-            return
+    def learn(self, truth: PeriodTruth, estimate: Estimate) -> Guided | None:
+        """Take in the period that has ended; return what guidance does at its epoch."""
+        guidance = self._guidance
+        if guidance is None:
+            return None
         pairs = self._latch(truth)
         sigma = np.sqrt(np.trace(estimate.covariance[:, 6:9, 6:9], axis1=1, axis2=2))
         tracking = (estimate.status == Status.TRACKING) & ~estimate.integrity.alert
         self._known = self._known._replace(
             tracking=np.where(self._blind, tracking, True), sigma_m=np.where(self._blind, sigma, 0.0)
         )
-        epoch, wanted, half = len(truth.time_s) // 2, self._reference, self._period_s / 2
+        wanted, half = self._reference, self._period_s / 2
         reference = wanted.position + wanted.velocity * half + wanted.acceleration * half**2 / 2
-        guidance = self._guidance
-        block = [guidance_columns.values(guidance.phase, guidance.gave_way, reference, truth.position[epoch])]
-        if self._matings:
-            block.append(guidance_columns.docking_values(len(guidance.phase), pairs))
-        self.values = np.concatenate(block, axis=1)
+        return Guided(guidance.phase, reference, guidance.gave_way, pairs)
 
     def _latch(self, truth: PeriodTruth) -> list[tuple[int, Closing]]:
         """Close the latches that have met; how every pair stands at the epoch."""

@@ -22,12 +22,14 @@ from swarm.hardware import Photodiodes
 from swarm.onboard.decoder import PulseDecoder, SweepAngles
 from swarm.onboard.navigation import Estimate, Navigator
 from swarm.results.angles import believed
+from swarm.results.period import Period
 from swarm.results.progress import Progress
-from swarm.results.recording.scene import LIT, OUTSIDE, Scene
+from swarm.results.recording.scene import Scene
 from swarm.results.records import Peer
 from swarm.results.run_folder import Run
 from swarm.results.run_writer import writing_run
 from swarm.scenario import Scenario, for_replay
+from swarm.sensors.sight import Sight
 from swarm.world.craft import visuals
 
 
@@ -59,18 +61,17 @@ def replay(
         photodiodes=layout,
         lighthouse=visuals(find_model(settings.lighthouse.model)),
         field_deg=settings.lighthouse.field_deg,
+        replay=True,
     )
     duration_s = len(windows) * windows.frame_s
     first_s: float | None = None
     about = playback.believed if settings.recording.angles else None
-    with writing_run(
-        settings, out, scene, force=force, duration_s=duration_s, record=record, replay=True, angles=about
-    ) as writer:
+    with writing_run(settings, out, scene, force=force, duration_s=duration_s, record=record, angles=about) as writer:
         for frame, (window, angles, estimate) in enumerate(playback):
             first_s = window.time_s if first_s is None else first_s
             peer = Peer(window.peer_position, window.peer_quaternion)
-            sight = np.where(angles.lit, LIT, OUTSIDE)
-            writer.append(frame, window.time_s - first_s, None, sight, estimate, peer, angles)
+            sight = np.where(angles.lit, Sight.LIT, Sight.OUTSIDE)
+            writer.append(Period(frame, window.time_s - first_s, None, sight, angles, estimate, peer))
             if progress is not None:
                 progress(writer.progress)
     return writer.run

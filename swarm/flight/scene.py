@@ -3,25 +3,34 @@
 from collections.abc import Sequence
 
 from swarm.assets import find_model
+from swarm.flight.dynamics import Dynamics
 from swarm.hardware import Photodiodes
 from swarm.onboard.inspection import Inspection
-from swarm.results.columns.extra import Extra
 from swarm.results.recording.scene import CcdScene, Scene
 from swarm.scenario import Scenario
 from swarm.sensors.ccd import CcdSettings
 from swarm.world.craft import visuals
-from swarm.world.world import World
 
 
 def scene(
     scenario: Scenario,
-    world: World,
+    dynamics: Dynamics,
     layout: Photodiodes,
     pairs: Sequence[CcdSettings],
     inspection: Inspection | None,
-    extra: Sequence[Extra],
+    faults: Sequence[str],
 ) -> Scene:
-    """The scene of a flight. layout: the photodiodes on board. pairs: of cameras. extra: its telemetry's columns."""
+    """Return the scene of a flight.
+
+    Args:
+        scenario: What is flown.
+        dynamics: The world, and what moves the craft.
+        layout: The photodiodes on board.
+        pairs: The pairs of cameras.
+        inspection: The computers of the craft with LiDARs.
+        faults: Names of what may fail, empty without faults.
+    """
+    world, limits = dynamics.world, scenario.navigation.integrity
     return Scene(
         craft=world.names,
         visuals=[world.visuals(i) for i in range(layout.craft_count)],
@@ -41,5 +50,9 @@ def scene(
             for pair in pairs
         ],
         lidar=[(o.craft, o.target) for o in inspection.observers] if inspection is not None else (),
-        extra=extra,
+        watched=bool(faults) or limits.alert_position_mm is not None or limits.alert_attitude_deg is not None,
+        actuated=dynamics.actuators.fitted,
+        guided=dynamics.guided.guides,
+        docking=dynamics.guided.docks,
+        faults=faults,
     )

@@ -49,10 +49,10 @@ def simulate(
         scenario, out, flight.scene, force=force, duration_s=duration_s, record=record, live=live, angles=angles
     ) as writer:
         for frame in range(max(1, round(duration_s / flight.period_s))):
-            seen = flight.period(frame)
-            writer.append(frame, *seen, angles=flight.angles, scans=flight.scans, extra=flight.extra)
-            if observer is not None:
-                observer.period(frame, seen.truth, seen.estimate)
+            period = flight.period(frame)
+            writer.append(period)
+            if observer is not None and period.truth is not None:
+                observer.period(frame, period.truth, period.estimate)
             if progress is not None:
                 progress(writer.progress)
     return writer.run

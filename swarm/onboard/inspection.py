@@ -40,7 +40,7 @@ from swarm.onboard.lidar import Motion, at_epoch, scanner
 from swarm.onboard.navigation import Estimate, Status
 
 LIDAR_SENSOR = 6
-"""Of `swarm.results.columns.schema.SENSORS`: no sum of `Sensor`s, since a pair of cameras is never one camera too."""
+"""Of `swarm.results.columns.core.SENSORS`: no sum of `Sensor`s, since a pair of cameras is never one camera too."""
 UNKNOWN_RATE = (0.3, 0.3)
 """1 sigma per axis of a target's rates before they are known: angular [rad/s], linear [m/s]."""
 POSE = np.array([0, 1, 2, 6, 7, 8])

@@ -65,7 +65,7 @@ class Status(IntEnum):
 
 
 class Sensor(IntFlag):
-    """Whose pose went into a craft's filter this period; the names are `swarm.results.columns.schema.SENSORS`."""
+    """Whose pose went into a craft's filter this period; the names are `swarm.results.columns.core.SENSORS`."""
 
     NONE = 0
     LIGHTHOUSE = 1

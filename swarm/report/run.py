@@ -12,7 +12,7 @@ from swarm.figures import Axes, Figure, count_map, plain_log_y
 from swarm.report.figures import BLUE, GREY, ORANGE, SERIES, Picture, picture, thin
 from swarm.report.page import Column, Fact, Section, Table, number, prose
 from swarm.report.run_table import about, limits, outcome
-from swarm.results.columns.schema import STATUS
+from swarm.results.columns.core import STATUS
 from swarm.results.reading import values
 from swarm.results.run_folder import Run
 

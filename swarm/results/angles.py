@@ -11,7 +11,7 @@ The file grows under another name and is renamed when it is complete: a run that
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -22,6 +22,7 @@ from estimators.calibration.problem import Noise
 from estimators.lighthouse.sweep import FanErrors, FanPair
 from swarm.errors import SwarmError
 from swarm.hardware import Photodiodes
+from swarm.onboard.decoder import SweepAngles
 from swarm.results.disk import writing
 
 FILE = "angles.parquet"
@@ -29,18 +30,6 @@ PARTIAL = FILE + ".partial"
 _KEY = b"survey"
 _ROWS = 65_536
 _VALUES = ("theta_x_rad", "theta_y_rad", "offset_x_s", "offset_y_s")
-
-
-class SweepAngles(Protocol):
-    """What is written of the decoder's angles."""
-
-    @property
-    def theta(self) -> Floats:
-        """(C, K, 2) [rad], NaN where not seen."""
-
-    @property
-    def offset_s(self) -> Floats:
-        """(C, K, 2) [s]."""
 
 
 class Believed(NamedTuple):

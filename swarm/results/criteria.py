@@ -20,7 +20,7 @@ import pyarrow as pa
 
 from estimators.arrays import Bools, Floats, Ints
 from swarm.errors import SwarmError, did_you_mean
-from swarm.results.columns.schema import STATUS
+from swarm.results.columns.core import STATUS
 from swarm.results.reading import values
 from swarm.scenario import Criterion
 from swarm.scenario.criteria import NAMED

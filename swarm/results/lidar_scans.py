@@ -9,7 +9,7 @@ The file grows under another name and is renamed when it is complete: a run that
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -17,59 +17,13 @@ import pyarrow.parquet as pq
 
 from estimators.arrays import Floats
 from estimators.rotation import angle_between, log, matrix_from_quaternion, quaternion_from_matrix
+from swarm.onboard.inspection import LidarFix
 from swarm.results.disk import writing
+from swarm.results.records import Truth
 
 FILE = "scans.parquet"
 PARTIAL = FILE + ".partial"
 ROWS = 512
-
-
-class LidarFix(Protocol):
-    """What is written of `swarm.onboard.inspection.LidarFix`."""
-
-    @property
-    def craft(self) -> int: ...  # noqa: D102
-    @property
-    def target(self) -> int: ...  # noqa: D102
-    @property
-    def outcome(self) -> str: ...  # noqa: D102
-    @property
-    def acquired(self) -> bool: ...  # noqa: D102
-    @property
-    def points(self) -> int: ...  # noqa: D102
-    @property
-    def residual_m(self) -> float: ...  # noqa: D102
-    @property
-    def overlap(self) -> float: ...  # noqa: D102
-    @property
-    def confidence(self) -> float: ...  # noqa: D102
-    @property
-    def rotation(self) -> Floats: ...  # noqa: D102
-    @property
-    def position(self) -> Floats: ...  # noqa: D102
-    @property
-    def covariance(self) -> Floats: ...  # noqa: D102
-    @property
-    def accepted(self) -> bool: ...  # noqa: D102
-    @property
-    def nis(self) -> float: ...  # noqa: D102
-    @property
-    def ekf_rotation(self) -> Floats: ...  # noqa: D102
-    @property
-    def ekf_position(self) -> Floats: ...  # noqa: D102
-    @property
-    def ekf_covariance(self) -> Floats: ...  # noqa: D102
-    @property
-    def cloud(self) -> Floats: ...  # noqa: D102
-
-
-class Truth(Protocol):
-    """The true poses of all craft at the epoch."""
-
-    @property
-    def position(self) -> Floats: ...  # noqa: D102
-    @property
-    def quaternion(self) -> Floats: ...  # noqa: D102
 
 
 _NAME = pa.dictionary(pa.int32(), pa.string())

@@ -29,7 +29,8 @@ from scipy.special import gammaincinv
 from estimators.arrays import Bools, Floats, Ints
 from estimators.rotation import angle_between, matrix_from_quaternion, mean_rotation
 from swarm.results.columns.ccd import CCD_STATES
-from swarm.results.columns.schema import NAMES, SENSORS, STATUS, bystanders
+from swarm.results.columns.core import SENSORS, STATUS
+from swarm.results.columns.schema import bystanders
 from swarm.results.lidar_scans import summarise_scans
 from swarm.results.reading import read_telemetry, telemetry_columns, values
 from swarm.results.rows import attitude_errors_into
@@ -195,7 +196,7 @@ class _Rows:
     def column(self, name: str) -> Floats:
         if name not in self._cache:
             table = self._load(name)
-            codes = name in ("craft", *NAMES)
+            codes = name in ("craft", "status", "sensor", "ccd")
             self._cache[name] = (_codes(table, name) if codes else values(table, name))[self._order]
         return self._cache[name][slice(*self._rows)]
 

@@ -64,6 +64,10 @@ class Grid(NamedTuple):
     rows: Sequence[tuple[str, tuple[Value, ...]]]
 
 
+Columns = dict[str, tuple[Any, str]]
+"""Values and meaning of data columns by name; see `data`."""
+
+
 class Outcome(NamedTuple):
     """What an experiment found. notes: sentences printed below the comparison. grids: printed above it."""
 
@@ -100,7 +104,7 @@ class Request(NamedTuple):
             *names: Names of the sizes.
         """
         if math.prod(self.sizes[name] for name in names) < fewest:
-            asked = " ".join(f"--{name} {self.sizes[name]}" for name in names)
+            asked = " and ".join(f"--{name}: {self.sizes[name]}" for name in names)
             raise SwarmError(f"{asked}: {purpose} needs at least {fewest}")
 
 
@@ -119,7 +123,7 @@ class Experiment(NamedTuple):
     seed: int = 1
 
 
-def data(columns: Mapping[str, tuple[Any, str]]) -> pa.Table:
+def data(columns: Columns) -> pa.Table:
     """Return the table of an experiment's data; NaN becomes null, and every column tells its unit and meaning.
 
     Args:

@@ -14,7 +14,7 @@ from estimators.arrays import Floats
 from estimators.lidar.acquisition import Acquisition, acquire
 from estimators.lidar.feature_templates import Templates
 from swarm import figures
-from swarm.studies.papers.experiment import LIDAR, Experiment, Line, Outcome, Request, data, quantiles, under
+from swarm.studies.papers.experiment import LIDAR, Columns, Experiment, Line, Outcome, Request, data, quantiles, under
 from swarm.studies.papers.lidar import Turntable, error_deg, turned
 
 STEPS_DEG = (-10.0, -5.0, 0.0, 5.0, 10.0)
@@ -105,7 +105,7 @@ def _compare(group: str, part: list[Result]) -> list[Line]:
     return under(group, *lines)
 
 
-def _columns(results: list[Result]) -> dict[str, tuple[object, str]]:
+def _columns(results: list[Result]) -> Columns:
     ours = [r.ours for r in results]
     return {
         "group": ([r.group for r in results], "turntable, or drawn at random"),

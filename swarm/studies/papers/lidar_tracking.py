@@ -16,7 +16,7 @@ from estimators.lidar.scan import Scan
 from estimators.lidar.tracking import Outcome as Fate
 from estimators.lidar.tracking import TrackingSettings, chain, track
 from swarm import figures
-from swarm.studies.papers.experiment import LIDAR, Experiment, Line, Outcome, Request, data, quantiles, under
+from swarm.studies.papers.experiment import LIDAR, Columns, Experiment, Line, Outcome, Request, data, quantiles, under
 from swarm.studies.papers.lidar import Turntable, error_deg, turned
 
 STARTS_DEG = (0.0, 5.0, -5.0, 10.0, -10.0)
@@ -128,7 +128,7 @@ def compare(steps: list[Step], limit: str = f"< {PAPER_DEG:g}") -> list[Line]:
     return lines
 
 
-def columns(steps: list[Step]) -> dict[str, tuple[object, str]]:
+def columns(steps: list[Step]) -> Columns:
     """Return the data, a row per scan."""
     return {name: ([getattr(s, name) for s in steps], meaning) for name, meaning in MEANINGS.items()}
 

@@ -25,10 +25,11 @@ from estimators.arrays import Bools, Floats
 from swarm import figures
 from swarm.flight.flight import Flight
 from swarm.scenario import Scenario, load
-from swarm.sensors.visibility import Sight
+from swarm.sensors.sight import Sight
 from swarm.studies.papers.alignment import Alignment
 from swarm.studies.papers.experiment import (
     LIGHTHOUSE,
+    Columns,
     Experiment,
     Grid,
     Line,
@@ -181,12 +182,10 @@ def _compare(pnp: list[Errors]) -> list[Line]:
     return lines
 
 
-def _columns(
-    pnp: list[Errors], filtered: list[Errors], solved: list[Floats], motion: Floats
-) -> dict[str, tuple[object, str]]:
+def _columns(pnp: list[Errors], filtered: list[Errors], solved: list[Floats], motion: Floats) -> Columns:
     """Return the data, a row per rung and run."""
     runs, rungs = len(motion), len(LADDER)
-    columns: dict[str, tuple[object, str]] = {
+    columns: Columns = {
         "rung": (np.repeat([rung.name for rung in LADDER], runs), "which causes are at work"),
         "run": (np.tile(np.arange(1, runs + 1), rungs), "number of the run"),
         "speed_rms_m_s": (np.tile(motion[:, 0], rungs), "RMS speed of the run"),

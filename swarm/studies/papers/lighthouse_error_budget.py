@@ -35,7 +35,7 @@ from estimators.lighthouse.sweep import FanErrors, FanPair
 from swarm import figures
 from swarm.studies.papers.alignment import NONE, Alignment, align
 from swarm.studies.papers.bench import PERFECT, Bench, Box, Motion
-from swarm.studies.papers.experiment import LIGHTHOUSE, Experiment, Grid, Line, Outcome, Request, data, under
+from swarm.studies.papers.experiment import LIGHTHOUSE, Columns, Experiment, Grid, Line, Outcome, Request, data, under
 
 CURVE, GIBBOUS, TILT = 0.002, 0.01, 0.01
 SYNC_JITTER_S, MOUNTING_M = 50e-9, 0.5e-3
@@ -242,7 +242,7 @@ def _compare(budget: dict[str, Floats]) -> list[Line]:
     return under("Sum of squares / square of the total", *sums) + under("Systematic / random errors", *ratios)
 
 
-def _columns(budget: dict[str, Floats]) -> dict[str, tuple[object, str]]:
+def _columns(budget: dict[str, Floats]) -> Columns:
     """Return the data, a row per source."""
     kind = {**dict.fromkeys(SYSTEMATIC, "systematic"), **dict.fromkeys(RANDOM, "random"), MOTION: "motion"}
     names = [f"{place}_{what}" for place in ("rest", "moving", "raw") for what in ("rotation_deg", "translation_mm")]

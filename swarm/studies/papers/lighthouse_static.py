@@ -20,7 +20,7 @@ from estimators.lighthouse.dop import dilution, image_dilution
 from estimators.lighthouse.pnp import PoseSolution, refine_projections
 from swarm import figures
 from swarm.studies.papers.bench import Bench, Motion
-from swarm.studies.papers.experiment import LIGHTHOUSE, Experiment, Line, Outcome, Request, data, span, under
+from swarm.studies.papers.experiment import LIGHTHOUSE, Columns, Experiment, Line, Outcome, Request, data, span, under
 from swarm.world.motion.pointing import facing
 
 TABLE_M = ((-1.5, 1.5), (0.4, 0.4), (1.0, 4.0))
@@ -180,10 +180,10 @@ def _compare(results: list[Result]) -> list[Line]:
     return [*lines, *under("Scatter of that DOP, worst pose", *scatter)]
 
 
-def _columns(results: list[Result]) -> dict[str, tuple[object, str]]:
+def _columns(results: list[Result]) -> Columns:
     poses = [result.pose for result in results]
     quaternion = rot.quaternion_from_matrix(np.array([pose.rotation for pose in poses]))
-    columns: dict[str, tuple[object, str]] = {
+    columns: Columns = {
         "pose": (np.arange(1, len(poses) + 1), "number of the pose"),
         "p*_m": ([pose.position for pose in poses], "true position, *"),
         "q*": (quaternion, "true attitude quaternion, *"),

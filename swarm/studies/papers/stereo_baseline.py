@@ -15,7 +15,7 @@ from estimators.stereo.precision import plane_point
 from estimators.stereo.triangulation import triangulate
 from swarm import figures
 from swarm.studies.papers import stereo
-from swarm.studies.papers.experiment import STEREO, Experiment, Line, Outcome, Request, data, rms, span, under
+from swarm.studies.papers.experiment import STEREO, Columns, Experiment, Line, Outcome, Request, data, rms, span, under
 
 DISTANCE_M = 10.0
 BASELINES_M = (0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5)
@@ -92,8 +92,8 @@ def _compare(group: str, settings: list[Setting], against: Floats) -> list[Line]
     return under(group, *lines)
 
 
-def _columns(settings: list[Setting]) -> dict[str, tuple[object, str]]:
-    columns: dict[str, tuple[object, str]] = {
+def _columns(settings: list[Setting]) -> Columns:
+    columns: Columns = {
         "baseline_m": ([s.baseline_m for s in settings], "between the cameras"),
         "focal_length_m": ([s.focal_m for s in settings], "of both cameras"),
     }

@@ -23,7 +23,7 @@ from swarm.flight.flight import Flight
 from swarm.onboard.ccd import CcdState
 from swarm.results.summary import consistency
 from swarm.scenario import Scenario, load
-from swarm.studies.papers.experiment import STEREO, Experiment, Line, Outcome, Request, data, span, under
+from swarm.studies.papers.experiment import STEREO, Columns, Experiment, Line, Outcome, Request, data, span, under
 
 SCENARIO, CHASER, TARGET = "ccd-docking", 0, 1
 MOST_SIGMA = 3.0
@@ -94,7 +94,10 @@ def _fly(request: Request, number: int, scenario: Scenario) -> Flown:
     state, accepted = np.empty((2, count), dtype=np.int64)
     errors, sigmas = np.empty((2, count, 6))
     for frame in range(count):
-        time_s[frame], truth, _, estimate = flight.period(frame)
+        period = flight.period(frame)
+        truth, estimate = period.truth, period.estimate
+        assert truth is not None
+        time_s[frame] = period.time_s
         covariance = estimate.covariance[CHASER][np.ix_(POSE_COLUMNS, POSE_COLUMNS)]
         turn = matrix_from_quaternion(truth.quaternion[CHASER]) @ estimate.rotation[CHASER].T
         error = np.concatenate([log(turn), truth.position[CHASER] - estimate.position[CHASER]])
@@ -155,8 +158,8 @@ def _accuracy(flown: list[Flown]) -> list[Line]:
     return under("EKF, RMS over the runs", *lines)
 
 
-def _columns(flown: list[Flown]) -> dict[str, tuple[object, str]]:
-    columns: dict[str, tuple[object, str]] = {
+def _columns(flown: list[Flown]) -> Columns:
+    columns: Columns = {
         "run": (np.repeat(np.arange(1, len(flown) + 1), [len(f.time_s) for f in flown]), "number of the run"),
         "time_s": (np.concatenate([f.time_s for f in flown]), "the epoch"),
         "distance_m": (np.concatenate([f.distance_m for f in flown]), "between the docking points"),

@@ -12,7 +12,7 @@ from estimators.stereo.cameras import refine_cameras
 from estimators.stereo.closed_form import stereo_pose
 from swarm import figures
 from swarm.studies.papers import stereo
-from swarm.studies.papers.experiment import STEREO, Experiment, Line, Outcome, Request, data, span, under
+from swarm.studies.papers.experiment import STEREO, Columns, Experiment, Line, Outcome, Request, data, span, under
 
 MISPLACED_M = 1e-3
 AXES = ("x, outward", "y, along the circle", "z, out of its plane")
@@ -27,7 +27,7 @@ def run(request: Request) -> Outcome:
     rig, lines = stereo.rig(), list[Line]()
     largest: list[Floats] = []
     fitted: list[Floats] = []
-    columns: dict[str, tuple[object, str]] = {"distance_m": (np.arange(stereo.RANGE_M), "where the metre begins")}
+    columns: Columns = {"distance_m": (np.arange(stereo.RANGE_M), "where the metre begins")}
     for axis in request.each(range(len(AXES)), "axis"):
         true = stereo.MARKER_M.copy()
         true[0, axis] += MISPLACED_M

@@ -19,7 +19,7 @@ from estimators.stereo.precision import plane_point
 from estimators.stereo.triangulation import Rig, triangulate
 from swarm import figures
 from swarm.studies.papers import stereo
-from swarm.studies.papers.experiment import STEREO, Experiment, Line, Outcome, Request, data, rms, span, under
+from swarm.studies.papers.experiment import STEREO, Columns, Experiment, Line, Outcome, Request, data, rms, span, under
 
 NOISE = stereo.IMAGE_NOISE_M / stereo.FOCAL_M
 WITHIN = (0.95, 1.05)
@@ -119,8 +119,8 @@ def _compare(table: Table) -> list[Line]:
     return lines
 
 
-def _columns(table: Table) -> dict[str, tuple[object, str]]:
-    columns: dict[str, tuple[object, str]] = {"distance_m": (np.arange(stereo.RANGE_M), "where the metre begins")}
+def _columns(table: Table) -> Columns:
+    columns: Columns = {"distance_m": (np.arange(stereo.RANGE_M), "where the metre begins")}
     for name, meaning in {**POINTS, **POSES}.items():
         for k, kind in enumerate(KINDS):
             values = table[name][:, k]
