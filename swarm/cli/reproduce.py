@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from swarm.cli.terminal import experiment_and_report, mistakes
+from swarm.cli.terminal import error_message, mistakes, stoppable
 
 Size = Annotated[int | None, typer.Option(metavar="N", help="A smaller, quicker form; see the list.")]
 
@@ -37,6 +37,7 @@ def reproduce(
     """
     with mistakes():
         from swarm.studies.papers import EXPERIMENTS, find
+        from swarm.studies.papers import reproduce as repeat
 
         if experiment is None:
             for name in EXPERIMENTS:
@@ -48,4 +49,16 @@ def reproduce(
             return
         asked = {"poses": poses, "frames": frames, "runs": runs, "seconds": seconds, "draws": draws}
         sizes_asked = {size: value for size, value in asked.items() if value is not None}
-        experiment_and_report(experiment, out=out, force=force, seed=seed, sizes=sizes_asked)
+        find(experiment)
+
+        from rich.console import Console
+
+        from swarm.cli.progress import ProgressDisplay
+        from swarm.studies.papers.results import print_comparison
+
+        def say(name: str) -> None:
+            error_message(f"stopped by {name} before anything was written")
+
+        with stoppable(say), ProgressDisplay(Console(stderr=True), experiment) as progress:
+            done = repeat(experiment, out=out, force=force, seed=seed, sizes=sizes_asked, progress=progress.experiment)
+        print_comparison(Console(), done)
