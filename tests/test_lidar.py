@@ -16,7 +16,8 @@ from swarm.errors import SwarmError
 from swarm.flight.builders import check
 from swarm.sensors.lidar import Lidar, LidarSettings, Mount
 from swarm.studies.papers import reproduce
-from swarm.studies.papers.lidar import Turntable, error_deg, quantiles, turned
+from swarm.studies.papers.experiment import quantiles
+from swarm.studies.papers.lidar import Turntable, error_deg, turned
 from swarm.world.surface import known_shape, surface
 from swarm.world.world import CraftStart, World
 
