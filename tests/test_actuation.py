@@ -46,16 +46,18 @@ def cubesat(errors=EXACT, key=1, thrusters=True, wheels=True):
 def state_of(truth):
     last = -1
     return State(
-        rot.matrix_from_quaternion(truth.quaternion[last]),
-        truth.angular_rate[last],
-        truth.position[last],
-        truth.velocity[last],
+        rotation=rot.matrix_from_quaternion(truth.quaternion[last]),
+        position=truth.position[last],
+        velocity=truth.velocity[last],
+        angular_rate=truth.angular_rate[last],
     )
 
 
 def resting(count, rate=(0.0, 0.0, 0.0)):
     zero = np.zeros((count, 3))
-    return State(np.tile(ATTITUDE, (count, 1, 1)), zero + np.array(rate), zero, zero)
+    return State(
+        rotation=np.tile(ATTITUDE, (count, 1, 1)), position=zero, velocity=zero, angular_rate=zero + np.array(rate)
+    )
 
 
 def push(actuators, state, force, torque=(0.0, 0.0, 0.0), faults=None, mass=CUBESAT.mass):

@@ -42,7 +42,12 @@ class Dynamics:
         self._period_s = 1 / scenario.lighthouse.rate_hz
         craft = len(self.world.names)
         start = builders.start(scenario, self.motions)
-        self._true = State(matrix_from_quaternion(start.quaternion), start.angular_rate, start.position, start.velocity)
+        self._true = State(
+            rotation=matrix_from_quaternion(start.quaternion),
+            position=start.position,
+            velocity=start.velocity,
+            angular_rate=start.angular_rate,
+        )
         self._estimated = unknown(craft)
         self.command = Command(*np.zeros((2, craft, 3)))
 
@@ -50,7 +55,10 @@ class Dynamics:
         """Move every craft through the lighthouse period `frame`."""
         truth = self.world.advance(*self._wrench(frame, faults))
         self._true = State(
-            matrix_from_quaternion(truth.quaternion[-1]), truth.angular_rate[-1], truth.position[-1], truth.velocity[-1]
+            rotation=matrix_from_quaternion(truth.quaternion[-1]),
+            position=truth.position[-1],
+            velocity=truth.velocity[-1],
+            angular_rate=truth.angular_rate[-1],
         )
         return truth
 
@@ -59,7 +67,10 @@ class Dynamics:
         if self._by_estimate.any():
             # The estimate is of the epoch; the next wrench begins half a period later.
             self._estimated = State(
-                estimate.rotation, estimate.angular_rate, estimate.position, estimate.velocity
+                rotation=estimate.rotation,
+                position=estimate.position,
+                velocity=estimate.velocity,
+                angular_rate=estimate.angular_rate,
             ).ahead(self._period_s / 2)
         self.guided.learn(truth, estimate)
 

@@ -60,8 +60,26 @@ def command(
     orbit: the lighthouse's, in which the actuators need only do what gravity does not. firm: of the places, where not
     every craft has the usual one.
     """
-    out = Command(*np.zeros((2, len(reference.position), 3)))
-    _command_into(*reference, *_contiguous(state), *(firm or feedback(len(reference.position))), *out)
+    count = len(reference.position)
+    out, gains, believed = Command(*np.zeros((2, count, 3))), firm or feedback(count), _contiguous(state)
+    _command_into(
+        reference.position,
+        reference.velocity,
+        reference.acceleration,
+        reference.rotation,
+        reference.angular_rate,
+        reference.angular_acceleration,
+        reference.holds_position,
+        reference.holds_attitude,
+        believed.rotation,
+        believed.angular_rate,
+        believed.position,
+        believed.velocity,
+        gains.stiffness,
+        gains.damping,
+        out.acceleration,
+        out.angular_acceleration,
+    )
     return out if orbit is None else without_gravity(out, reference.holds_position, state, orbit)
 
 
@@ -92,7 +110,12 @@ def wrench(order: Command, reference: Reference, state: State, mass: Floats, ine
 
 
 def _contiguous(state: State) -> State:
-    return State(*(np.ascontiguousarray(part, dtype=np.float64) for part in state))
+    return State(
+        rotation=np.ascontiguousarray(state.rotation, dtype=np.float64),
+        position=np.ascontiguousarray(state.position, dtype=np.float64),
+        velocity=np.ascontiguousarray(state.velocity, dtype=np.float64),
+        angular_rate=np.ascontiguousarray(state.angular_rate, dtype=np.float64),
+    )
 
 
 @kernel
