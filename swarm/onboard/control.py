@@ -14,11 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.arrays import Bools, Floats
-from estimators.filter.error_state import log_into
 from estimators.kernel import kernel
 from estimators.relative_orbit import RelativeOrbit
 from estimators.relative_orbit import acceleration as orbital_acceleration
-from estimators.rotation import multiply_into
+from estimators.rotation import log_into, multiply_into
 from estimators.state import Reference, State
 
 POSITION_FREQUENCY_RAD_S = 1.0
