@@ -78,6 +78,31 @@ def gather(lit: Bools, point: Floats, offset: Floats, angular_rate: Floats, velo
 
 
 @kernel
+def gather_measured(
+    uv: Floats,
+    weight: Floats,
+    lit: Bools,
+    point: Floats,
+    offset: Floats,
+    angular_rate: Floats,
+    velocity: Floats,
+    out: Floats,
+) -> int:
+    """`gather` with the value and the squared weight of each angle; returns 0 where one of them is not finite."""
+    n = gather(lit, point, offset, angular_rate, velocity, out)
+    i = 0
+    for k in range(lit.shape[0]):
+        if lit[k]:
+            for fan in range(2):
+                if not np.isfinite(weight[k, fan] * uv[k, fan]):
+                    return 0
+                out[fan * n + i, VALUE] = uv[k, fan]
+                out[fan * n + i, WEIGHT] = weight[k, fan] * weight[k, fan]
+            i += 1
+    return n
+
+
+@kernel
 def project(
     table: Floats, row: int, rotation: Floats, place: float, depth: float
 ) -> tuple[float, float, float, float, float, float, float]:
