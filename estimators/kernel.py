@@ -10,6 +10,7 @@ from typing import Any, ParamSpec, TypeVar
 
 import numba
 from numba.core import event
+from numba.extending import register_jitable
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -19,6 +20,12 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
     """Compile `function` with numba: cached, NumPy's division by zero (inf, nan), strict IEEE order."""
     compiled: Callable[P, R] = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=False)(function)
     return compiled
+
+
+def formula(function: Callable[P, R]) -> Callable[P, R]:
+    """Let kernels call `function` with numbers; from Python it stays what it is, and takes arrays as well."""
+    shared: Callable[P, R] = register_jitable(function)
+    return shared
 
 
 class _Counter(event.Listener):

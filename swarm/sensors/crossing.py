@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
-from estimators.lighthouse.sweep import measured_angle
+from estimators.lighthouse.sweep import TERMS, measured_angle
 from estimators.rotation import quaternion_between, quaternion_rows, turned
 
 CONVERGED_S = 1e-13
@@ -55,7 +55,7 @@ def cross_into(
     normal: Floats,
     lit: Bools,
     error: Floats,
-    fan_errors: Floats,
+    fans: Floats,
     period: float,
     diameter: float,
     instant: Floats,
@@ -64,12 +64,12 @@ def cross_into(
     """Write crossing instants and sweep widths (C, K, 2) [s] of the lit photodiodes; NaN where a fan finds none.
 
     knot (n + 1,) [s]; position (n + 1, C, 3); quaternion (n + 1, C, 4); point, normal (C, K, 3) in the body frame; lit,
-    error [rad] (C, K, 2); fan_errors of `kernel_errors`; period [s]; diameter of a photodiode's face [m].
+    error [rad] (C, K, 2); fans (2, FAN) of `kernel_fans`; period [s]; diameter of a photodiode's face [m].
     """
     intervals = len(knot) - 1
     ready, segment = np.zeros(intervals, np.bool_), np.empty((intervals, _SEGMENT))
     w = 2 * np.pi / period
-    perfect = not np.any(fan_errors)
+    perfect = not np.any(fans[:, TERMS:])
     for c in range(lit.shape[0]):
         ready[:] = False
         for fan in range(2):
@@ -122,7 +122,7 @@ def cross_into(
                             - turn * (1 - square * (1 / 3 - square * (1 / 5 - square / 7)))
                         )
                     else:
-                        angle = measured_angle(x, y, z, fan, fan_errors)
+                        angle = measured_angle(x, y, z, fans[fan])
                         g = np.pi / 2 + angle + error[c, k, fan] - w * (t - start)
                     if abs(g) <= w * CONVERGED_S:
                         found = True
