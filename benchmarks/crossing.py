@@ -27,7 +27,7 @@ def main() -> None:
     period, knot = 1 / settings.rate_hz, motion.time_s - motion.time_s[0]
     instant, width = np.empty((2, *c.lit.shape))
     none = np.zeros(c.lit.shape)
-    arguments = (knot, motion.position, motion.quaternion, true.point_m, true.normal, c.lit, none, lighthouse._errors)
+    arguments = (knot, motion.position, motion.quaternion, true.point_m, true.normal, c.lit, none, lighthouse._fans)
 
     def cross() -> None:
         cross_into(*arguments, period, settings.photodiode_diameter_m, instant, width)

@@ -21,6 +21,7 @@ import numpy as np
 from numba.core import event
 from numba.core.caching import FunctionCache
 from numba.core.dispatcher import Dispatcher
+from numba.extending import register_jitable
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -32,6 +33,12 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
     if isinstance(compiled, Dispatcher):  # not where NUMBA_DISABLE_JIT is set
         compiled._cache = _Cache(function)  # type: ignore[attr-defined,no-untyped-call]
     return compiled
+
+
+def formula(function: Callable[P, R]) -> Callable[P, R]:
+    """Let kernels call `function` with numbers; from Python it stays what it is, and takes arrays as well."""
+    shared: Callable[P, R] = register_jitable(function)
+    return shared
 
 
 class _Cache(FunctionCache):

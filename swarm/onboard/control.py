@@ -14,11 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.arrays import Bools, Floats
-from estimators.filter.error_state import log_into
 from estimators.kernel import kernel
 from estimators.relative_orbit import RelativeOrbit
 from estimators.relative_orbit import acceleration as orbital_acceleration
-from estimators.rotation import multiply_into
+from estimators.rotation import log_into, multiply_into
 from estimators.state import Reference, State
 from swarm.messages import Command
 
@@ -47,8 +46,26 @@ def command(
     orbit: the lighthouse's, in which the actuators need only do what gravity does not. firm: of the places, where not
     every craft has the usual one.
     """
-    out = Command(*np.zeros((2, len(reference.position), 3)))
-    _command_into(*reference, *_contiguous(state), *(firm or feedback(len(reference.position))), *out)
+    count = len(reference.position)
+    out, gains, believed = Command(*np.zeros((2, count, 3))), firm or feedback(count), _contiguous(state)
+    _command_into(
+        reference.position,
+        reference.velocity,
+        reference.acceleration,
+        reference.rotation,
+        reference.angular_rate,
+        reference.angular_acceleration,
+        reference.holds_position,
+        reference.holds_attitude,
+        believed.rotation,
+        believed.angular_rate,
+        believed.position,
+        believed.velocity,
+        gains.stiffness,
+        gains.damping,
+        out.acceleration,
+        out.angular_acceleration,
+    )
     return out if orbit is None else without_gravity(out, reference.holds_position, state, orbit)
 
 
@@ -79,7 +96,12 @@ def wrench(order: Command, reference: Reference, state: State, mass: Floats, ine
 
 
 def _contiguous(state: State) -> State:
-    return State(*(np.ascontiguousarray(part, dtype=np.float64) for part in state))
+    return State(
+        rotation=np.ascontiguousarray(state.rotation, dtype=np.float64),
+        position=np.ascontiguousarray(state.position, dtype=np.float64),
+        velocity=np.ascontiguousarray(state.velocity, dtype=np.float64),
+        angular_rate=np.ascontiguousarray(state.angular_rate, dtype=np.float64),
+    )
 
 
 @kernel

@@ -27,7 +27,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
-from estimators.lighthouse.sweep import FanErrors, kernel_errors
+from estimators.lighthouse.sweep import FanErrors, kernel_fans, lighthouse_1
 from swarm.hardware import Photodiodes
 from swarm.messages import SYNC_WIDTH_S, SYNC_WIDTH_STEP_S, Pulses
 from swarm.sensors.crossing import cross_into, pack_into
@@ -138,7 +138,7 @@ class Lighthouse:
         if len(set(self._keys)) != layout.craft_count:
             raise ValueError(f"{layout.craft_count} different craft keys needed, not {self._keys}")
         self._count = layout.present.sum(axis=1)
-        self._errors = kernel_errors((settings.fan_x, settings.fan_y))
+        self._fans = kernel_fans(lighthouse_1(settings.fan_x, settings.fan_y))
         point = layout.point_m.copy()
         offset = np.empty(layout.craft_count)
         for i, key in enumerate(self._keys):
@@ -178,7 +178,7 @@ class Lighthouse:
             true.normal,
             lit,
             angle_error,
-            self._errors,
+            self._fans,
             turn_s,
             settings.photodiode_diameter_m,
             instant,

@@ -13,7 +13,7 @@ import numpy as np
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats
 from estimators.lighthouse.pnp import PoseSolution, refine
-from estimators.lighthouse.sweep import FanErrors, FanPair, kernel_errors
+from estimators.lighthouse.sweep import FanErrors, FanPair, kernel_fans, lighthouse_1
 from swarm.flight import builders
 from swarm.hardware import Photodiodes
 from swarm.messages import SYNC_WIDTH_S, SYNC_WIDTH_STEP_S, Pulses
@@ -198,7 +198,7 @@ class Bench:
             np.broadcast_to(self.layout.normal, point_m.shape).copy(),
             both,
             error_rad,
-            kernel_errors(fans),
+            kernel_fans(lighthouse_1(*fans)),
             self.period_s,
             self.settings.photodiode_diameter_m,
             instant,
