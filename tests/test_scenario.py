@@ -18,8 +18,9 @@ from swarm.assets import scenarios
 from swarm.errors import SwarmError
 from swarm.flight import builders
 from swarm.scenario import Scenario, load, to_toml
-from swarm.scenario.mistakes import split_unit, tables_of
+from swarm.scenario.mistakes import tables_of
 from swarm.scenario.motions import Table
+from swarm.units import written_unit
 from swarm.world.motion import fleet as motion
 
 ROOT = Path(__file__).parent.parent
@@ -360,7 +361,7 @@ def test_every_key_has_a_meaning_a_unit_and_limits() -> None:
         assert field.description, where
         numbers = [a for a in (field.annotation, *get_args(field.annotation)) if a in (int, float)]
         if float in numbers:
-            assert split_unit(key)[1] or key in DIMENSIONLESS or key.endswith("_probability"), where
+            assert written_unit(key) or key in DIMENSIONLESS or key.endswith("_probability"), where
         if numbers:
             kinds = {type(limit) for limit in field.metadata}
             assert kinds & {Ge, Gt}, where
