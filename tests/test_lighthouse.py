@@ -359,7 +359,7 @@ def test_faults_happen_as_often_as_asked() -> None:
             assert set(seen) <= {0, 6}
             flashes.append(seen)
         total = sum(not is_flash(w) for pulses_of in exact for _, _, w in pulses_of)
-        strays += int(lighthouse._drawn(f)[0].strays[f % BLOCK].sum())
+        strays += int(lighthouse._draws.at(f)[0].strays[f % BLOCK].sum())
         sweeps += total
     sweeps -= strays
     missed = np.array(flashes) == 0

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.arrays import Bools, Floats
+from swarm import random
 from swarm.flight import builders
 from swarm.flight.dynamics import Dynamics
 from swarm.flight.scene import scene
@@ -53,7 +54,7 @@ class Flight:
         self.visibility = Visibility(
             self.world.model, layout, self.world.craft_bodies, self.world.lighthouse_body, settings
         )
-        self.lighthouse = Lighthouse(layout, settings, scenario.seed, builders.craft_keys(scenario))
+        self.lighthouse = Lighthouse(layout, settings, scenario.seed, random.keys(scenario.craft_names))
         self.faults = builders.faults(scenario, self.world, self.lighthouse, self.visibility)
         self.decoder = builders.decoder(scenario, layout.present)
         cameras = builders.cameras(scenario, self.world, self.dynamics.motions.at(0.0))

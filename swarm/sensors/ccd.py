@@ -18,20 +18,19 @@ and the frame alone.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from estimators.arrays import Bools, Floats
 from estimators.rotation import exp, matrix_from_quaternion
+from swarm import random
 from swarm.hardware import Cameras, Lights
 from swarm.messages import LightImages
+from swarm.random import Blocks, Purpose
 
 BLOCK = 64
 """Frames whose random numbers are drawn at once."""
-_CCD = 0x434344
-"""First number of all spawn keys here, so that no other room's stream has the same."""
 
 
 class Outage(NamedTuple):
@@ -91,15 +90,6 @@ class Motion(Protocol):
     def quaternion(self) -> Floats: ...  # noqa: D102
 
 
-class Purpose(IntEnum):
-    """What a random stream is for: the second number of its spawn key."""
-
-    MOUNTING = 0
-    IMAGE = 1
-    LOST = 2
-    OUTAGE = 3
-
-
 class Ccd:
     """All pairs of cameras of a scenario: `expose` gives what they see in one period."""
 
@@ -109,25 +99,24 @@ class Ccd:
         self._most = max((len(pair.lights.point_m) for pair in self._pairs), default=0)
         self.mounted = tuple(self._mounted(pair) for pair in self._pairs)
         self._outages = tuple((*pair.outages, *self._random_outages(pair, duration_s)) for pair in self._pairs)
-        self._block = -1
-        self._draws: list[tuple[Floats, Bools]] = []
+        self._draws = Blocks(BLOCK, self._draw)
 
     def expose(self, truth: Motion, frame: int) -> LightImages:
         """The images of period `frame`, taken at its epoch."""
         epoch = len(truth.time_s) // 2
         time_s, position, quaternion = float(truth.time_s[epoch]), truth.position[epoch], truth.quaternion[epoch]
         rotation = matrix_from_quaternion(quaternion)
-        self._draw(frame // BLOCK)
+        draws, place = self._draws.at(frame)
         image = np.full((len(self._pairs), 2, self._most, 2), np.nan)
         seen = np.zeros(image.shape[:-1], dtype=np.bool_)
         for p, pair in enumerate(self._pairs):
             light = pair.lights.point_m @ rotation[pair.target].T + position[pair.target]
             shine = pair.lights.normal @ rotation[pair.target].T
-            noise, lost = self._draws[p]
+            noise, lost = draws[p]
             main = rotation[pair.craft] @ self.mounted[p].position_m[0] + position[pair.craft]
             range_m = float(np.linalg.norm(light.mean(axis=0) - main))
             for camera in range(2):
-                if lost[frame % BLOCK, camera] or self._dark(p, camera, time_s, range_m):
+                if lost[place, camera] or self._dark(p, camera, time_s, range_m):
                     continue
                 pinhole = rotation[pair.craft] @ self.mounted[p].position_m[camera] + position[pair.craft]
                 axes = rotation[pair.craft] @ self.mounted[p].rotation[camera]
@@ -136,7 +125,7 @@ class Ccd:
                 if visible.any():
                     visible[visible] = ~self._line.blocked(pinhole, light[visible], position, quaternion)
                 x = pair.focal_length_m * r[visible, :2] / r[visible, 2:]
-                x += pair.image_noise_m * noise[frame % BLOCK, camera, : len(light)][visible]
+                x += pair.image_noise_m * noise[place, camera, : len(light)][visible]
                 if pair.resolution_m > 0:
                     x = pair.resolution_m * np.rint(x / pair.resolution_m)
                 at = np.flatnonzero(visible)
@@ -151,7 +140,7 @@ class Ccd:
 
     def _mounted(self, pair: CcdSettings) -> Cameras:
         """Where the cameras really are."""
-        draw = self._stream(Purpose.MOUNTING, pair.key).standard_normal((2, 2, 3))
+        draw = random.stream(self._seed, Purpose.CAMERA_MOUNTING, pair.key).standard_normal((2, 2, 3))
         turned = pair.cameras.rotation @ exp(pair.mounting_error_rad * draw[:, 0])
         return Cameras(turned, pair.cameras.position_m + pair.mounting_error_m * draw[:, 1])
 
@@ -162,23 +151,20 @@ class Ccd:
             return found
         between_s, length_s = pair.random_outage
         for camera in range(2):
-            stream, at = self._stream(Purpose.OUTAGE, pair.key, camera), 0.0
+            stream, at = random.stream(self._seed, Purpose.CAMERA_OUTAGE, pair.key, camera), 0.0
             while (at := at + stream.exponential(between_s)) < duration_s:
                 found.append(Outage(camera, at, at := at + stream.exponential(length_s)))
         return found
 
-    def _stream(self, purpose: Purpose, *key: int) -> np.random.Generator:
-        return np.random.default_rng(np.random.SeedSequence(self._seed, spawn_key=(_CCD, purpose, *key)))
-
-    def _draw(self, block: int) -> None:
-        """The noise (BLOCK, 2, L, 2) and lost images (BLOCK, 2) of every pair, for this block of frames."""
-        if block != self._block:
-            self._block, self._draws = block, []
-            for pair in self._pairs:
-                shape = (BLOCK, 2, len(pair.lights.point_m), 2)
-                chance = self._stream(Purpose.LOST, pair.key, block).random((BLOCK, 2))
-                noise = self._stream(Purpose.IMAGE, pair.key, block).standard_normal(shape)
-                self._draws.append((noise, chance < pair.lost_image_probability))
+    def _draw(self, block: int) -> list[tuple[Floats, Bools]]:
+        """Draw the noise (BLOCK, 2, L, 2) and the lost images (BLOCK, 2) of every pair, for one block of frames."""
+        out = []
+        for pair in self._pairs:
+            shape = (BLOCK, 2, len(pair.lights.point_m), 2)
+            chance = random.stream(self._seed, Purpose.LOST_IMAGE, pair.key, block).random((BLOCK, 2))
+            noise = random.stream(self._seed, Purpose.IMAGE, pair.key, block).standard_normal(shape)
+            out.append((noise, chance < pair.lost_image_probability))
+        return out
 
 
 def _in_field(r: Floats, pair: CcdSettings) -> Bools:

@@ -23,11 +23,11 @@ import numpy as np
 
 from estimators.arrays import Floats, Ints
 from estimators.rotation import exp, log, matrix_from_quaternion, quaternion_from_matrix
+from swarm import random
 from swarm.messages import LidarPattern, LidarScan
+from swarm.random import Purpose
 from swarm.world.world import PeriodTruth
 
-PURPOSE = 0x6C69646172
-"""Spawn key of the LiDAR's random numbers: "lidar"."""
 STEEPNESS = 8
 """Half of the returns are lost at 0.92 of a limit."""
 
@@ -162,8 +162,7 @@ class Lidar:
         body = matrix_from_quaternion(quaternion[where.craft])
         origin = position[where.craft] + body @ where.position
         meant = self._direction[rays]
-        key = (PURPOSE, self._keys[mount], self._scan, rays.start)
-        rng = np.random.default_rng(np.random.SeedSequence(self._seed, spawn_key=key))
+        rng = random.stream(self._seed, Purpose.LIDAR, self._keys[mount], self._scan, rays.start)
         bent = meant + s.jitter_rad * rng.standard_normal(meant.shape)
         bent /= np.linalg.norm(bent, axis=1, keepdims=True)
         noise, luck = rng.standard_normal(len(meant)), rng.random(len(meant))

@@ -21,15 +21,16 @@ Light's travel time (67 ns at 20 m) is left out: it delays flash and sweep alike
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.lighthouse.sweep import FanErrors, kernel_errors
+from swarm import random
 from swarm.hardware import Photodiodes
 from swarm.messages import SYNC_WIDTH_S, SYNC_WIDTH_STEP_S, Pulses
+from swarm.random import Blocks, Purpose
 from swarm.sensors.crossing import cross_into, pack_into
 
 BLOCK = 64
@@ -87,23 +88,6 @@ class Rotor(NamedTuple):
     phase_s: float = 0.0
 
 
-class Purpose(IntEnum):
-    """What a random stream is for: the second number of its spawn key."""
-
-    MOUNTING = 0
-    CLOCK = 1
-    ROTOR = 2
-    SYNC = 3
-    ANGLE = 4
-    MISSED = 5
-    LOST = 6
-    STRAY = 7
-
-
-_LIGHTHOUSE = 0x4C48
-"""First number of all spawn keys here, so that no other room's stream has the same."""
-
-
 class _Draws(NamedTuple):
     """Random numbers of one block of B frames; angles are standard normal, strays uniform in [0, 1)."""
 
@@ -143,14 +127,13 @@ class Lighthouse:
         offset = np.empty(layout.craft_count)
         for i, key in enumerate(self._keys):
             mounted = seed if settings.mounting_seed is None else settings.mounting_seed
-            mounting = self._stream(Purpose.MOUNTING, key, seed=mounted).standard_normal((self._count[i], 3))
+            mounting = random.stream(mounted, Purpose.MOUNTING, key).standard_normal((self._count[i], 3))
             point[i, layout.present[i]] += settings.mounting_error_m * mounting
             # Up to 20 min of ticks, and never so few that a jitter in frame 0 makes them negative.
             offset[i] = self._stream(Purpose.CLOCK, key).uniform(1e6, 1e6 + 1200.0 / settings.tick_s)
         self.photodiodes = layout._replace(point_m=point)
         self.clock_offset_tick = offset
-        self._block = -1
-        self._draws: _Draws | None = None
+        self._draws = Blocks(BLOCK, self._draw)
 
     def sweep(self, truth: Motion, frame: int, lit: Bools, rotor: Rotor | None = None) -> Pulses:
         """Pulses of the period `frame` with motion `truth`; `lit` (C, K, 2): in line of sight as fan X, Y sweeps.
@@ -163,7 +146,7 @@ class Lighthouse:
             raise ValueError(f"lit must have shape {shape}, not {lit.shape}")
         if truth.position.shape[1:] != (true.craft_count, 3) or truth.quaternion.shape[1:] != (true.craft_count, 4):
             raise ValueError(f"motion of {true.craft_count} craft needed, not {truth.position.shape}")
-        draws, i = self._drawn(frame)
+        draws, i = self._draws.at(frame)
         period, turn = 1 / settings.rate_hz, rotor or Rotor()
         turn_s = period / turn.speed
         rho, noise = settings.rotor_correlation, settings.angle_noise_rad
@@ -218,16 +201,8 @@ class Lighthouse:
         photodiode, rise, wide, total = pulses
         return Pulses(photodiode[:, :used], rise[:, :used], wide[:, :used], total)
 
-    def _stream(self, purpose: Purpose, *key: int, seed: int | None = None) -> np.random.Generator:
-        seed = self._seed if seed is None else seed
-        return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_LIGHTHOUSE, purpose, *key)))
-
-    def _drawn(self, frame: int) -> tuple[_Draws, int]:
-        """The block of random numbers that `frame` is in, and its place there."""
-        block, place = divmod(frame, BLOCK)
-        if self._draws is None or block != self._block:
-            self._block, self._draws = block, self._draw(block)
-        return self._draws, place
+    def _stream(self, purpose: Purpose, *numbers: int) -> np.random.Generator:
+        return random.stream(self._seed, purpose, *numbers)
 
     def _draw(self, block: int) -> _Draws:
         settings, present = self.settings, self.photodiodes.present
@@ -243,13 +218,13 @@ class Lighthouse:
             which = slice(own[1]) if present[i, : own[1]].all() else present[i]
             angle[:, i, which] = self._stream(Purpose.ANGLE, key, block).standard_normal(own)
             if settings.missed_sync_probability > 0:
-                chance = self._stream(Purpose.MISSED, key, block).random((BLOCK, 2))
+                chance = self._stream(Purpose.MISSED_SYNC, key, block).random((BLOCK, 2))
                 missed[:, i] = chance < settings.missed_sync_probability
             if settings.lost_pulse_probability > 0:
-                chance = self._stream(Purpose.LOST, key, block).random(own)
+                chance = self._stream(Purpose.LOST_PULSE, key, block).random(own)
                 lost[:, i, present[i]] = chance < settings.lost_pulse_probability
             if settings.stray_pulse_rate_hz > 0 and self._count[i] > 0:
-                stream = self._stream(Purpose.STRAY, key, block)
+                stream = self._stream(Purpose.STRAY_PULSE, key, block)
                 strays[:, i] = stream.poisson(settings.stray_pulse_rate_hz / settings.rate_hz, BLOCK)
                 stray.append((i, stream.random((BLOCK, int(strays[:, i].max()), 3))))
         padded = np.zeros((BLOCK, craft, int(strays.max(initial=0)), 3))

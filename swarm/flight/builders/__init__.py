@@ -4,7 +4,7 @@ Everything that a scenario alone cannot show is wrong, a craft inside another on
 found here, before anything is written.
 """
 
-from swarm.flight.builders.cameras import cameras, craft_keys
+from swarm.flight.builders.cameras import cameras
 from swarm.flight.builders.craft import fleet, photodiodes, pushes, start, steers_by_estimate, world
 from swarm.flight.builders.dynamics import actuators, orbit
 from swarm.flight.builders.faults import check_faults, faults
@@ -22,7 +22,6 @@ __all__ = [
     "believed_layout",
     "cameras",
     "check",
-    "craft_keys",
     "decoder",
     "faults",
     "fleet",

@@ -2,21 +2,15 @@
 
 import math
 from math import radians, sqrt
-from zlib import crc32
 
 from estimators.state import Reference
 from estimators.stereo.closed_form import FEWEST_COMMON
-from swarm import scenario
+from swarm import random, scenario
 from swarm.errors import SwarmError
 from swarm.onboard.ccd import CcdCalibration
 from swarm.scenario import Ccd, Scenario
 from swarm.sensors.ccd import CcdSettings, Outage
 from swarm.world.world import World
-
-
-def craft_keys(settings: Scenario) -> list[int]:
-    """A number per craft that follows from its name: it keeps its random draws when other craft come or go."""
-    return [crc32(name.encode()) for name in settings.craft_names]
 
 
 def cameras(settings: Scenario, world: World, station: Reference) -> list[tuple[CcdSettings, CcdCalibration]]:
@@ -26,7 +20,7 @@ def cameras(settings: Scenario, world: World, station: Reference) -> list[tuple[
     """
     craft, names = scenario.craft(settings), list(settings.craft_names)
     found = []
-    for i, (c, key) in enumerate(zip(craft, craft_keys(settings), strict=True)):
+    for i, (c, key) in enumerate(zip(craft, random.keys(names), strict=True)):
         if c.ccd is None:
             continue
         target = names.index(c.ccd.target)

@@ -13,13 +13,13 @@ from estimators import rotation as rot
 from estimators.arrays import Bools
 from estimators.rotation import matrix_from_quaternion
 from estimators.state import Vector
-from swarm import scenario
+from swarm import random, scenario
 from swarm.assets import find_model
 from swarm.errors import SwarmError
-from swarm.flight.builders.cameras import craft_keys
 from swarm.flight.builders.dynamics import orbit
 from swarm.flight.builders.guidance import beginning, facing_port, matings
 from swarm.hardware import Photodiodes
+from swarm.random import Purpose
 from swarm.scenario import Craft, Scenario
 from swarm.scenario.text import toml_value
 from swarm.world.motion import fleet as motion
@@ -27,8 +27,6 @@ from swarm.world.motion.disturbance import Pushes
 from swarm.world.motion.fleet import Fleet, Start, Task
 from swarm.world.world import CraftStart, World
 
-START_PURPOSE = 0x7374617274
-"""Spawn key of the random numbers of the scatter: "start"."""
 _START_KEYS = {
     "ring": "radius_m",
     "waypoints": "points_m",
@@ -83,8 +81,8 @@ def start(settings: Scenario, motions: Fleet) -> Start:
     ).reshape(-1, 4, 1)
     if not sigma.any():
         return first
-    streams = (np.random.SeedSequence(settings.seed, spawn_key=(START_PURPOSE, key)) for key in craft_keys(settings))
-    draws = [np.random.default_rng(stream).standard_normal((4, 3)) for stream in streams]
+    streams = [random.stream(settings.seed, Purpose.START, key) for key in random.keys(settings.craft_names)]
+    draws = [stream.standard_normal((4, 3)) for stream in streams]
     off = sigma * np.array(draws)
     turned = rot.exp(off[:, 2]) @ matrix_from_quaternion(first.quaternion)
     return Start(
@@ -136,7 +134,7 @@ def pushes(settings: Scenario) -> Pushes:
     """What pushes the craft beside their control."""
     tables = [c.disturbance for c in scenario.craft(settings)]
     sigma = np.array([(t.acceleration_m_s2, radians(t.angular_acceleration_deg_s2)) for t in tables], dtype=np.float64)
-    return Pushes(sigma, craft_keys(settings), settings.seed)
+    return Pushes(sigma, random.keys(settings.craft_names), settings.seed)
 
 
 def _motion(craft: Craft, settings: Scenario) -> motion.AnyMotion:

@@ -3,9 +3,8 @@
 from math import radians
 
 from estimators.relative_orbit import RelativeOrbit, circular
-from swarm import scenario
+from swarm import random, scenario
 from swarm.flight.actuators import Actuators
-from swarm.flight.builders.cameras import craft_keys
 from swarm.onboard.actuation.hardware import Fitted
 from swarm.scenario import Scenario
 from swarm.world.world import World
@@ -20,7 +19,7 @@ def orbit(settings: Scenario) -> RelativeOrbit | None:
 def actuators(settings: Scenario, world: World) -> Actuators:
     """The thrusters and wheels of every craft."""
     fitted = []
-    for i, (craft, key) in enumerate(zip(scenario.craft(settings), craft_keys(settings), strict=True)):
+    for i, (craft, key) in enumerate(zip(scenario.craft(settings), random.keys(settings.craft_names), strict=True)):
         table, thrusters, wheels = craft.actuation, world.thrusters[i], world.wheels[i]
         if table.ideal:
             thrusters, wheels = thrusters.none(), wheels.none()

@@ -1,7 +1,7 @@
 """From a scenario's `[[fault]]` tables to what goes wrong in its run."""
 
+from swarm import random
 from swarm.errors import SwarmError
-from swarm.flight.builders.cameras import craft_keys
 from swarm.flight.faults.injection import Faults
 from swarm.scenario import Scenario
 from swarm.scenario.faults import OfCraft, PhotodiodeDead, PhotodiodeStuck, ThrusterStuck
@@ -15,7 +15,7 @@ def faults(settings: Scenario, world: World, lighthouse: Lighthouse, visibility:
     if not settings.fault:
         return None
     check_faults(settings, world)
-    keys, flown = craft_keys(settings), (settings.seed, settings.duration_s)
+    keys, flown = random.keys(settings.craft_names), (settings.seed, settings.duration_s)
     return Faults(settings.fault, settings.craft_names, keys, *flown, lighthouse, visibility)
 
 

@@ -2,9 +2,8 @@
 
 from math import radians
 
-from swarm import scenario
+from swarm import random, scenario
 from swarm.errors import SwarmError
-from swarm.flight.builders.cameras import craft_keys
 from swarm.onboard.inspection import Inspection, InspectionSettings, Observer
 from swarm.scenario import Lidar as LidarTable
 from swarm.scenario import Scenario
@@ -19,7 +18,7 @@ def lidars(settings: Scenario, world: World) -> list[Lidar]:
     Raises SwarmError, naming scenario, key and value, where a model has no place for one.
     """
     found = []
-    for i, (c, key) in enumerate(zip(scenario.craft(settings), craft_keys(settings), strict=True)):
+    for i, (c, key) in enumerate(zip(scenario.craft(settings), random.keys(settings.craft_names), strict=True)):
         if c.lidar is None:
             continue
         where = world.lidars[i]

@@ -18,8 +18,10 @@ import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.lighthouse.sweep import measured_theta, time_from_theta
-from swarm.flight.faults.schedule import PURPOSE, Schedule, Window, speed_swing
+from swarm import random
+from swarm.flight.faults.schedule import Schedule, Window, speed_swing
 from swarm.messages import Pulses
+from swarm.random import Blocks, Purpose
 from swarm.scenario.faults import (
     AnyFault,
     CraftLost,
@@ -71,6 +73,7 @@ class Faults:
         self._lighthouse, self._visibility = lighthouse, visibility
         self._frame, self._now = 0, list[Window]()
         self._registers: dict[tuple[int, int, int, int], Register] = {}
+        self._draws: dict[tuple[int, int], Blocks[Floats]] = {}
 
     def begin(self, frame: int) -> None:
         """Turn to period `frame`."""
@@ -191,8 +194,13 @@ class Faults:
 
     def _draw(self, window: Window, shape: tuple[int, ...]) -> Floats:
         """Uniform random numbers of this period, a stream per fault and craft."""
-        block, place = divmod(self._frame, BLOCK)
-        key = (PURPOSE, window.number, self._keys[window.craft], block)
-        stream = np.random.default_rng(np.random.SeedSequence(self._seed, spawn_key=key))
-        out: Floats = stream.random((BLOCK, *shape))[place]
+        own = (window.number, self._keys[window.craft])
+        if own not in self._draws:
+
+            def draw(block: int) -> Floats:
+                return random.stream(self._seed, Purpose.FAULT, *own, block).random((BLOCK, *shape))
+
+            self._draws[own] = Blocks(BLOCK, draw)
+        draws, place = self._draws[own].at(self._frame)
+        out: Floats = draws[place]
         return out

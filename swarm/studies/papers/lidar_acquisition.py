@@ -37,7 +37,7 @@ class Result(NamedTuple):
 
 def run(request: Request) -> Outcome:
     """Scan every attitude and compare."""
-    rng = np.random.default_rng(np.random.SeedSequence(request.seed))
+    rng = np.random.default_rng(request.seed)
     bench = Turntable(request.seed)
     templates = bench.templates()
     grid = np.array([(x, y, z) for z in STEPS_DEG for y in STEPS_DEG for x in STEPS_DEG])

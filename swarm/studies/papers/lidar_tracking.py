@@ -46,7 +46,7 @@ class Step(NamedTuple):
 
 def run(request: Request) -> Outcome:
     """Every track, and the comparison."""
-    rng = np.random.default_rng(np.random.SeedSequence(request.seed))
+    rng = np.random.default_rng(request.seed)
     bench = Turntable(request.seed)
     tracks, length = min(request.sizes["runs"], len(STARTS_DEG)), request.sizes["frames"]
     steps: list[Step] = []

@@ -100,7 +100,7 @@ def run(request: Request) -> Outcome:
     """Draw, solve every source alone and all together, add up."""
     draws, poses = request.sizes["draws"], request.sizes["poses"]
     bench = Bench()
-    rng = np.random.default_rng(np.random.SeedSequence(request.seed))
+    rng = np.random.default_rng(request.seed)
     sizes = random_sizes(bench)
     names = (*SOURCES, MOTION, TOGETHER)
     squares = {name: np.zeros((draws, 6)) for name in names}

@@ -73,7 +73,7 @@ def run(request: Request) -> Outcome:
     if poses_wanted < 3:
         raise SwarmError(f"--poses: {poses_wanted}: a correlation needs at least 3")
     bench = Bench()
-    rng = np.random.default_rng(np.random.SeedSequence(request.seed))
+    rng = np.random.default_rng(request.seed)
     poses: list[Pose] = []
     results: list[Result] = []
     ambiguous = 0

@@ -14,10 +14,12 @@ import numpy as np
 
 from estimators.arrays import Bools, Floats
 from estimators.lighthouse.sweep import FanPair, correct
+from swarm import random
 from swarm.flight import builders
 from swarm.flight.simulate import simulate
 from swarm.hardware import Photodiodes
 from swarm.onboard.navigation import NavigationSettings, Navigator
+from swarm.random import Purpose
 from swarm.scenario import Scenario, Wander, load
 from swarm.sensors.lighthouse import Lighthouse, LighthouseSettings
 from swarm.studies.calibration.calibrate import calibrate_survey
@@ -140,10 +142,7 @@ def halted(truth: PeriodTruth) -> PeriodTruth:
 
 def alignment(rung: Rung, scenario: Scenario, mounted: Photodiodes, known: Knowledge) -> Alignment:
     """Of a rung, from its own PnP at poses at rest: the paper's prior calibration."""
-    bench, rng = (
-        Bench(scenario.swarm.model),
-        np.random.default_rng(np.random.SeedSequence(scenario.seed, spawn_key=(0,))),
-    )
+    bench, rng = Bench(scenario.swarm.model), random.stream(scenario.seed, Purpose.ALIGNMENT)
     motion = cast(Wander, scenario.swarm.motion)
     box = Box(motion.centre_m, motion.size_m, np.radians(motion.turn_deg))
     noise, correlation = bench.settings.angle_noise_rad, bench.settings.rotor_correlation
@@ -155,9 +154,9 @@ def alignment(rung: Rung, scenario: Scenario, mounted: Photodiodes, known: Knowl
     while len(true) < ALIGNMENT_POSES:
         pose, lit = bench.random_pose(rng, box)
         points = np.repeat(mounted.point_m if rung.mounting else bench.layout.point_m, ALIGNMENT_FRAMES, axis=0)
-        random = bench.noise(ALIGNMENT_FRAMES, rng, noise, correlation)
+        error = bench.noise(ALIGNMENT_FRAMES, rng, noise, correlation)
         lit = np.repeat(lit, ALIGNMENT_FRAMES, axis=0)
-        angles = bench.angles(pose.repeat(ALIGNMENT_FRAMES), lit, random, rng, fans=fans, point_m=points)
+        angles = bench.angles(pose.repeat(ALIGNMENT_FRAMES), lit, error, rng, fans=fans, point_m=points)
         if rung.calibrated:
             angles = angles._replace(theta=correct(angles.theta, known.fans))
         first = bench.first_pose(angles, noise, believed)

@@ -9,10 +9,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from estimators.arrays import Bools, Floats
+from swarm import random
+from swarm.random import Blocks, Purpose
 from swarm.world.motion.fleet import Disturbance
 
-PURPOSE = 0x70757368
-"""Spawn key of the random numbers: "push"."""
 BLOCK = 256
 """Lighthouse periods per block of random draws."""
 
@@ -23,7 +23,7 @@ class Pushes:
     def __init__(self, sigma: Floats, keys: Sequence[int], seed: int) -> None:
         """sigma: (C, 2), 1 sigma per axis of acceleration [m/s^2] and angular acceleration [rad/s^2]."""
         self._sigma, self._keys, self._seed = sigma.reshape(-1, 2, 1), list(keys), seed
-        self._block, self._draws = -1, np.zeros((BLOCK, len(self._keys), 2, 3))
+        self._draws = Blocks(BLOCK, self._draw)
 
     @property
     def pushed(self) -> Bools:
@@ -33,11 +33,14 @@ class Pushes:
 
     def at(self, frame: int) -> Disturbance:
         """The accelerations in lighthouse period `frame`."""
-        if frame // BLOCK != self._block:
-            self._block = frame // BLOCK
-            for craft in np.flatnonzero(self.pushed):
-                key = (PURPOSE, self._keys[craft], self._block)
-                stream = np.random.default_rng(np.random.SeedSequence(self._seed, spawn_key=key))
-                self._draws[:, craft] = stream.standard_normal((BLOCK, 2, 3))
-        push = self._sigma * self._draws[frame % BLOCK]
+        draws, place = self._draws.at(frame)
+        push = self._sigma * draws[place]
         return Disturbance(push[:, 0], push[:, 1])
+
+    def _draw(self, block: int) -> Floats:
+        """Draw (BLOCK, C, 2, 3) standard normal numbers."""
+        out = np.zeros((BLOCK, len(self._keys), 2, 3))
+        for craft in np.flatnonzero(self.pushed):
+            stream = random.stream(self._seed, Purpose.PUSH, self._keys[craft], block)
+            out[:, craft] = stream.standard_normal((BLOCK, 2, 3))
+        return out

@@ -20,12 +20,12 @@ from estimators.arrays import Bools, Floats
 from estimators.kernel import kernel
 from estimators.rotation import multiply_into
 from estimators.state import Motion, Reference, Steered, Vector
+from swarm import random
 from swarm.errors import SwarmError
+from swarm.random import Blocks, Purpose
 from swarm.world.motion import paths, wander
 from swarm.world.motion.pointing import facing
 
-DRIFT_PURPOSE = 0x6472696674
-"""Spawn key of the drift's random numbers: "drift"."""
 FILL = 1.2207440846057596
 """The real root of g^4 = g + 1."""
 LEAST_OFF_AXIS_M = 1e-6
@@ -172,10 +172,7 @@ class Fleet:
         motions = [task.motion for task in tasks]
         attitude = [motion.attitude for motion in motions]
         # A craft's draws go by its number: no other craft changes them.
-        rngs = [
-            np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(wander.PURPOSE, i)))
-            for i in range(len(tasks))
-        ]
+        rngs = [random.stream(seed, Purpose.WANDER, i) for i in range(len(tasks))]
         every = [_path(task, rng) for task, rng in zip(tasks, rngs, strict=True)]
         self._turns = {
             i: _turn(m, rng) for i, (m, rng) in enumerate(zip(motions, rngs, strict=True)) if isinstance(m, Wander)
@@ -200,8 +197,7 @@ class Fleet:
         ).reshape(-1, 2, 1)
         self.pushed: Bools = np.asarray(self._sigma.any(axis=(1, 2)))
         """(C,): the craft that `disturbance` pushes."""
-        drifting = np.flatnonzero(self.pushed)
-        self._seed, self._block, self._draws = seed, -1, np.zeros((BLOCK, len(drifting), 2, 3))
+        self._seed, self._draws = seed, Blocks(BLOCK, self._draw)
         for place in self._paths_at(0.0).position[self._facing]:
             if np.hypot(place[0], place[2]) < LEAST_OFF_AXIS_M:
                 raise SwarmError(
@@ -238,15 +234,16 @@ class Fleet:
         White and normal, drawn per craft from the seed alone: no other craft and no order of calls changes a draw.
         """
         drifting = np.flatnonzero(self.pushed)
-        if frame // BLOCK != self._block:
-            self._block = frame // BLOCK
-            for place, craft in enumerate(drifting):
-                key = (DRIFT_PURPOSE, int(craft), self._block)
-                generator = np.random.default_rng(np.random.SeedSequence(self._seed, spawn_key=key))
-                self._draws[:, place] = generator.standard_normal((BLOCK, 2, 3))
+        draws, place = self._draws.at(frame)
         push = np.zeros((len(self.pushed), 2, 3))
-        push[drifting] = self._sigma[drifting] * self._draws[frame % BLOCK]
+        push[drifting] = self._sigma[drifting] * draws[place]
         return Disturbance(push[:, 0], push[:, 1])
+
+    def _draw(self, block: int) -> Floats:
+        """Draw (BLOCK, D, 2, 3) standard normal numbers for the craft that drift."""
+        streams = [random.stream(self._seed, Purpose.DRIFT, int(craft), block) for craft in np.flatnonzero(self.pushed)]
+        draws = [stream.standard_normal((BLOCK, 2, 3)) for stream in streams]
+        return np.stack(draws, axis=1) if draws else np.zeros((BLOCK, 0, 2, 3))
 
     def _paths_at(self, time_s: float) -> Motion:
         if len(self._paths) == 1:

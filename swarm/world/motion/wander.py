@@ -25,8 +25,6 @@ from estimators import rotation as rot
 from estimators.arrays import Floats
 from swarm.errors import SwarmError
 
-PURPOSE = 0x77616E646572
-"""First spawn key of the random numbers: "wander"."""
 TONES = 8
 LOWEST = 1e-9
 """Lowest frequency over the bandwidth that is looked for: a period of years, which no bound needs."""
