@@ -20,7 +20,7 @@ from swarm.flight import builders
 from swarm.scenario import Scenario, load, to_toml
 from swarm.scenario.mistakes import tables_of
 from swarm.scenario.motions import Table
-from swarm.units import written_unit
+from swarm.units import si, written_unit
 from swarm.world.motion import fleet as motion
 
 ROOT = Path(__file__).parent.parent
@@ -397,7 +397,7 @@ def test_settings_are_si() -> None:
             "lighthouse.rate_hz=50",
         ],
     )
-    station = builders.lighthouse(settings)
+    station = si(settings.lighthouse)
     assert station.angle_noise_rad == pytest.approx(4.266e-5, rel=1e-4)  # 8.8", as source 1's note has it
     assert station.field_rad == pytest.approx(2 * math.pi / 3, rel=1e-15)
     assert station.incidence_max_rad == pytest.approx(1.3962634, rel=1e-7)

@@ -47,14 +47,14 @@ class Flight:
 
     def __init__(self, scenario: Scenario) -> None:
         """Build everything. Raises SwarmError where the scenario cannot fly."""
-        settings = builders.lighthouse(scenario)
+        station = scenario.lighthouse
         self.dynamics = Dynamics(scenario)
         self.world = self.dynamics.world
         layout = builders.photodiodes(scenario, self.world)
         self.visibility = Visibility(
-            self.world.model, layout, self.world.craft_bodies, self.world.lighthouse_body, settings
+            self.world.model, layout, self.world.craft_bodies, self.world.lighthouse_body, station
         )
-        self.lighthouse = Lighthouse(layout, settings, scenario.seed, random.keys(scenario.craft_names))
+        self.lighthouse = Lighthouse(layout, station, scenario.seed, random.keys(scenario.craft_names))
         self.faults = builders.faults(scenario, self.world, self.lighthouse, self.visibility)
         self.decoder = builders.decoder(scenario, layout.present)
         cameras = builders.cameras(scenario, self.world, self.dynamics.motions.at(0.0))
@@ -71,7 +71,7 @@ class Flight:
         self.angles: SweepAngles | None = None
         self.scans: list[LidarFix] = []
         self.extra: Floats | None = None
-        self.period_s = 1 / settings.rate_hz
+        self.period_s = 1 / station.rate_hz
         fault = [] if self.faults is None else [integrity_columns.fault_column(self.faults.schedule.names)]
         limits = scenario.navigation.integrity
         watched = bool(fault) or limits.alert_position_mm is not None or limits.alert_attitude_deg is not None

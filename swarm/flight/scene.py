@@ -8,7 +8,7 @@ from swarm.onboard.inspection import Inspection
 from swarm.results.columns.extra import Extra
 from swarm.results.recording.scene import CcdScene, Scene
 from swarm.scenario import Scenario
-from swarm.sensors.ccd import CcdSettings
+from swarm.sensors.ccd import Pair
 from swarm.world.craft import visuals
 from swarm.world.world import World
 
@@ -17,7 +17,7 @@ def scene(
     scenario: Scenario,
     world: World,
     layout: Photodiodes,
-    pairs: Sequence[CcdSettings],
+    pairs: Sequence[Pair],
     inspection: Inspection | None,
     extra: Sequence[Extra],
 ) -> Scene:
@@ -36,7 +36,7 @@ def scene(
                 pair.cameras.position_m,
                 pair.cameras.rotation,
                 pair.lights.point_m,
-                pair.field_rad,
+                pair.settings.field_rad,
             )
             for pair in pairs
         ],

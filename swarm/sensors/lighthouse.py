@@ -20,49 +20,24 @@ Light's travel time (67 ns at 20 m) is left out: it delays flash and sweep alike
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
-from estimators.lighthouse.sweep import FanErrors, kernel_errors
+from estimators.lighthouse.sweep import FanErrors, FanPair, kernel_errors
 from swarm import random
 from swarm.hardware import Photodiodes
 from swarm.messages import SYNC_WIDTH_S, SYNC_WIDTH_STEP_S, Pulses
 from swarm.random import Blocks, Purpose
+from swarm.scenario import Lighthouse as Station
 from swarm.sensors.crossing import cross_into, pack_into
+from swarm.units import si
 
 BLOCK = 64
 """Frames whose random numbers are drawn at once."""
 STRAY_WIDTH_MAX_S = SYNC_WIDTH_S / 10
 """Longest stray pulse [s]."""
-
-
-@dataclass(frozen=True)
-class LighthouseSettings:
-    """The station and the photodiodes' circuit, in SI units; noise and jitter are standard deviations.
-
-    mounting_seed: draws the mounting errors; None: the run's own.
-    """
-
-    rate_hz: float
-    angle_noise_rad: float
-    rotor_correlation: float
-    sync_jitter_s: float
-    tick_s: float
-    field_rad: float
-    range_min_m: float
-    range_max_m: float
-    incidence_max_rad: float
-    photodiode_diameter_m: float
-    mounting_error_m: float
-    missed_sync_probability: float
-    lost_pulse_probability: float
-    stray_pulse_rate_hz: float
-    fan_x: FanErrors
-    fan_y: FanErrors
-    mounting_seed: int | None = None
 
 
 class Motion(Protocol):
@@ -113,16 +88,24 @@ class Lighthouse:
     """(C,) what each craft's clock shows at time zero [ticks]; a craft never learns it."""
 
     def __init__(
-        self, layout: Photodiodes, settings: LighthouseSettings, seed: int, craft_keys: Sequence[int] | None = None
+        self, layout: Photodiodes, station: Station, seed: int, craft_keys: Sequence[int] | None = None
     ) -> None:
-        """Take the drawn layout and, if craft may change places, one number >= 0 per craft that names it for good."""
-        self.settings = settings
+        """Prepare the draws.
+
+        Args:
+            layout: The photodiodes as drawn.
+            station: The scenario's table.
+            seed: The run's seed.
+            craft_keys: Different numbers >= 0, one per craft, that name the craft for good, if they may change places.
+        """
+        self.settings = settings = si(station)
+        self.fans = fans(station)
         self._seed = seed
         self._keys = list(range(layout.craft_count)) if craft_keys is None else [int(key) for key in craft_keys]
         if len(set(self._keys)) != layout.craft_count:
             raise ValueError(f"{layout.craft_count} different craft keys needed, not {self._keys}")
         self._count = layout.present.sum(axis=1)
-        self._errors = kernel_errors((settings.fan_x, settings.fan_y))
+        self._errors = kernel_errors(self.fans)
         point = layout.point_m.copy()
         offset = np.empty(layout.craft_count)
         for i, key in enumerate(self._keys):
@@ -239,3 +222,8 @@ class Lighthouse:
             strays,
             padded,
         )
+
+
+def fans(station: Station) -> FanPair:
+    """Return the systematic errors of both fans, X first."""
+    return FanErrors(**station.fan_x.model_dump()), FanErrors(**station.fan_y.model_dump())

@@ -11,11 +11,10 @@ from swarm.flight.builders.faults import check_faults, faults
 from swarm.flight.builders.guidance import guidance, matings
 from swarm.flight.builders.lidars import inspection, lidars
 from swarm.flight.builders.navigation import believed_layout, navigation
-from swarm.flight.builders.station import ARCSEC, FAN_ERROR_MAX_RAD, angle_noise, decoder, lighthouse
+from swarm.flight.builders.station import FAN_ERROR_MAX_RAD, angle_noise, decoder
 from swarm.scenario import Scenario
 
 __all__ = [
-    "ARCSEC",
     "FAN_ERROR_MAX_RAD",
     "actuators",
     "angle_noise",
@@ -28,7 +27,6 @@ __all__ = [
     "guidance",
     "inspection",
     "lidars",
-    "lighthouse",
     "matings",
     "navigation",
     "orbit",

@@ -1,29 +1,28 @@
 """From a scenario's `[orbit]` and actuation tables, and the models, to the orbit and the actuators that fly."""
 
-from math import radians
-
 from estimators.relative_orbit import RelativeOrbit, circular
 from swarm import random, scenario
 from swarm.flight.actuators import Actuators
 from swarm.onboard.actuation.hardware import Fitted
 from swarm.scenario import Scenario
+from swarm.units import si
 from swarm.world.world import World
 
 
 def orbit(settings: Scenario) -> RelativeOrbit | None:
     """The lighthouse's orbit; None in weightless space."""
     table = settings.orbit
-    return None if table is None else circular(1e3 * table.altitude_km, table.boresight)
+    return None if table is None else circular(si(table).altitude_m, table.boresight)
 
 
 def actuators(settings: Scenario, world: World) -> Actuators:
     """The thrusters and wheels of every craft."""
     fitted = []
     for i, (craft, key) in enumerate(zip(scenario.craft(settings), random.keys(settings.craft_names), strict=True)):
-        table, thrusters, wheels = craft.actuation, world.thrusters[i], world.wheels[i]
+        table, thrusters, wheels = si(craft.actuation), world.thrusters[i], world.wheels[i]
         if table.ideal:
             thrusters, wheels = thrusters.none(), wheels.none()
-        errors = table.thrust_error_percent / 100, radians(table.thrust_direction_error_deg)
+        errors = table.thrust_error, table.thrust_direction_error_rad
         fitted.append(Fitted(thrusters, wheels, errors, key))
     return Actuators(
         fitted,

@@ -40,6 +40,7 @@ from swarm.sensors import pulse_faults as pulses
 from swarm.sensors.lighthouse import Lighthouse, Motion, Rotor
 from swarm.sensors.pulse_faults import Clock, Register, Row
 from swarm.sensors.visibility import Visibility
+from swarm.units import si
 
 BLOCK = 64
 """Lighthouse periods per block of random draws."""
@@ -93,7 +94,7 @@ class Faults:
         for window in self._now:
             if isinstance(window.fault, CraftLost) and window.first == self._frame:
                 out[0, window.craft] += window.fault.velocity_m_s
-                out[1, window.craft] += np.radians(window.fault.angular_rate_deg_s)
+                out[1, window.craft] += si(window.fault).angular_rate_rad_s
         return (out[0], out[1]) if out.any() else None
 
     def thrusters(self) -> list[StuckThruster]:
@@ -119,7 +120,7 @@ class Faults:
         for window in self._now:
             if isinstance(window.fault, RotorDrift):
                 time_s = (self._frame + 0.5 - window.first) / self._rate_hz
-                more, later = speed_swing(time_s, window.fault.for_s, window.fault.speed_ppm * 1e-6)
+                more, later = speed_swing(time_s, window.fault.for_s, si(window.fault).speed)
                 speed, phase_s = speed + float(more), phase_s + float(later)
         return Rotor(1 + speed, phase_s) if speed or phase_s else None
 
@@ -145,7 +146,7 @@ class Faults:
             case Ghosts():
                 draws = self._draw(window, (lit.shape[1], 2, 2))
                 struck, shift = draws[..., 0] < fault.share, 2 * draws[..., 1] - 1
-                return pulses.moved(row, clock, struck, np.radians(fault.spread_deg) * shift)
+                return pulses.moved(row, clock, struck, si(fault).spread_rad * shift)
             case PhotodiodeStuck():
                 for k in fault.photodiodes:
                     key = (window.number, window.craft, window.first, k)
@@ -172,7 +173,7 @@ class Faults:
             seen = mirror.ghosts(self._visibility, layout, craft, mirrors, settings, *pose)
             if not len(seen.photodiode):
                 continue
-            theta = measured_theta(seen.point_m, (settings.fan_x, settings.fan_y))[:, fan]
+            theta = measured_theta(seen.point_m, self._lighthouse.fans)[:, fan]
             rate_hz = self._rate_hz * rotor.speed
             instant = rotor.phase_s + fan / 2 / rate_hz + time_from_theta(theta, rate_hz)
             width = settings.photodiode_diameter_m / seen.way_m / (2 * np.pi * rate_hz)

@@ -8,7 +8,7 @@ moves within a period, and by what the craft knows: nothing, its motion, or what
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -20,12 +20,13 @@ from swarm.flight.simulate import simulate
 from swarm.hardware import Photodiodes
 from swarm.onboard.navigation import NavigationSettings, Navigator
 from swarm.random import Purpose
-from swarm.scenario import Scenario, Wander, load
-from swarm.sensors.lighthouse import Lighthouse, LighthouseSettings
+from swarm.scenario import Fan, Scenario, Wander, load
+from swarm.scenario import Lighthouse as Station
+from swarm.sensors.lighthouse import Lighthouse, fans
 from swarm.studies.calibration.calibrate import calibrate_survey
 from swarm.studies.calibration.survey import observe_run
 from swarm.studies.papers.alignment import Alignment, align
-from swarm.studies.papers.bench import PERFECT, Bench, Box, Motion
+from swarm.studies.papers.bench import Bench, Box, Motion
 from swarm.world.world import PeriodTruth
 
 UNCALIBRATED_NOISE = 4.0
@@ -115,12 +116,10 @@ def calibrated(scenario: Scenario, layout: Photodiodes) -> Knowledge:
     return Knowledge((found.fan_x, found.fan_y), layout._replace(point_m=points[None]))
 
 
-def station(scenario: Scenario, rung: Rung) -> LighthouseSettings:
-    """The station and the mounting, with the rung's errors only."""
-    out = builders.lighthouse(scenario)
-    if not rung.fans:
-        out = replace(out, fan_x=PERFECT[0], fan_y=PERFECT[1])
-    return out if rung.mounting else replace(out, mounting_error_m=0.0)
+def station(scenario: Scenario, rung: Rung) -> Station:
+    """Return the station and the mounting, with the rung's errors only."""
+    none: dict[str, Any] = {} if rung.fans else {"fan_x": Fan(), "fan_y": Fan()}
+    return scenario.lighthouse.model_copy(update=none if rung.mounting else none | {"mounting_error_mm": 0.0})
 
 
 def settings(scenario: Scenario, rung: Rung, known: Knowledge) -> NavigationSettings:
@@ -146,8 +145,7 @@ def alignment(rung: Rung, scenario: Scenario, mounted: Photodiodes, known: Knowl
     motion = cast(Wander, scenario.swarm.motion)
     box = Box(motion.centre_m, motion.size_m, np.radians(motion.turn_deg))
     noise, correlation = bench.settings.angle_noise_rad, bench.settings.rotor_correlation
-    errors_of = station(scenario, rung)
-    fans = (errors_of.fan_x, errors_of.fan_y)
+    errors = fans(station(scenario, rung))
     believed = known.photodiodes.point_m[0] if rung.calibrated else bench.point_m
     measured: list[Floats] = []
     true: list[Floats] = []
@@ -156,7 +154,7 @@ def alignment(rung: Rung, scenario: Scenario, mounted: Photodiodes, known: Knowl
         points = np.repeat(mounted.point_m if rung.mounting else bench.layout.point_m, ALIGNMENT_FRAMES, axis=0)
         error = bench.noise(ALIGNMENT_FRAMES, rng, noise, correlation)
         lit = np.repeat(lit, ALIGNMENT_FRAMES, axis=0)
-        angles = bench.angles(pose.repeat(ALIGNMENT_FRAMES), lit, error, rng, fans=fans, point_m=points)
+        angles = bench.angles(pose.repeat(ALIGNMENT_FRAMES), lit, error, rng, fans=errors, point_m=points)
         if rung.calibrated:
             angles = angles._replace(theta=correct(angles.theta, known.fans))
         first = bench.first_pose(angles, noise, believed)
