@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, Strict
 
-from swarm.scenario.motions import Mistake, Table
+from swarm.scenario.table import Mistake, Table
 from swarm.units import split_unit
 
 Statistic = Literal["rms", "mean", "max", "min", "sum", "last", "at_contact"]

@@ -12,8 +12,8 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from swarm.errors import did_you_mean
-from swarm.scenario.motions import Table
 from swarm.scenario.schema import Scenario
+from swarm.scenario.table import Table
 from swarm.scenario.text import toml_value
 from swarm.units import split_unit, written_unit
 

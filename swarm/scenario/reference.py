@@ -14,8 +14,9 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from swarm.scenario.mistakes import kind_of, tables_of
-from swarm.scenario.motions import Attitude, Box, Table, Vector
+from swarm.scenario.motions import Attitude
 from swarm.scenario.schema import Scenario
+from swarm.scenario.table import Box, Table, Vector
 from swarm.scenario.text import toml_value
 from swarm.units import written_unit
 
