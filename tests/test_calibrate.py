@@ -95,7 +95,7 @@ def test_errors_are_of_the_size_of_their_standard_deviations(calibrated, how):
     point = truth.photodiodes.point_m[0]
     if how == "own":
         point = to_gauge(point, found.seen.believed.point_m[0])
-    fans = linear_fans((truth.settings.fan_x, truth.settings.fan_y))
+    fans = linear_fans(truth.fans)
     off = np.concatenate(
         [
             ((found.result.fans - fans) / found.result.fan_sigma).ravel(),

@@ -30,7 +30,7 @@ def scene(scenario: Scenario, flight: "Flight") -> Scene:
                 pair.cameras.position_m,
                 pair.cameras.rotation,
                 pair.lights.point_m,
-                pair.field_rad,
+                pair.settings.field_rad,
             )
             for pair in pairs
         ],

@@ -7,10 +7,9 @@ import numpy as np
 
 from estimators.arrays import Floats, Ints
 from estimators.rotation import exp
+from swarm import random
 from swarm.hardware import Thrusters
-
-PURPOSE = 0x746872757374
-"""Spawn key of the random numbers: "thrust"."""
+from swarm.random import Purpose
 
 
 class StuckThruster(NamedTuple):
@@ -28,8 +27,7 @@ def executed(thrusters: Thrusters, errors: tuple[float, float], key: int, seed: 
     per thruster from the seed and the craft's `key` alone.
     """
     magnitude, direction_rad = errors
-    stream = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(PURPOSE, key)))
-    draws = stream.standard_normal((len(thrusters.force_n), 4))
+    draws = random.stream(seed, Purpose.THRUST, key).standard_normal((len(thrusters.force_n), 4))
     tilt = direction_rad * draws[:, 1:]
     tilt -= np.sum(tilt * thrusters.exhaust, axis=1, keepdims=True) * thrusters.exhaust
     turned = (exp(tilt) @ thrusters.exhaust[..., None])[..., 0]

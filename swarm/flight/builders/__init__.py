@@ -15,18 +15,17 @@ from swarm.flight.builders.assembly import (
     start_state,
     surroundings,
 )
-from swarm.flight.builders.cameras import cameras, craft_keys
+from swarm.flight.builders.cameras import cameras
 from swarm.flight.builders.craft import fleet, photodiodes, pushes, start, steers_by_estimate, world
 from swarm.flight.builders.dynamics import actuators, orbit
 from swarm.flight.builders.faults import check_faults, faults
 from swarm.flight.builders.guidance import guidance, matings
 from swarm.flight.builders.lidars import inspection, lidars
 from swarm.flight.builders.navigation import believed_layout, navigation
-from swarm.flight.builders.station import ARCSEC, FAN_ERROR_MAX_RAD, angle_noise, decoder, lighthouse
+from swarm.flight.builders.station import FAN_ERROR_MAX_RAD, angle_noise, decoder
 from swarm.scenario import Scenario
 
 __all__ = [
-    "ARCSEC",
     "FAN_ERROR_MAX_RAD",
     "actuators",
     "angle_noise",
@@ -34,7 +33,6 @@ __all__ = [
     "cameras",
     "check",
     "computer",
-    "craft_keys",
     "decoder",
     "faults",
     "fleet",
@@ -42,7 +40,6 @@ __all__ = [
     "inspection",
     "latches",
     "lidars",
-    "lighthouse",
     "matings",
     "measured_by",
     "navigation",

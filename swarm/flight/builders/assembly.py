@@ -4,13 +4,14 @@ import numpy as np
 
 from estimators.rotation import matrix_from_quaternion
 from estimators.state import State
-from swarm.flight.builders.cameras import cameras, craft_keys
+from swarm import random
+from swarm.flight.builders.cameras import cameras
 from swarm.flight.builders.craft import photodiodes, pushes, start, steers_by_estimate
 from swarm.flight.builders.dynamics import fitted, orbit
 from swarm.flight.builders.guidance import guidance, matings
 from swarm.flight.builders.lidars import inspection, lidars
 from swarm.flight.builders.navigation import believed_layout, navigation
-from swarm.flight.builders.station import angle_noise, decoder, lighthouse
+from swarm.flight.builders.station import angle_noise, decoder
 from swarm.hardware import Photodiodes, actuator_set
 from swarm.messages import Command
 from swarm.onboard.actuation.actuation import Actuation
@@ -31,11 +32,11 @@ from swarm.world.world import World
 
 def sensors(scenario: Scenario, world: World, motions: Fleet) -> Sensors:
     """Return all sensors. Raises SwarmError where a model lacks the cameras, lights or LiDAR that a table wants."""
-    settings, layout = lighthouse(scenario), photodiodes(scenario, world)
-    visibility = Visibility(world.model, layout, world.craft_bodies, world.lighthouse_body, settings)
+    station, layout = scenario.lighthouse, photodiodes(scenario, world)
+    visibility = Visibility(world.model, layout, world.craft_bodies, world.lighthouse_body, station)
     pairs = [true for true, _ in cameras(scenario, world, motions.at(0.0))]
     return Sensors(
-        Lighthouse(layout, settings, scenario.seed, craft_keys(scenario)),
+        Lighthouse(layout, station, scenario.seed, random.keys(scenario.craft_names)),
         visibility,
         Ccd(pairs, visibility, scenario.seed, scenario.duration_s) if pairs else None,
         lidars(scenario, world),

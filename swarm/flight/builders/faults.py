@@ -1,7 +1,7 @@
 """From a scenario's `[[fault]]` tables to what goes wrong in its run."""
 
+from swarm import random
 from swarm.errors import SwarmError
-from swarm.flight.builders.cameras import craft_keys
 from swarm.flight.faults.injection import Faults, NoFaults
 from swarm.scenario import Scenario
 from swarm.scenario.faults import OfCraft, PhotodiodeDead, PhotodiodeStuck, ThrusterStuck
@@ -14,7 +14,7 @@ def faults(settings: Scenario, world: World, sensors: Sensors) -> NoFaults:
     if not settings.fault:
         return NoFaults(len(settings.craft_names))
     check_faults(settings, world)
-    keys, flown = craft_keys(settings), (settings.seed, settings.duration_s)
+    keys, flown = random.keys(settings.craft_names), (settings.seed, settings.duration_s)
     return Faults(settings.fault, settings.craft_names, keys, *flown, sensors.lighthouse, sensors.visibility)
 
 

@@ -17,8 +17,10 @@ import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.lighthouse.sweep import measured_theta, time_from_theta
-from swarm.flight.faults.schedule import PURPOSE, Schedule, Window, speed_swing
+from swarm import random
+from swarm.flight.faults.schedule import Schedule, Window, speed_swing
 from swarm.messages import Pulses
+from swarm.random import Blocks, Purpose
 from swarm.scenario.faults import (
     AnyFault,
     CraftLost,
@@ -37,6 +39,7 @@ from swarm.sensors import pulse_faults as pulses
 from swarm.sensors.lighthouse import Lighthouse, Motion, Rotor
 from swarm.sensors.pulse_faults import Clock, Register, Row
 from swarm.sensors.visibility import Visibility
+from swarm.units import si
 from swarm.world.execution import StuckThruster
 from swarm.world.pushes import Blow
 
@@ -117,6 +120,7 @@ class Faults(NoFaults):
         self._lighthouse, self._visibility = lighthouse, visibility
         self._frame, self._now = 0, list[Window]()
         self._registers: dict[tuple[int, int, int, int], Register] = {}
+        self._draws: dict[tuple[int, int], Blocks[Floats]] = {}
 
     def begin(self, frame: int) -> None:
         """Turn to period `frame`."""
@@ -136,7 +140,7 @@ class Faults(NoFaults):
         for window in self._now:
             if isinstance(window.fault, CraftLost) and window.first == self._frame:
                 out[0, window.craft] += window.fault.velocity_m_s
-                out[1, window.craft] += np.radians(window.fault.angular_rate_deg_s)
+                out[1, window.craft] += si(window.fault).angular_rate_rad_s
         return Blow(out[0], out[1]) if out.any() else None
 
     def thrusters(self) -> list[StuckThruster]:
@@ -162,7 +166,7 @@ class Faults(NoFaults):
         for window in self._now:
             if isinstance(window.fault, RotorDrift):
                 time_s = (self._frame + 0.5 - window.first) / self._rate_hz
-                more, later = speed_swing(time_s, window.fault.for_s, window.fault.speed_ppm * 1e-6)
+                more, later = speed_swing(time_s, window.fault.for_s, si(window.fault).speed)
                 speed, phase_s = speed + float(more), phase_s + float(later)
         return Rotor(1 + speed, phase_s) if speed or phase_s else None
 
@@ -188,7 +192,7 @@ class Faults(NoFaults):
             case Ghosts():
                 draws = self._draw(window, (lit.shape[1], 2, 2))
                 struck, shift = draws[..., 0] < fault.share, 2 * draws[..., 1] - 1
-                return pulses.moved(row, clock, struck, np.radians(fault.spread_deg) * shift)
+                return pulses.moved(row, clock, struck, si(fault).spread_rad * shift)
             case PhotodiodeStuck():
                 for k in fault.photodiodes:
                     key = (window.number, window.craft, window.first, k)
@@ -215,7 +219,7 @@ class Faults(NoFaults):
             seen = mirror.ghosts(self._visibility, layout, craft, mirrors, settings, *pose)
             if not len(seen.photodiode):
                 continue
-            theta = measured_theta(seen.point_m, (settings.fan_x, settings.fan_y))[:, fan]
+            theta = measured_theta(seen.point_m, self._lighthouse.fans)[:, fan]
             rate_hz = self._rate_hz * rotor.speed
             instant = rotor.phase_s + fan / 2 / rate_hz + time_from_theta(theta, rate_hz)
             width = settings.photodiode_diameter_m / seen.way_m / (2 * np.pi * rate_hz)
@@ -237,8 +241,13 @@ class Faults(NoFaults):
 
     def _draw(self, window: Window, shape: tuple[int, ...]) -> Floats:
         """Uniform random numbers of this period, a stream per fault and craft."""
-        block, place = divmod(self._frame, BLOCK)
-        key = (PURPOSE, window.number, self._keys[window.craft], block)
-        stream = np.random.default_rng(np.random.SeedSequence(self._seed, spawn_key=key))
-        out: Floats = stream.random((BLOCK, *shape))[place]
+        own = (window.number, self._keys[window.craft])
+        if own not in self._draws:
+
+            def draw(block: int) -> Floats:
+                return random.stream(self._seed, Purpose.FAULT, *own, block).random((BLOCK, *shape))
+
+            self._draws[own] = Blocks(BLOCK, draw)
+        draws, place = self._draws[own].at(self._frame)
+        out: Floats = draws[place]
         return out

@@ -83,7 +83,7 @@ class Guidance:
             motions.append(formation.at(time_s, heard))
             self.phase[formation.craft] = formation.phase(time_s)
         for docking in self._dockings:
-            i = docking.plan.craft
+            i = docking.craft
             tracking, sigma, latched = bool(known.tracking[i]), float(known.sigma_m[i]), bool(known.latched[i])
             at = _stands(docking, believed)
             moving = docking.step(time_s, believed.position[i], believed.velocity[i], at, tracking, sigma, latched)
@@ -115,7 +115,7 @@ class Guidance:
 
 def _stands(docking: Docking, believed: State) -> Closing:
     """How the craft believes its port to stand to the target's, which is at rest."""
-    plan, i = docking.plan, docking.plan.craft
-    own = placed(plan.own, believed.rotation[i], believed.position[i])
-    arm = believed.rotation[i] @ plan.own.position
-    return closing(own, plan.target, believed.velocity[i] + skew(believed.angular_rate[i]) @ arm)
+    i = docking.craft
+    own = placed(docking.own, believed.rotation[i], believed.position[i])
+    arm = believed.rotation[i] @ docking.own.position
+    return closing(own, docking.target, believed.velocity[i] + skew(believed.angular_rate[i]) @ arm)

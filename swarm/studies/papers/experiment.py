@@ -10,7 +10,7 @@ import pyarrow as pa
 from estimators.arrays import Floats
 from swarm.errors import SwarmError
 from swarm.figures import Figure
-from swarm.scenario.mistakes import split_unit
+from swarm.units import written_unit
 
 LIGHTHOUSE = "Chen et al., lighthouse"
 STEREO = "Zhang et al., binocular CCD"
@@ -147,7 +147,7 @@ def data(columns: Columns) -> pa.Table:
 
 def _unit(name: str, kind: pa.DataType) -> str:
     over, _, under = name.rpartition("_per_")
-    unit = f"{split_unit(over)[1]}/{under}" if over else split_unit(name)[1]
+    unit = f"{written_unit(over)}/{under}" if over else written_unit(name)
     return unit or ("" if pa.types.is_string(kind) or pa.types.is_boolean(kind) else "1")
 
 
