@@ -119,7 +119,8 @@ def _measure(bench: Bench, pose: Pose, frames: int, rng: np.random.Generator) ->
     def predicted(rotation: Floats, position: Floats) -> Floats:
         found = dilution(rotation, position, lit, points, angles.offset_s, still, still, correlation, solution.solved)
         factors: Floats = np.stack([found.adop_deg_per_rad, found.pdop_m_per_rad], axis=-1)
-        return noise * factors[solution.solved]
+        scaled: Floats = noise * factors[solution.solved]
+        return scaled
 
     at_truth = predicted(true.rotation, true.position)
     at_measured = predicted(solution.rotation, solution.position)
