@@ -282,7 +282,7 @@ class Navigator:
         coupling = precision.rate_coupling if s.motion_compensation else np.zeros_like(precision.rate_coupling)
 
         update = usable & bank.active
-        result = bank.update(update, pnp.rotation, pnp.position, covariance, coupling)
+        result = bank.update_pose(update, pnp.rotation, pnp.position, covariance, coupling)
 
         start = usable & found
         bank.start(start, pnp.rotation, pnp.position, covariance, UNKNOWN_RATE, precision.rate_coupling)
@@ -296,7 +296,7 @@ class Navigator:
         found = ccd.fix(len(active), self._cameras, images, bank.rotation, bank.position)
         update, start = found.known & active, found.known & ~active
         none = np.zeros_like(found.covariance)
-        result = bank.update(update, found.rotation, found.position, found.covariance, none)
+        result = bank.update_pose(update, found.rotation, found.position, found.covariance, none)
         bank.start(start, found.rotation, found.position, found.covariance, UNKNOWN_RATE)
         nis = np.where(update, result.nis, np.nan)
         return found._replace(nis=nis), start | result.accepted, update & ~result.accepted
