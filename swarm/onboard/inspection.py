@@ -266,7 +266,7 @@ class Inspection:
                 np.broadcast_to(a, (len(only), *a.shape)) for a in (rotation, position, covariance, coupling)
             )
             if bank.active[row]:
-                result = bank.update(only, turns, places, covariances, couplings)
+                result = bank.update_pose(only, turns, places, covariances, couplings)
                 self._nis[row] = result.nis[row]
                 if result.accepted[row]:
                     self._since_s[row] = 0.0

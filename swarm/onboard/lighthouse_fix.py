@@ -73,7 +73,7 @@ class LighthouseFix:
     def find(self, angles: SweepAngles, tracks: Tracks) -> tuple[Light, PoseFix]:
         """Return what every craft makes of its angles, starting from the filters' predictions."""
         s, active = self.settings, tracks.bank.active
-        predicted = s.station.state_into(tracks.state())
+        predicted = s.station.state_into(tracks.bank.state)
         theta, lit = self._ideal(angles)
         visible = np.count_nonzero(lit, axis=1)
         enough = visible >= MIN_LIT
