@@ -1,4 +1,4 @@
-"""How far a run is: a bar on a terminal, a plain line every few seconds where there is none (a log, a pipe)."""
+"""Progress of a run: a bar on a terminal, a plain line every few seconds where there is none (a log, a pipe)."""
 
 import time
 from types import TracebackType
@@ -13,16 +13,16 @@ from rich.text import Text
 PLAIN_EVERY_S = 5.0
 """Wall time between two plain lines."""
 COMPILES_FOR_S = 30
-"""What the compiling of a first run takes, more or less, on a core of 2023 that does little else."""
+"""Time that the compiling of a first run takes, roughly, on a core of 2023 that does little else."""
 COMPILING = f"compiling the kernels that this kind of run needs, once: about {COMPILES_FOR_S} s the first time"
 WIDE = 76
 """Columns from which the bar spells its units out."""
 
 
 class Progress(NamedTuple):
-    """Where a run is. time_s of duration_s [s] are simulated; `tracking` of `craft` craft have their pose.
+    """State of a run. time_s of duration_s [s] are simulated; `tracking` of `craft` craft have their pose.
 
-    notice: what the user should know of the run, such as why there is no live view.
+    notice: a message for the user, such as why there is no live view.
     """
 
     time_s: float
@@ -56,7 +56,7 @@ class _Figures(ProgressColumn):
 
 
 class ProgressDisplay:
-    """Call it with every `Progress`; as a context manager it draws and cleans up."""
+    """Display to be called with every `Progress`; as a context manager it draws and cleans up."""
 
     def __init__(self, console: Console, title: str) -> None:
         """console: where to draw (a terminal's standard error, say). title: what runs."""
@@ -94,7 +94,7 @@ class ProgressDisplay:
             self._compiling_since = time.monotonic()
 
     def __call__(self, progress: Progress) -> None:
-        """Show how far the run is."""
+        """Show the progress."""
         self._end_compiling()
         if self._latest is None and progress.notice:
             self._line(progress.notice)

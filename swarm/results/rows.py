@@ -52,7 +52,13 @@ def _error_into(a: Floats, true_position: Floats, b: Floats, position: Floats, o
 
 @kernel
 def attitude_errors_into(truth: Floats, estimate: Floats, out: Floats) -> None:
-    """Write d (n, 3) [rad], R_est = Exp([d]x) R_true, of quaternions (n, 4) into `out`."""
+    """Write d, R_est = Exp([d]x) R_true, into `out`.
+
+    Args:
+        truth: (n, 4).
+        estimate: (n, 4).
+        out: (n, 3) [rad].
+    """
     nowhere, e = np.zeros(3), np.empty(6)
     for i in range(len(out)):
         _error_into(truth[i], nowhere, estimate[i], nowhere, e)

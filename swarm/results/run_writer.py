@@ -1,4 +1,4 @@
-"""Everything that a run writes, behind one `append` per period: folder, scenario, telemetry, recording, summary."""
+"""One door for all that a run writes: folder, scenario, telemetry, recording, summary; one `append` per period."""
 
 import platform
 import time
