@@ -4,13 +4,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.colors import BoundaryNorm, ListedColormap
-from matplotlib.figure import Figure
 from scipy.stats import chi2
 
 from estimators.arrays import Bools, Floats
-from swarm.report.figures import BLUE, GREY, ORANGE, SERIES, Picture, picture, plain_log, thin
+from swarm.figures import Axes, Figure, count_map, plain_log_y
+from swarm.report.figures import BLUE, GREY, ORANGE, SERIES, Picture, picture, thin
 from swarm.report.page import Column, Fact, Section, Table, number, prose
 from swarm.report.run_table import about, limits, outcome
 from swarm.results.run_folder import Run
@@ -167,7 +165,7 @@ def _nees(series: Series) -> Picture:
         )
         axes.plot(*_running_mean(series.time_s, nees), color=ORANGE, label="mean over the craft and one second")
         axes.axhline(DOF, color=GREY, linewidth=1, linestyle=":")
-        plain_log(axes)
+        plain_log_y(axes)
         axes.set_xlabel("time [s]")
         axes.set_ylabel("NEES")
         axes.legend(loc="lower right", ncols=2)
@@ -203,25 +201,12 @@ def _dilution(series: Series) -> Picture:
 
 def _visibility(series: Series) -> Picture:
     visible = series.of("visible")
-    most = int(np.nanmax(visible))
 
     def paint(figure: Figure) -> None:
         count = len(series.names)
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
         extent = (series.time_s[0], series.time_s[-1], count - 0.5, -0.5)
-        shades = ListedColormap(
-            [(0.93 - 0.81 * s, 0.95 - 0.51 * s, 0.97 - 0.26 * s) for s in np.linspace(0, 1, most + 1)]
-        )
-        image = above.imshow(
-            visible.T,
-            aspect="auto",
-            interpolation="nearest",
-            extent=extent,
-            cmap=shades,
-            norm=BoundaryNorm(np.arange(most + 2) - 0.5, most + 1),
-        )
-        figure.colorbar(image, ax=above, ticks=range(0, most + 1, max(1, most // 6)), label="photodiodes lit")
-        above.grid(visible=False)
+        count_map(above, visible, extent, "photodiodes lit")
         if count <= 16:
             above.set_yticks(range(count), series.names)
         else:

@@ -9,38 +9,14 @@ import numpy as np
 from estimators.arrays import Floats
 from estimators.kernel import kernel
 from estimators.linear import cholesky_into
-
-
-@kernel
-def _quaternion_into(m: Floats, out: Floats) -> None:
-    """Write the quaternion (4,) of a rotation matrix (3, 3) into `out`, by Shepperd's method."""
-    w, x, y, z = (
-        1 + m[0, 0] + m[1, 1] + m[2, 2],
-        1 + m[0, 0] - m[1, 1] - m[2, 2],
-        1 - m[0, 0] + m[1, 1] - m[2, 2],
-        1 - m[0, 0] - m[1, 1] + m[2, 2],
-    )
-    if w >= x and w >= y and w >= z:
-        x, y, z = m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]
-    elif x >= y and x >= z:
-        w, y, z = m[2, 1] - m[1, 2], m[1, 0] + m[0, 1], m[0, 2] + m[2, 0]
-    elif y >= z:
-        w, x, z = m[0, 2] - m[2, 0], m[1, 0] + m[0, 1], m[2, 1] + m[1, 2]
-    else:
-        w, x, y = m[1, 0] - m[0, 1], m[0, 2] + m[2, 0], m[2, 1] + m[1, 2]
-    scale = 1 / np.sqrt(w * w + x * x + y * y + z * z)
-    scale = -scale if w < 0 else scale
-    out[0], out[1], out[2], out[3] = scale * w, scale * x, scale * y, scale * z
+from estimators.rotation import quaternion_between, quaternion_from_matrix_into
 
 
 @kernel
 def _error_into(a: Floats, true_position: Floats, b: Floats, position: Floats, out: Floats) -> tuple[float, float]:
     """Write (d, dp) (6,) of an estimate b (4,), position (3,) against the truth a (4,); its distance and its angle."""
     # Exp([d]x) = R_true R_est^T as quaternions: q_true times the conjugate of q_est.
-    w = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
-    x = -a[0] * b[1] + a[1] * b[0] - a[2] * b[3] + a[3] * b[2]
-    y = -a[0] * b[2] + a[2] * b[0] - a[3] * b[1] + a[1] * b[3]
-    z = -a[0] * b[3] + a[3] * b[0] - a[1] * b[2] + a[2] * b[1]
+    w, x, y, z = quaternion_between(a, b)
     sine = np.sqrt(x * x + y * y + z * z)
     angle = 2 * np.arctan2(sine, abs(w))
     scale = (angle / sine if sine > 0 else 2.0) * (-1 if w < 0 else 1)
@@ -70,7 +46,7 @@ def attitude_errors_into(truth: Floats, estimate: Floats, out: Floats) -> None:
 def quaternions_into(rotation: Floats, out: Floats) -> None:
     """Write the quaternions (C, 4), w >= 0, of rotations (C, 3, 3) into `out`."""
     for c in range(len(out)):
-        _quaternion_into(rotation[c], out[c])
+        quaternion_from_matrix_into(rotation[c], out[c])
 
 
 @kernel

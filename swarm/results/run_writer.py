@@ -12,7 +12,7 @@ import numpy as np
 
 from swarm import __version__
 from swarm.errors import SwarmError
-from swarm.onboard.navigation import Status
+from swarm.onboard.settings import Status
 from swarm.results.angles import AngleWriter, Believed
 from swarm.results.columns.groups import groups_of
 from swarm.results.columns.schema import schema

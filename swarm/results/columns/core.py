@@ -7,7 +7,7 @@ import numpy as np
 
 from estimators.arrays import Floats, Ints
 from swarm.onboard.inspection import LIDAR_SENSOR
-from swarm.onboard.navigation import Sensor, Status
+from swarm.onboard.settings import Sensor, Status
 from swarm.results.columns.column import Column, Group, fill_pose, pose_columns
 from swarm.results.period import Period
 from swarm.results.records import Errors, Truth
