@@ -98,7 +98,7 @@ def test_every_default_is_written_and_what_is_unset_says_so() -> None:
     written = tomllib.loads(text)
     assert written["lighthouse"]["rotor_correlation"] == 0.8717
     assert written["swarm"]["motion"]["attitude"]["spin_deg_s"] == 0.0
-    assert "# angle_noise_arcsec: the lighthouse's." in text
+    assert "# angle_noise_arcsec: that of the lighthouse." in text
 
 
 @pytest.mark.parametrize(
@@ -154,7 +154,7 @@ def test_every_default_is_written_and_what_is_unset_says_so() -> None:
         ('[swarm]\nmotion = "hold"', 'swarm.motion = "hold": expected a table, such as { kind = "hold" }'),
         ('[swarm]\nmotion = {kind = "rign"}', "did you mean 'ring'?"),
         ("[swarm]\nmotion = {}", "swarm.motion.kind: missing: one of 'hold', 'ring', 'waypoints'"),
-        ('[swarm]\nmotion = {kind = "ring"}', "swarm.motion.radius_m: missing (in m): The circle's radius."),
+        ('[swarm]\nmotion = {kind = "ring"}', "swarm.motion.radius_m: missing (in m): Radius of the circle."),
         (
             '[swarm]\nmotion = {kind = "ring", radius_m = 1, position_m = [0, 0, 1]}',
             "unknown key of kind 'ring'; it belongs to kind 'hold' or",
@@ -169,7 +169,7 @@ def test_every_default_is_written_and_what_is_unset_says_so() -> None:
         ),
         (
             '[[craft]]\nmotion = {kind = "approach", from_m = [0, 0, 1], to_m = [0, 0, 1], speed_m_s = 1}',
-            "craft[0].motion.to_m = [0, 0, 1]: is where the approach starts already (from_m)",
+            "craft[0].motion.to_m = [0, 0, 1]: must differ from from_m, where the approach starts",
         ),
         (
             '[[craft]]\nmotion = {kind = "waypoints", points_m = [[0, 0, 1]], times_s = [0, 1]}',
@@ -428,7 +428,7 @@ def test_process_noise_defaults_are_the_filters() -> None:
 
 def course_of(settings: Scenario, craft: int = 0) -> Course:
     made = scenario.craft(settings)
-    return made[craft].motion.course(builders.craft.places(settings, made)[craft])
+    return made[craft].table.motion.course(builders.craft.places(settings, made)[craft])
 
 
 def test_drift_is_the_filters_own_model_unless_told() -> None:

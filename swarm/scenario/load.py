@@ -14,33 +14,36 @@ from pydantic import ValidationError
 
 from swarm.assets import find_model, find_scenario, lighthouses, models
 from swarm.errors import SwarmError
-from swarm.scenario import mistakes, schema
+from swarm.scenario import mistakes
 from swarm.scenario.cameras import Ccd
-from swarm.scenario.dynamics import Actuation
 from swarm.scenario.lidar import Lidar
 from swarm.scenario.mistakes import Problem, dotted, parse_path
-from swarm.scenario.motions import AnyMotion
-from swarm.scenario.schema import Disturbance, Scatter, Scenario
+from swarm.scenario.schema import Scenario, SingleCraft, Swarm
 from swarm.scenario.text import toml_value
 
 
 @dataclass(frozen=True)
 class Craft:
-    """One craft of a scenario. index, count: its place among the craft that share its motion."""
+    """One craft of a scenario: its table, and its model's file.
+
+    index, count: its place among the craft that share its table.
+    """
 
     name: str
     model: Path
-    feedback: str
-    motion: AnyMotion
-    index: int
-    count: int
-    lighthouse: bool
-    disturbance: Disturbance
-    actuation: Actuation
-    ccd: Ccd | None
-    scatter: Scatter
-    passive: bool = False
-    lidar: Lidar | None = None
+    table: Swarm | SingleCraft
+    index: int = 0
+    count: int = 1
+
+    @property
+    def ccd(self) -> Ccd | None:
+        """The table of its cameras."""
+        return self.table.ccd if isinstance(self.table, SingleCraft) else None
+
+    @property
+    def lidar(self) -> Lidar | None:
+        """The table of its LiDAR."""
+        return self.table.lidar if isinstance(self.table, SingleCraft) else None
 
 
 class Override(NamedTuple):
@@ -114,35 +117,12 @@ def parse_override(text: str) -> Override:
 
 
 def craft(scenario: Scenario) -> list[Craft]:
-    """Every craft, the swarm's first, with its model's file."""
-    swarm = scenario.swarm
-    names = scenario.craft_names
-    here = Path()
-    model = find_model(swarm.model, here) if swarm.count else here
-    group: list[tuple[str, Path, schema.Craft, int, int, Ccd | None, Lidar | None]] = [
-        (names[i], model, swarm, i, swarm.count, None, None) for i in range(swarm.count)
-    ]
-    group += [
-        (name, find_model(single.model, here), single, 0, 1, single.ccd, single.lidar)
-        for name, single in zip(names[swarm.count :], scenario.craft, strict=True)
-    ]
-    return [
-        Craft(
-            name,
-            file,
-            of.feedback,
-            of.motion,
-            index,
-            count,
-            of.lighthouse,
-            of.disturbance,
-            of.actuation,
-            ccd,
-            of.scatter,
-            of.passive,
-            lidar,
-        )
-        for name, file, of, index, count, ccd, lidar in group
+    """Return every craft, those of the swarm first."""
+    swarm, names = scenario.swarm, scenario.craft_names
+    of_swarm, single = names[: swarm.count], names[swarm.count :]
+    model = find_model(swarm.model, Path()) if swarm.count else Path()
+    return [Craft(name, model, swarm, i, swarm.count) for i, name in enumerate(of_swarm)] + [
+        Craft(name, find_model(table.model, Path()), table) for name, table in zip(single, scenario.craft, strict=True)
     ]
 
 

@@ -35,7 +35,7 @@ def fleet(settings: Scenario) -> Fleet:
     with _blame(settings, craft):
         for c, place in zip(craft, places(settings, craft), strict=True):
             with _named(c):
-                courses.append(c.motion.course(place))
+                courses.append(c.table.motion.course(place))
     for pair in matings(settings):
         turn = facing_port(pair, Fleet([courses[pair.target]]).at(0.0))
         courses[pair.craft] = courses[pair.craft]._replace(turn_rad=turn)
@@ -63,14 +63,14 @@ def places(settings: Scenario, craft: list[Craft]) -> list[Place]:
 
 def steers_by_estimate(settings: Scenario) -> Bools:
     """(C,): the craft whose controller gets their own estimate, not the truth."""
-    return np.array([craft.feedback == "estimate" for craft in scenario.craft(settings)], dtype=np.bool_)
+    return np.array([craft.table.feedback == "estimate" for craft in scenario.craft(settings)], dtype=np.bool_)
 
 
 def start(settings: Scenario, motions: Fleet) -> Start:
     """How every craft starts; its scatter is drawn from the seed and its name alone."""
     first = motions.start()
     craft = scenario.craft(settings)
-    scatter = [si(c.scatter) for c in craft]
+    scatter = [si(c.table.scatter) for c in craft]
     sigma = np.array([(s.position_m, s.velocity_m_s, s.attitude_rad, s.angular_rate_rad_s) for s in scatter])
     sigma = sigma.reshape(-1, 4, 1)
     if not sigma.any():
@@ -102,7 +102,7 @@ def world(settings: Scenario, motions: Fleet) -> World:
             first.quaternion[i],
             first.velocity[i],
             first.angular_rate[i],
-            c.passive,
+            c.table.passive,
         )
         for i, c in enumerate(craft)
     ]
@@ -120,13 +120,13 @@ def world(settings: Scenario, motions: Fleet) -> World:
 
 def photodiodes(settings: Scenario, world: World) -> Photodiodes:
     """The photodiodes that are on board: none of a craft with `lighthouse = false`."""
-    on_board = np.array([c.lighthouse for c in scenario.craft(settings)], dtype=np.bool_)
+    on_board = np.array([c.table.lighthouse for c in scenario.craft(settings)], dtype=np.bool_)
     return world.photodiodes._replace(present=world.photodiodes.present & on_board[:, None])
 
 
 def pushes(settings: Scenario) -> Pushes:
     """What pushes the craft beside their control."""
-    tables = [si(c.disturbance) for c in scenario.craft(settings)]
+    tables = [si(c.table.disturbance) for c in scenario.craft(settings)]
     sigma = np.array([(t.acceleration_m_s2, t.angular_acceleration_rad_s2) for t in tables], dtype=np.float64)
     return Pushes(sigma, random.keys(settings.craft_names), settings.seed)
 
@@ -153,10 +153,9 @@ def _blame(settings: Scenario, craft: list[Craft]) -> Iterator[None]:
             single = i - settings.swarm.count
             table = f"craft[{single}]" if single >= 0 else "swarm"
             if str(c.model) in text:
-                group = settings.craft[single] if single >= 0 else settings.swarm
-                keys.append(f"{table}.model = {toml_value(group.model)}")
+                keys.append(f"{table}.model = {toml_value(c.table.model)}")
             elif c.name in named:
-                place = c.motion.start_key(c.count)
-                keys.append(f"{table}.motion.{place} = {toml_value(getattr(c.motion, place))}")
+                place = c.table.motion.start_key(c.count)
+                keys.append(f"{table}.motion.{place} = {toml_value(getattr(c.table.motion, place))}")
         where = ", ".join(dict.fromkeys(keys))
         raise SwarmError(f"scenario {settings.name}: {where}{': ' if where else ''}{text}") from None

@@ -19,7 +19,7 @@ def actuators(settings: Scenario, world: World) -> Actuators:
     """The thrusters and wheels of every craft."""
     fitted = []
     for i, (craft, key) in enumerate(zip(scenario.craft(settings), random.keys(settings.craft_names), strict=True)):
-        table, thrusters, wheels = si(craft.actuation), world.thrusters[i], world.wheels[i]
+        table, thrusters, wheels = si(craft.table.actuation), world.thrusters[i], world.wheels[i]
         if table.ideal:
             thrusters, wheels = thrusters.none(), wheels.none()
         errors = table.thrust_error, table.thrust_direction_error_rad

@@ -29,8 +29,8 @@ class Drift(Spread):
         default=None,
         ge=0,
         le=36000,
-        description="Standard deviation of the angular acceleration per axis. Unset: the navigation filter's "
-        "process noise.",
+        description="Standard deviation of the angular acceleration per axis. Unset: the navigation filter's process "
+        "noise.",
     )
 
     def path(self, place: Place) -> "Path":
