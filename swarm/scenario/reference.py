@@ -46,12 +46,12 @@ VECTOR = get_args(Vector)[0]
 
 
 def json_schema() -> dict[str, Any]:
-    """The JSON schema (draft 2020-12) of a scenario file."""
+    """Return the JSON schema (draft 2020-12) of a scenario file."""
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **Scenario.model_json_schema()}
 
 
 def markdown_reference() -> str:
-    """The page of every table and key: unit or type, default, limits, meaning."""
+    """Return the page of every table and key: unit or type, default, limits, meaning."""
     return "\n".join([HEAD, *_sections()]).rstrip() + "\n"
 
 

@@ -1,7 +1,7 @@
-"""What a scenario file may say: one frozen pydantic model per table, extra keys forbidden.
+"""The tables of a scenario file, but for those of motions, faults, sensors and criteria.
 
-A key carries its unit as a suffix. The description of every field is what the scenario reference, the JSON schema
-for editors and the error messages say about it. Nothing here computes; `swarm.units.si` gives a table in SI units.
+The scenario reference, the JSON schema for editors and the error messages show the description of every field. Nothing
+here computes; `swarm.units.si` gives a table in SI units.
 """
 
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""The craft of a scenario, in SI units: how they move, the world they start in, what is on board, what pushes them."""
+"""The craft of a scenario: their motions, the world that they start in, their photodiodes, the pushes on them."""
 
 import re
 from collections.abc import Iterator
@@ -62,12 +62,12 @@ def places(settings: Scenario, craft: list[Craft]) -> list[Place]:
 
 
 def steers_by_estimate(settings: Scenario) -> Bools:
-    """(C,): the craft whose controller gets their own estimate, not the truth."""
+    """Return the craft whose controller gets their own estimate, not the truth, (C,)."""
     return np.array([craft.table.feedback == "estimate" for craft in scenario.craft(settings)], dtype=np.bool_)
 
 
 def start(settings: Scenario, motions: Fleet) -> Start:
-    """How every craft starts; its scatter is drawn from the seed and its name alone."""
+    """Return how every craft starts; its scatter is drawn from the seed and its name alone."""
     first = motions.start()
     craft = scenario.craft(settings)
     scatter = [si(c.table.scatter) for c in craft]
@@ -88,7 +88,7 @@ def start(settings: Scenario, motions: Fleet) -> Start:
 
 
 def world(settings: Scenario, motions: Fleet) -> World:
-    """The world with every craft where its motion starts.
+    """Return the world with every craft where its motion starts.
 
     Raises SwarmError, naming scenario, key and value: a model that cannot fly, or a craft inside another one.
     """
@@ -119,13 +119,13 @@ def world(settings: Scenario, motions: Fleet) -> World:
 
 
 def photodiodes(settings: Scenario, world: World) -> Photodiodes:
-    """The photodiodes that are on board: none of a craft with `lighthouse = false`."""
+    """Return the photodiodes on board: none of a craft with `lighthouse = false`."""
     on_board = np.array([c.table.lighthouse for c in scenario.craft(settings)], dtype=np.bool_)
     return world.photodiodes._replace(present=world.photodiodes.present & on_board[:, None])
 
 
 def pushes(settings: Scenario) -> Pushes:
-    """What pushes the craft beside their control."""
+    """Return the random pushes on the craft beside their control."""
     tables = [si(c.table.disturbance) for c in scenario.craft(settings)]
     sigma = np.array([(t.acceleration_m_s2, t.angular_acceleration_rad_s2) for t in tables], dtype=np.float64)
     return Pushes(sigma, random.keys(settings.craft_names), settings.seed)
@@ -142,7 +142,7 @@ def _named(craft: Craft) -> Iterator[None]:
 
 @contextmanager
 def _blame(settings: Scenario, craft: list[Craft]) -> Iterator[None]:
-    """Say which keys of the scenario a mistake comes from, where its message names a craft or a model's file."""
+    """Name the keys of the scenario that a mistake comes from, where its message names a craft or a model's file."""
     try:
         yield
     except SwarmError as error:

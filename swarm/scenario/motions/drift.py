@@ -1,15 +1,13 @@
 """The motion `drift`."""
 
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from pydantic import Field
 
 from swarm.scenario.motions.base import Course, Place, Spread
+from swarm.scenario.motions.paths import Path, line
 from swarm.scenario.table import Vector
 from swarm.units import si
-
-if TYPE_CHECKING:
-    from swarm.scenario.motions.paths import Path
 
 
 class Drift(Spread):
@@ -33,10 +31,8 @@ class Drift(Spread):
         "noise.",
     )
 
-    def path(self, place: Place) -> "Path":
+    def path(self, place: Place) -> Path:
         """Return the straight line that the craft would fly without pushes."""
-        from swarm.scenario.motions.paths import line
-
         return line(self.where(place), self.velocity_m_s)
 
     def course(self, place: Place) -> Course:
