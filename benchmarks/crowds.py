@@ -20,7 +20,8 @@ from estimators.arrays import Floats
 from swarm import hardware as layout
 from swarm.assets import find_model, models
 from swarm.scenario import load
-from swarm.sensors.visibility import THICKNESS_M, Sight, Visibility
+from swarm.sensors.sight import Sight
+from swarm.sensors.visibility import THICKNESS_M, Visibility
 from swarm.world.assembly import Placement, assemble
 from swarm.world.craft import load_craft
 

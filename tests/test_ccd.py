@@ -19,8 +19,8 @@ from swarm.flight.flight import Flight
 from swarm.messages import LightImages
 from swarm.onboard import ccd as onboard
 from swarm.onboard.ccd import CcdState
-from swarm.onboard.navigation import Sensor
-from swarm.results.columns.schema import SENSORS
+from swarm.onboard.settings import Sensor
+from swarm.results.columns.core import SENSORS
 from swarm.scenario import Outage, load, to_toml, validate
 from swarm.sensors.ccd import Ccd
 from swarm.sensors.visibility import Visibility
@@ -205,7 +205,7 @@ def test_cameras_fail_by_time_by_distance_and_at_random(scene):
 
 def fix(scene, images, predicted=None):
     rotation, position = (np.full((2, 3, 3), np.nan), np.full((2, 3), np.nan)) if predicted is None else predicted
-    return onboard.fix(2, [scene.known], images, rotation, position)
+    return onboard.fix([scene.known], images, rotation, position)
 
 
 def truth(motion):
@@ -288,11 +288,11 @@ def test_wrong_images_give_no_pose_but_a_reason(scene):
             wrong = images.image_m.copy()
             wrong[:, :, swapped[0]] = images.image_m[:, :, swapped[1]]
             rotation, position = truth(motion)
-            state = onboard.fix(2, [known], LightImages(wrong, images.seen), rotation, position).state[0]
+            state = onboard.fix([known], LightImages(wrong, images.seen), rotation, position).state[0]
             if len(swapped[0]) == 2:
                 assert state not in (CcdState.STEREO, CcdState.CAMERA)
     collinear = replace(scene.known, light_m=np.outer(np.linspace(-1, 1, 5), [0.3, 0.1, 0.0]))
-    state = onboard.fix(2, [collinear], images, *truth(motion)).state[0]
+    state = onboard.fix([collinear], images, *truth(motion)).state[0]
     assert state == CcdState.COLLINEAR
 
 
@@ -303,7 +303,8 @@ def flight(*overrides):
     f = Flight(load("ccd-docking", [*short, "craft[0].motion.start_s=1", "craft[0].motion.speed_m_s=1.2", *overrides]))
     out = SimpleNamespace(sensor=[], nees=[], error=[], sigma=[], distance=[])
     for frame in range(round(11 / f.period_s)):
-        _, true, _, e = f.period(frame)
+        period = f.period(frame)
+        true, e = period.truth, period.estimate
         turn = rot.matrix_from_quaternion(true.quaternion[0]) @ e.rotation[0].T
         error = np.concatenate([rot.log(turn), true.position[0] - e.position[0]])
         covariance = e.covariance[0][np.ix_(POSE_COLUMNS, POSE_COLUMNS)]
@@ -348,8 +349,8 @@ def test_a_craft_steered_by_the_truth_gets_no_command_in_its_filter():
     """It would be a way for the truth into navigation."""
     f = Flight(load("ccd-docking", ["craft[0].feedback=truth"]))
     f.move(0)
-    assert not f.dynamics.command.acceleration.any()
-    assert not f.dynamics.command.angular_acceleration.any()
+    assert not f.command.acceleration.any()
+    assert not f.command.angular_acceleration.any()
 
 
 def test_the_run_records_what_the_cameras_did(tmp_path):

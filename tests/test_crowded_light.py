@@ -12,8 +12,9 @@ from swarm.hardware import Photodiodes, pad
 from swarm.scenario import Lighthouse
 from swarm.sensors.broad_phase import Placed, cell_of, place_into, sort_into_cells
 from swarm.sensors.hits import HULL, OTHER, hull_hit
+from swarm.sensors.sight import Sight
 from swarm.sensors.solids import read_solids
-from swarm.sensors.visibility import Sight, Visibility
+from swarm.sensors.visibility import Visibility
 from swarm.world.craft import load_craft
 
 SHAPE = mujoco.mjtGeom

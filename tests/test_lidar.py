@@ -17,7 +17,8 @@ from swarm.flight.builders import check
 from swarm.scenario import Lidar as Table
 from swarm.sensors.lidar import Lidar, Mount
 from swarm.studies.papers import reproduce
-from swarm.studies.papers.lidar import Turntable, error_deg, quantiles, turned
+from swarm.studies.papers.experiment import quantiles
+from swarm.studies.papers.lidar import Turntable, error_deg, turned
 from swarm.world.surface import known_shape, surface
 from swarm.world.world import CraftStart, World
 

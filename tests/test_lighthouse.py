@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from scipy.stats import chi2
 
 from estimators.arrays import Bools, Floats
-from estimators.lighthouse.sweep import FanErrors, ideal_theta, kernel_errors, measured_theta
+from estimators.lighthouse.sweep import LIGHTHOUSE_1, FanErrors, ideal_theta, kernel_fans, lighthouse_1, measured_theta
 from estimators.rotation import exp, quaternion_from_matrix
 from swarm.hardware import Photodiodes, pad
 from swarm.messages import SYNC_WIDTH_S, SYNC_WIDTH_STEP_S, Pulses
@@ -116,7 +116,7 @@ def test_crossing_instants_equal_a_root_finder_on_the_analytic_motion(
     error = np.random.default_rng(2).normal(0, NOISE, (20, 12, 2))
     instant, width = np.zeros((20, 12, 2)), np.zeros((20, 12, 2))
     knots = truth.time_s - truth.time_s[0]
-    lit, numbers = all_lit(layout), kernel_errors(fans)
+    lit, numbers = all_lit(layout), kernel_fans(lighthouse_1(*fans))
     cross_into(knots, *truth[1:], layout.point_m, layout.normal, lit, error, numbers, PERIOD, 3e-3, instant, width)
     for c, k, fan in np.ndindex(20, 12, 2):
         start = fan * PERIOD / 2
@@ -140,7 +140,7 @@ def test_crossing_instants_follow_bent_knots() -> None:
     quaternion[::2] *= -1
     position = truth.position + rng.normal(0, 0.002, truth.position.shape)
     instant, width = np.zeros((1, 12, 2)), np.zeros((1, 12, 2))
-    error, lit, perfect = np.zeros((1, 12, 2)), all_lit(layout), kernel_errors((FanErrors(), FanErrors()))
+    error, lit, perfect = np.zeros((1, 12, 2)), all_lit(layout), kernel_fans(LIGHTHOUSE_1)
     cross_into(
         truth.time_s,
         position,

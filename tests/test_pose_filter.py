@@ -14,12 +14,12 @@ from estimators.filter.error_state import (
     POSE_COLUMNS,
     RATE_COLUMNS,
     innovation_into,
-    log_into,
     process_noise_into,
     propagate,
     transition_into,
 )
 from estimators.filter.filterpy_bank import PoseFilterBank
+from estimators.rotation import log_into
 
 T = 1 / 60
 RATES = [np.zeros(3), np.array([1e-6, 0, 2e-6]), np.array([0.02, -0.1, 0.05]), np.array([3.0, -20.0, 40.0])]

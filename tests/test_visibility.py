@@ -9,7 +9,8 @@ from estimators.arrays import Floats
 from estimators.rotation import matrix_from_quaternion
 from swarm.hardware import Photodiodes, pad
 from swarm.scenario import Lighthouse
-from swarm.sensors.visibility import Sight, Visibility
+from swarm.sensors.sight import Sight
+from swarm.sensors.visibility import Visibility
 from swarm.units import si
 
 # An L-shaped prism: its convex hull covers the notch, its triangles do not.

@@ -22,12 +22,10 @@ from estimators.filter.error_state import (
     RATE_COLUMNS,
     STATES,
     correct,
-    left_jacobian_into,
-    log_into,
 )
 from estimators.kernel import kernel
 from estimators.linear import cholesky_into
-from estimators.rotation import exp_into, multiply_into
+from estimators.rotation import exp_into, left_jacobian_into, log_into, multiply_into
 
 
 class CompiledFilterBank(FilterBank):

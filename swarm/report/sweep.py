@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib.figure import Figure
 
+from swarm.figures import Figure
 from swarm.report.figures import BLUE, GREY, Picture, picture
 from swarm.report.page import Column, Section, Table, number
 from swarm.report.rows import Rows, as_floats, finished
@@ -74,7 +74,7 @@ def _against(key: str, rows: Rows) -> Picture:
                 axes.set_ylim(bottom=0)
 
     how = "a dot per run" if drawn else "a dot per run, the line through their means"
-    return picture(f"against-{key.replace('.', '-')}", f"Figures of merit against {key}: {how}.", paint, height_in=5.6)
+    return picture(f"against-{key.replace('.', '-')}", f"Figures of merit against {key}: {how}.", paint, 5.6)
 
 
 def point_table(study: FinishedStudy) -> Table:

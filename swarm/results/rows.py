@@ -4,46 +4,35 @@ The errors are active and left, R_true = Exp([d]x) R_est and p_true = p_est + dp
 EKF's covariance NEES = e^T P^-1 e, e = (d, dp). Quaternions are wxyz, w >= 0. What is missing is NaN.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from estimators.arrays import Floats
 from estimators.kernel import kernel
 from estimators.linear import cholesky_into
-
-_TIME, _TRUE, _PNP, _EKF, _QUALITY, _ERRORS, _NIS, _TRUE_RATES, _EKF_RATES, _PEER = 0, 1, 8, 15, 22, 25, 32, 33, 39, 45
-"""Rows of a block of telemetry where a group of columns begins, in the schema's order of its doubles."""
+from estimators.rotation import quaternion_between, quaternion_from_matrix_into
 
 
-@kernel
-def _quaternion_into(m: Floats, out: Floats) -> None:
-    """Write the quaternion (4,) of a rotation matrix (3, 3) into `out`, by Shepperd's method."""
-    w, x, y, z = (
-        1 + m[0, 0] + m[1, 1] + m[2, 2],
-        1 + m[0, 0] - m[1, 1] - m[2, 2],
-        1 - m[0, 0] + m[1, 1] - m[2, 2],
-        1 - m[0, 0] - m[1, 1] + m[2, 2],
-    )
-    if w >= x and w >= y and w >= z:
-        x, y, z = m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]
-    elif x >= y and x >= z:
-        w, y, z = m[2, 1] - m[1, 2], m[1, 0] + m[0, 1], m[0, 2] + m[2, 0]
-    elif y >= z:
-        w, x, z = m[0, 2] - m[2, 0], m[1, 0] + m[0, 1], m[2, 1] + m[1, 2]
-    else:
-        w, x, y = m[1, 0] - m[0, 1], m[0, 2] + m[2, 0], m[2, 1] + m[1, 2]
-    scale = 1 / np.sqrt(w * w + x * x + y * y + z * z)
-    scale = -scale if w < 0 else scale
-    out[0], out[1], out[2], out[3] = scale * w, scale * x, scale * y, scale * z
+class Rows(NamedTuple):
+    """Rows of a block at which the columns of one quantity begin: a pose has seven, the errors seven, rates six.
+
+    They are an argument, not globals: the compiled kernel in the cache on disk would keep old globals.
+    """
+
+    true: int
+    pnp: int
+    ekf: int
+    errors: int
+    true_rates: int
+    ekf_rates: int
 
 
 @kernel
 def _error_into(a: Floats, true_position: Floats, b: Floats, position: Floats, out: Floats) -> tuple[float, float]:
     """Write (d, dp) (6,) of an estimate b (4,), position (3,) against the truth a (4,); its distance and its angle."""
     # Exp([d]x) = R_true R_est^T as quaternions: q_true times the conjugate of q_est.
-    w = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
-    x = -a[0] * b[1] + a[1] * b[0] - a[2] * b[3] + a[3] * b[2]
-    y = -a[0] * b[2] + a[2] * b[0] - a[3] * b[1] + a[1] * b[3]
-    z = -a[0] * b[3] + a[3] * b[0] - a[1] * b[2] + a[2] * b[1]
+    w, x, y, z = quaternion_between(a, b)
     sine = np.sqrt(x * x + y * y + z * z)
     angle = 2 * np.arctan2(sine, abs(w))
     scale = (angle / sine if sine > 0 else 2.0) * (-1 if w < 0 else 1)
@@ -75,7 +64,7 @@ def _pose_into(position: Floats, quaternion: Floats, out: Floats, row: int, colu
 
 @kernel
 def rows_into(
-    time_s: float,
+    rows: Rows,
     true_position: Floats,
     true_quaternion: Floats,
     true_velocity: Floats,
@@ -87,43 +76,45 @@ def rows_into(
     velocity: Floats,
     rate: Floats,
     covariance: Floats,
-    adop: Floats,
-    pdop: Floats,
-    residual: Floats,
-    nis: Floats,
-    peer_position: Floats,
-    peer_quaternion: Floats,
-    errors: Floats,
     out: Floats,
-    at: int,
 ) -> None:
-    """Write C rows of telemetry, with their errors, into the columns of `out` (52, rows) from `at` on.
+    """Write poses, errors and rates of C craft into the rows of `out` (columns, C).
 
-    Vectors (C, 3), quaternions (C, 4), rotations (C, 3, 3), covariance (C, 12, 12), scalars (C,); errors (7, C): as
-    `swarm.results.records.Errors`, which stand in `out` too.
+    Args:
+        rows: Where they go.
+        true_position: (C, 3) [m]; with true_quaternion (C, 4), true_velocity (C, 3) [m/s], true_rate (C, 3) [rad/s].
+        true_quaternion: See above.
+        true_velocity: See above.
+        true_rate: See above.
+        pnp_rotation: (C, 3, 3), with pnp_position (C, 3) [m]: the solution of PnP.
+        pnp_position: See above.
+        rotation: (C, 3, 3), with position, velocity, rate (C, 3) and covariance (C, 12, 12): the filter's estimate.
+        position: See above.
+        velocity: See above.
+        rate: See above.
+        covariance: See above.
+        out: Filled; the errors are in the order of `swarm.results.records.Errors`.
     """
     pose, lower = np.empty((6, 6)), np.empty((6, 6))
-    e, q = np.empty(6), np.empty(4)
-    for c in range(errors.shape[1]):
-        column = at + c
-        out[_TIME, column] = time_s
-        _pose_into(true_position[c], true_quaternion[c], out, _TRUE, column)
-        _quaternion_into(pnp_rotation[c], q)
-        _pose_into(pnp_position[c], q, out, _PNP, column)
+    e, q, errors = np.empty(6), np.empty(4), np.empty(7)
+    for c in range(out.shape[1]):
+        _pose_into(true_position[c], true_quaternion[c], out, rows.true, c)
+        quaternion_from_matrix_into(pnp_rotation[c], q)
+        _pose_into(pnp_position[c], q, out, rows.pnp, c)
         distance, angle = _error_into(true_quaternion[c], true_position[c], q, pnp_position[c], e)
-        errors[0, c], errors[1, c] = distance, np.degrees(angle)
+        errors[0], errors[1] = distance, np.degrees(angle)
 
-        _quaternion_into(rotation[c], q)
-        _pose_into(position[c], q, out, _EKF, column)
+        quaternion_from_matrix_into(rotation[c], q)
+        _pose_into(position[c], q, out, rows.ekf, c)
         distance, angle = _error_into(true_quaternion[c], true_position[c], q, position[c], e)
-        errors[2, c], errors[3, c] = distance, np.degrees(angle)
+        errors[2], errors[3] = distance, np.degrees(angle)
         p = covariance[c]
-        errors[4, c] = np.sqrt(p[6, 6] + p[7, 7] + p[8, 8])
-        errors[5, c] = np.degrees(np.sqrt(p[0, 0] + p[1, 1] + p[2, 2]))
+        errors[4] = np.sqrt(p[6, 6] + p[7, 7] + p[8, 8])
+        errors[5] = np.degrees(np.sqrt(p[0, 0] + p[1, 1] + p[2, 2]))
         for i in range(6):
             for j in range(i + 1):
                 pose[i, j] = p[i if i < 3 else i + 3, j if j < 3 else j + 3]
-        errors[6, c] = np.nan
+        errors[6] = np.nan
         if np.isfinite(e[0] + e[5]) and cholesky_into(pose, lower):
             nees = 0.0
             for i in range(6):
@@ -131,13 +122,10 @@ def rows_into(
                     e[i] -= lower[i, j] * e[j]
                 e[i] /= lower[i, i]
                 nees += e[i] * e[i]
-            errors[6, c] = nees
+            errors[6] = nees
 
-        out[_QUALITY, column], out[_QUALITY + 1, column], out[_QUALITY + 2, column] = adop[c], pdop[c], residual[c]
         for i in range(7):
-            out[_ERRORS + i, column] = errors[i, c]
-        out[_NIS, column] = nis[c]
+            out[rows.errors + i, c] = errors[i]
         for i in range(3):
-            out[_TRUE_RATES + i, column], out[_TRUE_RATES + 3 + i, column] = true_velocity[c, i], true_rate[c, i]
-            out[_EKF_RATES + i, column], out[_EKF_RATES + 3 + i, column] = velocity[c, i], rate[c, i]
-        _pose_into(peer_position[c], peer_quaternion[c], out, _PEER, column)
+            out[rows.true_rates + i, c], out[rows.true_rates + 3 + i, c] = true_velocity[c, i], true_rate[c, i]
+            out[rows.ekf_rates + i, c], out[rows.ekf_rates + 3 + i, c] = velocity[c, i], rate[c, i]

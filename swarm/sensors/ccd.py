@@ -82,10 +82,10 @@ class Ccd:
 
     def __init__(self, pairs: Sequence[Pair], line: Line, seed: int, duration_s: float) -> None:
         """duration_s: how long the run lasts, for the random failures."""
-        self._pairs, self._line, self._seed = tuple(pairs), line, seed
-        self._most = max((len(pair.lights.point_m) for pair in self._pairs), default=0)
-        self.mounted = tuple(self._mounted(pair) for pair in self._pairs)
-        self._outages = tuple((*pair.table.outages, *self._random_outages(pair, duration_s)) for pair in self._pairs)
+        self.pairs, self._line, self._seed = tuple(pairs), line, seed
+        self._most = max((len(pair.lights.point_m) for pair in self.pairs), default=0)
+        self.mounted = tuple(self._mounted(pair) for pair in self.pairs)
+        self._outages = tuple((*pair.table.outages, *self._random_outages(pair, duration_s)) for pair in self.pairs)
         self._draws = Blocks(BLOCK, self._draw)
 
     def expose(self, truth: Motion, frame: int) -> LightImages:
@@ -94,9 +94,9 @@ class Ccd:
         time_s, position, quaternion = float(truth.time_s[epoch]), truth.position[epoch], truth.quaternion[epoch]
         rotation = matrix_from_quaternion(quaternion)
         draws, place = self._draws.at(frame)
-        image = np.full((len(self._pairs), 2, self._most, 2), np.nan)
+        image = np.full((len(self.pairs), 2, self._most, 2), np.nan)
         seen = np.zeros(image.shape[:-1], dtype=np.bool_)
-        for p, pair in enumerate(self._pairs):
+        for p, pair in enumerate(self.pairs):
             settings = pair.settings
             light = pair.lights.point_m @ rotation[pair.target].T + position[pair.target]
             shine = pair.lights.normal @ rotation[pair.target].T
@@ -148,7 +148,7 @@ class Ccd:
     def _draw(self, block: int) -> list[tuple[Floats, Bools]]:
         """Draw the noise (BLOCK, 2, L, 2) and the lost images (BLOCK, 2) of every pair, for one block of frames."""
         out = []
-        for pair in self._pairs:
+        for pair in self.pairs:
             shape = (BLOCK, 2, len(pair.lights.point_m), 2)
             chance = random.stream(self._seed, Purpose.LOST_IMAGE, pair.key, block).random((BLOCK, 2))
             noise = random.stream(self._seed, Purpose.IMAGE, pair.key, block).standard_normal(shape)

@@ -25,7 +25,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
-from estimators.lighthouse.sweep import FanErrors, FanPair, kernel_errors
+from estimators.lighthouse.sweep import FanErrors, FanPair, kernel_fans, lighthouse_1
 from swarm import random
 from swarm.hardware import Photodiodes
 from swarm.messages import SYNC_WIDTH_S, SYNC_WIDTH_STEP_S, Pulses
@@ -105,7 +105,7 @@ class Lighthouse:
         if len(set(self._keys)) != layout.craft_count:
             raise ValueError(f"{layout.craft_count} different craft keys needed, not {self._keys}")
         self._count = layout.present.sum(axis=1)
-        self._errors = kernel_errors(self.fans)
+        self._fans = kernel_fans(lighthouse_1(*self.fans))
         point = layout.point_m.copy()
         offset = np.empty(layout.craft_count)
         for i, key in enumerate(self._keys):
@@ -144,7 +144,7 @@ class Lighthouse:
             true.normal,
             lit,
             angle_error,
-            self._errors,
+            self._fans,
             turn_s,
             settings.photodiode_diameter_m,
             instant,

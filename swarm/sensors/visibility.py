@@ -17,7 +17,6 @@ in closed form (`hits`) whether a convex geom of theirs does. Of geoms that are 
 """
 
 from collections.abc import Sequence
-from enum import IntEnum
 
 import mujoco
 import numpy as np
@@ -29,6 +28,7 @@ from swarm.scenario import Lighthouse
 from swarm.sensors.broad_phase import MOST_CELLS, Placed, place_into, sort_into_cells
 from swarm.sensors.hits import HULL
 from swarm.sensors.line_of_sight import sight_into
+from swarm.sensors.sight import Sight
 from swarm.sensors.solids import Solids, read_solids
 from swarm.units import si
 
@@ -37,16 +37,6 @@ THICKNESS_M = 1e-3
 
 WIDEST_HALF_FIELD_RAD = 1.57
 """Just below pi/2: the field is a rectangle on the plane z = 1."""
-
-
-class Sight(IntEnum):
-    """What a photodiode sees of the lighthouse."""
-
-    OUTSIDE = 0
-    """Out of field or range, turned away, or not there at all (padding)."""
-    BLOCKED = 1
-    """Within reach of the light, but something stands in between."""
-    LIT = 2
 
 
 class Visibility:

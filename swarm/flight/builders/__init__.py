@@ -4,6 +4,17 @@ Mistakes that the scenario alone cannot show, such as a craft inside another one
 found here, before anything is written.
 """
 
+from swarm.flight.builders.assembly import (
+    computer,
+    latches,
+    measured_by,
+    no_command,
+    own_layout,
+    pilot,
+    sensors,
+    start_state,
+    surroundings,
+)
 from swarm.flight.builders.cameras import cameras
 from swarm.flight.builders.craft import fleet, photodiodes, pushes, start, steers_by_estimate, world
 from swarm.flight.builders.dynamics import actuators, orbit
@@ -21,19 +32,28 @@ __all__ = [
     "believed_layout",
     "cameras",
     "check",
+    "computer",
     "decoder",
     "faults",
     "fleet",
     "guidance",
     "inspection",
+    "latches",
     "lidars",
     "matings",
+    "measured_by",
     "navigation",
+    "no_command",
     "orbit",
+    "own_layout",
     "photodiodes",
+    "pilot",
     "pushes",
+    "sensors",
     "start",
+    "start_state",
     "steers_by_estimate",
+    "surroundings",
     "world",
 ]
 

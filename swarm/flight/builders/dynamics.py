@@ -2,10 +2,10 @@
 
 from estimators.relative_orbit import RelativeOrbit, circular
 from swarm import random, scenario
-from swarm.flight.actuators import Actuators
-from swarm.onboard.actuation.hardware import Fitted
+from swarm.hardware import Fitted, actuator_set
 from swarm.scenario import Scenario
 from swarm.units import si
+from swarm.world.actuators import Actuators
 from swarm.world.world import World
 
 
@@ -15,21 +15,20 @@ def orbit(settings: Scenario) -> RelativeOrbit | None:
     return None if table is None else circular(si(table).altitude_m, table.boresight)
 
 
-def actuators(settings: Scenario, world: World) -> Actuators:
-    """Return the thrusters and wheels of every craft."""
-    fitted = []
+def fitted(settings: Scenario, world: World) -> list[Fitted]:
+    """Return the thrusters and wheels of every craft; an ideal craft has none."""
+    out = []
     for i, (craft, key) in enumerate(zip(scenario.craft(settings), random.keys(settings.craft_names), strict=True)):
         table, thrusters, wheels = si(craft.table.actuation), world.thrusters[i], world.wheels[i]
         if table.ideal:
             thrusters, wheels = thrusters.none(), wheels.none()
         errors = table.thrust_error, table.thrust_direction_error_rad
-        fitted.append(Fitted(thrusters, wheels, errors, key))
-    return Actuators(
-        fitted,
-        world.mass,
-        world.com_m,
-        world.inertia,
-        1 / settings.lighthouse.rate_hz,
-        settings.physics.steps_per_period,
-        settings.seed,
-    )
+        out.append(Fitted(thrusters, wheels, errors, key))
+    return out
+
+
+def actuators(settings: Scenario, world: World) -> Actuators:
+    """Return the thrusters and wheels of every craft as they really are."""
+    own = fitted(settings, world)
+    period_s, steps = 1 / settings.lighthouse.rate_hz, settings.physics.steps_per_period
+    return Actuators(own, actuator_set(own, world.com_m), world.mass, period_s, steps, settings.seed)

@@ -4,31 +4,29 @@ from itertools import product
 
 from swarm import random
 from swarm.errors import SwarmError
-from swarm.flight.faults.injection import Faults
+from swarm.flight.faults.injection import Faults, NoFaults
 from swarm.scenario import Scenario
 from swarm.scenario.faults import OfCraft
-from swarm.sensors.lighthouse import Lighthouse
-from swarm.sensors.visibility import Visibility
+from swarm.sensors.suite import Sensors
 from swarm.world.world import World
 
 
-def faults(settings: Scenario, world: World, lighthouse: Lighthouse, visibility: Visibility) -> Faults | None:
-    """Return all faults of the run, None where there are none.
+def faults(settings: Scenario, world: World, sensors: Sensors) -> NoFaults:
+    """Return all faults of the run, or a null object.
 
     Args:
         settings: The scenario.
         world: The world, for the craft's photodiodes and thrusters.
-        lighthouse: The lighthouse, whose pulses the faults change.
-        visibility: The line of sight, for reflections.
+        sensors: The sensors, whose light and pulses the faults change.
 
     Raises:
         SwarmError: As `check_faults`.
     """
     if not settings.fault:
-        return None
+        return NoFaults(len(settings.craft_names))
     check_faults(settings, world)
     keys, flown = random.keys(settings.craft_names), (settings.seed, settings.duration_s)
-    return Faults(settings.fault, settings.craft_names, keys, *flown, lighthouse, visibility)
+    return Faults(settings.fault, settings.craft_names, keys, *flown, sensors.lighthouse, sensors.visibility)
 
 
 def check_faults(settings: Scenario, world: World) -> None:

@@ -1,5 +1,7 @@
 """The LiDARs on board, and the computers that use them."""
 
+from collections.abc import Sequence
+
 from swarm import random, scenario
 from swarm.errors import SwarmError
 from swarm.onboard.inspection import Inspection, InspectionSettings, Observer
@@ -30,12 +32,12 @@ def lidars(settings: Scenario, world: World) -> list[Lidar]:
     return found
 
 
-def inspection(settings: Scenario, sensors: list[Lidar]) -> Inspection | None:
-    """Return the computers of the craft with LiDARs, None where there are none."""
+def inspection(settings: Scenario, sensors: Sequence[Lidar]) -> Inspection:
+    """Return the computers of the craft with LiDARs; without any, one that does nothing."""
     craft, names = scenario.craft(settings), list(settings.craft_names)
     tables = [c.lidar for c in craft if c.lidar is not None]
     if not tables:
-        return None
+        return Inspection((), InspectionSettings(frame_s=1 / settings.lighthouse.rate_hz))
     observers = [
         Observer(
             sensor.mounts[0].craft,

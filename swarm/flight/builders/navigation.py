@@ -9,7 +9,7 @@ from swarm.flight.builders.dynamics import orbit
 from swarm.flight.recordings.station_calibration import read_calibration
 from swarm.hardware import Photodiodes
 from swarm.onboard.integrity import IntegritySettings
-from swarm.onboard.navigation import NavigationSettings
+from swarm.onboard.settings import NavigationSettings
 from swarm.scenario import Scenario
 from swarm.units import si
 

@@ -13,7 +13,8 @@ from estimators.arrays import Bools, Floats, Ints
 from estimators.rotation import skew
 from estimators.state import Motion, State, Steered
 from swarm.hardware import Closing, closing, placed
-from swarm.onboard.control import Command, Feedback, feedback
+from swarm.messages import Command
+from swarm.onboard.control import Feedback, feedback
 from swarm.onboard.guidance.avoidance import barriers, safe
 from swarm.onboard.guidance.broadcast import Broadcasts
 from swarm.onboard.guidance.docking import Docking

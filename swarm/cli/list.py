@@ -1,17 +1,15 @@
-"""The commands `swarm list` and `swarm view`: what there is, and what it looked like."""
+"""The command `swarm list`: the scenarios, studies and craft models that there are."""
 
 import sys
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
-from swarm.cli.terminal import mistakes, stoppable
-from swarm.errors import SwarmError
+from swarm.cli.terminal import mistakes
 
 
-def list_() -> None:
-    """Show the scenarios, studies and craft models there are."""
+def list_all() -> None:
+    """List the scenarios, studies and craft models."""
     with mistakes():
         import tomllib
         from shutil import get_terminal_size
@@ -33,30 +31,8 @@ def list_() -> None:
             typer.echo(line.rstrip() if len(line) <= room else f"{line[: room - 1]}…")
 
 
-def view(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="The folder of a run, or a .rrd file.")],
-    web: Annotated[bool, typer.Option("--web", help="In the browser, served to this machine only.")] = False,
-) -> None:
-    """Open a run's recording in the viewer.
-
-    \b
-    swarm view runs/formation-7
-    swarm view runs/formation-7 --web
-    """
-    with mistakes():
-        from swarm.results.recording.viewer import view as open_viewer
-        from swarm.results.run_folder import open_run
-
-        recording = run if run.suffix == ".rrd" else open_run(run).recording
-        if recording is None:
-            raise SwarmError(f"{run} has no recording: it was flown with --no-recording, or recording.enabled = false")
-        with stoppable():
-            code = open_viewer(recording, web=web)
-        raise typer.Exit(code)
-
-
 def _first_sentence(readme: Path) -> str:
-    """What a model is, from the text below its README's title; empty if it has none."""
+    """Return the first sentence below a README's title; empty if there is none."""
     if not readme.is_file():
         return ""
     paragraphs = readme.read_text(encoding="utf-8").split("\n\n")
