@@ -5,9 +5,8 @@ from pathlib import Path
 from typing import Protocol
 
 from swarm.flight.flight import Flight
-from swarm.onboard.navigation import Estimate
+from swarm.results.period import Period
 from swarm.results.progress import Progress
-from swarm.results.records import Truth
 from swarm.results.run_folder import Run
 from swarm.results.run_writer import writing_run
 from swarm.scenario import Scenario
@@ -19,7 +18,7 @@ class Observer(Protocol):
     def begin(self, flight: Flight) -> None:
         """See the flight before its first period."""
 
-    def period(self, frame: int, truth: Truth, estimate: Estimate) -> None:
+    def period(self, period: Period) -> None:
         """See one period at its epoch."""
 
 
@@ -51,8 +50,8 @@ def simulate(
         for frame in range(max(1, round(duration_s / flight.period_s))):
             period = flight.period(frame)
             writer.append(period)
-            if observer is not None and period.truth is not None:
-                observer.period(frame, period.truth, period.estimate)
+            if observer is not None:
+                observer.period(period)
             if progress is not None:
                 progress(writer.progress)
     return writer.run
