@@ -29,7 +29,7 @@ from estimators.calibration.model import linear_fans
 from estimators.calibration.problem import Problem, to_gauge
 from swarm.flight.flight import Flight
 from swarm.flight.simulate import simulate
-from swarm.results.reading import values
+from swarm.results.table import doubles as values
 from swarm.scenario import load
 from swarm.studies.calibration.calibrate import Calibrated, calibrate_survey, held_out, to_survey
 from swarm.studies.calibration.report import fan_sigmas, file_text

@@ -20,7 +20,8 @@ from period import captured
 from estimators.rotation import angle_between, matrix_from_quaternion
 from swarm.results.columns.schema import schema
 from swarm.results.period import Period
-from swarm.results.reading import read_telemetry, values
+from swarm.results.reading import read_telemetry
+from swarm.results.table import doubles as values
 from swarm.results.telemetry import Telemetry
 
 PERIODS, BY_ROW = 120, 20

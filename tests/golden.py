@@ -140,6 +140,13 @@ class Value:
         else:
             self.text(repr(value))
 
+    def take(self, other: "Value") -> None:
+        """Another value becomes a part of this one."""
+        self.text(other._sha.hexdigest())
+        self._count += other._count
+        self._sum += other._sum
+        self._squares += other._squares
+
     def kept(self) -> str:
         digest = self._sha.hexdigest()[:EXACT_DIGITS]
         if not self._count:
@@ -375,18 +382,23 @@ RECORDED = {
 
 
 class _Spy:
-    """Sees what a recording sends, in order: which entities, and per kind of entity the data."""
+    """Sees what a recording sends, per entity in order; the order among entities means nothing to the viewer."""
 
     def __init__(self) -> None:
-        self.order = Value()
         self.data: dict[str, Value] = {}
         self._blueprint = False
 
     def _of(self, what: str, entity: str) -> Value:
-        self.order.text(f"{what} {entity}")
-        value = self.data.setdefault("/".join(entity.split("/")[:2]), Value())
+        value = self.data.setdefault(entity, Value())
         value.text(f"{what} {entity}")
         return value
+
+    def kept(self) -> Values:
+        """The entities of a kind, such as world/craft, together."""
+        kinds: dict[str, Value] = {}
+        for entity in sorted(self.data):
+            kinds.setdefault("/".join(entity.split("/")[:2]), Value()).take(self.data[entity])
+        return Values({kind: value.kept() for kind, value in kinds.items()})
 
     @contextmanager
     def watching(self) -> Iterator[None]:
@@ -418,7 +430,7 @@ class _Spy:
 
         def spied_blueprint(this: Any, *arguments: Any, **options: Any) -> None:
             # What is logged meanwhile is the blueprint's, under names drawn by chance.
-            self.order.text("blueprint")
+            self._of("blueprint", "blueprint")
             self._blueprint = True
             try:
                 send_blueprint(this, *arguments, **options)
@@ -437,7 +449,7 @@ def _record(flight: Flight, folder: Path) -> Values:
     spy = _Spy()
     with spy.watching():
         swarm.simulate(_load(flight, None), out=folder / "run")
-    return Values({"order": spy.order.kept()} | {name: value.kept() for name, value in spy.data.items()})
+    return spy.kept()
 
 
 # --- what else computes -----------------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ from synthetic_run import PERIOD_S, estimate_of, period_of, truth_at
 
 from swarm.results.columns.column import Column, Group
 from swarm.results.columns.schema import schema
-from swarm.results.reading import FILE
+from swarm.results.files import TELEMETRY as FILE
 from swarm.results.telemetry import Telemetry
 
 COLUMNS = (

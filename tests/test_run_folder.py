@@ -13,7 +13,7 @@ from synthetic_run import estimate_of, period_of, truth_at
 
 from swarm.errors import SwarmError
 from swarm.results.disk import write_text
-from swarm.results.reading import PARTS
+from swarm.results.files import PARTS
 from swarm.results.run_folder import RunFolder, open_run
 from swarm.results.telemetry import Telemetry
 

@@ -80,7 +80,7 @@ def test_a_folder_says_what_its_table_says(tmp_path, replay, monkeypatch):
     whole = summarise(table)
     assert summarise_run(tmp_path) == whole
     # In small blocks only the order of some sums differs.
-    monkeypatch.setattr("swarm.results.summary.BLOCK", 7)
+    monkeypatch.setattr("swarm.results.summary.motion_bias.BLOCK", 7)
     assert flattened(summarise(table)) == pytest.approx(flattened(whole), rel=1e-9)
     assert summarise_run(tmp_path / "nothing")["swarm"] is None
 

@@ -25,7 +25,9 @@ from swarm.results.columns.integrity import integrity
 from swarm.results.columns.observer import observer
 from swarm.results.columns.peer import PEER
 from swarm.results.columns.schema import schema
-from swarm.results.reading import FILE, PARTS, read_telemetry
+from swarm.results.files import PARTS
+from swarm.results.files import TELEMETRY as FILE
+from swarm.results.reading import read_telemetry
 from swarm.results.records import Peer
 from swarm.results.telemetry import Telemetry
 

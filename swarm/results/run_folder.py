@@ -9,16 +9,16 @@ from typing import Any
 
 import pyarrow as pa
 
-from swarm.results import angles, lidar_scans
+from swarm.results.files import ANGLES, PARTS, RECORDING, SCANS, SCENARIO, SUMMARY, TELEMETRY
 from swarm.results.owned_folder import PROGRAM, RUNS, Contents, OwnedFolder, Status, find
-from swarm.results.reading import FILE, PARTS, read_telemetry
+from swarm.results.parquet import PARTIAL
+from swarm.results.reading import read_telemetry
 
-__all__ = ["PROGRAM", "RUNS", "Run", "RunFolder", "open_run"]
-SCENARIO, SUMMARY, RECORDING = "scenario.toml", "summary.json", "recording.rrd"
+__all__ = ["PROGRAM", "RUNS", "SCENARIO", "Run", "RunFolder", "open_run"]
 CONTENTS = Contents(
     "a run",
     SUMMARY,
-    (SCENARIO, FILE, RECORDING, angles.FILE, angles.PARTIAL, lidar_scans.FILE, lidar_scans.PARTIAL),
+    (SCENARIO, TELEMETRY, RECORDING, ANGLES, ANGLES + PARTIAL, SCANS, SCANS + PARTIAL),
     {PARTS: ("part-*.arrow", "part-*.tmp", "joined.tmp")},
 )
 

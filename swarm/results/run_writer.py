@@ -19,10 +19,10 @@ from swarm.results.criteria import check_measures, judge, summary_of
 from swarm.results.lidar_scans import ScanWriter
 from swarm.results.period import Period
 from swarm.results.progress import Progress
-from swarm.results.reading import read_telemetry
 from swarm.results.recording.scene import NullRecording, Recorder, Scene
 from swarm.results.run_folder import Run, RunFolder, open_run
 from swarm.results.summary import summarise_run
+from swarm.results.table import TelemetryTable
 from swarm.results.telemetry import Telemetry
 from swarm.scenario import Scenario, to_toml
 
@@ -134,7 +134,7 @@ def writing_run(
             angle_writer.close()
         if scan_writer is not None:
             scan_writer.close()
-        verdicts = judge(scenario.criteria, lambda column: read_telemetry(folder.path, [column]))
+        verdicts = judge(scenario.criteria, TelemetryTable.of_run(folder.path))
         folder.finish({**summarise_run(folder.path), **summary_of(verdicts)})
         writer.run = open_run(folder.path)
 

@@ -23,8 +23,9 @@ from swarm.results.columns.column import Group
 from swarm.results.columns.core import core, errors_in
 from swarm.results.columns.schema import schema
 from swarm.results.disk import writing
+from swarm.results.files import PARTS, TELEMETRY
 from swarm.results.period import Period
-from swarm.results.reading import FILE, PARTS, part_files
+from swarm.results.reading import part_files
 from swarm.results.records import Errors
 
 PERIODS_PER_PART = 120
@@ -96,7 +97,7 @@ class Telemetry:
     def close(self) -> None:
         """Write what is left and join the parts into one file. Raises SwarmError on a full disk: the parts stay."""
         self._flush()
-        folder, final = self._folder / PARTS, self._folder / FILE
+        folder, final = self._folder / PARTS, self._folder / TELEMETRY
         temporary = folder / "joined.tmp"
         doubles = [field.name for field in self._schema if field.type == pa.float64()]
         with (

@@ -7,8 +7,7 @@ import pyarrow as pa
 
 from swarm.results.columns.column import Group
 from swarm.results.columns.core import COLUMNS
-
-_WITHOUT_SENSORS = "craft_without_sensors"
+from swarm.results.reading import WITHOUT_SENSORS
 
 
 def schema(groups: Sequence[Group] = (), without_sensors: Sequence[str] = ()) -> pa.Schema:
@@ -17,10 +16,4 @@ def schema(groups: Sequence[Group] = (), without_sensors: Sequence[str] = ()) ->
     without_sensors: names of craft that navigate by nothing, kept in the schema's metadata.
     """
     fields = [column.field for columns in (COLUMNS, *(group.columns for group in groups)) for column in columns]
-    return pa.schema(fields, {_WITHOUT_SENSORS: json.dumps(list(without_sensors))} if without_sensors else None)
-
-
-def bystanders(schema: pa.Schema) -> list[str]:
-    """Return the craft without sensors that the schema of a run's telemetry names."""
-    said = (schema.metadata or {}).get(_WITHOUT_SENSORS.encode())
-    return list(json.loads(said)) if said else []
+    return pa.schema(fields, {WITHOUT_SENSORS: json.dumps(list(without_sensors))} if without_sensors else None)

@@ -19,7 +19,7 @@ NOT_TO_POINT_AT = ("world/rays", "world/names", "world/trails", "world/lighthous
 
 def _view(plot: Plot) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(
-        origin=plot.entity, name=plot.title, plot_legend=rrb.PlotLegend(corner="RightTop", visible=len(plot.names) < 4)
+        origin=plot.entity, name=plot.title, plot_legend=rrb.PlotLegend(corner="RightTop", visible=len(plot.lines) < 4)
     )
 
 

@@ -18,9 +18,9 @@ from typing import Any, NamedTuple, TextIO
 
 from swarm.errors import SwarmError
 from swarm.results.disk import writing
+from swarm.results.files import SUMMARY
 from swarm.results.owned_folder import RUNS, Contents, OwnedFolder, Status, find, marker_in
 from swarm.results.parquet import Kind, Table, column, read_table, table_of, write_table
-from swarm.results.run_folder import SUMMARY
 from swarm.scenario.mistakes import split_unit
 from swarm.scenario.text import toml_value
 from swarm.studies.campaign.plan import PlannedRun
