@@ -92,9 +92,9 @@ def visibility(rows: Rows) -> Picture:
         axes.legend(loc="lower left")
 
     caption = (
-        "Photodiodes lit and time tracking as the volume fills. Craft 0 is in the middle, at the same place in every
-        run."
-    ) return picture("visibility", caption, paint)
+        "Photodiodes lit and time tracking as the volume fills. Craft 0 is in the middle, at one place in every run."
+    )
+    return picture("visibility", caption, paint)
 
 
 def precision(rows: Rows) -> Picture:
