@@ -11,7 +11,7 @@ import numpy as np
 
 from estimators.arrays import Floats
 from swarm.figures import Axes, Figure, plain_log_y
-from swarm.report.figures import BLUE, GREY, ORANGE, PURPLE, RED, Picture, band, picture
+from swarm.report.figures import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, Picture, band, picture
 from swarm.report.page import number
 from swarm.report.rows import Rows
 
@@ -70,9 +70,29 @@ def onboard(rows: Rows) -> Picture:
         axes.legend()
 
     caption = (
-        "Photodiodes lit and time tracking as the volume fills. "
-        "Craft 0 is in the middle, at the same place in every run."
+        "On-board time per craft and lighthouse period (decode, PnP, dilution, filter) against the number of craft; "
+        "medians over a run, bands over the seeds."
     )
+    return picture("onboard-time", caption, paint)
+
+
+def visibility(rows: Rows) -> Picture:
+    """Draw the photodiodes lit and the time tracking."""
+    curves = (
+        Curve("lit_share", "photodiodes lit by both fans", BLUE),
+        Curve("tracking_share", "time tracking", GREEN),
+        Curve("first_craft_lit_share", "photodiodes lit, craft 0", GREY, "--"),
+    )
+
+    def paint(figure: Figure) -> None:
+        axes = figure.subplots()
+        _draw(axes, rows, *curves, scale=100)
+        axes.set_ylim(0, 104)
+        axes.set_ylabel("share [%]")
+        axes.legend(loc="lower left")
+
+    where = "Craft 0 is in the middle, at the same place in every run."
+    caption = f"Photodiodes lit and time tracking as the volume fills. {where}"
     return picture("visibility", caption, paint)
 
 
