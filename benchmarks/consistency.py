@@ -32,7 +32,8 @@ def samples(seed: int) -> tuple[list[float], list[float]]:
     nees, nis = [], []
     at = {frames - 1 - BETWEEN * craft: craft for craft in range(len(flight.world.names))}
     for frame in range(frames):
-        _, truth, _, estimate = flight.period(frame)
+        period = flight.period(frame)
+        truth, estimate = period.truth, period.estimate
         if (craft := at.get(frame)) is None:
             continue
         error = np.concatenate(

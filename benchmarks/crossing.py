@@ -22,7 +22,7 @@ def main() -> None:
     """Measure, show, write."""
     chosen = options(__doc__, craft=(1000, "craft"), repeats=(15, "repetitions"), sample=(300, "crossings by SciPy"))
     c = captured(chosen.craft)
-    lighthouse, motion = c.flight.lighthouse, c.motion
+    lighthouse, motion = c.flight.sensors.lighthouse, c.motion
     true, settings = lighthouse.photodiodes, lighthouse.settings
     period, knot = 1 / settings.rate_hz, motion.time_s - motion.time_s[0]
     instant, width = np.empty((2, *c.lit.shape))
@@ -52,7 +52,7 @@ def main() -> None:
         {
             "crossing times": cross,
             "crossing times and pulses": lambda: lighthouse.sweep(motion, c.frame, c.lit),
-            "decode": lambda: c.flight.decoder.decode(c.pulses),
+            "decode": lambda: c.flight.computer.decoder.decode(c.pulses),
         },
         chosen.repeats,
     )

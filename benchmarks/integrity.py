@@ -17,7 +17,7 @@ import numpy as np
 
 from estimators.rotation import angle_between, matrix_from_quaternion
 from swarm.flight.flight import Flight
-from swarm.onboard.navigation import Status
+from swarm.onboard.settings import Status
 from swarm.scenario import load
 
 
@@ -33,7 +33,8 @@ class Tally:
     def add(self, flight: Flight, seconds: float) -> None:
         """Fly it."""
         for frame in range(round(seconds / flight.period_s)):
-            _, truth, _, estimate = flight.period(frame)
+            period = flight.period(frame)
+            truth, estimate = period.truth, period.estimate
             turn, own = matrix_from_quaternion(truth.quaternion), estimate.integrity
             tracking = estimate.status == Status.TRACKING
             every = np.ones_like(tracking)

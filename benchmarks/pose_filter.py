@@ -22,7 +22,7 @@ def main() -> None:
     chosen = options(__doc__, craft=(1000, "craft"), repeats=(7, "repetitions"))
     c = captured(chosen.craft)
     solution, precision = c.estimate.pnp, c.estimate.dilution
-    mask, noise = solution.solved, c.flight.lighthouse.settings.angle_noise_rad
+    mask, noise = solution.solved, c.flight.sensors.lighthouse.settings.angle_noise_rad
     covariance = noise**2 * precision.covariance
     banks = {"compiled": CompiledFilterBank(chosen.craft), "filterpy": PoseFilterBank(chosen.craft)}
     for bank in banks.values():

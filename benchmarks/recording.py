@@ -17,8 +17,8 @@ from period import captured
 from rerun.chunk import RrdReader
 
 from estimators.rotation import xyzw_from_wxyz
+from swarm.results.period import Period
 from swarm.results.recording.recording import Recording
-from swarm.results.recording.scene import Period
 from swarm.results.records import Errors
 
 PERIODS, BY_LOG = 120, 4
@@ -38,7 +38,7 @@ def main() -> None:
             with timed(times["recording"]):
                 recording = Recording(file, c.flight.scene)
                 for frame in range(PERIODS):
-                    recording.append(Period(frame / 60, frame, c.truth, c.estimate, sight, errors))
+                    recording.append(Period(frame, frame / 60, c.truth, sight, c.angles, c.estimate), errors)
                 recording.close()
             every = recording._every if recording._crowd else 1
             stream = rr.RecordingStream("baseline")

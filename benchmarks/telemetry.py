@@ -19,7 +19,9 @@ from period import captured
 
 from estimators.rotation import angle_between, matrix_from_quaternion
 from swarm.results.columns.schema import schema
-from swarm.results.reading import read_telemetry, values
+from swarm.results.period import Period
+from swarm.results.reading import read_telemetry
+from swarm.results.table import doubles as values
 from swarm.results.telemetry import Telemetry
 
 PERIODS, BY_ROW = 120, 20
@@ -42,7 +44,7 @@ def main() -> None:
             telemetry = Telemetry(folder, c.flight.world.names)
             with timed(times["append"]):
                 for frame in range(PERIODS):
-                    telemetry.append(frame / 60, frame, c.truth, c.estimate)
+                    telemetry.append(Period(frame, frame / 60, c.truth, c.sight, c.angles, c.estimate))
             with timed(times["close"]):
                 telemetry.close()
             with timed(times["row by row"]):

@@ -7,7 +7,8 @@ import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.rotation import exp, matrix_from_quaternion, quaternion_from_matrix
-from swarm.results.records import Truth
+from swarm.results.period import Period
+from swarm.results.records import Peer, Truth
 
 PERIOD_S = 1 / 60
 
@@ -49,6 +50,18 @@ class Estimate(NamedTuple):
     rejected: Ints
     sensor: Ints
     ccd: None = None
+
+
+def period_of(
+    time_s: float,
+    frame: int,
+    truth: Truth | None,
+    estimate: Estimate,
+    peer: Peer | None = None,
+    sight: Ints | None = None,
+) -> Period:
+    """The run's record of one period; nobody reads the sweep angles."""
+    return Period(frame, time_s, truth, sight, None, estimate, peer)
 
 
 def truth_at(time_s: float, craft: int = 8, rate_rad_s: float = 0.3, radius_m: float = 1.0) -> Truth:

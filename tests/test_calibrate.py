@@ -91,11 +91,11 @@ def test_what_is_left_in_held_out_poses_is_noise(calibrated, how):
 @pytest.mark.parametrize("how", ["truth", "own"])
 def test_errors_are_of_the_size_of_their_standard_deviations(calibrated, how):
     found, scenario = calibrated(how), load("survey", QUICK)
-    truth = Flight(scenario).lighthouse
+    truth = Flight(scenario).sensors.lighthouse
     point = truth.photodiodes.point_m[0]
     if how == "own":
         point = to_gauge(point, found.seen.believed.point_m[0])
-    fans = linear_fans((truth.settings.fan_x, truth.settings.fan_y))
+    fans = linear_fans(truth.fans)
     off = np.concatenate(
         [
             ((found.result.fans - fans) / found.result.fan_sigma).ravel(),
@@ -136,15 +136,14 @@ def test_angles_are_written_as_decoded_and_read_back(tmp_path):
     run = swarm.simulate(scenario, out=tmp_path / "run", record=False)
     table, flight = read_angles(run.folder), Flight(scenario)
     for frame in range(30):
-        flight.period(frame)
-        assert flight.angles is not None
+        angles = flight.period(frame).angles
         rows = table.frame == frame
-        theta = np.full_like(flight.angles.theta, np.nan)
+        theta = np.full_like(angles.theta, np.nan)
         theta[table.craft[rows], table.photodiode[rows]] = table.theta[rows]
-        np.testing.assert_array_equal(theta, flight.angles.theta)
+        np.testing.assert_array_equal(theta, angles.theta)
         offset = np.zeros_like(theta)
         offset[table.craft[rows], table.photodiode[rows]] = np.nan_to_num(table.offset_s[rows])
-        np.testing.assert_array_equal(offset, flight.angles.offset_s)
+        np.testing.assert_array_equal(offset, angles.offset_s)
     assert table.believed.craft == ("craft-0", "craft-1")
     assert table.believed.noise == builders.angle_noise(scenario)
     np.testing.assert_array_equal(table.believed.point_m[1], flight.world.photodiodes.point_m[1])
@@ -193,12 +192,12 @@ def test_damaged_angles_are_a_clear_mistake(tmp_path):
 
 def test_mounting_errors_go_by_their_own_seed():
     def point(*overrides: str) -> np.ndarray:
-        return Flight(load("survey", overrides)).lighthouse.photodiodes.point_m
+        return Flight(load("survey", overrides)).sensors.lighthouse.photodiodes.point_m
 
     np.testing.assert_array_equal(point(), point("seed=9"))
     assert not np.array_equal(point(), point("lighthouse.mounting_seed=2"))
     own = ["lighthouse.mounting_error_mm=0.5"]
-    flights = [Flight(load("formation", own, seed)).lighthouse.photodiodes.point_m for seed in (1, 2)]
+    flights = [Flight(load("formation", own, seed)).sensors.lighthouse.photodiodes.point_m for seed in (1, 2)]
     assert not np.array_equal(*flights)
 
 

@@ -13,7 +13,8 @@ from estimators.filter.bank import FilterBank
 from estimators.filter.compiled import CompiledFilterBank
 from estimators.filter.filterpy_bank import PoseFilterBank
 from swarm.hardware import pad
-from swarm.onboard.navigation import MOST_BY_FILTERPY, NavigationSettings, Navigator
+from swarm.onboard.navigation import MOST_BY_FILTERPY, Navigator
+from swarm.onboard.settings import NavigationSettings
 
 T = 1 / 60
 COUNT = 30
@@ -156,4 +157,4 @@ def test_every_column_of_the_telemetry_is_filterpys(scenario: str, overrides: li
 def test_the_bank_goes_by_the_setting_and_the_number_of_craft(choice: str, craft: int, bank: type[FilterBank]) -> None:
     layout = pad([np.eye(4, 3)] * craft, [np.eye(4, 3)] * craft)
     settings = NavigationSettings(frame_s=T, angle_noise_rad=4e-5, rotor_correlation=0.87, filter=choice)
-    assert type(Navigator(layout, settings)._filter) is bank
+    assert type(Navigator(layout, settings).tracks.bank) is bank

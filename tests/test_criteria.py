@@ -9,8 +9,10 @@ import pytest
 import swarm
 from swarm.errors import SwarmError
 from swarm.report.run import sections
-from swarm.results.columns.schema import STATUS, schema
+from swarm.results.columns.core import STATUS
+from swarm.results.columns.schema import schema
 from swarm.results.criteria import check_measures, judge, summary_of
+from swarm.results.table import TelemetryTable
 from swarm.scenario import Criterion
 
 NAMES = ("left", "right", "dumb")
@@ -43,7 +45,7 @@ def load(rows):
     table = pa.Table.from_pylist(rows)
     table = table.set_column(2, "craft", table.column("craft").dictionary_encode())
     table = table.set_column(3, "status", table.column("status").dictionary_encode())
-    return lambda name: table.select([name])
+    return TelemetryTable.of(table)
 
 
 def verdict(load, **criterion):

@@ -5,28 +5,28 @@ The full ones are commands (`swarm reproduce`): their figures stand in docs/expe
 
 import json
 from pathlib import Path
-from zlib import crc32
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from matplotlib.figure import Figure
 from rich.console import Console
 
 from estimators import rotation as rot
 from estimators.lighthouse.dop import dilution, image_dilution
 from estimators.lighthouse.sweep import FanErrors, ideal_theta, measured_theta
+from swarm import random
 from swarm.errors import SwarmError
-from swarm.flight import builders
+from swarm.figures import Figure
 from swarm.hardware import Photodiodes
 from swarm.scenario import Scenario
 from swarm.sensors.lighthouse import Lighthouse
-from swarm.studies.papers import EXPERIMENTS, Experiment, find, reproduce, rungs
+from swarm.studies.papers import EXPERIMENTS, find, reproduce, rungs
 from swarm.studies.papers import lighthouse_dynamic as dynamic
 from swarm.studies.papers import lighthouse_error_budget as budget
 from swarm.studies.papers.alignment import align
 from swarm.studies.papers.bench import Bench, Box, Motion
-from swarm.studies.papers.results import Grid, Line, Outcome, ResultFolder, column, print_comparison, table_of
+from swarm.studies.papers.experiment import Experiment, Grid, Line, Outcome, data
+from swarm.studies.papers.results import ResultFolder, print_comparison
 
 FILES = {"data.parquet", "figure.png", "figure.svg", "comparison.json"}
 BOX = Box((0.0, 0.0, 2.5), (2.0, 1.0, 1.5), 0.5)
@@ -98,9 +98,8 @@ def test_the_same_seed_gives_the_same_files(tmp_path):
 def test_the_ladder_rises_with_every_cause_and_falls_with_every_cure(tmp_path, monkeypatch):
     # Calibrating has its own tests: here the craft simply knows the truth.
     def true_values(scenario: Scenario, layout: Photodiodes) -> rungs.Knowledge:
-        station = builders.lighthouse(scenario)
-        mounted = Lighthouse(layout, station, scenario.seed, [crc32(b"craft-0")]).photodiodes
-        return rungs.Knowledge((station.fan_x, station.fan_y), mounted)
+        true = Lighthouse(layout, scenario.lighthouse, scenario.seed, [random.key("craft-0")])
+        return rungs.Knowledge(true.fans, true.photodiodes)
 
     monkeypatch.setattr(dynamic, "calibrated", true_values)
     found = quick("lighthouse-dynamic", tmp_path / "dynamic", runs=2, seconds=3)
@@ -147,7 +146,9 @@ def test_contributions_of_random_sources_are_their_dilution(bench):
         pose = budget.solve(bench, rest, lit, drawn, name, rng)
         found = np.sqrt(budget.mean_squares(rest, pose, budget.NONE))
         rho = shared / (shared + own)
-        d = dilution(*rest[:2], lit, points, np.zeros((*lit.shape, 2)), still, still, rho, np.ones(600, bool))
+        d = dilution(
+            rest.rotation, rest.position, lit, points, np.zeros((*lit.shape, 2)), still, still, rho, np.ones(600, bool)
+        )
         variance = np.stack([np.trace(d.covariance[:, i : i + 3, i : i + 3], axis1=1, axis2=2) for i in (0, 3)])
         expected = np.sqrt((shared + own) * variance.mean(axis=1))
         assert found == pytest.approx(expected, rel=0.12), name
@@ -197,9 +198,9 @@ def test_first_pose_is_found_from_nothing(bench):
     rng = np.random.default_rng(7)
     pose, lit = bench.random_pose(rng, BOX)
     angles = bench.angles(pose.repeat(3), np.repeat(lit, 3, axis=0), bench.noise(3, rng, 4e-5, 0.8), rng)
-    rotation, position = bench.first_pose(angles, 2e-5)
-    assert rot.angle_between(rotation, pose.rotation[0]) < 0.01
-    assert np.linalg.norm(position - pose.position[0]) < 0.01
+    found = bench.first_pose(angles, 2e-5)
+    assert rot.angle_between(found.rotation[0], pose.rotation[0]) < 0.01
+    assert np.linalg.norm(found.position[0] - pose.position[0]) < 0.01
     dark = angles._replace(lit=np.zeros_like(angles.lit))
     assert bench.first_pose(dark, 2e-5) is None
 
@@ -271,11 +272,11 @@ def outcome() -> Outcome:
         Line("ratio", "", "about 10", float("nan"), (5.0, None), "Group"),
         Line("seen", "", None, (0.00012, 250.0)),
     ]
-    table = table_of([column("error_mm", [1.0, float("nan")], "mm", "an error")])
+    table = data({"error_mm": ([1.0, float("nan")], "an error")})
     return Outcome(lines, table, Figure(), ("A note.",), (Grid("Table", ("a", "b"), [("row", (1.0, None))]),))
 
 
-EXPERIMENT = Experiment("Someone", "figure 1", "what is seen", "nowhere", {"poses": 1})
+EXPERIMENT = Experiment("Someone", "figure 1", "what is seen", {"poses": 1}, lambda request: outcome())
 
 
 def test_results_are_written_and_printed(tmp_path, monkeypatch):

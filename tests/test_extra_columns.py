@@ -1,34 +1,40 @@
-"""Extra telemetry columns: what goes in as doubles comes out as numbers, names and booleans, null where NaN."""
+"""Groups of columns: what goes in as doubles comes out as numbers, names and booleans, null where NaN."""
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from synthetic_run import PERIOD_S, estimate_of, truth_at
+from synthetic_run import PERIOD_S, estimate_of, period_of, truth_at
 
-from swarm.results.columns.extra import Extra
+from swarm.results.columns.column import Column, Group
 from swarm.results.columns.schema import schema
-from swarm.results.reading import FILE
+from swarm.results.files import TELEMETRY as FILE
 from swarm.results.telemetry import Telemetry
 
 COLUMNS = (
-    Extra("range_m", "m", "a number"),
-    Extra("fired", "1", "a whole number", "count"),
-    Extra("alert", "", "yes or no", "yes"),
-    Extra("phase", "", "a name", names=("hold", "final")),
+    Column("range_m", "m", "a number"),
+    Column("fired", "1", "a whole number", "whole"),
+    Column("alert", "", "yes or no", "yes"),
+    Column("phase", "", "a name", "state", ("hold", "final")),
 )
 
 
-def test_extra_columns_come_back_as_they_went_in(tmp_path):
+def fill(period, out):
     nothing = np.nan
-    block = np.array([[1.25, 3, 1, 1], [nothing, nothing, nothing, nothing], [0.0, 0, 0, 0]])
-    out, rng = Telemetry(tmp_path, ["a", "b", "c"], extra=COLUMNS), np.random.default_rng(0)
+    out[:] = np.array([[1.25, 3, 1, 1], [nothing, nothing, nothing, nothing], [0.0, 0, 0, 0]]).T
+
+
+GROUP = Group(COLUMNS, fill)
+
+
+def test_extra_columns_come_back_as_they_went_in(tmp_path):
+    out, rng = Telemetry(tmp_path, ["a", "b", "c"], [GROUP]), np.random.default_rng(0)
     # More periods than one part holds, so that dictionaries of several parts are joined.
     for k in range(130):
         truth = truth_at(k * PERIOD_S, 3)
-        out.append(k * PERIOD_S, k, truth, estimate_of(truth, rng), extra=block)
+        out.append(period_of(k * PERIOD_S, k, truth, estimate_of(truth, rng)))
     out.close()
     table = pq.read_table(tmp_path / FILE)
-    assert table.column_names == schema(extra=COLUMNS).names
+    assert table.column_names == schema([GROUP]).names
     rows = table.select([column.name for column in COLUMNS]).to_pylist()
     assert rows[-3:] == rows[:3] == [
         {"range_m": 1.25, "fired": 3, "alert": True, "phase": "final"},
@@ -38,5 +44,5 @@ def test_extra_columns_come_back_as_they_went_in(tmp_path):
 
 
 def test_without_extra_columns_nothing_has_changed():
-    assert schema(extra=COLUMNS).names[: len(schema())] == schema().names
-    assert pa.types.is_dictionary(schema(extra=COLUMNS).field("phase").type)
+    assert schema([GROUP]).names[: len(schema())] == schema().names
+    assert pa.types.is_dictionary(schema([GROUP]).field("phase").type)

@@ -169,11 +169,11 @@ def test_what_does_not_broadcast_is_not_heard_and_craft_without_guidance_fly_as_
     flight = Flight(swarm.load("docking", SHORT_DOCKING))
     flight.period(0)
     flight.period(1)
-    heard = flight.dynamics.guided._guidance._air.heard()
+    heard = flight.pilot.guidance._air.heard()
     assert not heard.known[1], "the berth has no lighthouse on board, and says nothing"
     plain = Flight(swarm.load("formation"))
-    assert plain.dynamics.guided.columns == ()
-    assert plain.dynamics.guided.values.shape == (8, 0)
+    assert plain.pilot.guidance is None
+    assert plain.period(0).guided is None
 
 
 @pytest.mark.parametrize(

@@ -11,8 +11,8 @@ from estimators.arrays import Floats
 from swarm.messages import LidarPattern, LidarScan
 from swarm.onboard.inspection import LIDAR_SENSOR, Inspection, InspectionSettings, Observer
 from swarm.onboard.lidar import Motion, at_epoch
-from swarm.onboard.navigation import Status
-from swarm.results.columns.schema import SENSORS
+from swarm.onboard.settings import Status
+from swarm.results.columns.core import SENSORS
 
 PERIOD_S = 0.1
 PATTERN = LidarPattern(np.eye(3), np.zeros(3), np.radians(2.0), NOISE_M, PERIOD_S)

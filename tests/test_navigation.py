@@ -12,9 +12,9 @@ from swarm.hardware import Photodiodes, pad
 from swarm.messages import Pulses
 from swarm.onboard.acquisition import DECISIVE, Sighting, follow, search
 from swarm.onboard.decoder import PulseDecoder, SweepAngles
-from swarm.onboard.navigation import Estimate, NavigationSettings, Navigator, Status
+from swarm.onboard.navigation import Estimate, Navigator
+from swarm.onboard.settings import NavigationSettings, Status
 from swarm.scenario import load
-from swarm.sensors.visibility import Sight
 
 PERIOD_S = 1 / 60
 NOISE_RAD = np.radians(8.8 / 3600)
@@ -56,9 +56,10 @@ def swarm_run() -> tuple[Flight, list[Pulses], list[Estimate]]:
     )
     flight = Flight(scenario)
     pulses: list[Pulses] = []
-    decode = flight.decoder.decode
-    flight.decoder.decode = lambda p: decode(pulses.append(p) or p)  # type: ignore[method-assign, func-returns-value]
-    return flight, pulses, [flight.period(frame)[3] for frame in range(180)]
+    decoder = flight.computer.decoder
+    decode = decoder.decode
+    decoder.decode = lambda p: decode(pulses.append(p) or p)  # type: ignore[method-assign, func-returns-value]
+    return flight, pulses, [flight.period(frame).estimate for frame in range(180)]
 
 
 @pytest.mark.parametrize("bank", ["filterpy", "compiled"])
@@ -213,9 +214,3 @@ def test_nothing_seen_from_the_start_is_a_search_and_no_number():
     assert nothing.status[0] == Status.SEARCHING
     for part in (nothing.position, nothing.rotation, nothing.covariance, nothing.nis, nothing.pnp.position):
         assert np.isnan(part).all()
-
-
-def test_sight_codes_of_the_recording_are_those_of_the_sensor():
-    from swarm.results.recording import scene as recorder
-
-    assert (recorder.OUTSIDE, recorder.BLOCKED, recorder.LIT) == (Sight.OUTSIDE, Sight.BLOCKED, Sight.LIT)

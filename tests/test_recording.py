@@ -7,26 +7,42 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
-from synthetic_run import PERIOD_S, estimate_of, lost, truth_at
+from synthetic_run import PERIOD_S, Estimate, estimate_of, lost, period_of, truth_at
 
 from estimators.rotation import matrix_from_quaternion, wxyz_from_xyzw, xyzw_from_wxyz
 from swarm.errors import SwarmError
 from swarm.hardware import pad
+from swarm.results.columns.peer import PEER
 from swarm.results.recording import drawing, plots, viewer
 from swarm.results.recording import scene as recorder
 from swarm.results.recording.recording import ENLARGED, FAN_TURN_S, Recording
-from swarm.results.recording.scene import BLOCKED, LIT, OUTSIDE, NullRecording, Period, Scene
-from swarm.results.records import Peer
+from swarm.results.recording.scene import NullRecording, Scene
+from swarm.results.records import Errors, Peer, Truth
 from swarm.results.telemetry import Telemetry
+from swarm.sensors.sight import Sight
 from swarm.world.shapes import box
 
 ROOT = Path(__file__).parents[1]
+
+
+class Flown(NamedTuple):
+    """What went into a recording."""
+
+    frame: int
+    time_s: float
+    truth: Truth | None
+    estimate: Estimate
+    peer: Peer | None
+    errors: Errors
+
+
 GREY = np.array([0.5, 0.5, 0.5, 1.0])
 
 
@@ -41,9 +57,9 @@ def scene_of(craft, detail=()):
 def fly(folder, craft=3, periods=90, scene=None, replay=False):
     """A recording and the periods that went into it. Craft 1 knows nothing in period 5, and has a dark photodiode."""
     folder.mkdir(exist_ok=True)
-    scene = scene or scene_of(craft)
+    scene = (scene or scene_of(craft))._replace(replay=replay)
     rng = np.random.default_rng(4)
-    telemetry = Telemetry(folder, scene.craft, replay)
+    telemetry = Telemetry(folder, scene.craft, [PEER] if replay else ())
     recording = Recording(folder / "recording.rrd", scene)
     flown = []
     for k in range(periods):
@@ -51,13 +67,14 @@ def fly(folder, craft=3, periods=90, scene=None, replay=False):
         estimate = estimate_of(truth, rng)
         if k == 5:
             estimate = lost(estimate, 1)
-        sight = np.full((craft, 6), LIT)
-        sight[1 % craft, 2], sight[1 % craft, 3] = BLOCKED, OUTSIDE
+        sight = np.full((craft, 6), Sight.LIT)
+        sight[1 % craft, 2], sight[1 % craft, 3] = Sight.BLOCKED, Sight.OUTSIDE
         time_s = (k + 0.5) * PERIOD_S
         true, peer = (None, Peer(truth.position, truth.quaternion)) if replay else (truth, None)
-        errors = telemetry.append(time_s, k, true, estimate, peer)
-        flown.append(Period(time_s, k, true, estimate, sight, errors, peer))
-        recording.append(flown[-1])
+        now = period_of(time_s, k, true, estimate, peer, sight)
+        errors = telemetry.append(now)
+        flown.append(Flown(k, time_s, true, estimate, peer, errors))
+        recording.append(now, errors)
     recording.close()
     return folder / "recording.rrd", flown
 
@@ -207,12 +224,6 @@ def test_the_field_is_as_wide_as_it_says():
     assert np.linalg.norm(vertex[1:], axis=1) == pytest.approx(5.0)
 
 
-def test_states_of_photodiodes_have_the_numbers_of_the_sensor():
-    visibility = pytest.importorskip("swarm.sensors.visibility")
-    sight = visibility.Sight
-    assert (recorder.OUTSIDE, recorder.BLOCKED, recorder.LIT) == (sight.OUTSIDE, sight.BLOCKED, sight.LIT)
-
-
 def test_a_large_swarm_is_a_crowd_with_few_entities(tmp_path):
     path, flown = fly(tmp_path, craft=100, periods=12, scene=scene_of(100, ("craft-7",)))
     entities = {chunk.entity_path for chunk in RrdReader(str(path)).stream()}
@@ -246,8 +257,9 @@ def test_a_replay_draws_the_craft_at_its_estimate(tmp_path):
 def test_values_are_kept_though_the_run_reuses_its_arrays():
     truth = truth_at(0.0, 2)
     estimate = estimate_of(truth, np.random.default_rng(0))
-    errors = [np.zeros(2)] * 7
-    kept = plots.kept(Period(0.0, 0, truth, estimate, np.zeros((2, 6), dtype=np.int8), errors), truth.quaternion)
+    errors, shown = Errors(*np.zeros((7, 2))), np.zeros((2, 0))
+    now = period_of(0.0, 0, truth, estimate, sight=np.zeros((2, 6), dtype=np.int8))
+    kept = plots.kept(now, errors, truth.quaternion, shown)
     for values in kept:
         assert not any(np.shares_memory(values, given) for given in (*truth, *estimate[4:]))
 
@@ -300,7 +312,7 @@ def test_without_a_display_the_recording_is_written_all_the_same(tmp_path, monke
 
 def test_the_null_recording_takes_everything_and_needs_no_rerun():
     null: recorder.Recorder = NullRecording()
-    null.append(None)
+    null.append(None, None)
     null.close()
     assert null.notice is None
     code = "import sys, swarm.results.recording.scene; sys.exit('rerun' in sys.modules)"

@@ -12,8 +12,9 @@ import pytest
 from rich.cells import cell_len
 from rich.console import Console
 
+from swarm.cli.progress import COMPILING, ProgressDisplay
 from swarm.report.run_table import findings, print_report, warnings
-from swarm.results.progress import COMPILING, Progress, ProgressDisplay
+from swarm.results.progress import Progress
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -242,14 +243,14 @@ DONE = Progress(30.0, 30.0, 3.4, 8, 8)
 
 def test_without_a_terminal_progress_is_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = [100.0]
-    monkeypatch.setattr("swarm.results.progress.time.monotonic", lambda: clock[0])
+    monkeypatch.setattr("swarm.cli.progress.time.monotonic", lambda: clock[0])
     out = io.StringIO()
     with ProgressDisplay(Console(file=out, width=40), "formation") as show:
-        show(HALF)
+        show.run(HALF)
         clock[0] += 5.0
-        show(HALF)
-        show(HALF)
-        show(DONE)
+        show.run(HALF)
+        show.run(HALF)
+        show.run(DONE)
     assert out.getvalue().splitlines() == [
         "formation: starting",
         "formation: 15.0 of 30.0 s, 3.4 times real time, 7 of 8 craft tracking",
@@ -259,13 +260,13 @@ def test_without_a_terminal_progress_is_a_line_now_and_then(monkeypatch: pytest.
 
 def test_compilation_says_what_it_is_and_how_long_it_took(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = [100.0]
-    monkeypatch.setattr("swarm.results.progress.time.monotonic", lambda: clock[0])
+    monkeypatch.setattr("swarm.cli.progress.time.monotonic", lambda: clock[0])
     out = io.StringIO()
     with ProgressDisplay(Console(file=out, width=40), "formation") as show:
         for done in (0, 1, 30, 70):
             show.compiling(done)
             clock[0] += 4.0
-        show(HALF)
+        show.run(HALF)
     assert out.getvalue().splitlines()[1:4] == [
         f"formation: {COMPILING}",
         "formation: compiling the kernels: 30 so far",
@@ -311,8 +312,8 @@ def test_on_a_terminal_progress_is_one_line_with_time_speed_and_tracking(width: 
     out = io.StringIO()
     console = Console(file=out, width=width, force_terminal=True, legacy_windows=False, color_system=None)
     with ProgressDisplay(console, "formation") as show:
-        show(HALF)
-        show(DONE)
+        show.run(HALF)
+        show.run(DONE)
     frames = [frame for frame in out.getvalue().replace("\x1b", "\n\x1b").splitlines() if "30.0/30.0 s" in frame]
     assert frames
     for part in ("30.0/30.0 s", "3.4x", "8/8 tracking"):

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from synthetic_run import estimate_of, truth_at
+from synthetic_run import estimate_of, period_of, truth_at
 
 from swarm.errors import SwarmError
 from swarm.results.disk import write_text
-from swarm.results.reading import PARTS
+from swarm.results.files import PARTS
 from swarm.results.run_folder import RunFolder, open_run
 from swarm.results.telemetry import Telemetry
 
@@ -30,7 +30,7 @@ def fly(path, force=False, finish=True):
         run.write_scenario("seed = 7\n")
         telemetry = Telemetry(run.path, ["craft-0", "craft-1"])
         truth = truth_at(0.0, 2)
-        telemetry.append(0.0, 0, truth, estimate_of(truth, np.random.default_rng(0)))
+        telemetry.append(period_of(0.0, 0, truth, estimate_of(truth, np.random.default_rng(0))))
         run.recording.write_bytes(b"RRF2")
         if finish:
             telemetry.close()

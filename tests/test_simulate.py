@@ -14,7 +14,6 @@ from swarm.assets import scenarios
 from swarm.errors import SwarmError
 from swarm.flight import builders
 from swarm.flight.flight import Flight
-from swarm.onboard.navigation import Status
 from swarm.results.run_folder import Run
 
 
@@ -67,7 +66,8 @@ def test_drift_is_consistent_with_the_chi_square_band():
         flight = Flight(scenario)
         frames = round(scenario.duration_s / flight.period_s)
         for frame in range(frames):
-            _, truth, _, estimate = flight.period(frame)
+            period = flight.period(frame)
+            truth, estimate = period.truth, period.estimate
             back = frames - 1 - frame
             if back % 30 == 0 and back // 30 < len(flight.world.names):
                 craft = back // 30
@@ -155,7 +155,7 @@ def test_more_craft_change_nothing_for_those_that_were_there(tmp_path):
     alone = Flight(swarm.load("static", [*grid, "swarm.count=0"]))
     beside = Flight(swarm.load("static", [*grid, "swarm.count=1"]))
     for frame in range(30):
-        one, two = alone.period(frame)[3], beside.period(frame)[3]
+        one, two = alone.period(frame).estimate, beside.period(frame).estimate
         np.testing.assert_array_equal(one.position, two.position[1:])
         np.testing.assert_array_equal(one.covariance, two.covariance[1:])
 
@@ -194,9 +194,3 @@ def test_a_swarm_fills_the_field_and_nearly_all_of_it_tracks(flown):
     field = np.tan(np.radians(settings.lighthouse.field_deg / 2))
     assert np.all(np.abs(first[:, :2]) < field * first[:, 2:])
     assert np.linalg.norm(first, axis=1).max() < settings.lighthouse.range_max_m
-
-
-def test_status_names_of_the_telemetry_are_those_of_the_navigator():
-    from swarm.results.columns.schema import STATUS
-
-    assert [name.upper() for name in STATUS] == [status.name for status in Status]

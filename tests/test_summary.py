@@ -6,9 +6,10 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from scipy.stats import chi2
-from synthetic_run import PERIOD_S, estimate_of, lost, truth_at
+from synthetic_run import PERIOD_S, estimate_of, lost, period_of, truth_at
 
 from estimators.rotation import exp, matrix_from_quaternion, quaternion_from_matrix
+from swarm.results.columns.peer import PEER
 from swarm.results.columns.schema import schema
 from swarm.results.reading import read_telemetry
 from swarm.results.records import Peer
@@ -19,21 +20,21 @@ from swarm.results.telemetry import Telemetry
 def table_of(folder, periods, craft=4, estimates=estimate_of, replay=False, **options):
     folder.mkdir(exist_ok=True)
     rng = np.random.default_rng(11)
-    out = Telemetry(folder, [f"craft-{i}" for i in range(craft)], replay)
+    out = Telemetry(folder, [f"craft-{i}" for i in range(craft)], [PEER] if replay else ())
     for k in range(periods):
         truth = truth_at(k * PERIOD_S, craft, rate_rad_s=0.3)
         estimate = estimates(truth, rng, **options)
         if k == 5 and craft > 2:
             estimate = lost(estimate, 2)
         if not replay:
-            out.append((k + 0.5) * PERIOD_S, k, truth, estimate)
+            out.append(period_of((k + 0.5) * PERIOD_S, k, truth, estimate))
             continue
         # The peer tracks another point of the body, turned against ours, with noise of its own.
         at = matrix_from_quaternion(truth.quaternion)
         turn = exp(np.array([0.2, -0.1, 0.3]) + 1e-3 * rng.standard_normal((craft, 3)))
         position = truth.position + at @ np.array([0.01, 0.02, -0.03])
         peer = Peer(position + 1e-3 * rng.standard_normal((craft, 3)), quaternion_from_matrix(at @ turn))
-        out.append((k + 0.5) * PERIOD_S, k, None, estimate, peer)
+        out.append(period_of((k + 0.5) * PERIOD_S, k, None, estimate, peer))
     out.close()
     return read_telemetry(folder)
 
@@ -79,7 +80,7 @@ def test_a_folder_says_what_its_table_says(tmp_path, replay, monkeypatch):
     whole = summarise(table)
     assert summarise_run(tmp_path) == whole
     # In small blocks only the order of some sums differs.
-    monkeypatch.setattr("swarm.results.summary.BLOCK", 7)
+    monkeypatch.setattr("swarm.results.summary.motion_bias.BLOCK", 7)
     assert flattened(summarise(table)) == pytest.approx(flattened(whole), rel=1e-9)
     assert summarise_run(tmp_path / "nothing")["swarm"] is None
 

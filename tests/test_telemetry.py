@@ -11,15 +11,23 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from scipy.spatial.transform import Rotation
-from synthetic_run import PERIOD_S, estimate_of, lost, truth_at
+from synthetic_run import PERIOD_S, estimate_of, lost, period_of, truth_at
 
 from estimators.rotation import xyzw_from_wxyz
 from swarm.errors import SwarmError
 from swarm.results import telemetry
-from swarm.results.columns import guidance as guidance_columns
-from swarm.results.columns.integrity import COLUMNS
-from swarm.results.columns.schema import column_reference, schema
-from swarm.results.reading import FILE, PARTS, read_telemetry
+from swarm.results.columns.actuation import ACTUATION
+from swarm.results.columns.ccd import CCD
+from swarm.results.columns.faults import faults
+from swarm.results.columns.groups import column_reference
+from swarm.results.columns.guidance import DOCKING, GUIDANCE
+from swarm.results.columns.integrity import integrity
+from swarm.results.columns.observer import observer
+from swarm.results.columns.peer import PEER
+from swarm.results.columns.schema import schema
+from swarm.results.files import PARTS
+from swarm.results.files import TELEMETRY as FILE
+from swarm.results.reading import read_telemetry
 from swarm.results.records import Peer
 from swarm.results.telemetry import Telemetry
 
@@ -36,7 +44,7 @@ def write(folder, periods=10, craft=3, seed=1, close=True):
     out = Telemetry(folder, names(craft))
     for k in range(periods):
         truth = truth_at(k * PERIOD_S, craft)
-        out.append((k + 0.5) * PERIOD_S, k, truth, estimate_of(truth, rng))
+        out.append(period_of((k + 0.5) * PERIOD_S, k, truth, estimate_of(truth, rng)))
     if close:
         out.close()
     return read_telemetry(folder)
@@ -48,7 +56,7 @@ def test_errors_and_nees_are_those_of_a_plain_loop(tmp_path):
     # Errors of half a radian: small-angle shortcuts would show.
     estimate = estimate_of(truth, rng, attitude_sigma_rad=0.3, position_sigma_m=0.2)
     out = Telemetry(tmp_path, names(craft))
-    out.append(1.7, 102, truth, estimate)
+    out.append(period_of(1.7, 102, truth, estimate))
     out.close()
     rows = read_telemetry(tmp_path).to_pylist()
     keep = [0, 1, 2, 6, 7, 8]
@@ -86,7 +94,7 @@ def test_attitude_error_beside_its_singular_angles(tmp_path, angle):
     true = Rotation.from_quat(xyzw_from_wxyz(truth.quaternion[0]))
     turned = (Rotation.from_rotvec(-angle * axis) * true).as_matrix()
     out = Telemetry(tmp_path, names(1))
-    errors = out.append(0.0, 0, truth, estimate._replace(rotation=turned[None]))
+    errors = out.append(period_of(0.0, 0, truth, estimate._replace(rotation=turned[None])))
     # Quaternions of rounded matrices carry about 1e-16 in each component, twice that in the angle.
     assert errors.attitude_error_deg[0] == pytest.approx(np.degrees(angle), abs=1e-13)
 
@@ -94,7 +102,7 @@ def test_attitude_error_beside_its_singular_angles(tmp_path, angle):
 def test_what_is_not_known_is_null(tmp_path):
     truth = truth_at(0.0, 3)
     out = Telemetry(tmp_path, names(3))
-    out.append(0.0, 0, truth, lost(estimate_of(truth, np.random.default_rng(0)), 1))
+    out.append(period_of(0.0, 0, truth, lost(estimate_of(truth, np.random.default_rng(0)), 1)))
     out.close()
     row = read_telemetry(tmp_path).to_pylist()[1]
     missing = {name for name, value in row.items() if value is None}
@@ -109,20 +117,20 @@ def test_a_covariance_that_is_not_positive_definite_has_no_nees(tmp_path):
     truth = truth_at(0.0, 2)
     estimate = estimate_of(truth, np.random.default_rng(0))
     estimate.covariance[0, 0, 7] = estimate.covariance[0, 7, 0] = 1.0  # a correlation far above one
-    errors = Telemetry(tmp_path, names(2)).append(0.0, 0, truth, estimate)
+    errors = Telemetry(tmp_path, names(2)).append(period_of(0.0, 0, truth, estimate))
     assert np.isnan(errors.nees[0])
     assert np.isfinite(errors.nees[1])
 
 
 def test_a_replay_has_the_peer_and_no_truth(tmp_path):
     truth = truth_at(0.0, 2)
-    out = Telemetry(tmp_path, names(2), replay=True)
+    out = Telemetry(tmp_path, names(2), groups=[PEER])
     peer = Peer(truth.position, -truth.quaternion)
-    out.append(0.0, 0, None, estimate_of(truth, np.random.default_rng(0)), peer)
-    out.append(0.1, 1, None, estimate_of(truth, np.random.default_rng(0)))
+    out.append(period_of(0.0, 0, None, estimate_of(truth, np.random.default_rng(0)), peer))
+    out.append(period_of(0.1, 1, None, estimate_of(truth, np.random.default_rng(0))))
     out.close()
     table = read_telemetry(tmp_path)
-    assert table.schema.equals(schema(replay=True))
+    assert table.schema.equals(schema([PEER]))
     first, later = table.to_pylist()[0], table.to_pylist()[2]
     absent = [n for n in first if n.startswith("true_") or "error" in n or n in ("nees", "contact")]
     assert len(absent) == 19
@@ -150,11 +158,11 @@ def test_a_craft_has_the_same_figures_alone_and_in_a_swarm(tmp_path):
         return None if values is None else values[i : i + 1]
 
     (tmp_path / "swarm").mkdir()
-    swarm = Telemetry(tmp_path / "swarm", names(craft)).append(0.3, 18, truth, estimate)
+    swarm = Telemetry(tmp_path / "swarm", names(craft)).append(period_of(0.3, 18, truth, estimate))
     for i in range(craft):
         folder = tmp_path / f"alone-{i}"
         folder.mkdir()
-        alone = Telemetry(folder, [f"craft-{i}"]).append(0.3, 18, only(truth, i), only(estimate, i))
+        alone = Telemetry(folder, [f"craft-{i}"]).append(period_of(0.3, 18, only(truth, i), only(estimate, i)))
         for a, b in zip(alone, swarm, strict=True):
             assert a[0] == b[i]
 
@@ -172,7 +180,7 @@ def test_parts_and_the_whole_hold_the_same(tmp_path):
 
 def test_memory_is_bounded_by_rows_not_by_the_length_of_the_run(tmp_path):
     out = Telemetry(tmp_path, names(1000))
-    assert out._floats.nbytes < 40e6
+    assert out._block.nbytes < 40e6
     (tmp_path / "long").mkdir()
     write(tmp_path / "long", periods=200, craft=400)
     metadata = pq.ParquetFile(tmp_path / "long" / FILE).metadata
@@ -183,11 +191,11 @@ KILLED = """
 import sys
 sys.path.insert(0, {tests!r})
 from pathlib import Path
-from test_telemetry import estimate_of, names, truth_at, PERIOD_S, Telemetry, np
+from test_telemetry import estimate_of, names, period_of, truth_at, PERIOD_S, Telemetry, np
 rng, out, k = np.random.default_rng(1), Telemetry(Path({folder!r}), names(3)), 0
 while True:
     truth = truth_at(k * PERIOD_S, 3)
-    out.append((k + 0.5) * PERIOD_S, k, truth, estimate_of(truth, rng))
+    out.append(period_of((k + 0.5) * PERIOD_S, k, truth, estimate_of(truth, rng)))
     k += 1
     if k == 400:
         print("ready", flush=True)
@@ -223,7 +231,7 @@ def test_a_full_disk_says_where_and_keeps_the_parts(tmp_path):
     out = Telemetry(tmp_path, names(3))
     truth = truth_at(0.0, 3)
     for k in range(telemetry.PERIODS_PER_PART):
-        out.append(k * PERIOD_S, k, truth, estimate_of(truth, np.random.default_rng(k)))
+        out.append(period_of(k * PERIOD_S, k, truth, estimate_of(truth, np.random.default_rng(k))))
     (tmp_path / PARTS / "joined.tmp").symlink_to("/dev/full")
     with pytest.raises(SwarmError, match=r"telemetry\.parquet: the disk is full"):
         out.close()
@@ -239,9 +247,7 @@ def test_a_damaged_file_is_one_message(tmp_path):
 def test_the_column_reference_is_in_step():
     page = ROOT / "docs" / "telemetry.md"
     assert page.read_text(encoding="utf-8") == column_reference(), (
-        "write swarm.results.columns.schema.column_reference() to docs/telemetry.md"
+        "write swarm.results.columns.groups.column_reference() to docs/telemetry.md"
     )
-    guided = len(guidance_columns.COLUMNS) + len(guidance_columns.DOCKING_COLUMNS)
-    assert (
-        column_reference().count("\n| `") == len(schema(replay=True, ccd=True, lidar=True)) + len(COLUMNS) + 1 + guided
-    )
+    further = [PEER, CCD, observer((), ()), integrity(False), ACTUATION, GUIDANCE, DOCKING, faults(())]
+    assert column_reference().count("\n| `") == len(schema(further))

@@ -11,12 +11,15 @@ from typing import Annotated
 import typer
 
 from swarm.cli.calibrate import calibrate
+from swarm.cli.check import check
 from swarm.cli.layout import layout
-from swarm.cli.look import list_, view
+from swarm.cli.list import list_all
 from swarm.cli.replay import replay
+from swarm.cli.report import report
 from swarm.cli.reproduce import reproduce
-from swarm.cli.run import check, run
-from swarm.cli.study import report, study
+from swarm.cli.run import run
+from swarm.cli.study import study
+from swarm.cli.view import view
 
 HELP = """Fly a swarm of spacecraft in front of one laser lighthouse; each craft finds its own pose.
 
@@ -90,6 +93,6 @@ def _swarm(
     pass
 
 
-app.command("list")(list_)
+app.command("list")(list_all)
 for command in (run, view, check, replay, reproduce, calibrate, layout, study, report):
     app.command()(command)

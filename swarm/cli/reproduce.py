@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from swarm.cli.terminal import experiment_and_report, mistakes
+from swarm.cli.terminal import error_message, mistakes, stoppable
 
 Size = Annotated[int | None, typer.Option(metavar="N", help="A smaller, quicker form; see the list.")]
 
@@ -25,7 +25,7 @@ def reproduce(
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an experiment that is there already.")] = False,
 ) -> None:
-    """Do a paper's experiment again: its table beside ours.
+    """Repeat an experiment of a paper, and print its table beside ours.
 
     \b
     swarm reproduce
@@ -36,10 +36,12 @@ def reproduce(
     It leaves data.parquet, figure.png, figure.svg, comparison.json.
     """
     with mistakes():
-        from swarm.studies.papers import EXPERIMENTS
+        from swarm.studies.papers import EXPERIMENTS, find
+        from swarm.studies.papers import reproduce as repeat
 
         if experiment is None:
-            for name, known in EXPERIMENTS.items():
+            for name in EXPERIMENTS:
+                known = find(name)
                 sizes = " ".join(f"--{size} {value}" for size, value in known.sizes.items())
                 typer.echo(f"swarm reproduce {name}")
                 typer.echo(f"  {known.source}, {known.figure}: {known.about}")
@@ -47,4 +49,16 @@ def reproduce(
             return
         asked = {"poses": poses, "frames": frames, "runs": runs, "seconds": seconds, "draws": draws}
         sizes_asked = {size: value for size, value in asked.items() if value is not None}
-        experiment_and_report(experiment, out=out, force=force, seed=seed, sizes=sizes_asked)
+        find(experiment)
+
+        from rich.console import Console
+
+        from swarm.cli.progress import ProgressDisplay
+        from swarm.studies.papers.results import print_comparison
+
+        def say(name: str) -> None:
+            error_message(f"stopped by {name} before anything was written")
+
+        with stoppable(say), ProgressDisplay(Console(stderr=True), experiment) as progress:
+            done = repeat(experiment, out=out, force=force, seed=seed, sizes=sizes_asked, progress=progress.experiment)
+        print_comparison(Console(), done)

@@ -1,6 +1,5 @@
-"""The commands `swarm run` and `swarm check`: a scenario flown, or only read."""
+"""The command `swarm run`: a scenario, flown."""
 
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -50,28 +49,3 @@ def run(
             return simulate(settings, out=folder, force=force, live=live, record=not no_recording, progress=progress)
 
         fly_and_report(settings.name, folder, fly)
-
-
-def check(scenario: Scenario, overrides: Overrides = None, seed: Seed = None) -> None:
-    """Check a scenario; print it with every default.
-
-    \b
-    swarm check my/scenario.toml
-    swarm check formation --set swarm.count=16 > mine.toml
-    """
-    with mistakes():
-        from swarm.flight import builders
-        from swarm.scenario import load, to_toml
-
-        settings = load(scenario, overrides or (), seed)
-        builders.check(settings)
-        if settings.criteria:
-            from swarm.flight.flight import Flight
-            from swarm.results.run_writer import check_criteria
-
-            check_criteria(settings, Flight(settings).scene)
-        typer.echo(to_toml(settings), nl=False)
-        if sys.stdout.isatty():
-            typer.echo(
-                f"\n{scenario} is right: {len(settings.craft_names)} craft, {settings.duration_s:g} s.", err=True
-            )

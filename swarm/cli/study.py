@@ -1,4 +1,4 @@
-"""The commands `swarm study` and `swarm report`: many runs, and the page that shows what came out."""
+"""The command `swarm study`: many runs of a scenario."""
 
 import shlex
 import sys
@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from swarm.cli.terminal import mistakes, stoppable, stopped_by
+from swarm.cli.terminal import mistakes, stoppable
 from swarm.errors import SwarmError
 
 
@@ -57,51 +57,29 @@ def study(
 
         from rich.console import Console
 
+        from swarm.cli.progress import ProgressDisplay
+        from swarm.report.study_table import print_study
         from swarm.studies.campaign.conduct import conduct
-        from swarm.studies.campaign.progress import StudyProgressDisplay
         from swarm.studies.campaign.study_folder import open_study
 
         command = shlex.join(["swarm", *sys.argv[1:]])
-        try:
-            with stoppable(), StudyProgressDisplay(Console(stderr=True), str(chosen.name)) as progress:
-                done = conduct(
-                    chosen,
-                    out=folder,
-                    force=force,
-                    resume=resume,
-                    scheduler=scheduler,
-                    serial=serial,
-                    command=command,
-                    progress=progress,
-                )
-        except KeyboardInterrupt as stop:
+
+        def say_how_to_go_on(name: str) -> None:
             rows = len(open_study(folder).rows)
             typer.echo(f"stopped; {rows} runs are finished and kept in {folder}/\nGo on: {_resume(command)}", err=True)
-            raise typer.Exit(128 + stopped_by(stop)) from None
-        from swarm.report.study_table import print_study
 
+        with stoppable(say_how_to_go_on), ProgressDisplay(Console(stderr=True), str(chosen.name)) as progress:
+            done = conduct(
+                chosen,
+                out=folder,
+                force=force,
+                resume=resume,
+                scheduler=scheduler,
+                serial=serial,
+                command=command,
+                progress=progress.study,
+            )
         print_study(Console(), done)
-
-
-def report(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="The folder of a study, or of a run.")],
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE", help="Where to write; else report.html in the folder.")
-    ] = None,
-) -> None:
-    """Make one HTML page of it, with figures and tables.
-
-    \b
-    swarm report runs/scaling
-    swarm report runs/formation-7 --out formation.html
-    """
-    with mistakes():
-        from swarm.report.write import write_report
-
-        page, figures = write_report(run, out)
-        typer.echo(f"{page}  opens in any browser, and needs nothing else")
-        if figures:
-            typer.echo(f"{figures[0].parent}/  its {len(figures)} figures, as SVG and PNG")
 
 
 def _numbers(text: str | None) -> list[int]:

@@ -1,7 +1,7 @@
-"""How a command ends: with a report, with one message about a mistake, or stopped by a signal and closed properly."""
+"""The ends of a command: done, one message about a mistake, or stopped by a signal and closed properly."""
 
 import signal
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
@@ -25,30 +25,32 @@ class Stopped(KeyboardInterrupt):
 
 
 def fly_and_report(title: str, folder: Path, fly: Callable[[Callable[["Progress"], None]], "Run"]) -> None:
-    """Run it under a progress bar, then report; stopped on the way, report what there is."""
+    """Fly a run under a progress bar, then report it; if it is stopped on the way, report what there is.
+
+    Args:
+        title: Name of the run.
+        folder: Folder that it is written to.
+        fly: Function that flies it, and tells its progress.
+
+    Raises:
+        typer.Exit: The run was stopped, or a criterion did not hold.
+    """
     from rich.console import Console
 
-    from estimators.kernel import told_of_compilation
+    from swarm.cli.progress import ProgressDisplay
     from swarm.report.run_table import print_report
-    from swarm.results.progress import ProgressDisplay
     from swarm.results.run_folder import open_run
 
-    try:
-        with (
-            stoppable(),
-            ProgressDisplay(Console(stderr=True), title) as progress,
-            told_of_compilation(progress.compiling),
-        ):
-            run = fly(progress)
-    except KeyboardInterrupt as stop:
-        number = stopped_by(stop)
+    def report_the_rest(name: str) -> None:
         try:
             run = open_run(folder)
         except SwarmError:
-            _error(f"stopped by {signal.Signals(number).name} before anything was written")
+            error_message(f"stopped by {name} before anything was written")
         else:
             print_report(Console(), run.summary, run.folder)
-        raise typer.Exit(128 + number) from None
+
+    with stoppable(report_the_rest), ProgressDisplay(Console(stderr=True), title) as progress:
+        run = fly(progress.run)
     print_report(Console(), run.summary, run.folder)
     if run.status != "complete":
         raise typer.Exit(128 + signal.SIGINT)
@@ -56,51 +58,16 @@ def fly_and_report(title: str, folder: Path, fly: Callable[[Callable[["Progress"
         raise typer.Exit(1)
 
 
-def experiment_and_report(
-    name: str, *, out: Path | None, force: bool, seed: int | None, sizes: Mapping[str, int]
-) -> None:
-    """Do an experiment under a progress bar, then print its table; stopped on the way, it leaves nothing."""
-    from rich.console import Console
-    from rich.progress import Progress as Bar
-
-    from estimators.kernel import told_of_compilation
-    from swarm.results.progress import COMPILING
-    from swarm.studies.papers import find, reproduce
-    from swarm.studies.papers.results import print_comparison
-
-    find(name)
-    try:
-        with stoppable(), Bar(console=Console(stderr=True), transient=True) as bar:
-            task = bar.add_task(name, total=1.0)
-
-            told: list[int] = []
-
-            def compiling(done: int) -> None:
-                if not told:
-                    bar.console.print(f"{name}: {COMPILING}", markup=False, highlight=False)
-                told.append(done)
-
-            def tell(share: float, what: str) -> None:
-                bar.update(task, completed=share, description=f"{name}: {what}")
-
-            with told_of_compilation(compiling):
-                done = reproduce(name, out=out, force=force, seed=seed, sizes=sizes, progress=tell)
-            tell(1.0, "done")
-    except KeyboardInterrupt as stop:
-        number = stopped_by(stop)
-        _error(f"stopped by {signal.Signals(number).name} before anything was written")
-        raise typer.Exit(128 + number) from None
-    print_comparison(Console(), done)
-
-
-def stopped_by(stop: KeyboardInterrupt) -> int:
-    """The signal that stopped it."""
-    return stop.number if isinstance(stop, Stopped) else signal.SIGINT
-
-
 @contextmanager
-def stoppable() -> Iterator[None]:
-    """Let a polite kill, or a terminal that closes, end a run as Ctrl-C does: closed, and readable."""
+def stoppable(stopped: Callable[[str], None] = lambda name: None) -> Iterator[None]:
+    """Let a polite kill, or a terminal that closes, end a command as Ctrl-C does: closed, and readable.
+
+    Args:
+        stopped: Is called after the block with the signal's name.
+
+    Raises:
+        typer.Exit: The command was stopped.
+    """
 
     def stop(number: int, frame: FrameType | None) -> None:
         # A second signal of the kind ends the program at once.
@@ -112,6 +79,10 @@ def stoppable() -> Iterator[None]:
     before = {number: signal.signal(number, stop) for number in asked if signal.getsignal(number) != signal.SIG_IGN}
     try:
         yield
+    except KeyboardInterrupt as stop_asked:
+        number = stop_asked.number if isinstance(stop_asked, Stopped) else signal.SIGINT
+        stopped(signal.Signals(number).name)
+        raise typer.Exit(128 + number) from None
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
@@ -123,13 +94,14 @@ def mistakes() -> Iterator[None]:
     try:
         yield
     except SwarmError as error:
-        _error(str(error))
+        error_message(str(error))
         raise typer.Exit(2) from None
     except KeyboardInterrupt:
         raise typer.Exit(128 + signal.SIGINT) from None
 
 
-def _error(message: str) -> None:
+def error_message(message: str) -> None:
+    """Print a message about an error, line by line, to standard error."""
     from rich.console import Console
     from rich.text import Text
 

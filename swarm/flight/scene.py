@@ -1,31 +1,25 @@
-"""What a run's telemetry and recording are told of a flight before its first period."""
+"""What telemetry and recording are told of a flight before its first period."""
 
-from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from swarm.assets import find_model
-from swarm.hardware import Photodiodes
-from swarm.onboard.inspection import Inspection
-from swarm.results.columns.extra import Extra
+from swarm.flight.builders import photodiodes
 from swarm.results.recording.scene import CcdScene, Scene
 from swarm.scenario import Scenario
-from swarm.sensors.ccd import CcdSettings
 from swarm.world.craft import visuals
-from swarm.world.world import World
+
+if TYPE_CHECKING:
+    from swarm.flight.flight import Flight
 
 
-def scene(
-    scenario: Scenario,
-    world: World,
-    layout: Photodiodes,
-    pairs: Sequence[CcdSettings],
-    inspection: Inspection | None,
-    extra: Sequence[Extra],
-) -> Scene:
-    """The scene of a flight. layout: the photodiodes on board. pairs: of cameras. extra: its telemetry's columns."""
+def scene(scenario: Scenario, flight: "Flight") -> Scene:
+    """Return the scene of a flight, all of whose parts have been built."""
+    world, limits, faults = flight.world, scenario.navigation.integrity, flight.faults.names
+    pairs = () if flight.sensors.ccd is None else flight.sensors.ccd.pairs
     return Scene(
         craft=world.names,
-        visuals=[world.visuals(i) for i in range(layout.craft_count)],
-        photodiodes=layout,
+        visuals=[world.visuals(i) for i in range(len(world.names))],
+        photodiodes=photodiodes(scenario, world),
         lighthouse=visuals(find_model(scenario.lighthouse.model)),
         field_deg=scenario.lighthouse.field_deg,
         detail=scenario.recording.detail,
@@ -36,10 +30,14 @@ def scene(
                 pair.cameras.position_m,
                 pair.cameras.rotation,
                 pair.lights.point_m,
-                pair.field_rad,
+                pair.settings.field_rad,
             )
             for pair in pairs
         ],
-        lidar=[(o.craft, o.target) for o in inspection.observers] if inspection is not None else (),
-        extra=extra,
+        lidar=[(observer.craft, observer.target) for observer in flight.computer.inspection.observers],
+        watched=bool(faults) or limits.alert_position_mm is not None or limits.alert_attitude_deg is not None,
+        actuated=flight.actuators.any,
+        guided=flight.pilot.guidance is not None,
+        docking=bool(flight.latches.matings),
+        faults=faults,
     )

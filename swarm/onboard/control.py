@@ -19,6 +19,7 @@ from estimators.relative_orbit import RelativeOrbit
 from estimators.relative_orbit import acceleration as orbital_acceleration
 from estimators.rotation import log_into, multiply_into
 from estimators.state import Reference, State
+from swarm.messages import Command
 
 POSITION_FREQUENCY_RAD_S = 1.0
 ATTITUDE_FREQUENCY_RAD_S = 2.0
@@ -35,20 +36,6 @@ class Feedback(NamedTuple):
 def feedback(craft: int) -> Feedback:
     """The feedback above, w_p^2 and 2 z w_p, for every craft."""
     return Feedback(np.full(craft, POSITION_FREQUENCY_RAD_S**2), np.full(craft, 2 * DAMPING * POSITION_FREQUENCY_RAD_S))
-
-
-class Command(NamedTuple):
-    """What C craft order their actuators to do for one period: acceleration (C, 3) [m/s^2] and angular_acceleration
-    (C, 3) [rad/s^2], lighthouse frame; zero where a craft orders nothing.
-    """
-
-    acceleration: Floats
-    angular_acceleration: Floats
-
-    def only(self, mask: Bools) -> "Command":
-        """The command of the craft in `mask` (C,), zero for the rest."""
-        flat = np.reshape(mask, (-1, 1))
-        return Command(np.where(flat, self.acceleration, 0.0), np.where(flat, self.angular_acceleration, 0.0))
 
 
 def command(

@@ -37,10 +37,11 @@ from estimators.lidar.shape import Shape
 from estimators.lidar.tracking import track
 from swarm.messages import LidarPattern, LidarScan
 from swarm.onboard.lidar import Motion, at_epoch, scanner
-from swarm.onboard.navigation import Estimate, Status
+from swarm.onboard.navigation import Estimate
+from swarm.onboard.settings import Status
 
 LIDAR_SENSOR = 6
-"""Of `swarm.results.columns.schema.SENSORS`: no sum of `Sensor`s, since a pair of cameras is never one camera too."""
+"""Of `swarm.results.columns.core.SENSORS`: no sum of `Sensor`s, since a pair of cameras is never one camera too."""
 UNKNOWN_RATE = (0.3, 0.3)
 """1 sigma per axis of a target's rates before they are known: angular [rad/s], linear [m/s]."""
 POSE = np.array([0, 1, 2, 6, 7, 8])
@@ -153,7 +154,9 @@ class Inspection:
         return fixes
 
     def into(self, own: Estimate) -> Estimate:
-        """The estimate of all craft, with the fused one of every target in its row."""
+        """Return the estimate of all craft, in which a target's own row is the fused fix of its observers."""
+        if not self.targets:
+            return own
         bank = self._filter
         rotation, position, rate, velocity, covariance = (
             np.array(a) for a in (own.rotation, own.position, own.angular_rate, own.velocity, own.covariance)

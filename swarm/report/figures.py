@@ -1,29 +1,25 @@
-"""Figures of a report: one look for all, drawn with matplotlib without a display, as SVG and as PNG."""
+"""Figures of a report: one look for all, each as SVG and as PNG."""
 
 from collections.abc import Callable
-from io import BytesIO
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from estimators.arrays import Floats
+from swarm.figures import Axes, Figure, rendered
 from swarm.results.disk import writing
 
-INK, GRID = "#1c2733", "#dfe5ec"
 BLUE, ORANGE, GREEN, RED, PURPLE, GREY = "#1f6fb4", "#d9772b", "#2f8f5b", "#c0392b", "#7b5ea7", "#7d8a97"
 SERIES = (BLUE, ORANGE, GREEN, PURPLE, RED, "#128a94", "#a5762e", "#5c6fc4")
 WIDTH_IN = 9.0
 MOST_POINTS = 1500
-STYLE: dict[str, Any] = {
+_INK = "#1c2733"
+_LOOK: dict[str, Any] = {
     "font.family": "DejaVu Sans",
     "font.size": 9.5,
     "axes.edgecolor": "#aab4bf",
-    "axes.labelcolor": INK,
+    "axes.labelcolor": _INK,
     "axes.titlesize": 10.5,
     "axes.titleweight": "bold",
     "axes.titlelocation": "left",
@@ -31,11 +27,11 @@ STYLE: dict[str, Any] = {
     "axes.axisbelow": True,
     "axes.spines.top": False,
     "axes.spines.right": False,
-    "grid.color": GRID,
+    "grid.color": "#dfe5ec",
     "grid.linewidth": 0.8,
-    "text.color": INK,
-    "xtick.color": INK,
-    "ytick.color": INK,
+    "text.color": _INK,
+    "xtick.color": _INK,
+    "ytick.color": _INK,
     "lines.linewidth": 1.8,
     "lines.markersize": 5,
     "legend.frameon": False,
@@ -45,16 +41,15 @@ STYLE: dict[str, Any] = {
 
 
 class Picture(NamedTuple):
-    """A figure, drawn. name: of its files. alt: what it shows, for who cannot see it."""
+    """A finished figure of a report: the name of its files, a caption, and both forms of it."""
 
     name: str
     caption: str
-    alt: str
     svg: bytes
     png: bytes
 
     def write(self, folder: Path) -> list[Path]:
-        """Write both forms into `folder`."""
+        """Write both forms into `folder`, and return the files."""
         files = []
         for suffix, content in (("svg", self.svg), ("png", self.png)):
             file = folder / f"{self.name}.{suffix}"
@@ -64,29 +59,45 @@ class Picture(NamedTuple):
         return files
 
 
-def picture(
-    name: str, caption: str, paint: Callable[[Figure], None], *, height_in: float = 3.4, alt: str = ""
-) -> Picture:
-    """Draw: `paint` gets an empty figure of the page's width."""
-    with mpl.rc_context(cast(Any, STYLE)):
-        figure = Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
-        paint(figure)
-        svg, png = BytesIO(), BytesIO()
-        figure.savefig(svg, format="svg", metadata={"Date": None})
-        figure.savefig(png, format="png", dpi=160)
-    return Picture(name, caption, alt or caption, svg.getvalue(), png.getvalue())
+def picture(name: str, caption: str, paint: Callable[[Figure], None], height_in: float = 3.4) -> Picture:
+    """Draw a figure of a report.
+
+    Args:
+        name: Stem of the figure's files.
+        caption: Sentence that says what is seen; also the text for those who cannot see it.
+        paint: Function that draws into an empty figure of the page's width.
+        height_in: Height of the figure [inch].
+    """
+    return Picture(name, caption, *rendered(paint, _LOOK, WIDTH_IN, height_in))
 
 
 def band(
     axes: Axes, x: Floats, low: Floats, middle: Floats, high: Floats, label: str, colour: str, **style: Any
 ) -> None:
-    """A line with the range between `low` and `high` behind it; gaps where a value is missing."""
+    """Draw a line with the range of its values behind it; a missing value leaves a gap.
+
+    Args:
+        axes: Where to draw.
+        x: Abscissas (n,).
+        low: Lower ends of the range (n,).
+        middle: Values of the line (n,).
+        high: Upper ends of the range (n,).
+        label: Label in the legend.
+        colour: Colour of line and range.
+        **style: More of the line's properties.
+    """
     axes.fill_between(x, low, high, color=colour, alpha=0.16, linewidth=0)
     axes.plot(x, middle, color=colour, label=label, **style)
 
 
 def thin(x: Floats, y: Floats, peaks: bool = False) -> tuple[Floats, Floats]:
-    """At most about 1500 points of a long series (n,): means of neighbours, or where `peaks` their largest."""
+    """Thin a long series to about 1500 points.
+
+    Args:
+        x: Abscissas (n,).
+        y: Values (n,), NaN where missing.
+        peaks: Keep the largest of neighbouring values instead of their mean.
+    """
     step = -(-len(x) // MOST_POINTS)
     if step <= 1:
         return x, y
@@ -98,20 +109,3 @@ def thin(x: Floats, y: Floats, peaks: bool = False) -> tuple[Floats, Floats]:
     else:
         merged = np.where(known, padded_y, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
     return np.nanmean(padded_x, axis=1), np.where(known.any(axis=1), merged, np.nan)
-
-
-def plain_log(axes: Axes) -> None:
-    """A logarithmic y axis with plain numbers at 1, 2 and 5 of every decade."""
-    axes.set_yscale("log", subs=[2, 5])
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    low, high = axes.get_ylim()
-    few = np.log10(high / low) < 2.5
-    axes.yaxis.set_minor_formatter(FuncFormatter(lambda value, _: f"{value:g}") if few else NullFormatter())
-
-
-def craft_axis(axes: Axes, counts: Floats) -> None:
-    """A logarithmic axis of numbers of craft, ticked where there are runs."""
-    axes.set_xscale("log")
-    axes.set_xticks(counts, [f"{count:,.0f}".replace(",", " ") for count in counts])
-    axes.set_xticks([], minor=True)
-    axes.set_xlabel("craft in the swarm")

@@ -4,19 +4,15 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-from matplotlib.axes import Axes
-from matplotlib.colors import BoundaryNorm, ListedColormap
-from matplotlib.figure import Figure
 from scipy.stats import chi2
 
-from estimators.arrays import Floats, Ints
-from swarm.report.figures import BLUE, GREY, ORANGE, SERIES, Picture, picture, plain_log, thin
+from estimators.arrays import Bools, Floats
+from swarm.figures import Axes, Figure, count_map, plain_log_y
+from swarm.report.figures import BLUE, GREY, ORANGE, SERIES, Picture, picture, thin
 from swarm.report.page import Column, Fact, Section, Table, number, prose
 from swarm.report.run_table import about, limits, outcome
-from swarm.results.columns.schema import STATUS
-from swarm.results.reading import values
 from swarm.results.run_folder import Run
+from swarm.results.table import TelemetryTable
 
 DOF = 6
 MOST_LINES, MOST_PANELS, MOST_ROWS, MOST_DOTS = 10, 4, 60, 20_000
@@ -27,29 +23,25 @@ STATUS_COLOURS = {"searching": "#c0392b", "ambiguous": "#7b5ea7", "coasting": "#
 class Series:
     """Telemetry as arrays (periods, craft), NaN where missing."""
 
-    def __init__(self, table: pa.Table) -> None:
-        self._table = table
-        craft = table.column("craft").unify_dictionaries()
-        self.names: list[str] = craft.chunk(0).dictionary.to_pylist()
-        self._craft = np.concatenate([chunk.indices.to_numpy() for chunk in craft.chunks]).astype(np.int64)
-        frame = values(table, "frame").astype(np.int64)
-        self._row = frame - frame.min()
+    def __init__(self, rows: TelemetryTable) -> None:
+        self._rows = rows
+        self.names = rows.names_of("craft")
+        self._row = rows.frame - rows.frame.min()
         self.shape = int(self._row.max()) + 1, len(self.names)
         self.time_s: Floats = np.nanmin(self.of("time_s"), axis=1)
 
     def of(self, column: str) -> Floats:
-        """One column."""
-        return self._grid(values(self._table, column))
+        """Return one column."""
+        return self._grid(self._rows.column(column))
 
-    def status(self) -> Ints:
-        """Codes of STATUS, -1 where there is no row."""
-        column = self._table.column("status").unify_dictionaries()
-        codes = np.concatenate([chunk.indices.to_numpy() for chunk in column.chunks]).astype(np.float64)
-        return np.nan_to_num(self._grid(codes), nan=-1).astype(np.int64)
+    def being(self, status: str) -> Bools:
+        """Return whether a craft has this status, (periods, craft)."""
+        out: Bools = self._grid(self._rows.being("status", status)) == 1
+        return out
 
-    def _grid(self, flat: Floats) -> Floats:
+    def _grid(self, flat: Floats | Bools) -> Floats:
         out = np.full(self.shape, np.nan)
-        out[self._row, self._craft] = flat
+        out[self._row, self._rows.craft] = flat
         return out
 
 
@@ -89,7 +81,7 @@ def sections(run: Run) -> list[Section]:
     """Figures over time, then the craft in a table."""
     if not len(run.telemetry):
         return [Section("Nothing was recorded", ["Not one lighthouse period was recorded."])]
-    series = Series(run.telemetry)
+    series = Series(TelemetryTable.of(run.telemetry))
     out = []
     if np.isfinite(series.of("position_error_m")).any():
         which = prose(PROSE, "which", craft=len(series.names)) if len(series.names) > MOST_PANELS else []
@@ -173,7 +165,7 @@ def _nees(series: Series) -> Picture:
         )
         axes.plot(*_running_mean(series.time_s, nees), color=ORANGE, label="mean over the craft and one second")
         axes.axhline(DOF, color=GREY, linewidth=1, linestyle=":")
-        plain_log(axes)
+        plain_log_y(axes)
         axes.set_xlabel("time [s]")
         axes.set_ylabel("NEES")
         axes.legend(loc="lower right", ncols=2)
@@ -208,33 +200,20 @@ def _dilution(series: Series) -> Picture:
 
 
 def _visibility(series: Series) -> Picture:
-    visible, status = series.of("visible"), series.status()
-    most = int(np.nanmax(visible))
+    visible = series.of("visible")
 
     def paint(figure: Figure) -> None:
         count = len(series.names)
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
         extent = (series.time_s[0], series.time_s[-1], count - 0.5, -0.5)
-        shades = ListedColormap(
-            [(0.93 - 0.81 * s, 0.95 - 0.51 * s, 0.97 - 0.26 * s) for s in np.linspace(0, 1, most + 1)]
-        )
-        image = above.imshow(
-            visible.T,
-            aspect="auto",
-            interpolation="nearest",
-            extent=extent,
-            cmap=shades,
-            norm=BoundaryNorm(np.arange(most + 2) - 0.5, most + 1),
-        )
-        figure.colorbar(image, ax=above, ticks=range(0, most + 1, max(1, most // 6)), label="photodiodes lit")
-        above.grid(visible=False)
+        count_map(above, visible, extent, "photodiodes lit")
         if count <= 16:
             above.set_yticks(range(count), series.names)
         else:
             above.set_ylabel("craft, by number")
         bottom = np.zeros(len(series.time_s))
         for name in ("tracking", *STATUS_COLOURS):
-            share = 100 * np.mean(status == STATUS.index(name), axis=1)
+            share = 100 * np.mean(series.being(name), axis=1)
             below.fill_between(
                 series.time_s,
                 bottom,

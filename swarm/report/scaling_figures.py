@@ -8,8 +8,9 @@ meet the lighthouse's period.
 from typing import NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure
 
+from estimators.arrays import Floats
+from swarm.figures import Axes, Figure, plain_log_y
 from swarm.report.figures import (
     BLUE,
     GREEN,
@@ -19,14 +20,20 @@ from swarm.report.figures import (
     RED,
     Picture,
     band,
-    craft_axis,
     picture,
-    plain_log,
 )
 from swarm.report.page import number
 from swarm.report.rows import Rows
 
 NEES_DOF = 6
+
+
+def craft_axis(axes: Axes, counts: Floats) -> None:
+    """Make the x axis logarithmic in the number of craft, with ticks where there are runs."""
+    axes.set_xscale("log")
+    axes.set_xticks(counts, [f"{count:,.0f}".replace(",", " ") for count in counts])
+    axes.set_xticks([], minor=True)
+    axes.set_xlabel("craft in the swarm")
 
 
 class Line(NamedTuple):
@@ -72,7 +79,7 @@ def onboard(rows: Rows) -> Picture:
             s = rows.spread(name)
             band(axes, rows.points, s.low, s.mean, s.high, label, colour, marker="o")
         craft_axis(axes, rows.points)
-        plain_log(axes)
+        plain_log_y(axes)
         axes.set_ylabel("time per craft and period [µs]")
         axes.legend()
 
@@ -128,7 +135,7 @@ def precision(rows: Rows) -> Picture:
                     s = rows.spread(f"{prefix}_{name}", scale)
                     band(axes, rows.points, s.low, s.mean, s.high, text, colour, marker="o", linestyle=style)
             craft_axis(axes, rows.points)
-            plain_log(axes)
+            plain_log_y(axes)
             axes.set_title(label)
         position.legend()
         s = rows.spread("nees_mean")
@@ -191,7 +198,7 @@ def central_cost(rows: Rows) -> Picture:
                     color=RED,
                 )
         craft_axis(axes, rows.points)
-        plain_log(axes)
+        plain_log_y(axes)
         axes.set_ylabel("time per period [ms]")
         axes.legend(loc="upper left", bbox_to_anchor=(0, 0.9))
 

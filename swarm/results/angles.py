@@ -11,36 +11,23 @@ The file grows under another name and is renamed when it is complete: a run that
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.calibration.problem import Noise
 from estimators.lighthouse.sweep import FanErrors, FanPair
 from swarm.errors import SwarmError
 from swarm.hardware import Photodiodes
-from swarm.results.disk import writing
+from swarm.onboard.decoder import SweepAngles
+from swarm.results.files import ANGLES
+from swarm.results.parquet import PARTIAL, GrowingParquet, read_table
 
-FILE = "angles.parquet"
-PARTIAL = FILE + ".partial"
 _KEY = b"survey"
 _ROWS = 65_536
 _VALUES = ("theta_x_rad", "theta_y_rad", "offset_x_s", "offset_y_s")
-
-
-class SweepAngles(Protocol):
-    """What is written of the decoder's angles."""
-
-    @property
-    def theta(self) -> Floats:
-        """(C, K, 2) [rad], NaN where not seen."""
-
-    @property
-    def offset_s(self) -> Floats:
-        """(C, K, 2) [s]."""
 
 
 class Believed(NamedTuple):
@@ -76,7 +63,6 @@ class AngleWriter:
     """Writes the angles of one run into its folder: `append` every period, `close` at the end."""
 
     def __init__(self, folder: Path, about: Believed) -> None:
-        self._folder = folder
         fields = [
             pa.field("frame", pa.int32(), nullable=False),
             pa.field("craft", pa.dictionary(pa.int32(), pa.string()), nullable=False),
@@ -95,8 +81,7 @@ class AngleWriter:
         self._names = pa.array(about.craft, pa.string())
         self._waiting: list[tuple[Ints, Ints, Ints, Floats]] = []
         self._rows = 0
-        with writing(folder / PARTIAL):
-            self._file = pq.ParquetWriter(folder / PARTIAL, self._schema, compression="snappy")
+        self._file = GrowingParquet(folder / ANGLES, self._schema)
 
     def append(self, frame: int, angles: SweepAngles) -> None:
         """Take one period of all craft. Raises SwarmError on a full disk."""
@@ -119,28 +104,25 @@ class AngleWriter:
             pa.array(photodiode, pa.int16()),
             *(pa.array(v, pa.float64(), mask=~np.isfinite(v)) for v in value.T),
         ]
-        with writing(self._folder / PARTIAL):
-            self._file.write_table(pa.Table.from_arrays(columns, schema=self._schema))
+        self._file.write(pa.Table.from_arrays(columns, schema=self._schema))
         self._waiting, self._rows = [], 0
 
     def close(self) -> None:
         """Write what is left and give the file its name. Raises SwarmError on a full disk."""
         self._flush()
-        with writing(self._folder / FILE):
-            self._file.close()
-            (self._folder / PARTIAL).replace(self._folder / FILE)
+        self._file.close()
 
 
 def read_angles(folder: Path) -> AngleTable:
     """The angles of the run in `folder`. Raises SwarmError where it has none, or they are damaged."""
-    file = folder / FILE
+    file = folder / ANGLES
     if not file.exists():
         raise SwarmError(
-            f"{folder} has no {FILE}: fly it again with --set recording.angles=true"
-            + (" (a run that was killed leaves none)" if (folder / PARTIAL).exists() else "")
+            f"{folder} has no {ANGLES}: fly it again with --set recording.angles=true"
+            + (" (a run that was killed leaves none)" if (folder / (ANGLES + PARTIAL)).exists() else "")
         )
     try:
-        table = pq.read_table(file)
+        table = read_table(file)
         about = _parse(json.loads(table.schema.metadata[_KEY]))
         names = table.column("craft").combine_chunks()
         dictionary = names.dictionary.to_pylist()
@@ -154,7 +136,7 @@ def read_angles(folder: Path) -> AngleTable:
             value[:, :2],
             value[:, 2:],
         )
-    except (OSError, pa.ArrowException, KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise SwarmError(f"cannot read {file}: {error}") from error
     return out
 

@@ -18,17 +18,14 @@ from typing import Any, NamedTuple
 import numpy as np
 import pyarrow as pa
 
-from estimators.arrays import Bools, Floats, Ints
+from estimators.arrays import Floats, Ints
 from swarm.errors import SwarmError, did_you_mean
-from swarm.results.columns.schema import STATUS
-from swarm.results.reading import values
+from swarm.results.table import TelemetryTable
 from swarm.scenario import Criterion
 from swarm.scenario.criteria import NAMED
 
 PAIRS_AT_A_TIME = 1_000_000
 """Distances between craft that are held in memory at a time."""
-
-Load = Callable[[str], pa.Table]
 
 
 class Verdict(NamedTuple):
@@ -60,9 +57,8 @@ def check_measures(criteria: Sequence[Criterion], schema: pa.Schema, scenario: s
             )
 
 
-def judge(criteria: Sequence[Criterion], load: Load) -> list[Verdict]:
-    """Every criterion, judged on the telemetry whose columns `load` gives, a table each."""
-    rows = _Rows(load)
+def judge(criteria: Sequence[Criterion], rows: TelemetryTable) -> list[Verdict]:
+    """Return the verdict on every criterion."""
     return [_judge(criterion, rows) for criterion in criteria]
 
 
@@ -76,54 +72,33 @@ def summary_of(verdicts: Sequence[Verdict]) -> dict[str, Any]:
     }
 
 
-class _Rows:
-    """The telemetry's columns as doubles, NaN where null."""
-
-    def __init__(self, load: Load) -> None:
-        self._load = load
-        self._columns: dict[str, Floats] = {}
-        craft = load("craft").column("craft").unify_dictionaries()
-        self.names: list[str] = craft.chunk(0).dictionary.to_pylist() if len(craft) else []
-        self.craft: Ints = np.concatenate([c.indices.to_numpy() for c in craft.chunks] or [np.zeros(0, np.int64)])
-
-    def column(self, name: str) -> Floats:
-        if name not in self._columns:
-            self._columns[name] = values(self._load(name), name)
-        return self._columns[name]
-
-    @property
-    def end_s(self) -> float:
-        """The last epoch."""
-        return float(self.column("time_s").max(initial=0.0))
-
-    def tracking(self) -> Bools:
-        status = self._load("status").column("status").cast(pa.string())
-        return np.array(status.to_numpy() == STATUS[1], dtype=np.bool_)
-
-    def chosen(self, criterion: Criterion) -> Ints:
-        """The rows that the criterion is about, in their order."""
-        time_s = self.column("time_s")
-        mine = (time_s >= criterion.from_s) & (time_s <= (np.inf if criterion.to_s is None else criterion.to_s))
-        if criterion.craft:
-            mine &= np.isin(self.craft, [i for i, name in enumerate(self.names) if name in criterion.craft])
-        return np.flatnonzero(mine)
-
-    def by_craft(self, rows: Ints) -> Iterator[tuple[str, Ints]]:
-        """The rows of each craft among them."""
-        for code in np.unique(self.craft[rows]):
-            yield self.names[code], rows[self.craft[rows] == code]
+def _chosen(rows: TelemetryTable, criterion: Criterion) -> Ints:
+    """Return the rows that the criterion is about, in their order."""
+    time_s = rows.column("time_s")
+    mine = (time_s >= criterion.from_s) & (time_s <= (np.inf if criterion.to_s is None else criterion.to_s))
+    if criterion.craft:
+        names = rows.names_of("craft")
+        mine &= np.isin(rows.craft, [i for i, name in enumerate(names) if name in criterion.craft])
+    return np.flatnonzero(mine)
 
 
-def _judge(criterion: Criterion, rows: _Rows) -> Verdict:
-    c, mine = criterion, rows.chosen(criterion)
-    if c.from_s > rows.end_s:
+def _by_craft(rows: TelemetryTable, chosen: Ints) -> Iterator[tuple[str, Ints]]:
+    """Yield the chosen rows of each craft among them."""
+    craft = rows.craft[chosen]
+    for code in np.unique(craft):
+        yield rows.names_of("craft")[code], chosen[craft == code]
+
+
+def _judge(criterion: Criterion, rows: TelemetryTable) -> Verdict:
+    c, mine = criterion, _chosen(rows, criterion)
+    if c.from_s > float(rows.column("time_s").max(initial=0.0)):
         return Verdict(c.label, None, None, c.min, c.max, None, c.craft)
     who: str | None = None
     value: float | None = None
     if c.measure in NAMED:
         value = _NAMED[c.measure](rows, mine)
     elif c.statistic in ("last", "at_contact"):
-        single = [(name, _single(c, rows, own)) for name, own in rows.by_craft(mine)]
+        single = [(name, _single(c, rows, own)) for name, own in _by_craft(rows, mine)]
         # Craft to which the column means nothing have no value; who only never touched anything has missed.
         means = [(name, v) for name, v in single if c.craft or v is not None]
         who, value = min(means, key=lambda pair: _margin(c, pair[1])) if means else (None, None)
@@ -143,7 +118,7 @@ def _margin(criterion: Criterion, value: float | None) -> float:
     return float(min(below, above))
 
 
-def _single(criterion: Criterion, rows: _Rows, own: Ints) -> float | None:
+def _single(criterion: Criterion, rows: TelemetryTable, own: Ints) -> float | None:
     """One craft's last value, or its last one before its first contact."""
     if criterion.statistic == "at_contact":
         touching = np.flatnonzero(rows.column("contact")[own] == 1)
@@ -164,18 +139,18 @@ _OVER_ALL: dict[str, Callable[[Floats], Any]] = {
 }
 
 
-def _contacts(rows: _Rows, mine: Ints) -> float | None:
+def _contacts(rows: TelemetryTable, mine: Ints) -> float | None:
     return float(np.count_nonzero(rows.column("contact")[mine] == 1))
 
 
-def _tracking_share(rows: _Rows, mine: Ints) -> float | None:
-    return float(rows.tracking()[mine].mean()) if len(mine) else None
+def _tracking_share(rows: TelemetryTable, mine: Ints) -> float | None:
+    return float(rows.being("status", "tracking")[mine].mean()) if len(mine) else None
 
 
-def _longest_blind_s(rows: _Rows, mine: Ints) -> float | None:
-    tracking, time_s = rows.tracking(), rows.column("time_s")
+def _longest_blind_s(rows: TelemetryTable, mine: Ints) -> float | None:
+    tracking, time_s = rows.being("status", "tracking"), rows.column("time_s")
     longest = None
-    for _, own in rows.by_craft(mine):
+    for _, own in _by_craft(rows, mine):
         seen = np.flatnonzero(tracking[own])
         if len(seen):
             # Up to the end of the rows, where it never came back.
@@ -184,7 +159,7 @@ def _longest_blind_s(rows: _Rows, mine: Ints) -> float | None:
     return longest
 
 
-def _separation_m(rows: _Rows, mine: Ints) -> float | None:
+def _separation_m(rows: TelemetryTable, mine: Ints) -> float | None:
     place = np.stack([rows.column(f"true_p{a}_m")[mine] for a in "xyz"], axis=1)
     frame, count = rows.column("frame")[mine], len(np.unique(rows.craft[mine]))
     if count < 2:
@@ -199,7 +174,7 @@ def _separation_m(rows: _Rows, mine: Ints) -> float | None:
     return least
 
 
-_NAMED: dict[str, Callable[[_Rows, Ints], float | None]] = {
+_NAMED: dict[str, Callable[[TelemetryTable, Ints], float | None]] = {
     "contacts": _contacts,
     "tracking_share": _tracking_share,
     "longest_blind_s": _longest_blind_s,

@@ -9,109 +9,59 @@ The file grows under another name and is renamed when it is complete: a run that
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from estimators.arrays import Floats
 from estimators.rotation import angle_between, log, matrix_from_quaternion, quaternion_from_matrix
-from swarm.results.disk import writing
+from swarm.onboard.inspection import LidarFix
+from swarm.results.columns.column import Column
+from swarm.results.files import SCANS
+from swarm.results.parquet import GrowingParquet
+from swarm.results.records import Truth
 
-FILE = "scans.parquet"
-PARTIAL = FILE + ".partial"
 ROWS = 512
 
 
-class LidarFix(Protocol):
-    """What is written of `swarm.onboard.inspection.LidarFix`."""
-
-    @property
-    def craft(self) -> int: ...  # noqa: D102
-    @property
-    def target(self) -> int: ...  # noqa: D102
-    @property
-    def outcome(self) -> str: ...  # noqa: D102
-    @property
-    def acquired(self) -> bool: ...  # noqa: D102
-    @property
-    def points(self) -> int: ...  # noqa: D102
-    @property
-    def residual_m(self) -> float: ...  # noqa: D102
-    @property
-    def overlap(self) -> float: ...  # noqa: D102
-    @property
-    def confidence(self) -> float: ...  # noqa: D102
-    @property
-    def rotation(self) -> Floats: ...  # noqa: D102
-    @property
-    def position(self) -> Floats: ...  # noqa: D102
-    @property
-    def covariance(self) -> Floats: ...  # noqa: D102
-    @property
-    def accepted(self) -> bool: ...  # noqa: D102
-    @property
-    def nis(self) -> float: ...  # noqa: D102
-    @property
-    def ekf_rotation(self) -> Floats: ...  # noqa: D102
-    @property
-    def ekf_position(self) -> Floats: ...  # noqa: D102
-    @property
-    def ekf_covariance(self) -> Floats: ...  # noqa: D102
-    @property
-    def cloud(self) -> Floats: ...  # noqa: D102
-
-
-class Truth(Protocol):
-    """The true poses of all craft at the epoch."""
-
-    @property
-    def position(self) -> Floats: ...  # noqa: D102
-    @property
-    def quaternion(self) -> Floats: ...  # noqa: D102
-
-
-_NAME = pa.dictionary(pa.int32(), pa.string())
-COLUMNS: tuple[tuple[str, pa.DataType, str, str], ...] = (
-    ("time_s", pa.float64(), "s", "the epoch that everything refers to"),
-    ("frame", pa.int32(), "1", "number of the lighthouse period"),
-    ("observer", _NAME, "", "the craft that carries the LiDAR"),
-    ("target", _NAME, "", "the craft that it inspects"),
-    ("outcome", _NAME, "", "what became of the scan: tracked, found, or why not"),
-    ("acquired", pa.bool_(), "", "it was acquired from nothing, not tracked"),
-    ("accepted", pa.bool_(), "", "the observer's filter took the pose in"),
-    ("points", pa.int32(), "1", "returns of the target"),
-    ("range_m", pa.float64(), "m", "true distance from the observer to the target"),
-    ("residual_m", pa.float64(), "m", "RMS of the registration's residuals"),
-    ("overlap", pa.float64(), "1", "share of the rays that agree with the pose"),
-    ("confidence", pa.float64(), "1", "of an acquisition: above a half where it is believed"),
-    *((f"measured_p{a}_m", pa.float64(), "m", f"pose of this scan: position, {a}") for a in "xyz"),
-    *((f"measured_q{a}", pa.float64(), "1", f"pose of this scan: attitude quaternion, {a} (w >= 0)") for a in "wxyz"),
-    ("measured_position_error_m", pa.float64(), "m", "distance of that pose from the truth"),
-    ("measured_attitude_error_deg", pa.float64(), "deg", "angle of that pose from the truth"),
-    ("measured_nees", pa.float64(), "1", "its squared error normalised by its covariance, 6 degrees of freedom"),
-    ("nis", pa.float64(), "1", "its squared innovation normalised by its covariance, 6 degrees of freedom"),
-    ("ekf_position_error_m", pa.float64(), "m", "distance of the observer's filter from the truth"),
-    ("ekf_attitude_error_deg", pa.float64(), "deg", "angle of the observer's filter from the truth"),
-    ("ekf_nees", pa.float64(), "1", "its squared error normalised by its covariance, 6 degrees of freedom"),
+COLUMNS = (
+    Column("time_s", "s", "the epoch that everything refers to"),
+    Column("frame", "1", "number of the lighthouse period", "whole"),
+    Column("observer", "", "the craft that carries the LiDAR", "name"),
+    Column("target", "", "the craft that it inspects", "name"),
+    Column("outcome", "", "what became of the scan: tracked, found, or why not", "name"),
+    Column("acquired", "", "it was acquired from nothing, not tracked", "yes"),
+    Column("accepted", "", "the observer's filter took the pose in", "yes"),
+    Column("points", "1", "returns of the target", "whole"),
+    Column("range_m", "m", "true distance from the observer to the target"),
+    Column("residual_m", "m", "RMS of the registration's residuals"),
+    Column("overlap", "1", "share of the rays that agree with the pose"),
+    Column("confidence", "1", "of an acquisition: above a half where it is believed"),
+    *(Column(f"measured_p{a}_m", "m", f"pose of this scan: position, {a}") for a in "xyz"),
+    *(Column(f"measured_q{a}", "1", f"pose of this scan: attitude quaternion, {a} (w >= 0)") for a in "wxyz"),
+    Column("measured_position_error_m", "m", "distance of that pose from the truth"),
+    Column("measured_attitude_error_deg", "deg", "angle of that pose from the truth"),
+    Column("measured_nees", "1", "its squared error normalised by its covariance, 6 degrees of freedom"),
+    Column("nis", "1", "its squared innovation normalised by its covariance, 6 degrees of freedom"),
+    Column("ekf_position_error_m", "m", "distance of the observer's filter from the truth"),
+    Column("ekf_attitude_error_deg", "deg", "angle of the observer's filter from the truth"),
+    Column("ekf_nees", "1", "its squared error normalised by its covariance, 6 degrees of freedom"),
 )
-"""Name, type, unit and meaning."""
 
 
 def schema() -> pa.Schema:
-    """The columns, each with its `unit` and `meaning` as field metadata."""
-    return pa.schema([pa.field(n, kind, metadata={"unit": unit, "meaning": what}) for n, kind, unit, what in COLUMNS])
+    """Return the columns, each with its `unit` and `meaning` as field metadata."""
+    return pa.schema([column.field for column in COLUMNS])
 
 
 class ScanWriter:
     """Writes the scans of one run into its folder: `append` every period, `close` at the end."""
 
     def __init__(self, folder: Path, craft: Sequence[str]) -> None:
-        self._folder, self._craft, self._schema = folder, list(craft), schema()
+        self._craft, self._schema = list(craft), schema()
         self._rows: list[dict[str, Any]] = []
-        with writing(folder / PARTIAL):
-            self._file = pq.ParquetWriter(folder / PARTIAL, self._schema, compression="snappy")
+        self._file = GrowingParquet(folder / SCANS, self._schema)
 
     def append(self, time_s: float, frame: int, fixes: Sequence[LidarFix], truth: Truth) -> None:
         """Take what became of the scans of one period. Raises SwarmError on a full disk."""
@@ -120,17 +70,14 @@ class ScanWriter:
             self._flush()
 
     def _flush(self) -> None:
-        with writing(self._folder / PARTIAL):
-            self._file.write_table(pa.Table.from_pylist(self._rows, schema=self._schema))
+        self._file.write(pa.Table.from_pylist(self._rows, schema=self._schema))
         self._rows = []
 
     def close(self) -> None:
         """Complete the file. Raises SwarmError on a full disk."""
         if self._rows:
             self._flush()
-        with writing(self._folder / FILE):
-            self._file.close()
-            (self._folder / PARTIAL).replace(self._folder / FILE)
+        self._file.close()
 
 
 def _row(time_s: float, frame: int, craft: Sequence[str], fix: LidarFix, truth: Truth) -> dict[str, Any]:
@@ -172,39 +119,3 @@ def _errors(
     error = np.concatenate([log(true_rotation @ rotation.T), true_position - position])
     nees = float(error @ np.linalg.solve(covariance, error))
     return float(np.linalg.norm(error[3:])), float(np.degrees(angle_between(true_rotation, rotation))), nees
-
-
-def summarise_scans(folder: Path) -> dict[str, Any]:
-    """What every observer made of its scans, for summary.json; empty where there is no file."""
-    if not (folder / FILE).exists():
-        return {}
-    table = pq.read_table(folder / FILE).to_pydict()
-    out: dict[str, Any] = {}
-    for name in sorted(set(table["observer"])):
-        mine = [i for i, observer in enumerate(table["observer"]) if observer == name]
-
-        def column(key: str, rows: list[int] = mine) -> Floats:
-            return np.array([np.nan if table[key][i] is None else table[key][i] for i in rows], dtype=np.float64)
-
-        def figure(key: str, of: Any, values: Any = column) -> float | None:
-            known = values(key)[np.isfinite(values(key))]
-            return float(of(known)) if len(known) else None
-
-        outcome = [table["outcome"][i] for i in mine]
-        out[name] = {
-            "target": table["target"][mine[0]],
-            "scans": len(mine),
-            "tracked_share": outcome.count("tracked") / len(mine),
-            "acquisitions": sum(1 for i in mine if table["acquired"][i] and table["outcome"][i] == "found"),
-            "outcomes": {word: outcome.count(word) for word in sorted(set(outcome))},
-            "points_median": figure("points", np.median),
-            "measured_attitude_mean_deg": figure("measured_attitude_error_deg", np.mean),
-            "measured_attitude_max_deg": figure("measured_attitude_error_deg", np.max),
-            "measured_position_mean_m": figure("measured_position_error_m", np.mean),
-            "measured_nees_mean": figure("measured_nees", np.mean),
-            "ekf_attitude_mean_deg": figure("ekf_attitude_error_deg", np.mean),
-            "ekf_attitude_max_deg": figure("ekf_attitude_error_deg", np.max),
-            "ekf_position_mean_m": figure("ekf_position_error_m", np.mean),
-            "ekf_nees_mean": figure("ekf_nees", np.mean),
-        }
-    return {"lidar": out}

@@ -12,18 +12,7 @@ from swarm.onboard.decoder import SweepAngles
 from swarm.onboard.inspection import LidarFix
 from swarm.onboard.navigation import Estimate
 from swarm.results.records import Peer, Truth
-
-
-class ActuatorWork(NamedTuple):
-    """The true work of C craft's actuators up to the end of a period, (C,) each; NaN where a craft has none of it.
-
-    delta_v_m_s: impulse of the thrusters, or of the ideal force, over the mass [m/s]. thrusters_open: thrusters that
-    were open in the period. wheel_momentum_nms: size of the reaction wheels' momentum together [N m s].
-    """
-
-    delta_v_m_s: Floats
-    thrusters_open: Floats
-    wheel_momentum_nms: Floats
+from swarm.world.actuators import ActuatorWork
 
 
 class Guided(NamedTuple):

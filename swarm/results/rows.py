@@ -4,6 +4,8 @@ The errors are active and left, R_true = Exp([d]x) R_est and p_true = p_est + dp
 EKF's covariance NEES = e^T P^-1 e, e = (d, dp). Quaternions are wxyz, w >= 0. What is missing is NaN.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from estimators.arrays import Floats
@@ -11,8 +13,19 @@ from estimators.kernel import kernel
 from estimators.linear import cholesky_into
 from estimators.rotation import quaternion_between, quaternion_from_matrix_into
 
-_TIME, _TRUE, _PNP, _EKF, _QUALITY, _ERRORS, _NIS, _TRUE_RATES, _EKF_RATES, _PEER = 0, 1, 8, 15, 22, 25, 32, 33, 39, 45
-"""Rows of a block of telemetry where a group of columns begins, in the schema's order of its doubles."""
+
+class Rows(NamedTuple):
+    """Rows of a block at which the columns of one quantity begin: a pose has seven, the errors seven, rates six.
+
+    They are an argument, not globals: the compiled kernel in the cache on disk would keep old globals.
+    """
+
+    true: int
+    pnp: int
+    ekf: int
+    errors: int
+    true_rates: int
+    ekf_rates: int
 
 
 @kernel
@@ -51,7 +64,7 @@ def _pose_into(position: Floats, quaternion: Floats, out: Floats, row: int, colu
 
 @kernel
 def rows_into(
-    time_s: float,
+    rows: Rows,
     true_position: Floats,
     true_quaternion: Floats,
     true_velocity: Floats,
@@ -63,43 +76,45 @@ def rows_into(
     velocity: Floats,
     rate: Floats,
     covariance: Floats,
-    adop: Floats,
-    pdop: Floats,
-    residual: Floats,
-    nis: Floats,
-    peer_position: Floats,
-    peer_quaternion: Floats,
-    errors: Floats,
     out: Floats,
-    at: int,
 ) -> None:
-    """Write C rows of telemetry, with their errors, into the columns of `out` (52, rows) from `at` on.
+    """Write poses, errors and rates of C craft into the rows of `out` (columns, C).
 
-    Vectors (C, 3), quaternions (C, 4), rotations (C, 3, 3), covariance (C, 12, 12), scalars (C,); errors (7, C): as
-    `swarm.results.records.Errors`, which stand in `out` too.
+    Args:
+        rows: Where they go.
+        true_position: (C, 3) [m]; with true_quaternion (C, 4), true_velocity (C, 3) [m/s], true_rate (C, 3) [rad/s].
+        true_quaternion: See above.
+        true_velocity: See above.
+        true_rate: See above.
+        pnp_rotation: (C, 3, 3), with pnp_position (C, 3) [m]: the solution of PnP.
+        pnp_position: See above.
+        rotation: (C, 3, 3), with position, velocity, rate (C, 3) and covariance (C, 12, 12): the filter's estimate.
+        position: See above.
+        velocity: See above.
+        rate: See above.
+        covariance: See above.
+        out: Filled; the errors are in the order of `swarm.results.records.Errors`.
     """
     pose, lower = np.empty((6, 6)), np.empty((6, 6))
-    e, q = np.empty(6), np.empty(4)
-    for c in range(errors.shape[1]):
-        column = at + c
-        out[_TIME, column] = time_s
-        _pose_into(true_position[c], true_quaternion[c], out, _TRUE, column)
+    e, q, errors = np.empty(6), np.empty(4), np.empty(7)
+    for c in range(out.shape[1]):
+        _pose_into(true_position[c], true_quaternion[c], out, rows.true, c)
         quaternion_from_matrix_into(pnp_rotation[c], q)
-        _pose_into(pnp_position[c], q, out, _PNP, column)
+        _pose_into(pnp_position[c], q, out, rows.pnp, c)
         distance, angle = _error_into(true_quaternion[c], true_position[c], q, pnp_position[c], e)
-        errors[0, c], errors[1, c] = distance, np.degrees(angle)
+        errors[0], errors[1] = distance, np.degrees(angle)
 
         quaternion_from_matrix_into(rotation[c], q)
-        _pose_into(position[c], q, out, _EKF, column)
+        _pose_into(position[c], q, out, rows.ekf, c)
         distance, angle = _error_into(true_quaternion[c], true_position[c], q, position[c], e)
-        errors[2, c], errors[3, c] = distance, np.degrees(angle)
+        errors[2], errors[3] = distance, np.degrees(angle)
         p = covariance[c]
-        errors[4, c] = np.sqrt(p[6, 6] + p[7, 7] + p[8, 8])
-        errors[5, c] = np.degrees(np.sqrt(p[0, 0] + p[1, 1] + p[2, 2]))
+        errors[4] = np.sqrt(p[6, 6] + p[7, 7] + p[8, 8])
+        errors[5] = np.degrees(np.sqrt(p[0, 0] + p[1, 1] + p[2, 2]))
         for i in range(6):
             for j in range(i + 1):
                 pose[i, j] = p[i if i < 3 else i + 3, j if j < 3 else j + 3]
-        errors[6, c] = np.nan
+        errors[6] = np.nan
         if np.isfinite(e[0] + e[5]) and cholesky_into(pose, lower):
             nees = 0.0
             for i in range(6):
@@ -107,13 +122,10 @@ def rows_into(
                     e[i] -= lower[i, j] * e[j]
                 e[i] /= lower[i, i]
                 nees += e[i] * e[i]
-            errors[6, c] = nees
+            errors[6] = nees
 
-        out[_QUALITY, column], out[_QUALITY + 1, column], out[_QUALITY + 2, column] = adop[c], pdop[c], residual[c]
         for i in range(7):
-            out[_ERRORS + i, column] = errors[i, c]
-        out[_NIS, column] = nis[c]
+            out[rows.errors + i, c] = errors[i]
         for i in range(3):
-            out[_TRUE_RATES + i, column], out[_TRUE_RATES + 3 + i, column] = true_velocity[c, i], true_rate[c, i]
-            out[_EKF_RATES + i, column], out[_EKF_RATES + 3 + i, column] = velocity[c, i], rate[c, i]
-        _pose_into(peer_position[c], peer_quaternion[c], out, _PEER, column)
+            out[rows.true_rates + i, c], out[rows.true_rates + 3 + i, c] = true_velocity[c, i], true_rate[c, i]
+            out[rows.ekf_rates + i, c], out[rows.ekf_rates + 3 + i, c] = velocity[c, i], rate[c, i]

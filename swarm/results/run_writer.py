@@ -2,33 +2,32 @@
 
 import platform
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from estimators.arrays import Floats
 from swarm import __version__
 from swarm.errors import SwarmError
-from swarm.results.angles import AngleWriter, Believed, SweepAngles
-from swarm.results.columns.schema import STATUS, schema
+from swarm.onboard.settings import Status
+from swarm.results.angles import AngleWriter, Believed
+from swarm.results.columns.groups import groups_of
+from swarm.results.columns.schema import schema
 from swarm.results.criteria import check_measures, judge, summary_of
-from swarm.results.lidar_scans import LidarFix, ScanWriter
+from swarm.results.lidar_scans import ScanWriter
+from swarm.results.period import Period
 from swarm.results.progress import Progress
-from swarm.results.reading import read_telemetry
-from swarm.results.recording.scene import NullRecording, Period, Recorder, Scene
-from swarm.results.records import Estimate, Peer, Truth
+from swarm.results.recording.scene import NullRecording, Recorder, Scene
 from swarm.results.run_folder import Run, RunFolder, open_run
 from swarm.results.summary import summarise_run
+from swarm.results.table import TelemetryTable
 from swarm.results.telemetry import Telemetry
 from swarm.scenario import Scenario, to_toml
 
 VERSIONS = ("mujoco", "numpy", "scipy", "numba", "filterpy", "rerun-sdk")
 """What a run's numbers depend on."""
-TRACKING = STATUS.index("tracking")
 
 
 class RunWriter:
@@ -51,30 +50,15 @@ class RunWriter:
         self._started_s = time.perf_counter()
         self._time_s, self._tracking = 0.0, 0
 
-    def append(
-        self,
-        frame: int,
-        time_s: float,
-        truth: Truth | None,
-        sight: NDArray[np.integer],
-        estimate: Estimate,
-        peer: Peer | None = None,
-        angles: SweepAngles | None = None,
-        extra: Floats | None = None,
-        scans: Sequence[LidarFix] = (),
-    ) -> None:
-        """Take one period of all craft at its epoch `time_s` [s]; sight: (C, K), what each photodiode saw.
-
-        angles: what the craft measured, for a run that writes them. extra: (C, N), for the scene's extra columns.
-        scans: what became of the LiDARs' scans.
-        """
-        errors = self._telemetry.append(time_s, frame, truth, estimate, peer, extra)
-        self._recording.append(Period(time_s, frame, truth, estimate, sight, errors, peer, extra, scans))
-        if self._angles is not None and angles is not None:
-            self._angles.append(frame, angles)
-        if self._scans is not None and truth is not None:
-            self._scans.append(time_s, frame, scans, truth)
-        self._time_s, self._tracking = time_s, int(np.count_nonzero(estimate.status == TRACKING))
+    def append(self, period: Period) -> None:
+        """Take one period of all craft. Raises SwarmError on a full disk."""
+        self._recording.append(period, self._telemetry.append(period))
+        if self._angles is not None:
+            self._angles.append(period.frame, period.angles)
+        if self._scans is not None and period.truth is not None:
+            self._scans.append(period.time_s, period.frame, period.scans, period.truth)
+        self._time_s = period.time_s
+        self._tracking = int(np.count_nonzero(period.estimate.status == Status.TRACKING))
 
     @property
     def progress(self) -> Progress:
@@ -85,9 +69,9 @@ class RunWriter:
         )
 
 
-def check_criteria(scenario: Scenario, scene: Scene, replay: bool = False) -> None:
+def check_criteria(scenario: Scenario, scene: Scene) -> None:
     """Raises SwarmError where a criterion is about nothing that a run of this scene measures."""
-    check_measures(scenario.criteria, schema(replay, bool(scene.ccd), bool(scene.lidar), scene.extra), scenario.name)
+    check_measures(scenario.criteria, schema(groups_of(scene)), scenario.name)
 
 
 @contextmanager
@@ -100,29 +84,20 @@ def writing_run(
     duration_s: float,
     record: bool = True,
     live: bool = False,
-    replay: bool = False,
     angles: Believed | None = None,
 ) -> Iterator[RunWriter]:
     """A run's folder, `runs/<scenario>-<seed>` or `out`, open for the block; closed however the block ends.
 
-    force: replace a run that is there. record: write recording.rrd of `scene`; live: show it meanwhile. replay: there
-    is a peer instead of the truth. angles: what the craft believe, for a run that writes their sweep angles. A run that
-    is stopped, by Ctrl-C or an error, is summarised as far as it went and marked as interrupted, and what stopped it is
-    raised on; the scenario's criteria are judged at the end. Raises SwarmError where nothing can be written, or where a
-    criterion measures what this run does not.
+    force: replace a run that is there. record: write recording.rrd of `scene`; live: show it meanwhile. angles: what
+    the craft believe, for a run that writes their sweep angles. A run that is stopped, by Ctrl-C or an error, is
+    summarised as far as it went and marked as interrupted, and what stopped it is raised on; the scenario's criteria
+    are judged at the end. Raises SwarmError where nothing can be written, or where a criterion measures what this run
+    does not.
     """
-    check_criteria(scenario, scene, replay)
+    check_criteria(scenario, scene)
     with RunFolder.create(scenario.name, scenario.seed, None if out is None else Path(out), force) as folder:
         folder.write_scenario(to_toml(scenario, versions()))
-        telemetry = Telemetry(
-            folder.path,
-            scene.craft,
-            replay,
-            ccd=bool(scene.ccd),
-            observer=scene.observer,
-            extra=scene.extra,
-            without_sensors=scene.without_sensors,
-        )
+        telemetry = Telemetry(folder.path, scene.craft, groups_of(scene), scene.without_sensors)
         recording: Recorder = NullRecording()
         if (record and scenario.recording.enabled) or live:
             # rerun takes most of a second to import: only who records pays for it.
@@ -159,7 +134,7 @@ def writing_run(
             angle_writer.close()
         if scan_writer is not None:
             scan_writer.close()
-        verdicts = judge(scenario.criteria, lambda column: read_telemetry(folder.path, [column]))
+        verdicts = judge(scenario.criteria, TelemetryTable.of_run(folder.path))
         folder.finish({**summarise_run(folder.path), **summary_of(verdicts)})
         writer.run = open_run(folder.path)
 

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, Strict
 
-from swarm.scenario.motions import Mistake, Table
+from swarm.scenario.table import Mistake, Table
 
 
 class Outage(Table):

@@ -5,7 +5,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, Strict
 
-from swarm.scenario.motions import Mistake, Table
+from swarm.scenario.table import Mistake, Table
+from swarm.units import split_unit
 
 Statistic = Literal["rms", "mean", "max", "min", "sum", "last", "at_contact"]
 
@@ -42,10 +43,8 @@ class Criterion(Table):
             return self.name
         if self.measure in NAMED or self.statistic == "max":
             return self.measure
-        for unit in UNITS:
-            if self.measure.endswith(unit):
-                return f"{self.measure.removesuffix(unit)}_{self.statistic}{unit}"
-        return f"{self.measure}_{self.statistic}"
+        stem, _ = split_unit(self.measure)
+        return f"{stem}_{self.statistic}{self.measure.removeprefix(stem)}"
 
     def between_keys(self) -> Iterator[Mistake]:
         """There is a limit, and something within the limits."""
@@ -60,18 +59,3 @@ class Criterion(Table):
 NAMED = ("contacts", "tracking_share", "longest_blind_s", "separation_m")
 """Measures that are no column: periods in contact, share of the rows that track, the longest time without a pose after
 the first one, the least distance between the bodies' origins of two craft."""
-UNITS = (
-    "_deg_s2",
-    "_rad_s2",
-    "_m_s2",
-    "_deg_s",
-    "_rad_s",
-    "_m_s",
-    "_deg_per_rad",
-    "_m_per_rad",
-    "_deg",
-    "_rad",
-    "_m",
-    "_s",
-)
-"""Ends of names that are units, the longer first where one ends with another."""

@@ -7,7 +7,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from swarm.scenario.motions import Table
+from swarm.scenario.table import Table
 
 
 class Orbit(Table):

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, Strict
 
-from swarm.scenario.motions import Mistake, Table, Vector
+from swarm.scenario.table import Mistake, Table, Vector
 
 
 def _listed(value: Any) -> Any:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 from pydantic import Field
 
-from swarm.scenario.motions import Mistake, Table
+from swarm.scenario.table import Mistake, Table
 
 
 class Lidar(Table):

@@ -17,9 +17,9 @@ from swarm.errors import SwarmError
 from swarm.scenario import mistakes, schema
 from swarm.scenario.cameras import Ccd
 from swarm.scenario.dynamics import Actuation
-from swarm.scenario.kinds import AnyMotion
 from swarm.scenario.lidar import Lidar
 from swarm.scenario.mistakes import Problem, dotted, parse_path
+from swarm.scenario.motions import AnyMotion
 from swarm.scenario.schema import Disturbance, Scatter, Scenario
 from swarm.scenario.text import toml_value
 

@@ -12,26 +12,13 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from swarm.errors import did_you_mean
-from swarm.scenario.motions import Table
 from swarm.scenario.schema import Scenario
+from swarm.scenario.table import Table
 from swarm.scenario.text import toml_value
+from swarm.units import split_unit, written_unit
 
 Path = tuple[str | int, ...]
 """Where a value sits: ("craft", 1, "motion", "from_m", 0) is craft[1].motion.from_m[0]."""
-
-UNITS = {
-    "per_s": "1/s",
-    "ppm": "ppm",
-    "deg_s2": "deg/s²",
-    "m_s2": "m/s²",
-    "deg_s": "deg/s",
-    "rad_s": "rad/s",
-    "m_s": "m/s",
-    "hz": "Hz",
-    "percent": "%",
-    **{unit: unit for unit in ("arcsec", "arcmin", "deg", "rad", "mm", "um", "cm", "km", "ms", "us", "ns", "m", "s")},
-}
-"""Suffixes of keys, the longer first where one ends with another, and how the unit is written."""
 
 TYPES = {"float": "a number", "int": "a whole number", "bool": "true or false", "string": "a string", "tuple": "a list"}
 LIMITS = {
@@ -69,14 +56,6 @@ def parse_path(key: str) -> Path:
     if not re.fullmatch(r"[\w-]+(\[\d+\]|\.[\w-]+)*", key):
         return ()
     return tuple(int(part) if part.isdecimal() else part for part in re.findall(r"[\w-]+", key))
-
-
-def split_unit(key: str) -> tuple[str, str]:
-    """The key without its unit, and the unit as written to a reader (empty if there is none)."""
-    for suffix, unit in UNITS.items():
-        if key.endswith(f"_{suffix}"):
-            return key.removesuffix(f"_{suffix}"), unit
-    return key, ""
 
 
 def tables_of(annotation: Any) -> tuple[type[Table], ...]:
@@ -156,7 +135,7 @@ def _problems(detail: ErrorDetails, root: type[Table]) -> Iterator[Problem]:
     place = _place(detail["loc"], root)
     path, kind, context = place.path, detail["type"], detail.get("ctx", {})
     key = next((p for p in reversed(path) if isinstance(p, str)), "")
-    unit = split_unit(key)[1]
+    unit = written_unit(key)
     inside = isinstance(path[-1], int) if path else False
     if kind == "between_keys":
         for text, *keys in context["mistakes"]:
@@ -221,7 +200,7 @@ def _meant(key: str, table: type[Table], root: type[Table]) -> str:
     near = same or get_close_matches(key, fields, n=1, cutoff=0.5)
     if not near:
         return did_you_mean(key, fields)
-    unit = split_unit(near[0])[1]
+    unit = written_unit(near[0])
     return f"; did you mean {near[0]!r}{f' (in {unit})' if unit else ''}?"
 
 

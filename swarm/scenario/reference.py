@@ -13,10 +13,12 @@ from annotated_types import Ge, Gt, Le, Lt, MultipleOf
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from swarm.scenario.mistakes import kind_of, split_unit, tables_of
-from swarm.scenario.motions import Attitude, Box, Table, Vector
+from swarm.scenario.mistakes import kind_of, tables_of
+from swarm.scenario.motions import Attitude
 from swarm.scenario.schema import Scenario
+from swarm.scenario.table import Box, Table, Vector
 from swarm.scenario.text import toml_value
+from swarm.units import written_unit
 
 HEAD = """# The scenario file
 
@@ -91,7 +93,7 @@ def _section(title: str, name: str, table: type[Table], level: str = "##") -> It
 
 
 def _type(key: str, field: FieldInfo) -> str:
-    unit = split_unit(key)[1]
+    unit = written_unit(key)
     kinds = tables_of(field.annotation)
     text = str(field.annotation)
     if kinds:

@@ -16,9 +16,9 @@ from swarm.scenario.cameras import Ccd
 from swarm.scenario.criteria import Criterion
 from swarm.scenario.dynamics import Actuation, Orbit
 from swarm.scenario.faults import AnyFault, OfCraft, Reflection
-from swarm.scenario.kinds import AnyMotion
 from swarm.scenario.lidar import Lidar
-from swarm.scenario.motions import Hold, Mistake, Table
+from swarm.scenario.motions import AnyMotion, Hold
+from swarm.scenario.table import Mistake, Table
 
 NAME_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_.-]*$"
 

@@ -17,8 +17,6 @@ in closed form (`hits`) whether a convex geom of theirs does. Of geoms that are 
 """
 
 from collections.abc import Sequence
-from enum import IntEnum
-from typing import Protocol
 
 import mujoco
 import numpy as np
@@ -26,39 +24,19 @@ from numpy.typing import NDArray
 
 from estimators.arrays import Bools, Floats, Ints
 from swarm.hardware import Photodiodes
+from swarm.scenario import Lighthouse
 from swarm.sensors.broad_phase import MOST_CELLS, Placed, place_into, sort_into_cells
 from swarm.sensors.hits import HULL
 from swarm.sensors.line_of_sight import sight_into
+from swarm.sensors.sight import Sight
 from swarm.sensors.solids import Solids, read_solids
+from swarm.units import si
 
 THICKNESS_M = 1e-3
 """A surface that is nearer than the photodiode by less than this does not shade it [m]."""
 
 WIDEST_HALF_FIELD_RAD = 1.57
 """Just below pi/2: the field is a rectangle on the plane z = 1."""
-
-
-class Sight(IntEnum):
-    """What a photodiode sees of the lighthouse."""
-
-    OUTSIDE = 0
-    """Out of field or range, turned away, or not there at all (padding)."""
-    BLOCKED = 1
-    """Within reach of the light, but something stands in between."""
-    LIT = 2
-
-
-class Limits(Protocol):
-    """Where the lighthouse's light can be detected at all; `LighthouseSettings` has it."""
-
-    @property
-    def field_rad(self) -> float: ...  # noqa: D102
-    @property
-    def range_min_m(self) -> float: ...  # noqa: D102
-    @property
-    def range_max_m(self) -> float: ...  # noqa: D102
-    @property
-    def incidence_max_rad(self) -> float: ...  # noqa: D102
 
 
 class Visibility:
@@ -74,7 +52,7 @@ class Visibility:
         photodiodes: Photodiodes,
         craft_bodies: Sequence[int] | Ints,
         lighthouse_body: int,
-        limits: Limits,
+        station: Lighthouse,
     ) -> None:
         """Take the craft's root bodies (C,), each with a free joint, in the order of `photodiodes`.
 
@@ -84,7 +62,7 @@ class Visibility:
         self._model = model
         self._photodiodes = photodiodes
         self._lighthouse_body = lighthouse_body
-        self._limits = limits
+        self._limits = si(station)
         self._address = np.array([_free_joint_address(model, int(body)) for body in craft_bodies], dtype=np.int64)
         craft = len(self._address)
         if craft != photodiodes.craft_count:

@@ -22,6 +22,7 @@ from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
 from estimators.relative_orbit import RelativeOrbit
 from estimators.rotation import matrix_from_quaternion, quaternion_rows
+from estimators.state import State
 from swarm import hardware as layout
 from swarm.errors import SwarmError
 from swarm.world import docking
@@ -67,6 +68,26 @@ class PeriodTruth(NamedTuple):
     velocity: Floats
     angular_rate: Floats
     contact: Bools
+
+    @property
+    def epoch(self) -> int:
+        """The knot in the middle of the period."""
+        return len(self.time_s) // 2
+
+    @property
+    def mid_sweep(self) -> tuple[int, int]:
+        """The knots in the middle of the two sweeps, X then Y."""
+        steps = len(self.time_s) - 1
+        return steps // 4, 3 * steps // 4
+
+    def state(self, knot: int) -> State:
+        """Return the state of all craft at one knot."""
+        return State(
+            rotation=matrix_from_quaternion(self.quaternion[knot]),
+            position=self.position[knot],
+            velocity=self.velocity[knot],
+            angular_rate=self.angular_rate[knot],
+        )
 
 
 class World:

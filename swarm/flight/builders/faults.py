@@ -1,22 +1,21 @@
 """From a scenario's `[[fault]]` tables to what goes wrong in its run."""
 
+from swarm import random
 from swarm.errors import SwarmError
-from swarm.flight.builders.cameras import craft_keys
-from swarm.flight.faults.injection import Faults
+from swarm.flight.faults.injection import Faults, NoFaults
 from swarm.scenario import Scenario
 from swarm.scenario.faults import OfCraft, PhotodiodeDead, PhotodiodeStuck, ThrusterStuck
-from swarm.sensors.lighthouse import Lighthouse
-from swarm.sensors.visibility import Visibility
+from swarm.sensors.suite import Sensors
 from swarm.world.world import World
 
 
-def faults(settings: Scenario, world: World, lighthouse: Lighthouse, visibility: Visibility) -> Faults | None:
-    """Everything that goes wrong; None where nothing does. Raises SwarmError as `check_faults`."""
+def faults(settings: Scenario, world: World, sensors: Sensors) -> NoFaults:
+    """Return everything that goes wrong, or a null object. Raises SwarmError as `check_faults`."""
     if not settings.fault:
-        return None
+        return NoFaults(len(settings.craft_names))
     check_faults(settings, world)
-    keys, flown = craft_keys(settings), (settings.seed, settings.duration_s)
-    return Faults(settings.fault, settings.craft_names, keys, *flown, lighthouse, visibility)
+    keys, flown = random.keys(settings.craft_names), (settings.seed, settings.duration_s)
+    return Faults(settings.fault, settings.craft_names, keys, *flown, sensors.lighthouse, sensors.visibility)
 
 
 def check_faults(settings: Scenario, world: World) -> None:

@@ -14,9 +14,10 @@ from scipy.special import gammaincinv
 from estimators.arrays import Bools, Floats, Ints
 from swarm.results.columns import ccd as ccd_columns
 from swarm.results.columns.ccd import CCD_STATES
-from swarm.results.columns.extra import Extra
-from swarm.results.columns.schema import STATUS
-from swarm.results.recording.scene import Period
+from swarm.results.columns.column import Column, Group
+from swarm.results.columns.core import STATUS
+from swarm.results.period import Period
+from swarm.results.records import Errors
 
 DOF = 6
 WHITE, GREY = 0xECEFF1FF, 0x90A4AEC0
@@ -82,10 +83,10 @@ class Batch(NamedTuple):
     ccd_position: Floats
     ccd_error: Floats
     ccd_nis: Floats
-    extra: Floats
+    shown: Floats
 
 
-def kept(period: Period, body_quaternion: Floats) -> Batch:
+def kept(period: Period, errors: Errors, body_quaternion: Floats, shown: Floats) -> Batch:
     """Copies of what is drawn of a period: its arrays may be the next period's workspace."""
     truth, estimate, peer = period.truth, period.estimate, period.peer
     kept_arrays = (
@@ -106,11 +107,11 @@ def kept(period: Period, body_quaternion: Floats) -> Batch:
             estimate.pnp.position,
             estimate.pnp.residual_rad,
             estimate.nis,
-            np.stack(period.errors, axis=1),
+            np.stack(errors, axis=1),
             np.full_like(estimate.position, np.nan) if peer is None else peer.position,
             estimate.sensor,
             *_ccd(period),
-            np.zeros((len(estimate.status), 0)) if period.extra is None else period.extra,
+            shown,
         )
     )
     return Batch(*kept_arrays)
@@ -123,7 +124,7 @@ def _ccd(period: Period) -> tuple[Ints, Bools, Floats, Floats, Floats]:
         none = np.full((craft, 6), np.nan)
         state = np.full(craft, len(CCD_STATES), dtype=np.int64)
         return state, np.zeros((0, 2, 0), dtype=np.bool_), none[:, :3], none[:, 3:5], none[:, 5]
-    error = ccd_columns.errors(ccd, truth.position, truth.quaternion)
+    error = ccd_columns.errors(ccd, truth)
     return ccd.state, ccd.seen, ccd.position, error, ccd.nis
 
 
@@ -298,18 +299,37 @@ def craft_plots(name: str, i: int, replay: bool, ccd: bool = False) -> list[Plot
     ]
 
 
-def extra_plots(name: str, i: int, extra: Sequence[Extra]) -> list[Plot]:
-    """A plot of each extra column of numbers that is to be plotted, of the craft with index `i`."""
+class Shown:
+    """The columns of a run's groups that are to be shown for single craft, as plots or as lanes of states."""
+
+    def __init__(self, groups: Sequence[Group]) -> None:
+        self._groups = [group for group in groups if any(column.plot for column in group.columns)]
+        columns = [column for group in self._groups for column in group.columns]
+        self._rows = [row for row, column in enumerate(columns) if column.plot]
+        self._count = len(columns)
+        self.columns: list[Column] = [columns[row] for row in self._rows]
+
+    def values(self, period: Period) -> Floats:
+        """Return the columns' values, (C, len(columns))."""
+        block, row = np.empty((self._count, len(period.estimate.status))), 0
+        for group in self._groups:
+            group.fill(period, block[row : row + len(group.columns)])
+            row += len(group.columns)
+        return block[self._rows].T
+
+
+def shown_plots(name: str, i: int, columns: Sequence[Column]) -> list[Plot]:
+    """Return a plot of each shown column of numbers, of the craft `name` with index `i`."""
 
     def values(column: int) -> Callable[[Batch], Floats]:
-        return lambda batch: batch.extra[:, i, column, None]
+        return lambda batch: batch.shown[:, i, column, None]
 
     return [
-        Plot(f"detail/{name}/{e.name}", f"{name}: {e.plot}{_unit(e)}", [e.plot], [BLUE], [MEDIUM], values(column))
-        for column, e in enumerate(extra)
-        if e.plot
+        Plot(f"detail/{name}/{c.name}", f"{name}: {c.plot}{_unit(c)}", [c.plot], [BLUE], [MEDIUM], values(column))
+        for column, c in enumerate(columns)
+        if not c.names
     ]
 
 
-def _unit(column: Extra) -> str:
+def _unit(column: Column) -> str:
     return "" if column.unit in ("", "1") else f" [{column.unit}]"

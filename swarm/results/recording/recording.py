@@ -11,7 +11,7 @@ Everything is in the lighthouse frame (x right, y down, z forward), on the timel
     world/lidar/NAME     the last scan of a LiDAR, where its craft believes the returns to be
     world/cameras        lines of sight from cameras to the lights that they see; world/craft/NAME/ccd their fields
     status/NAME/sensor   whose pose went into the filter, of craft with cameras
-    status/NAME/COLUMN   the run's extra columns of names: what a craft is doing, or what has failed
+    status/NAME/COLUMN   the columns of states to be shown: what a craft is doing, or what has failed
     swarm, detail        plots of all craft, of single craft; status: what each craft knows
 
 Periods are gathered and sent by columns about once per simulated second. In a swarm of more than 32 the craft that are
@@ -31,8 +31,10 @@ from numpy.typing import NDArray
 from estimators.arrays import Bools, Floats, Ints
 from estimators.rotation import matrix_from_quaternion, quaternion_from_matrix, xyzw_from_wxyz
 from swarm.errors import SwarmError
-from swarm.results.columns.schema import SENSORS, STATUS
+from swarm.results.columns.core import SENSORS, STATUS
+from swarm.results.columns.groups import groups_of
 from swarm.results.disk import writing
+from swarm.results.period import Period
 from swarm.results.recording import drawing
 from swarm.results.recording.blueprint import blueprint
 from swarm.results.recording.plots import (
@@ -41,14 +43,17 @@ from swarm.results.recording.plots import (
     STATE_COLOURS,
     STATUS_COLOURS,
     Batch,
+    Shown,
     craft_plots,
-    extra_plots,
     kept,
+    shown_plots,
     stacked,
     swarm_plots,
 )
-from swarm.results.recording.scene import BLOCKED, LIT, Period, Scene
+from swarm.results.recording.scene import Scene
 from swarm.results.recording.viewer import start_live
+from swarm.results.records import Errors
+from swarm.sensors.sight import Sight
 
 MOST_SINGLE = 32
 """A swarm of more craft is drawn as a crowd."""
@@ -69,7 +74,7 @@ ABOUT_LIDARS = """| bright points | the last scan of a LiDAR, where its craft be
 ABOUT_CAMERAS = """| blue, yellow line | from the main and the backup camera to a light that it sees |
 | pyramids on a craft | the fields of its cameras |
 """
-RAY_COLOURS = {"lit": (LIT, 0x69F0AE38), "blocked": (BLOCKED, 0xFF525290)}
+RAY_COLOURS = {"lit": (Sight.LIT, 0x69F0AE38), "blocked": (Sight.BLOCKED, 0xFF525290)}
 
 Send = Callable[[str, Iterable[Any]], None]
 
@@ -93,12 +98,13 @@ class Recording:
         still = set(scene.without_sensors)
         self._navigating = {i for i in range(craft) if scene.craft[i] not in still}
         self._colour = drawing.palette(craft)
-        self._early: list[Period] = []
+        self._early: list[tuple[Period, Errors]] = []
         self._waiting: list[Batch] = []
         self._clouds: list[tuple[float, int, int, Floats]] = []
         self._trail: deque[Floats] = deque(maxlen=TRAIL_POINTS)
         self._trail_due_s = -np.inf
-        self._started = self._replay = False
+        self._started, self._replay = False, scene.replay
+        self._shown = Shown(groups_of(scene))
         with writing(path), path.open("wb"):
             pass
         self._stream = rr.RecordingStream("lighthouse-swarm")
@@ -117,28 +123,28 @@ class Recording:
             raise SwarmError(f"cannot write {path}: {error}") from error
         self._stream.send_recording_name(path.absolute().parent.name)
 
-    def append(self, period: Period) -> None:
+    def append(self, period: Period, errors: Errors) -> None:
         """Take one period; it is sent when enough have gathered."""
         if self._started:
-            self._take(period)
+            self._take(period, errors)
             return
         # The camera is aimed at the craft: in a replay, some periods pass before it is known where that is.
-        self._early.append(period)
-        if len(_known(period)) or period.time_s - self._early[0].time_s >= WAIT_FOR_POSE_S:
+        self._early.append((period, errors))
+        if len(_known(period)) or period.time_s - self._early[0][0].time_s >= WAIT_FOR_POSE_S:
             self._begin()
 
     def _begin(self) -> None:
-        self._start(self._early[-1])
-        for period in self._early:
-            self._take(period)
+        self._start(self._early[-1][0])
+        for period, errors in self._early:
+            self._take(period, errors)
         self._early.clear()
 
-    def _take(self, period: Period) -> None:
+    def _take(self, period: Period, errors: Errors) -> None:
         if self._crowd and period.frame % self._every:
             return
         truth = period.truth
         turn = quaternion_from_matrix(period.estimate.rotation) if truth is None else truth.quaternion
-        self._waiting.append(kept(period, turn))
+        self._waiting.append(kept(period, errors, turn, self._shown.values(period)))
         self._clouds += [(period.time_s, period.frame, scan.craft, scan.cloud) for scan in period.scans]
         if period.time_s - float(self._waiting[0].time_s) >= self._send_every_s:
             self._send()
@@ -155,7 +161,7 @@ class Recording:
 
     def _start(self, period: Period) -> None:
         """Everything that does not move, once the first period shows where things are."""
-        self._started, self._replay = True, period.truth is None
+        self._started = True
         scene, craft = self._scene, self._scene.craft
         known = _known(period)
         reach_m = 1.25 * float(np.linalg.norm(known, axis=1).max()) if len(known) else 3.0
@@ -166,7 +172,7 @@ class Recording:
         single = {
             craft[i]: [
                 *craft_plots(craft[i], i, self._replay, i in watching),
-                *extra_plots(craft[i], i, scene.extra),
+                *shown_plots(craft[i], i, self._shown.columns),
             ]
             for i in self._detail
         }
@@ -245,14 +251,14 @@ class Recording:
         if i in self._navigating:
             self._static(f"status/{name}", states)
         for column in self._states():
-            names = self._scene.extra[column].names
+            names = self._shown.columns[column].names
             ink = np.array([STATE_COLOURS[k % len(STATE_COLOURS)] for k in range(len(names))], dtype=np.uint32)
-            entity = f"status/{name}/{self._scene.extra[column].name}"
+            entity = f"status/{name}/{self._shown.columns[column].name}"
             self._static(entity, rr.StateConfiguration(values=list(names), colors=ink))
 
     def _states(self) -> list[int]:
-        """The extra columns that hold names."""
-        return [k for k, column in enumerate(self._scene.extra) if column.names]
+        """Return the shown columns that hold states."""
+        return [k for k, column in enumerate(self._shown.columns) if column.names]
 
     def _draw_cameras(self) -> None:
         """The fields of the cameras, and the lines of sight's colours, where there are any."""
@@ -315,8 +321,8 @@ class Recording:
                 states = [STATUS[code] for code in batch.status[:, i]]
                 send(f"status/{self._scene.craft[i]}", rr.StateChange.columns(state=states))
             for column in self._states():
-                name, names = self._scene.extra[column].name, self._scene.extra[column].names
-                codes = batch.extra[:, i, column]
+                name, names = self._shown.columns[column].name, self._shown.columns[column].names
+                codes = batch.shown[:, i, column]
                 if np.isfinite(codes).all():
                     states = [names[int(code)] for code in codes]
                     send(f"status/{self._scene.craft[i]}/{name}", rr.StateChange.columns(state=states))

@@ -7,18 +7,12 @@ from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.arrays import Floats
 from swarm.hardware import Photodiodes
-from swarm.results.columns.extra import Extra
-from swarm.results.columns.schema import FUSED
-from swarm.results.lidar_scans import LidarFix
-from swarm.results.records import Errors, Estimate, Peer, Truth
+from swarm.results.period import Period
+from swarm.results.records import Errors
 from swarm.world.shapes import Mesh
-
-OUTSIDE, BLOCKED, LIT = 0, 1, 2
-"""What a photodiode sees of the lighthouse; the numbers are those of `swarm.sensors.visibility.Sight`."""
 
 Visual = tuple[Mesh, Floats]
 """One coloured part of a thing: its mesh [m] in the thing's own frame, and rgba (4,) in 0..1."""
@@ -43,8 +37,10 @@ class Scene(NamedTuple):
     craft: names of the C craft. visuals: parts of each craft in its body frame (none: only its photodiodes are drawn).
     photodiodes: their layout. lighthouse: parts in the lighthouse frame. field_deg: full width of its field [deg].
     detail: names of the craft with plots of their own and, in a large swarm, the only ones drawn in detail; if empty,
-    the first. ccd: the pairs of cameras, in the order of their images. lidar: craft and target of every LiDAR. extra:
-    the telemetry columns that this run has beside the usual ones; those of names are drawn as states.
+    the first. ccd: the pairs of cameras, in the order of their images. lidar: craft and target of every LiDAR. replay:
+    the run is of a recording, without a truth, and craft are drawn at their estimates. watched: an alert may be raised
+    or something fail. actuated: a craft has thrusters or wheels. guided, docking: there are such craft. faults: names
+    of what may fail, in the order of the codes in `Period.fault`; empty without faults.
     """
 
     craft: Sequence[str]
@@ -55,7 +51,12 @@ class Scene(NamedTuple):
     detail: Sequence[str] = ()
     ccd: Sequence[CcdScene] = ()
     lidar: Sequence[tuple[int, int]] = ()
-    extra: Sequence[Extra] = ()
+    replay: bool = False
+    watched: bool = False
+    actuated: bool = False
+    guided: bool = False
+    docking: bool = False
+    faults: Sequence[str] = ()
 
     @property
     def without_sensors(self) -> list[str]:
@@ -64,40 +65,13 @@ class Scene(NamedTuple):
         dark = np.flatnonzero(~self.photodiodes.present.any(axis=1))
         return [self.craft[i] for i in dark.tolist() if i not in sensing]
 
-    @property
-    def observer(self) -> list[str | None] | None:
-        """Whose observation each craft's estimate is; None in a run without LiDARs."""
-        if not self.lidar:
-            return None
-        by = {t: [self.craft[craft] for craft, target in self.lidar if target == t] for _, t in self.lidar}
-        return [(by[i][0] if len(by[i]) == 1 else FUSED) if i in by else None for i in range(len(self.craft))]
-
-
-class Period(NamedTuple):
-    """One lighthouse period of C craft at its epoch.
-
-    time_s: the epoch [s]. truth: None in a replay, where craft are drawn at their estimates. sight: (C, K) of OUTSIDE,
-    BLOCKED, LIT. errors: as telemetry computed them. peer: the recorded pose, in a replay. extra: (C, N), the values of
-    the scene's extra columns. scans: the LiDARs' that became complete.
-    """
-
-    time_s: float
-    frame: int
-    truth: Truth | None
-    estimate: Estimate
-    sight: NDArray[np.integer]
-    errors: Errors
-    peer: Peer | None = None
-    extra: Floats | None = None
-    scans: Sequence[LidarFix] = ()
-
 
 class Recorder(Protocol):
     """Takes a run's periods in order. notice: what the user should know of it, for instance why there is no viewer."""
 
     notice: str | None
 
-    def append(self, period: Period) -> None:
+    def append(self, period: Period, errors: Errors) -> None:
         """Take one period."""
 
     def close(self) -> None:
@@ -109,7 +83,7 @@ class NullRecording:
 
     notice: str | None = None
 
-    def append(self, period: Period) -> None:
+    def append(self, period: Period, errors: Errors) -> None:
         """Do nothing."""
 
     def close(self) -> None:

@@ -9,8 +9,8 @@ from estimators import rotation as rot
 from estimators.arrays import Floats, Ints
 from swarm.flight.replay import Playback
 from swarm.results.angles import Believed, read_angles
-from swarm.results.reading import read_telemetry, values
 from swarm.results.run_folder import open_run
+from swarm.results.table import TelemetryTable
 from swarm.scenario import for_replay
 
 
@@ -38,9 +38,9 @@ def observe_run(folder: str | Path) -> Observations:
     """The survey in a run's folder. Raises SwarmError where it is no run, or one without angles."""
     run = open_run(folder)
     angles = read_angles(run.folder)
-    table = read_telemetry(run.folder)
-    craft, frames = len(angles.believed.craft), len(table) // max(len(angles.believed.craft), 1)
-    frame = values(table, "frame").astype(np.int64)
+    rows = TelemetryTable.of_run(run.folder)
+    craft, frames = len(angles.believed.craft), len(rows) // max(len(angles.believed.craft), 1)
+    frame = rows.frame
     first = int(frame[0]) if len(frame) else 0
     # A run that was stopped may have angles of a period whose telemetry it has not, or the other way round.
     row = (angles.frame - first) * craft + angles.craft
@@ -50,20 +50,16 @@ def observe_run(folder: str | Path) -> Observations:
     theta[row[inside], angles.photodiode[inside]] = angles.theta[inside]
     offset[row[inside], angles.photodiode[inside]] = angles.offset_s[inside]
 
-    def columns(*names: str) -> Floats:
-        return np.stack([values(table, name) for name in names], axis=1)
-
     def pose(prefix: str) -> tuple[Floats, Floats]:
-        quaternion = columns(*(f"{prefix}_q{a}" for a in "wxyz"))
-        return rot.matrix_from_quaternion(quaternion), columns(*(f"{prefix}_p{a}_m" for a in "xyz"))
+        return rot.matrix_from_quaternion(rows.quaternion(prefix)), rows.position(prefix)
 
     true = pose("true")
-    known = len(table) > 0 and bool(np.isfinite(true[1]).all())
-    rates = columns(*(f"true_w{a}_rad_s" for a in "xyz")), columns(*(f"true_v{a}_m_s" for a in "xyz"))
+    known = len(rows) > 0 and bool(np.isfinite(true[1]).all())
+    rates = rows.stacked(*(f"true_w{a}_rad_s" for a in "xyz")), rows.stacked(*(f"true_v{a}_m_s" for a in "xyz"))
     return Observations(
         source=str(folder),
         believed=angles.believed,
-        time_s=values(table, "time_s"),
+        time_s=rows.column("time_s"),
         period=frame,
         craft=np.tile(np.arange(craft), frames),
         theta=theta,
@@ -80,12 +76,12 @@ def observe_recording(
     """What an object of a libsurvive recording saw of a station; start: what is believed of both. Raises SwarmError."""
     playback = Playback(recording, for_replay(Path(recording)), object_name or "", lighthouse, start)
     times, theta, offset, rotation, position = [], [], [], [], []
-    for window, angles, estimate in playback:
-        times.append(window.time_s)
-        theta.append(angles.theta[0])
-        offset.append(angles.offset_s[0])
-        rotation.append(estimate.pnp.rotation[0])
-        position.append(estimate.pnp.position[0])
+    for period in playback.fly():
+        times.append(period.time_s)
+        theta.append(period.angles.theta[0])
+        offset.append(period.angles.offset_s[0])
+        rotation.append(period.estimate.pnp.rotation[0])
+        position.append(period.estimate.pnp.position[0])
     count = len(times)
     return Observations(
         source=f"{recording}, {playback.log.device}, lighthouse {lighthouse}",

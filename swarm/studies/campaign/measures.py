@@ -20,7 +20,7 @@ quaternion in single precision) that it gets back. On its own a craft sends and 
 
 from collections.abc import Callable, Collection
 from time import thread_time
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -33,10 +33,12 @@ from estimators.lighthouse.sweep import correct
 from swarm.flight import builders
 from swarm.flight.flight import Flight
 from swarm.hardware import Photodiodes
-from swarm.messages import LightImages, Pulses
-from swarm.onboard.control import Command
-from swarm.onboard.decoder import PulseDecoder, SweepAngles
-from swarm.onboard.navigation import Estimate, Navigator, Status
+from swarm.messages import Command, Pulses, Signals
+from swarm.onboard.computer import Computer, Known
+from swarm.onboard.decoder import SweepAngles
+from swarm.onboard.navigation import Estimate, Navigator
+from swarm.onboard.settings import Status
+from swarm.results.period import Period
 from swarm.results.records import Truth
 from swarm.scenario import Scenario
 
@@ -79,21 +81,19 @@ class Instruments:
         self._central: _Central | None = None
 
     def begin(self, flight: Flight) -> None:
-        """Stand between the lighthouse and the computers."""
-        layout = flight.lighthouse.photodiodes
+        """Time the flight's computers, and stand beside them."""
+        layout = flight.sensors.lighthouse.photodiodes
         self._photodiodes = float(layout.present.sum(axis=1).mean())
         if "onboard" in self._measure:
             self._onboard = _Onboard(self._scenario, flight)
-            flight.decoder = cast(PulseDecoder, self._onboard)
-            flight.navigator = cast(Navigator, self._onboard)
+            flight.computer = self._onboard
         if "central" in self._measure:
-            self._central = _Central(self._scenario, flight.navigator, flight.world.photodiodes)
-            flight.navigator = cast(Navigator, self._central)
+            self._central = _Central(self._scenario, flight.world.photodiodes)
 
-    def period(self, frame: int, truth: Truth, estimate: Estimate) -> None:
+    def period(self, period: Period) -> None:
         """Compare with the truth, where that is wanted."""
-        if self._central is not None and frame % CENTRAL_EVERY == CENTRAL_EVERY - 1:
-            self._central.compare(truth, estimate)
+        if self._central is not None:
+            self._central.period(period)
 
     def metrics(self, summary: Metrics) -> Metrics:
         """Figures, units in their names; None where there is nothing to say. summary: the run's."""
@@ -112,42 +112,30 @@ class Instruments:
         return out
 
 
-class _Onboard:
+class _Onboard(Computer):
     """Times the swarm's computers, and after the flight the computer of craft 0 alone, on the pulses that it got."""
 
     def __init__(self, scenario: Scenario, flight: Flight) -> None:
-        self._decoder, self._navigator = flight.decoder, flight.navigator
-        layout = flight.world.photodiodes
+        own, layout = flight.computer, flight.world.photodiodes
+        super().__init__(own.decoder, own.navigator, own.inspection)
         self._craft, self._scenario = layout.craft_count, scenario
-        self._one = Photodiodes._make(part[:1] for part in layout)
+        self._one = Photodiodes(layout.point_m[:1], layout.normal[:1], layout.present[:1])
         self._swarm_s: list[float] = []
         self._pulses: list[Pulses] = []
         self._commands: list[Command | None] = []
         self._positions: list[Floats] = []
 
-    def decode(self, pulses: Pulses) -> SweepAngles:
-        """Stand for the decoder."""
-        few = int(pulses.total[0])
-        own = (part[:1, :few] if part.ndim == 2 else part[:1] for part in pulses)
+    def step(self, signals: Signals, command: Command | None = None, off: Bools | None = None) -> Known:
+        """Step all computers, and keep what craft 0 got."""
+        p, few = signals.pulses, int(signals.pulses.total[0])
+        own = Pulses(p.photodiode[:1, :few], p.rise_tick[:1, :few], p.width_tick[:1, :few], p.total[:1])
         self._pulses.append(Pulses._make(part.copy() for part in own))
-        began = thread_time()
-        angles = self._decoder.decode(pulses)
-        self._swarm_s.append(thread_time() - began)
-        return angles
-
-    def step(self, angles: SweepAngles, images: LightImages | None = None, command: Command | None = None) -> Estimate:
-        """Stand for the navigator."""
         self._commands.append(None if command is None else Command._make(part[:1].copy() for part in command))
         began = thread_time()
-        estimate = self._navigator.step(angles, images, command)
-        self._swarm_s[-1] += thread_time() - began
-        self._positions.append(estimate.position[0].copy())
-        return estimate
-
-    def forget(self, mask: Bools) -> None:
-        """Stand for both: a restarted craft 0 is not flown once more as one."""
-        self._decoder.forget(mask)
-        self._navigator.forget(mask)
+        known = super().step(signals, command, off)
+        self._swarm_s.append(thread_time() - began)
+        self._positions.append(known.estimate.position[0].copy())
+        return known
 
     def metrics(self) -> Metrics:
         """Fly craft 0 once more on its own pulses, and compare."""
@@ -170,31 +158,25 @@ class _Onboard:
 class _Central:
     """Solves sampled periods centrally, beside the craft's own solutions."""
 
-    def __init__(self, scenario: Scenario, navigator: Navigator, photodiodes: Photodiodes) -> None:
-        self._navigator, self._layout = navigator, photodiodes
+    def __init__(self, scenario: Scenario, photodiodes: Photodiodes) -> None:
+        self._layout = photodiodes
         self._settings = builders.navigation(scenario)
         self._rate_hz = scenario.lighthouse.rate_hz
-        self._angles: SweepAngles | None = None
         self._before: Estimate | None = None
-        self._last: Estimate | None = None
         self._times: list[tuple[float, float]] = []
         self._sums: list[Floats] = []
         self._counts: list[tuple[int, int, int]] = []
 
-    def step(self, angles: SweepAngles, images: LightImages | None = None, command: Command | None = None) -> Estimate:
-        """Stand for the navigator; keep what the craft knew before and after this period."""
-        self._before, self._angles = self._last, angles
-        self._last = self._navigator.step(angles, images, command)
-        return self._last
+    def period(self, period: Period) -> None:
+        """Compare one period of some; keep what the craft know."""
+        if period.frame % CENTRAL_EVERY == CENTRAL_EVERY - 1 and period.truth is not None:
+            self._compare(period.truth, period.estimate, period.angles)
+        self._before = period.estimate
 
-    def forget(self, mask: Bools) -> None:
-        """Stand for the navigator."""
-        self._navigator.forget(mask)
-
-    def compare(self, truth: Truth, estimate: Estimate) -> None:
+    def _compare(self, truth: Truth, estimate: Estimate, angles: SweepAngles) -> None:
         """Solve the last period centrally, and by craft 0 alone; add up errors and times."""
         rho = self._settings.rotor_correlation
-        problem = self._problem(estimate)
+        problem = self._problem(estimate, angles)
         if problem is None or not problem.mask.any() or rho >= 1:
             return
         first = np.arange(len(problem.mask)) == np.flatnonzero(problem.mask)[0]
@@ -221,9 +203,9 @@ class _Central:
         ]
         self._sums.append(np.array([part.sum() for part in squares]))
 
-    def _problem(self, estimate: Estimate) -> _Problem | None:
-        angles, before, settings = self._angles, self._before, self._settings
-        if angles is None or before is None:
+    def _problem(self, estimate: Estimate, angles: SweepAngles) -> _Problem | None:
+        before, settings = self._before, self._settings
+        if before is None:
             return None
         theta = correct(angles.theta, (settings.fan_x, settings.fan_y))
         tracked = (before.status == Status.TRACKING) & estimate.pnp.solved & np.isfinite(before.position).all(axis=1)

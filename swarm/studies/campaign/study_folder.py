@@ -23,10 +23,10 @@ import pyarrow.parquet as pq
 from swarm.errors import SwarmError, did_you_mean
 from swarm.results.disk import FolderLock, write_text, writing
 from swarm.results.run_folder import PROGRAM, RUNS
-from swarm.scenario.mistakes import split_unit
 from swarm.scenario.text import toml_value
 from swarm.studies.campaign.plan import PlannedRun
 from swarm.studies.campaign.task import HEAD, LOST, SECONDS
+from swarm.units import written_unit
 
 STUDY, STATE, ROWS, JOURNAL, TELEMETRY = "study.toml", "study.json", "runs.parquet", "journal.jsonl", "telemetry"
 REPORT, FIGURES = "report.html", "figures"
@@ -195,7 +195,7 @@ def table_of(rows: Iterable[Row], parameters: Sequence[str]) -> pa.Table:
     fields, columns = [], []
     for name in [*names, SECONDS]:
         column = _column([row.get(name) for row in ordered], name in ("key", "status", "reason"))
-        fields.append(pa.field(name, column.type, metadata={"unit": split_unit(name)[1]}))
+        fields.append(pa.field(name, column.type, metadata={"unit": written_unit(name)}))
         columns.append(column)
     return pa.Table.from_arrays(columns, schema=pa.schema(fields))
 

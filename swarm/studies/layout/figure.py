@@ -7,15 +7,11 @@ of the poses cannot be solved. Right: the hull in two oblique parallel projectio
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.collections import PolyCollection
-from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from estimators.arrays import Floats
+from swarm.figures import BLUE, GREEN, GREY, VERMILLION, Axes, Figure, legend, page, plain_log_x, polygons
 from swarm.studies.layout.judgement import Judged
 from swarm.studies.layout.prediction import Task
-from swarm.studies.papers.figures import BLUE, GREEN, GREY, VERMILLION, legend, page
 from swarm.world.hull import Hull, Mount
 
 INKS = {"designed": GREEN, "even": VERMILLION, "shipped": BLUE}
@@ -53,10 +49,7 @@ def _curves(axes: Axes, task: Task, judged: Sequence[Judged]) -> None:
         known = at[np.isfinite(measured[at])]
         axes.plot(measured[known], 100 * (known + 1) / len(measured), "o", color=ink, ms=3, mfc="white")
     axes.axhline(100 * task.share, color=GREY, lw=0.8, ls="--")
-    axes.set_xscale("log")
-    axes.xaxis.set_major_locator(FixedLocator(TICKS))
-    axes.xaxis.set_minor_locator(NullLocator())
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    plain_log_x(axes, TICKS)
     axes.set_xlim(0.8 * np.quantile(finite, 0.001), 1.3 * np.quantile(finite, 0.995))
     axes.set_ylim(0, 100)
     one = f"{np.degrees(task.mix.attitude_rad):g}° or {1e3 * task.mix.position_m:g} mm, 1 sigma"
@@ -82,7 +75,7 @@ def _hull(axes: Axes, hull: Hull, mount: Mount, towards: Floats) -> None:
     shade = 0.5 + 0.5 * np.clip(normal @ (light / np.linalg.norm(light)), 0, 1)
     shaded = (colour * shade[:, None])[facing][order]
     drawn = (corner @ screen.T)[facing][order]
-    axes.add_collection(PolyCollection(drawn, facecolors=shaded, edgecolors=shaded, lw=0.6))
+    polygons(axes, drawn, shaded)
     seen = (mount.normal @ towards > 0) & hull.clear(mount.point_m, towards)
     flat = mount.point_m @ screen.T
     axes.plot(*flat[seen].T, "o", color="#b01e28", ms=5, mec="white")

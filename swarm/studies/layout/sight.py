@@ -5,14 +5,15 @@ import numpy as np
 from estimators.arrays import Bools
 from estimators.rotation import quaternion_from_matrix
 from swarm.hardware import pad
-from swarm.sensors.visibility import Limits, Visibility
+from swarm.scenario import Lighthouse
+from swarm.sensors.visibility import Visibility
 from swarm.studies.layout.poses import Poses
 from swarm.world.hull import Hull, Mount
 
 
-def lit(hull: Hull, mount: Mount, limits: Limits, poses: Poses) -> Bools:
+def lit(hull: Hull, mount: Mount, station: Lighthouse, poses: Poses) -> Bools:
     """Which of N places are lit at P poses, (P, N): in field and range, facing the light, and nothing in between."""
-    sight = Visibility(hull.model, pad([mount.point_m], [mount.normal]), [hull.body], hull.world_body, limits)
+    sight = Visibility(hull.model, pad([mount.point_m], [mount.normal]), [hull.body], hull.world_body, station)
     quaternion = quaternion_from_matrix(poses.rotation)
     out = np.empty((len(quaternion), len(mount.point_m)), dtype=np.bool_)
     for p in range(len(out)):

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from swarm.errors import SwarmError
+from swarm.figures import save
 from swarm.results.disk import write_text, writing
 from swarm.studies.layout import judgement
 from swarm.studies.layout.even import even_spreads
@@ -108,5 +109,4 @@ def _write(
     picture = draw(asked, judged, judgement.tried)
     for path in pictures:
         with writing(path):
-            # The SVG's date would make every run's file another one.
-            picture.savefig(path, dpi=150, metadata={"Date": None} if path.suffix == ".svg" else None)
+            save(picture, path)

@@ -16,17 +16,17 @@ from estimators.arrays import Floats
 
 
 class Alignment(NamedTuple):
-    """R_0 (3, 3) and t_0 (3,) [m]."""
+    """The rigid transform: R_0 (3, 3) and t_0 (3,) [m]."""
 
     rotation: Floats
     shift: Floats
 
     def positions(self, measured: Floats) -> Floats:
-        """Measured positions (..., 3) [m] in the frame of the truth."""
+        """Return measured positions (..., 3) [m] in the frame of the truth."""
         return measured @ self.rotation.T + self.shift
 
     def rotations(self, measured: Floats) -> Floats:
-        """Measured rotations (..., 3, 3) in the frame of the truth."""
+        """Return measured rotations (..., 3, 3) in the frame of the truth."""
         return self.rotation @ measured
 
 
@@ -35,7 +35,7 @@ NONE = Alignment(np.eye(3), np.zeros(3))
 
 
 def align(measured: Floats, true: Floats) -> Alignment:
-    """The alignment that brings positions (N, 3) [m] nearest to the true ones (N, 3) [m], N at least 3."""
+    """Return the alignment that brings positions (N, 3) [m] nearest to the true ones (N, 3) [m], N at least 3."""
     middle, true_middle = measured.mean(axis=0), true.mean(axis=0)
     u, _, vt = np.linalg.svd((true - true_middle).T @ (measured - middle))
     rotation: Floats = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt

@@ -21,8 +21,8 @@ from swarm.onboard.acquisition import NONE, Sighting, follow, search
 from swarm.onboard.decoder import PulseDecoder, SweepAngles
 from swarm.scenario import validate
 from swarm.sensors.crossing import cross_into, pack_into
-from swarm.sensors.lighthouse import LighthouseSettings
 from swarm.sensors.visibility import Visibility
+from swarm.units import SI, si
 from swarm.world.motion.pointing import facing
 
 PERFECT: FanPair = (FanErrors(), FanErrors())
@@ -31,7 +31,7 @@ FIRST_TICK, CLOCK_S = 1e6, 1200.0
 
 
 class Motion(NamedTuple):
-    """How the rows move within their period, in straight lines at constant rates about the epoch.
+    """How N rows move within their period, in straight lines at constant rates about the epoch.
 
     rotation (N, 3, 3), position (N, 3) [m] at the epoch; angular_rate (N, 3) [rad/s], velocity (N, 3) [m/s].
     """
@@ -43,20 +43,20 @@ class Motion(NamedTuple):
 
     @classmethod
     def rest(cls, rotation: Floats, position: Floats) -> "Motion":
-        """Rows that do not move."""
+        """Return rows that do not move."""
         return cls(rotation, position, np.zeros_like(position), np.zeros_like(position))
 
     def repeat(self, count: int) -> "Motion":
-        """Every row `count` times, one after the other."""
-        return Motion(*(np.repeat(part, count, axis=0) for part in self))
-
-    def rows(self, chosen: slice) -> "Motion":
-        """Some of the rows."""
-        return Motion(*(part[chosen] for part in self))
+        """Return every row `count` times, one after the other."""
+        row = np.repeat(np.arange(len(self.position)), count)
+        return Motion(self.rotation[row], self.position[row], self.angular_rate[row], self.velocity[row])
 
 
 class Box(NamedTuple):
-    """Where poses are drawn: facing the lighthouse but for a turn of at most turn_rad, so many photodiodes lit."""
+    """The box that poses are drawn in.
+
+    The craft faces the lighthouse but for a turn of at most turn_rad, with at least fewest_lit photodiodes lit.
+    """
 
     centre_m: tuple[float, float, float]
     size_m: tuple[float, float, float]
@@ -67,33 +67,34 @@ class Box(NamedTuple):
 class Bench:
     """A craft model before a lighthouse of default settings."""
 
-    settings: LighthouseSettings
+    settings: SI
+    """The station, in SI units."""
     layout: Photodiodes
     """Of the one craft, (1, K)."""
 
     def __init__(self, model: str = "mockup") -> None:
         """Build the craft's world, for its shape. Raises SwarmError where there is no such model."""
         scenario = validate({"swarm": {"count": 1, "model": model}}, file=model, folder=Path.cwd())
-        self.settings = builders.lighthouse(scenario)
+        self.settings = si(scenario.lighthouse)
         world = builders.world(scenario, builders.fleet(scenario))
         self.layout = world.photodiodes
         self._visibility = Visibility(
-            world.model, self.layout, world.craft_bodies, world.lighthouse_body, self.settings
+            world.model, self.layout, world.craft_bodies, world.lighthouse_body, scenario.lighthouse
         )
 
     @property
     def point_m(self) -> Floats:
-        """The photodiodes as drawn, (K, 3) [m] in the body frame."""
+        """The places of the photodiodes as drawn, (K, 3) [m] in the body frame."""
         point: Floats = self.layout.point_m[0]
         return point
 
     @property
     def period_s(self) -> float:
         """One turn of the rotors [s]."""
-        return 1 / self.settings.rate_hz
+        return 1.0 / float(self.settings.rate_hz)
 
     def lit(self, rotation: Floats, position: Floats) -> Bools:
-        """Which photodiodes (N, K) are lit with the craft at poses (N, 3, 3), (N, 3) [m], by ray cast."""
+        """Tell by ray cast which photodiodes (N, K) are lit with the craft at poses (N, 3, 3), (N, 3) [m]."""
         quaternion = rot.quaternion_from_matrix(rotation)
         out = np.zeros((len(position), self.layout.present.shape[1]), dtype=np.bool_)
         for i in range(len(position)):
@@ -101,7 +102,7 @@ class Bench:
         return out
 
     def random_pose(self, rng: np.random.Generator, box: Box) -> tuple[Motion, Bools]:
-        """A pose at rest (one row) within `box`, and its lit photodiodes (1, K)."""
+        """Draw a pose at rest (one row) within `box`; return it with its lit photodiodes (1, K)."""
         still = np.zeros((1, 3))
         while True:
             place = np.array(box.centre_m) + np.array(box.size_m) * rng.uniform(-0.5, 0.5, 3)
@@ -112,7 +113,17 @@ class Bench:
                 return Motion.rest(rotation, place[None]), lit
 
     def noise(self, rows: int, rng: np.random.Generator, noise_rad: float, rotor_correlation: float) -> Floats:
-        """Random angle errors (N, K, 2) [rad]: the rotor's, shared within a row and fan, and each angle's own (19)."""
+        """Draw angle errors (19): the rotor's, shared within a row and fan, and each angle's own.
+
+        Args:
+            rows: Number of rows N.
+            rng: Source of the draws.
+            noise_rad: Standard deviation of an angle [rad].
+            rotor_correlation: Share of the variance that is the rotor's.
+
+        Returns:
+            Errors (N, K, 2) [rad].
+        """
         own = rng.standard_normal((rows, self.layout.present.shape[1], 2))
         shared = rng.standard_normal((rows, 1, 2))
         out: Floats = noise_rad * (np.sqrt(rotor_correlation) * shared + np.sqrt(1 - rotor_correlation) * own)
@@ -129,40 +140,27 @@ class Bench:
         point_m: Floats | None = None,
         tick_s: float | None = None,
     ) -> SweepAngles:
-        """What N independent periods of the craft deliver on board.
+        """Return the angles that N independent periods of the craft deliver on board.
 
-        lit: (N, K). error_rad: (N, K, 2), added to the fans' angles. rng: the clocks' phases. fans: the station's
-        systematic errors. point_m: (N, K, 3), where the photodiodes really are; else as drawn. tick_s: of the clocks.
+        Args:
+            motion: Motion of the N rows.
+            lit: Photodiodes that are lit (N, K).
+            error_rad: Errors added to the fans' angles (N, K, 2) [rad].
+            rng: Source of the clocks' phases.
+            fans: The station's systematic errors.
+            point_m: Where the photodiodes really are (N, K, 3) [m]; default: as drawn.
+            tick_s: Tick of the clocks [s]; default: the station's.
         """
         rows, photodiodes = lit.shape
         tick = self.settings.tick_s if tick_s is None else tick_s
-        period = self.period_s
-        knot = np.linspace(0.0, period, 3)
-        since = knot[:, None, None] - period / 2
-        turned = rot.exp(motion.angular_rate * since) @ motion.rotation
-        both = np.repeat(lit[..., None], 2, axis=-1)
-        instant, width = np.full(both.shape, np.nan), np.full(both.shape, np.nan)
-        cross_into(
-            knot,
-            motion.position + motion.velocity * since,
-            rot.quaternion_from_matrix(turned),
-            np.broadcast_to(self.layout.point_m, (rows, photodiodes, 3)).copy() if point_m is None else point_m,
-            np.broadcast_to(self.layout.normal, (rows, photodiodes, 3)).copy(),
-            both,
-            error_rad,
-            kernel_fans(lighthouse_1(*fans)),
-            period,
-            self.settings.photodiode_diameter_m,
-            instant,
-            width,
-        )
-        most = 4 * photodiodes
         pulses = Pulses(
-            np.full((rows, most), -1, dtype=np.int16),
-            np.zeros((rows, most), dtype=np.int64),
-            np.zeros((rows, most), dtype=np.int32),
+            np.full((rows, 4 * photodiodes), -1, dtype=np.int16),
+            np.zeros((rows, 4 * photodiodes), dtype=np.int64),
+            np.zeros((rows, 4 * photodiodes), dtype=np.int32),
             np.zeros(rows, dtype=np.int32),
         )
+        points = np.broadcast_to(self.layout.point_m, (rows, photodiodes, 3)) if point_m is None else point_m
+        both, instant, width = self._crossings(motion, lit, error_rad, fans, points)
         clock = FIRST_TICK + CLOCK_S / tick * np.asarray(rng.random(rows))
         flash_width = (SYNC_WIDTH_S + SYNC_WIDTH_STEP_S * np.arange(2)) / tick
         pack_into(
@@ -172,25 +170,55 @@ class Bench:
             np.zeros_like(both),
             np.zeros(rows, dtype=np.int64),
             np.zeros((rows, 0, 3)),
-            np.array([0.0, period / 2]),
+            np.array([0.0, self.period_s / 2]),
             np.rint(flash_width).astype(np.int64),
             clock,
             tick,
-            *pulses,
+            pulses.photodiode,
+            pulses.rise_tick,
+            pulses.width_tick,
+            pulses.total,
         )
         present = np.broadcast_to(self.layout.present, (rows, photodiodes))
         half = self.settings.field_rad / 2 + builders.FAN_ERROR_MAX_RAD
-        decoder = PulseDecoder(present, tick, rate_hz=self.settings.rate_hz, field_half_angle_rad=half)
-        return decoder.decode(pulses)
+        return PulseDecoder(present, tick, rate_hz=self.settings.rate_hz, field_half_angle_rad=half).decode(pulses)
+
+    def _crossings(
+        self, motion: Motion, lit: Bools, error_rad: Floats, fans: FanPair, point_m: Floats
+    ) -> tuple[Bools, Floats, Floats]:
+        """Return which sweeps hit (N, K, 2), and their instants and widths [s]."""
+        both = np.repeat(lit[..., None], 2, axis=-1)
+        instant, width = np.full(both.shape, np.nan), np.full(both.shape, np.nan)
+        knot = np.linspace(0.0, self.period_s, 3)
+        since = knot[:, None, None] - self.period_s / 2
+        cross_into(
+            knot,
+            motion.position + motion.velocity * since,
+            rot.quaternion_from_matrix(rot.exp(motion.angular_rate * since) @ motion.rotation),
+            np.ascontiguousarray(point_m),
+            np.broadcast_to(self.layout.normal, point_m.shape).copy(),
+            both,
+            error_rad,
+            kernel_fans(lighthouse_1(*fans)),
+            self.period_s,
+            self.settings.photodiode_diameter_m,
+            instant,
+            width,
+        )
+        return both, instant, width
 
     def solve(
         self, angles: SweepAngles, start: Motion, *, at_rest: bool = True, point_m: Floats | None = None
     ) -> PoseSolution:
-        """PnP of every row from `start`; unless `at_rest`, with the rows' true rates taken into account.
+        """Solve every row by PnP.
 
-        point_m: (K, 3), where the photodiodes are believed to be; else as drawn.
+        Args:
+            angles: Measured angles of the N rows.
+            start: Poses to start from, and the rows' true rates.
+            at_rest: Take the rows to be at rest, instead of moving at their true rates.
+            point_m: Where the photodiodes are believed to be (K, 3) [m]; default: as drawn.
         """
-        rates = (start.angular_rate, start.velocity)
+        still = np.zeros_like(start.velocity)
         return refine(
             angles.theta,
             angles.lit,
@@ -198,16 +226,20 @@ class Bench:
             start.rotation,
             start.position,
             angles.offset_s,
-            *(np.zeros_like(rate) if at_rest else rate for rate in rates),
+            still if at_rest else start.angular_rate,
+            still if at_rest else start.velocity,
         )
 
-    def first_pose(
-        self, angles: SweepAngles, noise_rad: float, point_m: Floats | None = None
-    ) -> tuple[Floats, Floats] | None:
-        """Rotation (3, 3) and position (3,) of a craft at rest, from nothing, as on board: one row after the other.
+    def first_pose(self, angles: SweepAngles, noise_rad: float, point_m: Floats | None = None) -> Motion | None:
+        """Find the pose of a craft at rest from nothing, as on board: one row after the other.
 
-        noise_rad: the independent part of the angle noise. point_m: as in `solve`. None where it stays ambiguous to the
-        last row.
+        Args:
+            angles: Measured angles of the N rows, all of one pose.
+            noise_rad: Independent part of the angle noise [rad].
+            point_m: Where the photodiodes are believed to be (K, 3) [m]; default: as drawn.
+
+        Returns:
+            The pose, one row; None where it stays ambiguous to the last row.
         """
         hypotheses, points = NONE, self.point_m if point_m is None else point_m
         for i in range(len(angles.lit)):
@@ -215,5 +247,5 @@ class Bench:
             known = follow(hypotheses, sighting, noise_rad) if len(hypotheses.evidence) else NONE
             hypotheses = known if len(known.evidence) else search(sighting, noise_rad)
             if hypotheses.decided:
-                return hypotheses.rotation[0], hypotheses.position[0]
+                return Motion.rest(hypotheses.rotation[:1], hypotheses.position[:1])
         return None

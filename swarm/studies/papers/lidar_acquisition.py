@@ -8,16 +8,14 @@ the same templates with the whole cloud compared instead of its most complete fe
 from typing import NamedTuple
 
 import numpy as np
-import pyarrow as pa
-from matplotlib.figure import Figure
 
 from estimators import rotation as rot
 from estimators.arrays import Floats
 from estimators.lidar.acquisition import Acquisition, acquire
 from estimators.lidar.feature_templates import Templates
-from swarm.studies.papers import figures
-from swarm.studies.papers.lidar import Turntable, error_deg, quantiles, turned
-from swarm.studies.papers.results import Line, Outcome, Request, column, table_of
+from swarm import figures
+from swarm.studies.papers.experiment import LIDAR, Columns, Experiment, Line, Outcome, Request, data, quantiles, under
+from swarm.studies.papers.lidar import Turntable, error_deg, turned
 
 STEPS_DEG = (-10.0, -5.0, 0.0, 5.0, 10.0)
 PAPER_DEG, WANTED_DEG, RIGHT_DEG, RIGHT_SHARE = 1.5, 0.5, 2.0, 0.95
@@ -25,7 +23,7 @@ TURNTABLE, RANDOM = "Turntable, -10 to 10 deg", "Any attitude"
 
 
 class Result(NamedTuple):
-    """One scan. truth: (3, 3). ours: what we found. template_deg, whole_deg: errors of the paper's templates [deg]."""
+    """One scan: the true attitude (3, 3), what ours found, and the errors of all three methods [deg]."""
 
     group: str
     truth: Floats
@@ -37,17 +35,13 @@ class Result(NamedTuple):
 
 def run(request: Request) -> Outcome:
     """Scan every attitude and compare."""
-    rng = np.random.default_rng(np.random.SeedSequence(request.seed))
-    bench = Turntable(request.seed)
+    rng, bench = request.rng(), Turntable(request.seed)
     templates = bench.templates()
     grid = np.array([(x, y, z) for z in STEPS_DEG for y in STEPS_DEG for x in STEPS_DEG])
     chosen = grid[np.unique(np.linspace(0, len(grid) - 1, request.sizes["poses"]).round().astype(int))]
     truths = [(TURNTABLE, turned(angles)) for angles in chosen]
     truths += [(RANDOM, rotation) for rotation in random_rotations(request.sizes["draws"], rng)]
-    results = []
-    for i, (group, truth) in enumerate(truths):
-        results.append(measure(bench, templates, group, truth))
-        request.progress((i + 1) / len(truths), f"attitude {i + 1} of {len(truths)}")
+    results = [_measure(bench, templates, group, truth) for group, truth in request.each(truths, "attitude")]
     verdicts = [r.ours.verdict.value for r in results if r.group == RANDOM]
     counted = ", ".join(f"{verdicts.count(v)} {v}" for v in sorted(set(verdicts)))
     notes = (
@@ -56,79 +50,79 @@ def run(request: Request) -> Outcome:
         "The paper's templates are 24 different attitudes 90 deg apart. A feature alone looks the same in several of "
         "them: the two panels in four. It is measured as it is, and with the whole cloud compared.",
     )
-    return Outcome(compare(results), data(results), draw(results), notes)
+    groups = [(group, [r for r in results if r.group == group]) for group in (TURNTABLE, RANDOM)]
+    lines = [line for group, part in groups if part for line in _compare(group, part)]
+    return Outcome(lines, data(_columns(results)), _draw(results), notes)
+
+
+EXPERIMENT = Experiment(
+    LIDAR,
+    "figure 5",
+    "attitude from one scan: on the turntable, and from any attitude",
+    {"poses": 125, "draws": 1000},
+    run,
+)
 
 
 def random_rotations(count: int, rng: np.random.Generator) -> Floats:
-    """Attitudes (count, 3, 3), uniform over SO(3)."""
+    """Draw attitudes (count, 3, 3), uniform over SO(3)."""
     q = rng.standard_normal((count, 4))
     return rot.matrix_from_quaternion(q / np.linalg.norm(q, axis=1, keepdims=True))
 
 
-def measure(bench: Turntable, templates: Templates, group: str, truth: Floats) -> Result:
-    """All three methods on one scan."""
+def _measure(bench: Turntable, templates: Templates, group: str, truth: Floats) -> Result:
     scan = bench.scan(truth)
     ours = acquire(scan, bench.shape)
-    by_template = []
-    for whole in (False, True):
+
+    def template_error(whole: bool) -> float:
         try:
             fit = templates.acquire(scan.point, bench.shape, scan.noise_m, compare_whole=whole).fit
-            by_template.append(float(error_deg(truth, fit.rotation)))
         except ValueError:
-            by_template.append(float("nan"))
-    return Result(group, truth, ours, float(error_deg(truth, ours.rotation)), *by_template)
+            return float("nan")
+        return float(error_deg(truth, fit.rotation))
+
+    errors = float(error_deg(truth, ours.rotation)), template_error(False), template_error(True)
+    return Result(group, truth, ours, errors[0], errors[1], errors[2])
 
 
-def compare(results: list[Result]) -> list[Line]:
-    """Paper beside ours."""
-    lines = []
-    for group in (TURNTABLE, RANDOM):
-        part = [r for r in results if r.group == group]
-        if not part:
-            continue
-        of_table = group == TURNTABLE
-        ours = np.array([r.ours_deg for r in part])
-        found = np.array([r.ours.found for r in part])
-        right = ours < RIGHT_DEG
-        for name, value in quantiles(ours).items():
-            first = of_table and name == "mean"
-            target = (None, PAPER_DEG) if first else None
-            lines.append(Line(f"{name} error", "deg", f"< {PAPER_DEG}" if first else None, value, target, group))
-        if of_table:
-            lines.append(Line("mean error, wanted", "deg", None, float(np.mean(ours)), (None, WANTED_DEG), group))
-        share = float(np.mean(right))
-        lines.append(Line(f"within {RIGHT_DEG:g} deg", "", None, share, (RIGHT_SHARE, None), group))
-        lines.append(Line("wrong, and not flagged", "", None, float(np.sum(found & ~right)), (None, 0.0), group))
-        lines.append(Line("right, but flagged", "", None, float(np.sum(~found & right)), None, group))
-        for title, key in (("64 templates as they are", "template_deg"), ("... whole cloud compared", "whole_deg")):
-            other = np.array([getattr(r, key) for r in part])
-            label = f"{title}: within {RIGHT_DEG:g} deg"
-            lines.append(Line(label, "", None, float(np.mean(other < RIGHT_DEG)), None, group))
-            lines.append(Line("... median error", "deg", None, float(np.nanmedian(other)), None, group))
-    return lines
-
-
-def data(results: list[Result]) -> pa.Table:
-    """A row per scan."""
-    quaternion = rot.quaternion_from_matrix(np.array([r.truth for r in results]))
-    ours = [r.ours for r in results]
-    columns = [column("group", [r.group for r in results], "", "turntable, or drawn at random")]
-    columns += [column(f"q{a}", quaternion[:, i], "1", f"true attitude quaternion, {a}") for i, a in enumerate("wxyz")]
-    columns += [
-        column("points", [a.points for a in ours], "1", "returns of the target"),
-        column("error_deg", [r.ours_deg for r in results], "deg", "ours: angle from the truth"),
-        column("verdict", [a.verdict.value for a in ours], "", "ours: what it says of itself"),
-        column("confidence", [a.confidence for a in ours], "1", "ours: above a half where found"),
-        column("overlap", [a.overlap for a in ours], "1", "ours: share of the rays that agree"),
-        column("margin", [a.margin if np.isfinite(a.margin) else None for a in ours], "1", "ours: of the runner-up"),
-        column("template_error_deg", [r.template_deg for r in results], "deg", "the paper's templates"),
-        column("whole_error_deg", [r.whole_deg for r in results], "deg", "templates, whole cloud compared"),
+def _compare(group: str, part: list[Result]) -> list[Line]:
+    ours, template, whole = np.array([(r.ours_deg, r.template_deg, r.whole_deg) for r in part]).T
+    found, right = np.array([r.ours.found for r in part]), ours < RIGHT_DEG
+    lines = [Line(f"{name} error", "deg", None, value) for name, value in quantiles(ours).items()]
+    if group == TURNTABLE:
+        lines[0] = lines[0]._replace(paper=f"< {PAPER_DEG}", target=(None, PAPER_DEG))
+        lines.append(Line("mean error, wanted", "deg", None, float(np.mean(ours)), (None, WANTED_DEG)))
+    lines += [
+        Line(f"within {RIGHT_DEG:g} deg", "", None, float(np.mean(right)), (RIGHT_SHARE, None)),
+        Line("wrong, and not flagged", "", None, float(np.sum(found & ~right)), (None, 0.0)),
+        Line("right, but flagged", "", None, float(np.sum(~found & right))),
     ]
-    return table_of(columns)
+    for title, other in (("64 templates as they are", template), ("... whole cloud compared", whole)):
+        lines += [
+            Line(f"{title}: within {RIGHT_DEG:g} deg", "", None, float(np.mean(other < RIGHT_DEG))),
+            Line("... median error", "deg", None, float(np.nanmedian(other))),
+        ]
+    return under(group, *lines)
 
 
-def draw(results: list[Result]) -> Figure:
-    """Figure 5: the error at every attitude of the turntable; beside it the distributions from any attitude."""
+def _columns(results: list[Result]) -> Columns:
+    ours = [r.ours for r in results]
+    return {
+        "group": ([r.group for r in results], "turntable, or drawn at random"),
+        "q*": (rot.quaternion_from_matrix(np.array([r.truth for r in results])), "true attitude quaternion, *"),
+        "points": ([a.points for a in ours], "returns of the target"),
+        "error_deg": ([r.ours_deg for r in results], "ours: angle from the truth"),
+        "verdict": ([a.verdict.value for a in ours], "ours: what it says of itself"),
+        "confidence": ([a.confidence for a in ours], "ours: above a half where found"),
+        "overlap": ([a.overlap for a in ours], "ours: share of the rays that agree"),
+        "margin": ([a.margin if np.isfinite(a.margin) else None for a in ours], "ours: of the runner-up"),
+        "template_error_deg": ([r.template_deg for r in results], "the paper's templates"),
+        "whole_error_deg": ([r.whole_deg for r in results], "templates, whole cloud compared"),
+    }
+
+
+def _draw(results: list[Result]) -> figures.Figure:
+    """Draw figure 5, the error at every attitude of the turntable; beside it the distributions from any attitude."""
     page, axes = figures.page(1, 2, 2.9)
     left, right = axes[0]
     table = [r.ours_deg for r in results if r.group == TURNTABLE]

@@ -6,9 +6,9 @@ where the scanner sees the panels edge-on there are fewest returns.
 
 import numpy as np
 
+from swarm.studies.papers.experiment import LIDAR, Experiment, Line, Outcome, Request, data, under
 from swarm.studies.papers.lidar import Turntable
-from swarm.studies.papers.lidar_tracking import MODEL, Step, compare, data, draw, follow
-from swarm.studies.papers.results import Line, Outcome, Request
+from swarm.studies.papers.lidar_tracking import MODEL, Step, columns, compare, draw, follow
 
 STEP_DEG, TRACK_DEG = 5.0, 60.0
 FEW, MANY = 0.25, 0.75
@@ -16,30 +16,28 @@ FEW, MANY = 0.25, 0.75
 
 
 def run(request: Request) -> Outcome:
-    """The whole turn, and the comparison."""
+    """Scan the whole turn, and compare."""
     bench = Turntable(request.seed)
     number = min(request.sizes["poses"], round(360 / STEP_DEG))
     per_track = round(TRACK_DEG / STEP_DEG)
     yaw = STEP_DEG * np.arange(number)
     steps: list[Step] = []
-    for i in range(0, number, per_track):
-        part = yaw[i : i + per_track]
-        steps += follow(bench, np.stack([np.zeros_like(part), np.zeros_like(part), part], axis=1), i // per_track)
-        request.progress(len(steps) / number, f"{yaw[len(steps) - 1]:g} deg of the turn")
-    return Outcome(
-        [*compare(steps, "no loss"), *edge_on(steps)],
-        data(steps),
-        draw(steps, "angle about Z, deg", "Figure 7", against_yaw=True),
-        (f"{number} scans, {STEP_DEG:g} deg apart; a new track every {TRACK_DEG:g} deg.",),
+    for begin in request.each(range(0, number, per_track), "track"):
+        part = yaw[begin : begin + per_track]
+        angles = np.stack([np.zeros_like(part), np.zeros_like(part), part], axis=1)
+        steps += follow(bench, angles, begin // per_track)
+    points, error = np.array([s.points for s in steps]), np.array([s.model_deg for s in steps])
+    few, many = error[points <= np.quantile(points, FEW)], error[points >= np.quantile(points, MANY)]
+    edge_on = under(
+        MODEL,
+        Line("mean error, fewest returns", "deg", "larger", float(np.nanmean(few))),
+        Line("mean error, most returns", "deg", "smaller", float(np.nanmean(many))),
     )
+    drawn = draw(steps, [s.yaw_deg for s in steps], "angle about Z, deg", "Figure 7")
+    note = f"{number} scans, {STEP_DEG:g} deg apart; a new track every {TRACK_DEG:g} deg."
+    return Outcome([*compare(steps, "no loss"), *edge_on], data(columns(steps)), drawn, (note,))
 
 
-def edge_on(steps: list[Step]) -> list[Line]:
-    """Whether the error is larger where the target turns its edge to the scanner."""
-    points = np.array([s.points for s in steps])
-    error = np.array([s.model_deg for s in steps])
-    few, many = (error[points <= np.quantile(points, FEW)], error[points >= np.quantile(points, MANY)])
-    return [
-        Line("mean error, fewest returns", "deg", "larger", float(np.nanmean(few)), None, MODEL),
-        Line("mean error, most returns", "deg", "smaller", float(np.nanmean(many)), None, MODEL),
-    ]
+EXPERIMENT = Experiment(
+    LIDAR, "figure 7", "tracking through a full turn, with and without accumulation", {"poses": 72}, run
+)

@@ -19,17 +19,26 @@ from typing import NamedTuple
 from zlib import crc32
 
 import numpy as np
-import pyarrow as pa
-from matplotlib.figure import Figure
 
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats
+from swarm import figures
 from swarm.flight.flight import Flight
-from swarm.scenario import load
-from swarm.sensors.visibility import Sight
-from swarm.studies.papers import figures
+from swarm.scenario import Scenario, load
+from swarm.sensors.sight import Sight
 from swarm.studies.papers.alignment import Alignment
-from swarm.studies.papers.results import Grid, Line, Outcome, Request, column, table_of
+from swarm.studies.papers.experiment import (
+    LIGHTHOUSE,
+    Columns,
+    Experiment,
+    Grid,
+    Line,
+    Outcome,
+    Request,
+    data,
+    span,
+    under,
+)
 from swarm.studies.papers.rungs import BOTH, FULL, LADDER, NOISE, Computer, Track, alignment, calibrated
 
 SCENARIO = Path(__file__).with_name("handheld.toml")
@@ -53,22 +62,66 @@ class Errors(NamedTuple):
     translation_max_mm: Floats
 
 
+class Flown(NamedTuple):
+    """One flight of N periods: true track, speeds (N,) [m/s], rates (N,) [rad/s]; per rung its poses and its frame."""
+
+    true: Track
+    speed: Floats
+    rate: Floats
+    pnp: list[Track]
+    filtered: list[Track]
+    frames: list[Alignment]
+
+
 def run(request: Request) -> Outcome:
     """Fly, measure on every rung, compare."""
     runs, seconds = request.sizes["runs"], request.sizes["seconds"]
     scenario = load(SCENARIO, [f"duration_s={float(runs * seconds)}"], request.seed)
+    length = round(seconds * scenario.lighthouse.rate_hz)
+    flown = _fly(request, scenario, runs, length)
+    pnp, filtered = (
+        [_errors(track, flown.true, length, frame) for track, frame in zip(tracks, flown.frames, strict=True)]
+        for tracks in (flown.pnp, flown.filtered)
+    )
+    motion = np.stack([_rms(flown.speed, length), np.rad2deg(_rms(flown.rate, length))], axis=-1)
+    solved = [np.isfinite(track.position[:, 0]).reshape(-1, length).mean(axis=1) for track in flown.pnp]
+    notes = (
+        f"{runs} runs of {seconds} s at {_words(motion[:, 0], 2)} m/s and {_words(motion[:, 1], 0)} deg/s RMS, "
+        f"{100 * min(float(share.min()) for share in solved):.1f} % of the periods solved or more.",
+        "Poses are PnP's, as the paper's: it has no filter. Calibrated: by `swarm calibrate` "
+        "from a survey of 60 s with known poses.",
+    )
+    named = [*zip((rung.name for rung in LADDER), pnp, strict=True), ("both, filtered", filtered[-1])]
+    ladder = Grid(
+        "RMS errors of the runs, least to most",
+        ("rotation, deg", "translation, mm"),
+        [(name, (span(each.rotation_rms_deg), span(each.translation_rms_mm))) for name, each in named],
+    )
+    table = data(_columns(pnp, filtered, solved, motion))
+    return Outcome(_compare(pnp), table, _draw(pnp, filtered[-1]), notes, (ladder,))
+
+
+EXPERIMENT = Experiment(
+    LIGHTHOUSE,
+    "table 2",
+    "accuracy in the hand, error by error, and what removes it",
+    {"runs": 10, "seconds": 30},
+    run,
+)
+
+
+def _fly(request: Request, scenario: Scenario, runs: int, length: int) -> Flown:
+    """Fly `runs` times `length` periods, and let every rung measure them."""
     flight = Flight(scenario)
     request.progress(0.0, "the survey, and the calibration from it")
     known = calibrated(scenario, flight.world.photodiodes)
     key = crc32(flight.world.names[0].encode())
     computers = [Computer(rung, scenario, flight.world.photodiodes, key, known) for rung in LADDER]
     request.progress(0.0, "aligning the frames")
-    frame_of = [alignment(rung, scenario, flight.lighthouse.photodiodes, known) for rung in LADDER]
-    length = round(seconds * scenario.lighthouse.rate_hz)
-    frames = runs * length
-    rotation, position = np.empty((frames, 3, 3)), np.empty((frames, 3))
-    speed, rate = np.empty(frames), np.empty(frames)
-    for frame in range(frames):
+    frames = [alignment(rung, scenario, flight.sensors.lighthouse.photodiodes, known) for rung in LADDER]
+    count = runs * length
+    rotation, position, (speed, rate) = np.empty((count, 3, 3)), np.empty((count, 3)), np.empty((2, count))
+    for frame in range(count):
         truth, sight = flight.move(frame)
         epoch = len(truth.time_s) // 2
         rotation[frame] = rot.matrix_from_quaternion(truth.quaternion[epoch, 0])
@@ -78,87 +131,76 @@ def run(request: Request) -> Outcome:
         for computer in computers:
             computer.step(truth, frame, sight == Sight.LIT)
         if frame % 60 == 0:
-            request.progress(frame / frames, f"run {frame // length + 1} of {runs}")
-    true = Track(rotation, position)
-    pnp, filtered = (
-        [errors(track, true, length, own) for track, own in zip(tracks, frame_of, strict=True)]
-        for tracks in ([computer.pnp for computer in computers], [computer.filtered for computer in computers])
-    )
-    motion = np.stack([_rms(speed, length), np.rad2deg(_rms(rate, length))], axis=-1)
-    solved = [_share(computer.pnp, length) for computer in computers]
-    notes = (
-        f"{runs} runs of {seconds} s at {_span(motion[:, 0], 2)} m/s and {_span(motion[:, 1], 0)} deg/s RMS, "
-        f"{100 * min(float(share.min()) for share in solved):.1f} % of the periods solved or more.",
-        "Poses are PnP's, as the paper's: it has no filter. Calibrated: by `swarm calibrate` "
-        "from a survey of 60 s with known poses.",
-    )
-    return Outcome(
-        compare(pnp),
-        data(pnp, filtered, solved, motion),
-        draw(pnp, filtered[-1]),
-        notes,
-        (ladder(pnp, filtered[-1]),),
-    )
+            request.progress(frame / count, f"run {frame // length + 1} of {runs}")
+    pnp, filtered = [c.pnp for c in computers], [c.filtered for c in computers]
+    return Flown(Track(rotation, position), speed, rate, pnp, filtered, frames)
 
 
-def errors(measured: Track, true: Track, length: int, frame: Alignment) -> Errors:
-    """(25) of every run of `length` periods, in the aligned frame."""
+def _errors(measured: Track, true: Track, length: int, frame: Alignment) -> Errors:
+    """Return (25) of every run of `length` periods, in the aligned frame."""
     known: Bools = np.isfinite(measured.position[:, 0])
     angle, distance = np.full(len(known), np.nan), np.full(len(known), np.nan)
     angle[known] = np.rad2deg(rot.angle_between(frame.rotations(measured.rotation[known]), true.rotation[known]))
     distance[known] = 1e3 * np.linalg.norm(frame.positions(measured.position[known]) - true.position[known], axis=1)
-    return Errors(_rms(angle, length), _max(angle, length), _rms(distance, length), _max(distance, length))
+    return Errors(_rms(angle, length), _largest(angle, length), _rms(distance, length), _largest(distance, length))
 
 
-def compare(pnp: list[Errors]) -> list[Line]:
-    """Table 2, and what compensation and calibration bring; ours are the least and most of the runs."""
+def _rms(values: Floats, length: int) -> Floats:
+    """Return the RMS of every run of `length` periods; NaN where it has no value."""
+    runs = values.reshape(-1, length)
+    some = np.isfinite(runs).any(axis=1)
+    out = np.full(len(runs), np.nan)
+    out[some] = np.sqrt(np.nanmean(runs[some] ** 2, axis=1))
+    return out
+
+
+def _largest(values: Floats, length: int) -> Floats:
+    runs = values.reshape(-1, length)
+    out: Floats = np.fmax.reduce(runs, axis=1)
+    return out
+
+
+def _compare(pnp: list[Errors]) -> list[Line]:
+    """Return table 2, and what compensation and calibration bring; ours are the least and most of the runs."""
     by_name = {rung.name: each for rung, each in zip(LADDER, pnp, strict=True)}
     full, both, noise = by_name[FULL], by_name[BOTH], by_name[NOISE]
-    lines = []
+    found = []
     for name, paper in PAPER.items():
         what, statistic, unit = name.split("_")
         quantity = f"{what}, {statistic.upper() if statistic == 'rms' else 'largest'}"
-        ours = _range(getattr(full, name))
-        lines.append(Line(quantity, unit, paper, ours, TARGET.get(name), "All errors, raw PnP, by run"))
+        found.append(Line(quantity, unit, paper, span(getattr(full, name)), TARGET.get(name)))
+    lines = under("All errors, raw PnP, by run", *found)
     for what, unit in (("rotation", "deg"), ("translation", "mm")):
         key = f"{what}_rms_{unit}"
         raw, done, still = (float(np.nanmedian(getattr(each, key))) for each in (full, both, noise))
-        heading = f"{what.capitalize()}, by medians"
-        lines.append(Line("raw / noise only", "", "about 10", raw / still, None, heading))
-        lines.append(Line("raw / both", "", None, raw / done, REDUCTION, heading))
-        lines.append(Line("both / noise only", "", None, done / still, NEAR_STATIC, heading))
+        lines += under(
+            f"{what.capitalize()}, by medians",
+            Line("raw / noise only", "", "about 10", raw / still),
+            Line("raw / both", "", None, raw / done, REDUCTION),
+            Line("both / noise only", "", None, done / still, NEAR_STATIC),
+        )
     return lines
 
 
-def ladder(pnp: list[Errors], filtered: Errors) -> Grid:
-    """RMS errors, rung by rung, least to most of the runs."""
-    named = [*zip((rung.name for rung in LADDER), pnp, strict=True), ("both, filtered", filtered)]
-    return Grid(
-        "RMS errors of the runs, least to most",
-        ("rotation, deg", "translation, mm"),
-        [(name, (_range(each.rotation_rms_deg), _range(each.translation_rms_mm))) for name, each in named],
-    )
-
-
-def data(pnp: list[Errors], filtered: list[Errors], solved: list[Floats], motion: Floats) -> pa.Table:
-    """A row per rung and run."""
-    runs = len(motion)
-    columns = [
-        column("rung", np.repeat([rung.name for rung in LADDER], runs), "", "which causes are at work"),
-        column("run", np.tile(np.arange(1, runs + 1), len(LADDER)), "1", "number of the run"),
-        column("speed_rms_m_s", np.tile(motion[:, 0], len(LADDER)), "m/s", "RMS speed of the run"),
-        column("rate_rms_deg_s", np.tile(motion[:, 1], len(LADDER)), "deg/s", "RMS angular rate of the run"),
-        column("solved_share", np.concatenate(solved), "1", "share of the periods with a PnP pose"),
-    ]
+def _columns(pnp: list[Errors], filtered: list[Errors], solved: list[Floats], motion: Floats) -> Columns:
+    """Return the data, a row per rung and run."""
+    runs, rungs = len(motion), len(LADDER)
+    columns: Columns = {
+        "rung": (np.repeat([rung.name for rung in LADDER], runs), "which causes are at work"),
+        "run": (np.tile(np.arange(1, runs + 1), rungs), "number of the run"),
+        "speed_rms_m_s": (np.tile(motion[:, 0], rungs), "RMS speed of the run"),
+        "rate_rms_deg_s": (np.tile(motion[:, 1], rungs), "RMS angular rate of the run"),
+        "solved_share": (np.concatenate(solved), "share of the periods with a PnP pose"),
+    }
     for source, each in (("pnp", pnp), ("filter", filtered)):
         for name in Errors._fields:
-            values = np.concatenate([getattr(of_rung, name) for of_rung in each])
-            columns.append(column(f"{source}_{name}", values, name.rsplit("_", 1)[1], f"error (25) of the {source}"))
-    return table_of(columns)
+            values = np.concatenate([getattr(errors, name) for errors in each])
+            columns[f"{source}_{name}"] = values, f"error (25) of the {source}"
+    return columns
 
 
-def draw(pnp: list[Errors], filtered: Errors) -> Figure:
-    """Table 2 as a figure: every run a dot, rung by rung, with the paper's runs as a band."""
+def _draw(pnp: list[Errors], filtered: Errors) -> figures.Figure:
+    """Draw table 2: every run a dot, rung by rung, with the paper's runs as a band."""
     page, axes = figures.page(1, 2, 3.6)
     number = np.arange(len(LADDER))
     for place, key, label in zip(
@@ -181,30 +223,5 @@ def draw(pnp: list[Errors], filtered: Errors) -> Figure:
     return page
 
 
-def _rms(values: Floats, length: int) -> Floats:
-    runs = values.reshape(-1, length)
-    some = np.isfinite(runs).any(axis=1)
-    out = np.full(len(runs), np.nan)
-    out[some] = np.sqrt(np.nanmean(runs[some] ** 2, axis=1))
-    return out
-
-
-def _max(values: Floats, length: int) -> Floats:
-    runs = values.reshape(-1, length)
-    some = np.isfinite(runs).any(axis=1)
-    out = np.full(len(runs), np.nan)
-    out[some] = np.nanmax(runs[some], axis=1)
-    return out
-
-
-def _share(track: Track, length: int) -> Floats:
-    share: Floats = np.isfinite(track.position[:, 0]).reshape(-1, length).mean(axis=1)
-    return share
-
-
-def _range(values: Floats) -> tuple[float, float]:
-    return float(values.min()), float(values.max())
-
-
-def _span(values: Floats, decimals: int) -> str:
+def _words(values: Floats, decimals: int) -> str:
     return f"{values.min():.{decimals}f} to {values.max():.{decimals}f}"

@@ -1,4 +1,4 @@
-"""The error budget: what every source of table 1 of source 1 contributes to the pose, alone and together.
+"""The error budget: the budget of every source of table 1 of source 1 to the pose, alone and together.
 
     table 1                         here                                                           1 sigma
     straightness of the laser line  `curve` of (E), estimators.lighthouse.sweep                               0.002
@@ -27,17 +27,15 @@ Errors are RMS over draws and poses. Independent and small, they add up in squar
 from typing import NamedTuple
 
 import numpy as np
-import pyarrow as pa
-from matplotlib.figure import Figure
 
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats
 from estimators.lighthouse.pnp import PoseSolution
 from estimators.lighthouse.sweep import FanErrors, FanPair
-from swarm.studies.papers import figures
+from swarm import figures
 from swarm.studies.papers.alignment import NONE, Alignment, align
 from swarm.studies.papers.bench import PERFECT, Bench, Box, Motion
-from swarm.studies.papers.results import Grid, Line, Outcome, Request, column, table_of
+from swarm.studies.papers.experiment import LIGHTHOUSE, Columns, Experiment, Grid, Line, Outcome, Request, data, under
 
 CURVE, GIBBOUS, TILT = 0.002, 0.01, 0.01
 SYNC_JITTER_S, MOUNTING_M = 50e-9, 0.5e-3
@@ -55,7 +53,9 @@ SYSTEMATIC = (STRAIGHTNESS, ONCE_PER_TURN, SKEW, MOUNTING)
 RANDOM = (ROTOR, JITTER, TRIGGER, TICKS)
 SOURCES = (*SYSTEMATIC, *RANDOM)
 TOGETHER = "together"
+NAMES = (*SOURCES, MOTION, TOGETHER)
 UNITS = np.tile([180 / np.pi, 1e3], 3)
+WHAT = ("rotation", "translation")
 PLACES = ("at rest", "moving", "at rest, frames not aligned")
 COLUMNS = ("rest, °", "mm", "moving, °", "mm", "raw, °", "mm")
 
@@ -79,11 +79,11 @@ class Draw(NamedTuple):
     angle: dict[str, Floats]
 
     def without_random(self) -> "Draw":
-        """The systematic errors alone."""
+        """Return the systematic errors alone."""
         return self._replace(angle={})
 
     def all_fans(self) -> FanPair:
-        """The systematic errors of all sources in one."""
+        """Return the systematic errors of all sources in one."""
         x, y = (
             FanErrors(
                 tilt_rad=self.fans[SKEW][fan].tilt_rad,
@@ -99,18 +99,15 @@ class Draw(NamedTuple):
 def run(request: Request) -> Outcome:
     """Draw, solve every source alone and all together, add up."""
     draws, poses = request.sizes["draws"], request.sizes["poses"]
-    bench = Bench()
-    rng = np.random.default_rng(np.random.SeedSequence(request.seed))
+    bench, rng = Bench(), request.rng()
     sizes = random_sizes(bench)
-    names = (*SOURCES, MOTION, TOGETHER)
-    squares = {name: np.zeros((draws, 6)) for name in names}
+    squares = {name: np.zeros((draws, 6)) for name in NAMES}
     for i in range(draws):
         motion, lit = draw_motion(bench, rng, poses)
-        rest = Motion.rest(motion.rotation, motion.position)
         other, other_lit = draw_motion(bench, rng, poses)
-        elsewhere = Motion.rest(other.rotation, other.position)
+        rest, elsewhere = (Motion.rest(moving.rotation, moving.position) for moving in (motion, other))
         drawn = draw_errors(bench, sizes, poses, rng)
-        for name in names:
+        for name in NAMES:
             frame = NONE
             if name in (*SYSTEMATIC, TOGETHER):
                 pose = solve(bench, elsewhere, other_lit, drawn.without_random(), name, rng)
@@ -122,19 +119,29 @@ def run(request: Request) -> Outcome:
             squares[name][i, 2:4] = mean_squares(motion, solve(bench, motion, lit, drawn, name, rng), frame)
         if i % 10 == 0:
             request.progress(i / draws, f"draw {i + 1} of {draws}")
-    contribution = {name: np.sqrt(each.mean(axis=0)) * UNITS for name, each in squares.items()}
-    contribution[MOTION][[0, 1, 4, 5]] = np.nan
+    budget = {name: np.sqrt(each.mean(axis=0)) * UNITS for name, each in squares.items()}
+    budget[MOTION][[0, 1, 4, 5]] = np.nan
     notes = (
         f"{draws} stations and craft, at {poses} poses each. RMS, 1 sigma of each source as in the module's table: "
         f"motor speed random {sizes.rotor * 206265:.1f} arcsec, sync jitter {1e9 * SYNC_JITTER_S:.0f} ns, trigger time "
         f"{1e9 * sizes.trigger * bench.period_s / (2 * np.pi):.0f} ns; random ones add up to s = 8.8 arcsec.",
         "Poses are PnP's. raw: at rest, frames not aligned.",
     )
-    return Outcome(compare(contribution), data(contribution), draw(contribution), notes, (grid(contribution),))
+    grid = Grid("Contribution, RMS", COLUMNS, [(name, tuple(map(float, row))) for name, row in budget.items()])
+    return Outcome(_compare(budget), data(_columns(budget)), _draw(budget), notes, (grid,))
+
+
+EXPERIMENT = Experiment(
+    LIGHTHOUSE,
+    "table 1",
+    "what every source of error contributes, at rest and moving",
+    {"draws": 400, "poses": 25},
+    run,
+)
 
 
 def random_sizes(bench: Bench) -> Sizes:
-    """What jitter and ticks leave of the paper's noise to the motor and to the photodiodes' triggers."""
+    """Return what jitter and ticks leave of the paper's noise to the motor and to the photodiodes' triggers."""
     settings = bench.settings
     w = 2 * np.pi * settings.rate_hz
     rounding, jitter = w * settings.tick_s / np.sqrt(12), w * SYNC_JITTER_S
@@ -144,7 +151,7 @@ def random_sizes(bench: Bench) -> Sizes:
 
 
 def draw_motion(bench: Bench, rng: np.random.Generator, poses: int) -> tuple[Motion, Bools]:
-    """Poses all over the volume, and lit photodiodes (P, K), each moving in its own way."""
+    """Draw poses all over the volume, each moving in its own way; return them with their lit photodiodes (P, K)."""
     each = [bench.random_pose(rng, BOX) for _ in range(poses)]
     rotation, position = (
         np.concatenate([getattr(pose, part) for pose, _ in each]) for part in ("rotation", "position")
@@ -154,7 +161,14 @@ def draw_motion(bench: Bench, rng: np.random.Generator, poses: int) -> tuple[Mot
 
 
 def draw_errors(bench: Bench, sizes: Sizes, poses: int, rng: np.random.Generator) -> Draw:
-    """Signs and values of every source."""
+    """Draw signs and values of every source.
+
+    Args:
+        bench: The craft before its lighthouse.
+        sizes: Sizes of the random sources.
+        poses: Number of poses P.
+        rng: Source of the draws.
+    """
     curve, gibbous, tilt = (size * rng.standard_normal(2) for size in (CURVE, GIBBOUS, TILT))
     phase = rng.uniform(0, 2 * np.pi, 2)
     fans: dict[str, FanPair] = {
@@ -174,7 +188,16 @@ def draw_errors(bench: Bench, sizes: Sizes, poses: int, rng: np.random.Generator
 
 
 def solve(bench: Bench, true: Motion, lit: Bools, drawn: Draw, name: str, rng: np.random.Generator) -> PoseSolution:
-    """Poses that PnP finds with one source at work, or all of them."""
+    """Solve poses by PnP with one source at work, or all of them.
+
+    Args:
+        bench: The craft before its lighthouse.
+        true: True poses and rates (P rows).
+        lit: Photodiodes that are lit (P, K).
+        drawn: Errors of every source.
+        name: One of NAMES.
+        rng: Source of the clocks' phases.
+    """
     everything = name == TOGETHER
     silent = np.zeros((*lit.shape, 2))
     mounted = drawn.mounting_m if everything or name == MOUNTING else 0.0
@@ -191,58 +214,53 @@ def solve(bench: Bench, true: Motion, lit: Bools, drawn: Draw, name: str, rng: n
 
 
 def mean_squares(true: Motion, pose: PoseSolution, frame: Alignment) -> tuple[float, float]:
-    """Mean squared attitude [rad^2] and position [m^2] errors over the poses."""
+    """Return the mean squared attitude [rad^2] and position [m^2] errors over the poses.
+
+    Args:
+        true: True poses.
+        pose: Solved poses.
+        frame: Alignment of the frames.
+    """
     ok = pose.solved
     attitude = rot.angle_between(true.rotation[ok], frame.rotations(pose.rotation[ok]))
     position = true.position[ok] - frame.positions(pose.position[ok])
     return float(np.mean(attitude**2)), float(np.mean(np.sum(position**2, axis=-1)))
 
 
-def grid(contribution: dict[str, Floats]) -> Grid:
-    """The budget."""
-    rows = [(name, tuple(map(float, values))) for name, values in contribution.items()]
-    return Grid("Contribution, RMS", COLUMNS, rows)
-
-
-def compare(contribution: dict[str, Floats]) -> list[Line]:
-    """Whether squares add up, and how far systematic errors outweigh random ones."""
-    squares = {name: np.nan_to_num(values) ** 2 for name, values in contribution.items()}
+def _compare(budget: dict[str, Floats]) -> list[Line]:
+    """Tell whether squares add up, and how far systematic errors outweigh random ones."""
+    squares = {name: np.nan_to_num(values) ** 2 for name, values in budget.items()}
     total = squares.pop(TOGETHER)
     added = sum(squares.values(), np.zeros(6)) / total
     systematic, chance = (np.sqrt(sum((squares[name] for name in of), np.zeros(6))) for of in (SYSTEMATIC, RANDOM))
-    lines = []
-    for i, place in enumerate(PLACES):
-        for k, what in enumerate(("rotation", "translation")):
-            heading = "Sum of squares / square of the total"
-            lines.append(Line(f"{what}, {place}", "", None, float(added[2 * i + k]), SQUARES, heading))
-    for k, what in enumerate(("rotation", "translation")):
-        ratio = float(systematic[k] / chance[k])
-        lines.append(Line(f"{what}, at rest", "", "about 10", ratio, None, "Systematic / random errors"))
-    return lines
-
-
-def data(contribution: dict[str, Floats]) -> pa.Table:
-    """A row per source."""
-    values = np.array(list(contribution.values()))
-    kind = {**dict.fromkeys(SYSTEMATIC, "systematic"), **dict.fromkeys(RANDOM, "random"), MOTION: "motion"}
-    columns = [
-        column("source", list(contribution), "", "of table 1"),
-        column("kind", [kind.get(name, "all") for name in contribution], "", "systematic, random, motion or all"),
+    sums = [
+        Line(f"{what}, {place}", "", None, float(added[2 * i + k]), SQUARES)
+        for i, place in enumerate(PLACES)
+        for k, what in enumerate(WHAT)
     ]
-    places = ("rest", "moving", "raw")
-    names = [f"{place}_{what}" for place in places for what in ("rotation_deg", "translation_mm")]
-    for i, name in enumerate(names):
-        columns.append(column(name, values[:, i], name.rsplit("_", 1)[1], "RMS error that the source causes"))
-    return table_of(columns)
+    ratios = [Line(f"{what}, at rest", "", "about 10", float(systematic[k] / chance[k])) for k, what in enumerate(WHAT)]
+    return under("Sum of squares / square of the total", *sums) + under("Systematic / random errors", *ratios)
 
 
-def draw(contribution: dict[str, Floats]) -> Figure:
-    """The budget as bars, at rest and moving, largest attitude error first."""
+def _columns(budget: dict[str, Floats]) -> Columns:
+    """Return the data, a row per source."""
+    kind = {**dict.fromkeys(SYSTEMATIC, "systematic"), **dict.fromkeys(RANDOM, "random"), MOTION: "motion"}
+    names = [f"{place}_{what}" for place in ("rest", "moving", "raw") for what in ("rotation_deg", "translation_mm")]
+    values = np.array(list(budget.values())).T
+    return {
+        "source": (list(budget), "of table 1"),
+        "kind": ([kind.get(name, "all") for name in budget], "systematic, random, motion or all"),
+        **{name: (row, "RMS error that the source causes") for name, row in zip(names, values, strict=True)},
+    }
+
+
+def _draw(budget: dict[str, Floats]) -> figures.Figure:
+    """Draw the budget as bars, at rest and moving, largest attitude error first."""
     page, axes = figures.page(1, 2, 4.2)
-    order = sorted(contribution, key=lambda name: float(contribution[name][2]))
+    order = sorted(budget, key=lambda name: float(budget[name][2]))
     number = np.arange(len(order))
     for c, (place, label) in enumerate(zip(axes[0], ("rotation, deg RMS", "translation, mm RMS"), strict=True)):
-        rest, moving = (np.array([contribution[name][c + 2 * m] for name in order]) for m in (0, 1))
+        rest, moving = (np.array([budget[name][c + 2 * m] for name in order]) for m in (0, 1))
         place.barh(number + 0.2, np.nan_to_num(rest), 0.38, color=figures.BLUE, label="at rest")
         place.barh(number - 0.2, moving, 0.38, color=figures.ORANGE, label="moving")
         place.set_xscale("log")

@@ -13,17 +13,14 @@ same poses, whose image noise takes the place of the angle noise (`estimators.li
 from typing import NamedTuple
 
 import numpy as np
-import pyarrow as pa
-from matplotlib.figure import Figure
 
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats
 from estimators.lighthouse.dop import dilution, image_dilution
 from estimators.lighthouse.pnp import PoseSolution, refine_projections
-from swarm.errors import SwarmError
-from swarm.studies.papers import figures
+from swarm import figures
 from swarm.studies.papers.bench import Bench, Motion
-from swarm.studies.papers.results import Line, Outcome, Request, column, table_of
+from swarm.studies.papers.experiment import LIGHTHOUSE, Columns, Experiment, Line, Outcome, Request, data, span, under
 from swarm.world.motion.pointing import facing
 
 TABLE_M = ((-1.5, 1.5), (0.4, 0.4), (1.0, 4.0))
@@ -35,7 +32,6 @@ FEWEST_FRAMES = 100
 IMAGE_NOISE = 0.1 / 1200
 """The camera's: 0.1 pixels at a focal length of 1200 pixels, 17 arcsec at its centre."""
 WHAT = ("rotation", "translation")
-RANGE = "Over the poses, least to most"
 MEDIAN, CORRELATION = (0.97, 1.03), (0.99, None)
 
 
@@ -47,56 +43,53 @@ class Pose(NamedTuple):
     lit: Bools
 
 
-class Precision(NamedTuple):
-    """Standard deviations of rotation [deg] and translation [m]."""
-
-    rotation_deg: float
-    translation_m: float
-
-
 class Result(NamedTuple):
-    """One pose: what was measured and predicted; scatter: of the prediction from measured poses, over itself."""
+    """One pose: standard deviations of rotation [deg] and translation [m], (2,) each, measured and predicted.
 
-    measured: Precision
-    at_truth: Precision
-    at_measured: Precision
-    scatter: Precision
-    camera_measured: Precision
-    camera_predicted: Precision
+    scatter: of the prediction from measured poses, over itself.
+    """
+
+    pose: Pose
+    measured: Floats
+    at_truth: Floats
+    at_measured: Floats
+    scatter: Floats
+    camera_measured: Floats
+    camera_predicted: Floats
 
 
 def run(request: Request) -> Outcome:
     """Measure every pose and compare."""
-    poses_wanted, frames = request.sizes["poses"], request.sizes["frames"]
-    if frames < FEWEST_FRAMES:
-        raise SwarmError(f"--frames: {frames}: a standard deviation needs at least {FEWEST_FRAMES}")
-    if poses_wanted < 3:
-        raise SwarmError(f"--poses: {poses_wanted}: a correlation needs at least 3")
-    bench = Bench()
-    rng = np.random.default_rng(np.random.SeedSequence(request.seed))
-    poses: list[Pose] = []
+    request.refuse_below(FEWEST_FRAMES, "a standard deviation", "frames")
+    request.refuse_below(3, "a correlation", "poses")
+    poses, frames = request.sizes["poses"], request.sizes["frames"]
+    bench, rng = Bench(), request.rng()
     results: list[Result] = []
     ambiguous = 0
-    while len(results) < poses_wanted:
-        pose = draw_pose(bench, rng)
-        result = measure(bench, pose, frames, rng)
-        if result is None:
+    for _ in request.each(range(poses), "pose"):
+        while (result := _measure(bench, _draw_pose(bench, rng), frames, rng)) is None:
             ambiguous += 1
-            continue
-        poses.append(pose)
         results.append(result)
-        request.progress(len(results) / poses_wanted, f"pose {len(results)} of {poses_wanted}")
     notes = [
-        f"{poses_wanted} poses, {frames} frames each. The ticks' rounding comes on top of s, and is not predicted: "
+        f"{poses} poses, {frames} frames each. The ticks' rounding comes on top of s, and is not predicted: "
         "1 % of the measured."
     ]
     if ambiguous:
         notes.append(f"{ambiguous} poses more stayed ambiguous (two poses fit the angles) and were drawn anew.")
-    return Outcome(compare(results), data(poses, results), draw(results), tuple(notes))
+    return Outcome(_compare(results), data(_columns(results)), _draw(results), tuple(notes))
 
 
-def draw_pose(bench: Bench, rng: np.random.Generator) -> Pose:
-    """A pose on the table, with enough photodiodes lit."""
+EXPERIMENT = Experiment(
+    LIGHTHOUSE,
+    "figure 5",
+    "precision at rest, predicted by ADOP and PDOP against measured",
+    {"poses": 50, "frames": 3600},
+    run,
+)
+
+
+def _draw_pose(bench: Bench, rng: np.random.Generator) -> Pose:
+    """Draw a pose on the table, with enough photodiodes lit."""
     while True:
         position = np.array([rng.uniform(low, high) for low, high in TABLE_M])
         towards = facing(position[None], np.zeros((1, 3)), np.zeros((1, 3))).rotation[0]
@@ -110,8 +103,8 @@ def draw_pose(bench: Bench, rng: np.random.Generator) -> Pose:
             return Pose(rotation, position, lit)
 
 
-def measure(bench: Bench, pose: Pose, frames: int, rng: np.random.Generator) -> Result | None:
-    """Both sensors at one pose; None where the craft cannot tell which of two poses it has."""
+def _measure(bench: Bench, pose: Pose, frames: int, rng: np.random.Generator) -> Result | None:
+    """Return the results of both sensors at one pose; None where the craft cannot tell which of two poses it has."""
     noise, correlation = bench.settings.angle_noise_rad, bench.settings.rotor_correlation
     true = Motion.rest(pose.rotation[None], pose.position[None]).repeat(frames)
     lit = np.repeat(pose.lit[None], frames, axis=0)
@@ -119,102 +112,100 @@ def measure(bench: Bench, pose: Pose, frames: int, rng: np.random.Generator) -> 
     first = bench.first_pose(angles, noise * float(np.sqrt(1 - correlation)))
     if first is None:
         return None
-    start = Motion.rest(first[0][None], first[1][None]).repeat(frames)
+    start = first.repeat(frames)
     solution = bench.solve(angles, start)
-    points = np.broadcast_to(bench.point_m, (frames, *bench.point_m.shape))
+    points, still = np.broadcast_to(bench.point_m, (frames, *bench.point_m.shape)), np.zeros((frames, 3))
 
-    still = np.zeros((frames, 3))
-    predictions = [
-        dilution(r, p, lit, points, angles.offset_s, still, still, correlation, solution.solved)
-        for r, p in ((true.rotation, true.position), (solution.rotation, solution.position))
-    ]
-    at_truth, at_measured = (
-        np.stack([d.adop_deg_per_rad, d.pdop_m_per_rad], axis=-1)[solution.solved] * noise for d in predictions
-    )
+    def predicted(rotation: Floats, position: Floats) -> Floats:
+        found = dilution(rotation, position, lit, points, angles.offset_s, still, still, correlation, solution.solved)
+        factors: Floats = np.stack([found.adop_deg_per_rad, found.pdop_m_per_rad], axis=-1)
+        scaled: Floats = noise * factors[solution.solved]
+        return scaled
 
-    arm = np.einsum("cij,ckj->cki", true.rotation, points) + true.position[:, None]
-    projection = arm[..., :2] / arm[..., 2:] + IMAGE_NOISE * rng.standard_normal((*lit.shape, 2))
-    seen = refine_projections(
-        projection,
-        np.ones_like(projection),
-        lit,
-        points,
-        start.rotation,
-        start.position,
-        np.zeros_like(projection),
-        still,
-        still,
-    )
-    rest, lit = np.zeros((1, 3)), pose.lit[None]
-    images = np.ones((*lit.shape, 2)), np.zeros((*lit.shape, 2)), rest
-    camera = image_dilution(pose.rotation[None], pose.position[None], lit, points[:1], *images, np.ones(1, np.bool_))
-    adop, pdop = camera.adop_deg_per_rad, camera.pdop_m_per_rad
+    at_truth = predicted(true.rotation, true.position)
+    at_measured = predicted(solution.rotation, solution.position)
+    camera_measured, camera_predicted = _camera(bench, pose, start, rng)
     return Result(
-        scatter_of(solution),
-        Precision(*at_truth[0]),
-        Precision(*at_measured.mean(axis=0)),
-        Precision(*(at_measured.std(axis=0) / at_measured.mean(axis=0))),
-        scatter_of(seen),
-        Precision(float(adop[0]) * IMAGE_NOISE, float(pdop[0]) * IMAGE_NOISE),
+        pose,
+        _scatter(solution),
+        at_truth[0],
+        at_measured.mean(axis=0),
+        at_measured.std(axis=0) / at_measured.mean(axis=0),
+        camera_measured,
+        camera_predicted,
     )
 
 
-def scatter_of(solution: PoseSolution) -> Precision:
-    """(23): the RMS of the solved poses about their mean."""
+def _camera(bench: Bench, pose: Pose, start: Motion, rng: np.random.Generator) -> tuple[Floats, Floats]:
+    """Return the measured and the predicted precision of a pinhole camera, from as many frames as `start` has rows."""
+    frames = len(start.position)
+    lit, points = np.repeat(pose.lit[None], frames, axis=0), np.repeat(bench.point_m[None], frames, axis=0)
+    arm = np.einsum("cij,ckj->cki", np.repeat(pose.rotation[None], frames, axis=0), points) + pose.position
+    projection = arm[..., :2] / arm[..., 2:] + IMAGE_NOISE * rng.standard_normal((*lit.shape, 2))
+    one, none, still = np.ones_like(projection), np.zeros_like(projection), np.zeros((frames, 3))
+    seen = refine_projections(projection, one, lit, points, start.rotation, start.position, none, still, still)
+    rotation, position, every = pose.rotation[None], pose.position[None], np.ones(1, np.bool_)
+    found = image_dilution(rotation, position, lit[:1], points[:1], one[:1], none[:1], still[:1], every)
+    return _scatter(seen), np.array([found.adop_deg_per_rad[0], found.pdop_m_per_rad[0]]) * IMAGE_NOISE
+
+
+def _scatter(solution: PoseSolution) -> Floats:
+    """Return (23): the RMS of the solved poses about their mean, rotation [deg] and translation [m]."""
     rotation, position = solution.rotation[solution.solved], solution.position[solution.solved]
     angle = rot.angle_between(rotation, rot.mean_rotation(rotation))
     distance = np.linalg.norm(position - position.mean(axis=0), axis=-1)
-    return Precision(float(np.rad2deg(np.sqrt(np.mean(angle**2)))), float(np.sqrt(np.mean(distance**2))))
+    return np.array([np.rad2deg(np.sqrt(np.mean(angle**2))), np.sqrt(np.mean(distance**2))])
 
 
-def compare(results: list[Result]) -> list[Line]:
-    """Paper beside ours, per sensor and where the dilution is evaluated, rotation and translation."""
+def _compare(results: list[Result]) -> list[Line]:
     measured = _table(results, "measured")
-    lines = [
-        Line("s_rot", "deg", "0.1 level", _range(measured[:, 0]), (0.01, 1.0), RANGE),
-        Line("s_trans", "mm", "1 level", _range(1e3 * measured[:, 1]), (0.1, 10.0), RANGE),
-    ]
-    sets = (
-        ("Predicted / measured", "measured", "at_truth", "agree"),
-        ("... DOP at the measured poses", "measured", "at_measured", "agree"),
-        ("... for a pinhole camera", "camera_measured", "camera_predicted", "agree"),
+    lines = under(
+        "Over the poses, least to most",
+        Line("s_rot", "deg", "0.1 level", span(measured[:, 0]), (0.01, 1.0)),
+        Line("s_trans", "mm", "1 level", span(1e3 * measured[:, 1]), (0.1, 10.0)),
     )
-    for name, of_measured, of_predicted, paper in sets:
+    for name, of_measured, of_predicted in (
+        ("Predicted / measured", "measured", "at_truth"),
+        ("... DOP at the measured poses", "measured", "at_measured"),
+        ("... for a pinhole camera", "camera_measured", "camera_predicted"),
+    ):
         true, said = _table(results, of_measured), _table(results, of_predicted)
         ratio = np.median(said / true, axis=0)
         correlation = [float(np.corrcoef(true[:, i], said[:, i])[0, 1]) for i in (0, 1)]
-        lines += [Line(f"median, {WHAT[i]}", "", paper, float(ratio[i]), MEDIAN, name) for i in (0, 1)]
-        lines += [Line(f"correlation, {WHAT[i]}", "", paper, correlation[i], CORRELATION, name) for i in (0, 1)]
+        lines += under(
+            name,
+            *(Line(f"median, {WHAT[i]}", "", "agree", float(ratio[i]), MEDIAN) for i in (0, 1)),
+            *(Line(f"correlation, {WHAT[i]}", "", "agree", correlation[i], CORRELATION) for i in (0, 1)),
+        )
     largest = 100 * _table(results, "scatter").max(axis=0)
-    name = "Scatter of that DOP, worst pose"
-    lines += [Line(("ADOP", "PDOP")[i], "%", None, float(largest[i]), None, name) for i in (0, 1)]
-    return lines
+    scatter = (Line(("ADOP", "PDOP")[i], "%", None, float(largest[i])) for i in (0, 1))
+    return [*lines, *under("Scatter of that DOP, worst pose", *scatter)]
 
 
-def data(poses: list[Pose], results: list[Result]) -> pa.Table:
-    """A row per pose."""
-    position = np.array([pose.position for pose in poses])
+def _columns(results: list[Result]) -> Columns:
+    poses = [result.pose for result in results]
     quaternion = rot.quaternion_from_matrix(np.array([pose.rotation for pose in poses]))
-    columns = [column("pose", np.arange(1, len(poses) + 1), "1", "number of the pose")]
-    columns += [column(f"p{a}_m", position[:, i], "m", f"true position, {a}") for i, a in enumerate("xyz")]
-    columns += [column(f"q{a}", quaternion[:, i], "1", f"true attitude quaternion, {a}") for i, a in enumerate("wxyz")]
-    columns.append(column("lit", [int(np.count_nonzero(pose.lit)) for pose in poses], "1", "photodiodes lit"))
-    meanings = {
+    columns: Columns = {
+        "pose": (np.arange(1, len(poses) + 1), "number of the pose"),
+        "p*_m": ([pose.position for pose in poses], "true position, *"),
+        "q*": (quaternion, "true attitude quaternion, *"),
+        "lit": ([int(np.count_nonzero(pose.lit)) for pose in poses], "photodiodes lit"),
+    }
+    for name, meaning in {
         "measured": "standard deviation over the frames (23)",
         "at_truth": "predicted, DOP at the true pose (24)",
         "at_measured": "predicted, mean of DOP at the measured poses (24)",
         "camera_measured": "pinhole camera: standard deviation over the frames (23)",
         "camera_predicted": "pinhole camera: predicted (24)",
-    }
-    for name, meaning in meanings.items():
+    }.items():
         values = _table(results, name)
-        columns.append(column(f"{name}_rotation_deg", values[:, 0], "deg", f"rotation: {meaning}"))
-        columns.append(column(f"{name}_translation_m", values[:, 1], "m", f"translation: {meaning}"))
-    return table_of(columns)
+        columns[f"{name}_rotation_deg"] = values[:, 0], f"rotation: {meaning}"
+        columns[f"{name}_translation_m"] = values[:, 1], f"translation: {meaning}"
+    return columns
 
 
-def draw(results: list[Result]) -> Figure:
-    """Figure 5: measured and predicted, pose by pose; beside it the camera."""
+def _draw(results: list[Result]) -> figures.Figure:
+    """Draw figure 5, measured and predicted, pose by pose; beside it the camera."""
     page, axes = figures.page(2, 2, 4.6)
     number = np.arange(1, len(results) + 1)
     for c, (title, measured, predicted) in enumerate(
@@ -235,9 +226,5 @@ def draw(results: list[Result]) -> Figure:
 
 
 def _table(results: list[Result], name: str) -> Floats:
-    """One of the precisions of all results, (N, 2): rotation [deg], translation [m]."""
+    """Return one of the precisions of all results, (N, 2): rotation [deg], translation [m]."""
     return np.array([getattr(result, name) for result in results])
-
-
-def _range(values: Floats) -> tuple[float, float]:
-    return float(values.min()), float(values.max())

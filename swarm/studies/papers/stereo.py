@@ -1,4 +1,4 @@
-"""Source 2's simulation, section 3: the cameras, the marker, the poses, and errors gathered by distance.
+"""Source 2's simulation, section 3: cameras, marker and poses, and errors gathered by distance.
 
 The distance d is between the docking points, the tips of the two docking booms. The cameras stand 1 m behind the one,
 the marker 1 m behind the other (`models/craft/chaser`, `models/craft/marker-target`), so that the lights are d + 2 m
@@ -12,8 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators import rotation as rot
-from estimators.arrays import Bools, Floats
-from estimators.stereo.closed_form import StereoPose
+from estimators.arrays import Bools, Floats, Ints
 from estimators.stereo.triangulation import Rig, toed_in
 
 FOCAL_M, FIELD_RAD = 0.028, np.deg2rad(24.0)
@@ -29,7 +28,6 @@ TURN_RAD = np.deg2rad(5.0)
 """Poses are turned by up to this about each axis."""
 ASIDE_M, ASIDE = 0.03, 0.1
 """... and lie aside by up to ASIDE_M + ASIDE d in each axis."""
-POSITION, ATTITUDE = ("X", "Y", "Z"), ("about x", "about y", "about z")
 
 
 class Poses(NamedTuple):
@@ -39,24 +37,35 @@ class Poses(NamedTuple):
     rotation: Floats
     position: Floats
 
-    def repeat(self, count: int) -> "Poses":
-        """Every pose `count` times, one after the other."""
-        return Poses(*(np.repeat(part, count, axis=0) for part in self))
+    def rows(self, chosen: slice | Bools | Ints) -> "Poses":
+        """Return the chosen poses."""
+        return Poses(self.distance_m[chosen], self.rotation[chosen], self.position[chosen])
+
+    def lights(self, marker_m: Floats) -> Floats:
+        """Return where the lights (K, 3) [m] of a marker are at every pose, (N, K, 3) [m]."""
+        out: Floats = np.einsum("nij,kj->nki", self.rotation, marker_m) + self.position[:, None]
+        return out
 
 
 def rig(baseline_m: float = BASELINE_M) -> Rig:
-    """The two cameras."""
+    """Return the two cameras, `baseline_m` [m] apart."""
     return toed_in(baseline_m, TOE_IN_RAD)
 
 
 def draw_poses(per_metre: int, rng: np.random.Generator) -> Poses:
-    """Random poses at d = 0 ... 30 m, `per_metre` to the metre, both ends included: 15 361 for 512."""
+    """Draw poses at d = 0 ... 30 m, `per_metre` to the metre, both ends included: 15 361 for 512."""
     distance = np.arange(RANGE_M * per_metre + 1) / per_metre
     return random_poses(distance, rng)
 
 
 def random_poses(distance_m: Floats, rng: np.random.Generator, baseline_m: float = BASELINE_M) -> Poses:
-    """One random pose at each of the distances (N,)."""
+    """Draw one pose at each distance.
+
+    Args:
+        distance_m: Distances of the docking points (N,) [m].
+        rng: Source of the draws.
+        baseline_m: Distance between the cameras [m].
+    """
     count = len(distance_m)
     turned = rot.exp(TURN_RAD * rng.uniform(-1, 1, (count, 3)))
     aside = (ASIDE_M + ASIDE * distance_m[:, None]) * rng.uniform(-1, 1, (count, 2))
@@ -66,47 +75,59 @@ def random_poses(distance_m: Floats, rng: np.random.Generator, baseline_m: float
 
 
 def images(poses: Poses, marker_m: Floats, cameras: Rig) -> Floats:
-    """Exact images u = x/f, v = y/f of the lights, (N, 2, K, 2)."""
-    r = np.einsum("nij,kj->nki", poses.rotation, marker_m) + poses.position[:, None]
+    """Return exact images.
+
+    Args:
+        poses: N poses.
+        marker_m: The marker's lights (K, 3) [m].
+        cameras: Both cameras.
+
+    Returns:
+        u = x/f and v = y/f of the lights in both cameras, (N, 2, K, 2).
+    """
+    r = poses.lights(marker_m)
     other = (r - cameras.origin_m) @ cameras.rotation
     return np.stack([r[..., :2] / r[..., 2:], other[..., :2] / other[..., 2:]], axis=1)
 
 
 def in_field(uv: Floats) -> Bools:
-    """Which images (...) are in the cameras' field."""
+    """Tell which images (..., 2) lie in the cameras' field, (...)."""
     inside: Bools = np.all(np.abs(np.arctan(uv)) <= FIELD_RAD / 2, axis=-1)
     return inside
 
 
 def all_seen(uv: Floats) -> Bools:
-    """As if every light were seen, (N, 2, K)."""
+    """Return the mask (N, 2, K) of images (N, 2, K, 2) that are all seen."""
     return np.ones(uv.shape[:-1], dtype=np.bool_)
 
 
 def errors(poses: Poses, rotation: Floats, position: Floats) -> Floats:
-    """(N, 6): attitude [rad], left, and position [m] by which the truth differs from what was solved."""
+    """Return the errors of solved poses.
+
+    Args:
+        poses: N true poses.
+        rotation: Solved attitudes (N, 3, 3).
+        position: Solved positions (N, 3) [m].
+
+    Returns:
+        Attitude [rad], from the left, and position [m] by which the truth differs from what was solved, (N, 6).
+    """
     turn = rot.log(poses.rotation @ np.swapaxes(rotation, -1, -2))
     return np.concatenate([turn, poses.position - position], axis=1)
 
 
-def sigmas(solved: StereoPose) -> Floats:
-    """(N, 6), the roots of a covariance's diagonal."""
-    out: Floats = np.sqrt(np.diagonal(solved.covariance, axis1=-1, axis2=-2))
+def sizes(error: Floats) -> Floats:
+    """Return the angle [rad] and the distance [m] (N, 2) of errors (N, 6)."""
+    return np.stack([np.linalg.norm(error[:, :3], axis=1), np.linalg.norm(error[:, 3:], axis=1)], axis=1)
+
+
+def sigmas(covariance: Floats) -> Floats:
+    """Return the roots of the diagonals of covariances (..., n, n), (..., n)."""
+    out: Floats = np.sqrt(np.diagonal(covariance, axis1=-1, axis2=-2))
     return out
 
 
-def by_metre(distance_m: Floats, values: Floats, what: str) -> Floats:
-    """`values` (N, M) gathered metre by metre, (30, M): "max" of the absolute values or "rms"."""
+def largest_by_metre(distance_m: Floats, values: Floats) -> Floats:
+    """Return the largest absolute values (30, M) of values (N, M), metre by metre of their distances (N,) [m]."""
     metre = np.minimum(distance_m.astype(np.int64), RANGE_M - 1)
-    rows = [np.abs(values[metre == m]) for m in range(RANGE_M)]
-    return np.stack([row.max(axis=0) if what == "max" else np.sqrt(np.mean(row**2, axis=0)) for row in rows])
-
-
-def spread(values: Floats) -> float:
-    """(largest - smallest) / mean."""
-    return float(np.ptp(values) / values.mean())
-
-
-def span(values: Floats) -> tuple[float, float]:
-    """Smallest and largest."""
-    return float(values.min()), float(values.max())
+    return np.stack([np.abs(values[metre == m]).max(axis=0) for m in range(RANGE_M)])

@@ -1,0 +1,33 @@
+"""The command `swarm check`: a scenario, read and completed but not flown."""
+
+import sys
+
+import typer
+
+from swarm.cli.options import Overrides, Scenario, Seed
+from swarm.cli.terminal import mistakes
+
+
+def check(scenario: Scenario, overrides: Overrides = None, seed: Seed = None) -> None:
+    """Check a scenario; print it with every default.
+
+    \b
+    swarm check my/scenario.toml
+    swarm check formation --set swarm.count=16 > mine.toml
+    """
+    with mistakes():
+        from swarm.flight import builders
+        from swarm.scenario import load, to_toml
+
+        settings = load(scenario, overrides or (), seed)
+        builders.check(settings)
+        if settings.criteria:
+            from swarm.flight.flight import Flight
+            from swarm.results.run_writer import check_criteria
+
+            check_criteria(settings, Flight(settings).scene)
+        typer.echo(to_toml(settings), nl=False)
+        if sys.stdout.isatty():
+            typer.echo(
+                f"\n{scenario} is right: {len(settings.craft_names)} craft, {settings.duration_s:g} s.", err=True
+            )

@@ -1,0 +1,158 @@
+"""How far a run, a study or an experiment is: a bar on a terminal, a plain line every few seconds elsewhere."""
+
+import time
+from contextlib import ExitStack
+from types import TracebackType
+from typing import Self
+
+from rich.console import Console
+from rich.progress import BarColumn, ProgressColumn, Task, TextColumn
+from rich.progress import Progress as Bar
+from rich.table import Column
+from rich.text import Text
+
+from swarm.results.progress import Progress
+from swarm.studies.campaign.conduct import StudyProgress
+
+PLAIN_EVERY_S = 5.0
+"""Wall time between two plain lines."""
+COMPILES_FOR_S = 30
+"""Time that compiling takes on a core of 2023 that does little else."""
+COMPILING = f"compiling the kernels that this kind of run needs, once: about {COMPILES_FOR_S} s the first time"
+WIDE = 76
+"""Columns of a terminal from which the bar spells everything out."""
+
+
+class ProgressDisplay:
+    """The display of one piece of work, as a context manager; `run`, `study` and `experiment` show how far it is.
+
+    Within the block it also tells the compiling of kernels.
+    """
+
+    def __init__(self, console: Console, title: str) -> None:
+        """Prepare the display of the work `title` on `console`, such as a terminal's standard error."""
+        self._console, self._title = console, title
+        self._words, self._plain = "", ""
+        self._share = 0.0
+        self._first: tuple[float, float] | None = None
+        self._last_line_s = 0.0
+        self._compiling_since_s: float | None = None
+        self._compiled = 0
+        self._stack = ExitStack()
+        self.wide = console.width >= WIDE
+        self._bar: Bar | None = None
+        if console.is_terminal and not console.is_dumb_terminal:
+            title_column = (TextColumn("{task.description}", markup=False),) if self.wide else ()
+            columns = (*title_column, BarColumn(None), _Words(self))
+            self._bar = Bar(*columns, console=console, expand=True, refresh_per_second=5)
+            self._task = self._bar.add_task(title, total=None)
+
+    def __enter__(self) -> Self:
+        from estimators.kernel import told_of_compilation
+
+        self._stack.enter_context(told_of_compilation(self.compiling))
+        if self._bar:
+            self._bar.start()
+        else:
+            self._line("starting")
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stack.close()
+        if kind is None:
+            self._end_compiling()
+        if self._bar:
+            self._bar.stop()
+        elif self._plain:
+            self._line(self._plain + self._left())
+
+    def run(self, progress: Progress) -> None:
+        """Show how far a run is."""
+        p = progress
+        if p.notice and self._first is None:
+            self._line(p.notice)
+        gap, speed = ("  ", "x real time") if self.wide else (" ", "x")
+        time_s, tracking = f"{p.time_s:.1f}/{p.duration_s:.1f} s", f"{p.tracking}/{p.craft} tracking"
+        self._show(
+            p.time_s / p.duration_s,
+            f"{time_s}{gap}{p.real_time_factor:.1f}{speed}{gap}{tracking}",
+            f"{p.time_s:.1f} of {p.duration_s:.1f} s, {p.real_time_factor:.1f} times real time, "
+            f"{p.tracking} of {p.craft} craft tracking",
+        )
+
+    def study(self, progress: StudyProgress) -> None:
+        """Show how far a study is."""
+        words = f"{progress.done}/{progress.total} runs"
+        words += f", {progress.failed} failed" if progress.failed else ""
+        if progress.share_left == 1:
+            # The workers are other processes, and say nothing of their compiling.
+            words += f", the first ones compile, ~{COMPILES_FOR_S} s"
+        self._show(1 - progress.share_left, words, words)
+
+    def experiment(self, share: float, what: str) -> None:
+        """Show how far an experiment is: the share that is done, and what is being done."""
+        self._show(share, what, what)
+
+    def compiling(self, done: int) -> None:
+        """Tell that kernels are being compiled, `done` of them so far."""
+        self._compiled = done
+        if self._compiling_since_s is None:
+            self._compiling_since_s = time.monotonic()
+            if not self._bar:
+                self._line(COMPILING)
+        elif not self._bar and time.monotonic() - self._last_line_s >= PLAIN_EVERY_S:
+            self._line(f"compiling the kernels: {done} so far")
+
+    def text(self) -> str:
+        """Return the words beside the bar."""
+        if self._compiling_since_s is not None:
+            if self.wide:
+                return f"compiling kernels, once, ~{COMPILES_FOR_S} s: {self._compiled} so far"
+            return f"compiling {self._compiled} so far"
+        return self._words + self._left() if self._words else "starting"
+
+    def _show(self, share: float, words: str, plain: str) -> None:
+        self._end_compiling()
+        self._share, self._words, self._plain = share, words, plain
+        if self._first is None:
+            self._first = time.monotonic(), share
+        if self._bar:
+            self._bar.update(self._task, completed=share, total=1.0)
+        elif time.monotonic() - self._last_line_s >= PLAIN_EVERY_S:
+            self._line(plain + self._left())
+
+    def _left(self) -> str:
+        """Return the time left, in words; nothing where it is not known, or where nothing is left."""
+        if self._first is None:
+            return ""
+        since_s, share = self._first
+        if not share < self._share < 1:
+            return ""
+        left_s = (time.monotonic() - since_s) * (1 - self._share) / (self._share - share)
+        minutes, seconds = divmod(round(left_s), 60)
+        hours, minutes = divmod(minutes, 60)
+        if hours:
+            return f", {hours} h {minutes:02d} min left"
+        return f", {minutes} min {seconds:02d} s left" if minutes else f", {seconds} s left"
+
+    def _end_compiling(self) -> None:
+        """Tell how long it took, if anything was compiled since this was told last."""
+        if self._compiling_since_s is not None:
+            took_s = time.monotonic() - self._compiling_since_s
+            self._compiling_since_s = None
+            self._line(f"{self._compiled} kernels compiled in {took_s:.0f} s; the next run finds them in the cache")
+
+    def _line(self, text: str) -> None:
+        self._last_line_s = time.monotonic()
+        self._console.print(f"{self._title}: {text}", markup=False, highlight=False, soft_wrap=True)
+
+
+class _Words(ProgressColumn):
+    def __init__(self, display: ProgressDisplay) -> None:
+        super().__init__(Column(no_wrap=True))
+        self._display = display
+
+    def render(self, task: Task) -> Text:
+        return Text(self._display.text())

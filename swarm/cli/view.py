@@ -1,0 +1,31 @@
+"""The command `swarm view`: a run's recording, in the viewer."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from swarm.cli.terminal import mistakes, stoppable
+from swarm.errors import SwarmError
+
+
+def view(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="The folder of a run, or a .rrd file.")],
+    web: Annotated[bool, typer.Option("--web", help="In the browser, served to this machine only.")] = False,
+) -> None:
+    """Open a run's recording in the viewer.
+
+    \b
+    swarm view runs/formation-7
+    swarm view runs/formation-7 --web
+    """
+    with mistakes():
+        from swarm.results.recording.viewer import view as open_viewer
+        from swarm.results.run_folder import open_run
+
+        recording = run if run.suffix == ".rrd" else open_run(run).recording
+        if recording is None:
+            raise SwarmError(f"{run} has no recording: it was flown with --no-recording, or recording.enabled = false")
+        with stoppable():
+            code = open_viewer(recording, web=web)
+        raise typer.Exit(code)

@@ -1,0 +1,154 @@
+"""Figures, drawn without a display. The only file that knows matplotlib.
+
+`page` gives a figure in the look of those that stand beside a paper's: fit for a page's width, in colours that the
+colour-blind tell apart (Okabe and Ito's palette). `rendered` draws in any other look, such as that of the HTML report.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from io import BytesIO
+from pathlib import Path
+from typing import Any, Literal
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, NullLocator
+from numpy.typing import NDArray
+
+from estimators.arrays import Floats
+
+__all__ = ["Axes", "Figure"]
+
+BLUE, ORANGE, GREEN, VERMILLION, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#777777"
+INKS = (BLUE, ORANGE, GREEN)
+"""Three series side by side, such as the axes x, y and z."""
+_PAGE: dict[Any, Any] = {
+    "font.size": 9.0,
+    "axes.titlesize": 9.0,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#dddddd",
+    "grid.linewidth": 0.6,
+    "legend.frameon": False,
+    "legend.fontsize": 8.0,
+    "svg.fonttype": "none",
+}
+
+
+def page(rows: int, columns: int, height_in: float, width_in: float = 7.0) -> tuple[Figure, NDArray[np.object_]]:
+    """Return an empty figure in the papers' look, and its axes (rows, columns)."""
+    with mpl.rc_context(_PAGE):
+        figure = Figure(figsize=(width_in, height_in), layout="constrained")
+        return figure, figure.subplots(rows, columns, squeeze=False)
+
+
+def rendered(
+    paint: Callable[[Figure], None], look: Mapping[Any, Any], width_in: float, height_in: float
+) -> tuple[bytes, bytes]:
+    """Draw a figure and return it as SVG and as PNG.
+
+    Args:
+        paint: Function that draws into an empty figure.
+        look: Settings of matplotlib.
+        width_in: Width of the figure [inch].
+        height_in: Height of the figure [inch].
+    """
+    with mpl.rc_context(dict(look)):
+        figure = Figure(figsize=(width_in, height_in), layout="constrained")
+        paint(figure)
+        svg, png = BytesIO(), BytesIO()
+        figure.savefig(svg, format="svg", metadata={"Date": None})
+        figure.savefig(png, format="png", dpi=160)
+    return svg.getvalue(), png.getvalue()
+
+
+def save(figure: Figure, file: Path, salt: str | None = None) -> None:
+    """Write a figure as its file's suffix says (.png or .svg).
+
+    Args:
+        figure: The figure.
+        file: Where to write; a suffix `.tmp` after the other one is allowed.
+        salt: What the SVG's identifiers follow from; with it the file is the same every time.
+    """
+    kind = file.name.removesuffix(".tmp").rpartition(".")[2]
+    options: dict[str, Any] = {"metadata": {"Date": None}} if kind == "svg" else {"dpi": 150}
+    with mpl.rc_context({} if salt is None else {"svg.hashsalt": salt}):
+        figure.savefig(file, format=kind, **options)
+
+
+def legend(
+    axes: Axes,
+    columns: int = 1,
+    place: Literal["best", "upper left", "upper right", "lower center", "lower right"] = "best",
+) -> None:
+    """Add a legend in the papers' look, in so many columns, at `place`."""
+    with mpl.rc_context(_PAGE):
+        axes.legend(ncols=columns, loc=place)
+
+
+def measured_and_said(axes: Axes, x: Any, measured: Any, said: Any, ink: str, label: str, size: float = 2.5) -> None:
+    """Draw measured values as dots and predicted ones as a line of the same colour.
+
+    Args:
+        axes: Where to draw; its scales stay as they are.
+        x: Abscissas (n,).
+        measured: Measured values (n,).
+        said: Predicted values (n,).
+        ink: Colour of both.
+        label: Label of the dots in the legend.
+        size: Size of the dots [pt].
+    """
+    axes.plot(x, measured, "o", ms=size, color=ink, label=label)
+    axes.plot(x, said, "-", lw=0.9, color=ink)
+
+
+def plain_log_y(axes: Axes) -> None:
+    """Make the y axis logarithmic, with plain numbers at 1, 2 and 5 of every decade."""
+    axes.set_yscale("log", subs=[2, 5])
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    low, high = axes.get_ylim()
+    few = np.log10(high / low) < 2.5
+    axes.yaxis.set_minor_formatter(FuncFormatter(lambda value, _: f"{value:g}") if few else NullFormatter())
+
+
+def plain_log_x(axes: Axes, ticks: Sequence[float]) -> None:
+    """Make the x axis logarithmic, with plain numbers at `ticks` and nothing between them."""
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(FixedLocator(ticks))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+
+
+def count_map(axes: Axes, counts: Floats, extent: tuple[float, float, float, float], label: str) -> None:
+    """Draw whole numbers (columns, rows) as shades of blue, with a bar that explains them.
+
+    Args:
+        axes: Where to draw.
+        counts: Numbers from 0 on, NaN where missing; the first axis runs to the right.
+        extent: Left, right, bottom and top edges in data coordinates.
+        label: What is counted.
+    """
+    most = int(np.nanmax(counts))
+    shades = [(0.93 - 0.81 * s, 0.95 - 0.51 * s, 0.97 - 0.26 * s) for s in np.linspace(0, 1, most + 1)]
+    image = axes.imshow(
+        counts.T,
+        aspect="auto",
+        interpolation="nearest",
+        extent=extent,
+        cmap=ListedColormap(shades),
+        norm=BoundaryNorm(np.arange(most + 2) - 0.5, most + 1),
+    )
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    figure.colorbar(image, ax=axes, ticks=range(0, most + 1, max(1, most // 6)), label=label)
+    axes.grid(visible=False)
+
+
+def polygons(axes: Axes, corners: Floats, colours: Floats) -> None:
+    """Draw filled polygons, corners (n, k, 2), in colours (n, 3), each over those before it."""
+    axes.add_collection(PolyCollection(list(corners), facecolors=colours, edgecolors=colours, lw=0.6))

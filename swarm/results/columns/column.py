@@ -1,0 +1,86 @@
+"""The one way to declare telemetry: a column, and a group of columns that a run has together.
+
+A group fills its rows of a block of doubles (columns, craft), NaN where a value is unknown; `Column.array` turns a
+row into the column on disk, with null for NaN. Everything that deals with columns walks a list of groups:
+the schema, the writer, the recording's plots and docs/telemetry.md.
+"""
+
+from collections.abc import Callable
+from typing import Literal, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+
+from estimators.arrays import Floats
+from swarm.results.period import Period
+
+Kind = Literal["number", "whole", "small", "yes", "state", "name"]
+TYPES: dict[Kind, pa.DataType] = {
+    "number": pa.float64(),
+    "whole": pa.int32(),
+    "small": pa.int16(),
+    "yes": pa.bool_(),
+    "state": pa.dictionary(pa.int8(), pa.string()),
+    "name": pa.dictionary(pa.int32(), pa.string()),
+}
+
+
+class Column(NamedTuple):
+    """One column. kind: its type on disk. names: meanings of the codes 0, 1, ... of a "state" or a "name".
+
+    plot: title under which the recording shows the column for every craft that it shows in detail: numbers as a plot,
+    states as a lane; empty: not shown. required: never null.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    kind: Kind = "number"
+    names: tuple[str, ...] = ()
+    plot: str = ""
+    required: bool = False
+
+    @property
+    def field(self) -> pa.Field:
+        """The column's field in the schema, with `unit` and `meaning` as metadata."""
+        metadata = {"unit": self.unit, "meaning": self.meaning}
+        return pa.field(self.name, TYPES[self.kind], nullable=not self.required, metadata=metadata)
+
+    def array(self, value: Floats) -> pa.Array:
+        """Return the column of contiguous doubles (n,), null where not finite; numbers are not copied."""
+        known = np.isfinite(value)
+        if self.kind == "number":
+            valid = None if known.all() else pa.py_buffer(np.packbits(known, bitorder="little"))
+            return pa.Array.from_buffers(pa.float64(), len(value), [valid, pa.py_buffer(value)])
+        mask, value = ~known, np.where(known, value, 0.0)
+        kind = TYPES[self.kind]
+        if self.kind in ("state", "name"):
+            code = pa.array(value.astype(kind.index_type.to_pandas_dtype()), mask=mask)
+            return pa.DictionaryArray.from_arrays(code, pa.array(self.names, pa.string()))
+        return pa.array(value.astype(kind.to_pandas_dtype()), kind, mask=mask)
+
+
+class Group(NamedTuple):
+    """Columns that a run has together.
+
+    fill: writes one period's values into a block of doubles (len(columns), C), NaN where unknown. only: in which runs
+    the columns are, for the reference; empty: in all.
+    """
+
+    columns: tuple[Column, ...]
+    fill: Callable[[Period, Floats], None]
+    only: str = ""
+
+
+def pose_columns(prefix: str, whose: str) -> list[Column]:
+    """Return the seven columns of a pose."""
+    return [
+        *(Column(f"{prefix}_p{a}_m", "m", f"{whose}: position, {a}") for a in "xyz"),
+        *(Column(f"{prefix}_q{a}", "1", f"{whose}: attitude quaternion, {a} (w >= 0)") for a in "wxyz"),
+    ]
+
+
+def fill_pose(position: Floats, quaternion: Floats, out: Floats) -> None:
+    """Write poses, position (C, 3) [m] and quaternion (C, 4), into the rows of `pose_columns`, out (7, C)."""
+    out[:3] = position.T
+    out[3:] = np.where(quaternion[:, 0] < 0, -1.0, 1.0) * quaternion.T

@@ -1,0 +1,124 @@
+"""The columns that every run has: who and when, poses, errors, dilution, the decoder's counts and the rates."""
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+
+from estimators.arrays import Floats, Ints
+from swarm.onboard.inspection import LIDAR_SENSOR
+from swarm.onboard.settings import Sensor, Status
+from swarm.results.columns.column import Column, Group, pose_columns
+from swarm.results.period import Period
+from swarm.results.records import Errors, Truth
+from swarm.results.rows import Rows, rows_into
+
+STATUS = tuple(status.name.lower() for status in Status)
+"""Names of the status codes."""
+SENSORS = tuple(
+    "lidar" if code == LIDAR_SENSOR else "+".join(str(flag.name).lower() for flag in Sensor(code)) or "none"
+    for code in range(LIDAR_SENSOR + 1)
+)
+"""Names of the sensor codes: whose pose the filter took in; both cameras are "stereo", the main one "camera"; "lidar":
+that of a craft which somebody else observes."""
+
+
+def _rates(prefix: str, whose: str) -> list[Column]:
+    return [
+        *(Column(f"{prefix}_v{a}_m_s", "m/s", f"{whose}: velocity, {a}") for a in "xyz"),
+        *(Column(f"{prefix}_w{a}_rad_s", "rad/s", f"{whose}: angular rate, {a}") for a in "xyz"),
+    ]
+
+
+COLUMNS = (
+    Column("time_s", "s", "the epoch: middle of the lighthouse period", required=True),
+    Column("frame", "1", "number of the lighthouse period", "whole", required=True),
+    Column("craft", "", "name of the craft", "name", required=True),
+    Column("status", "", ", ".join(STATUS), "state", STATUS, required=True),
+    Column("sensor", "", f"the filter took in: {', '.join(SENSORS)}", "state", SENSORS, required=True),
+    Column("visible", "1", "photodiodes seen by both fans", "small", required=True),
+    *pose_columns("true", "truth"),
+    *pose_columns("pnp", "PnP solution of this period alone"),
+    *pose_columns("ekf", "filter's estimate"),
+    Column("adop_deg_per_rad", "deg/rad", "attitude dilution of precision, per radian of angle noise (22)"),
+    Column("pdop_m_per_rad", "m/rad", "position dilution of precision, per radian of angle noise (22)"),
+    Column("pnp_iterations", "1", "Levenberg-Marquardt iterations; null where PnP was not attempted", "small"),
+    Column("residual_rad", "rad", "RMS of the PnP solution's angle residuals"),
+    Column("pnp_position_error_m", "m", "distance of the PnP solution from the truth"),
+    Column("pnp_attitude_error_deg", "deg", "angle of the PnP solution from the truth (25)"),
+    Column("position_error_m", "m", "distance of the filter's estimate from the truth"),
+    Column("attitude_error_deg", "deg", "angle of the filter's estimate from the truth (25)"),
+    Column("position_sigma_m", "m", "root of the trace of the filter's position covariance"),
+    Column("attitude_sigma_deg", "deg", "root of the trace of the filter's attitude covariance"),
+    Column("nees", "1", "squared pose error normalised by the filter's covariance, 6 degrees of freedom"),
+    Column("nis", "1", "squared innovation normalised by its covariance, 6 degrees of freedom"),
+    Column("missed_sync", "1", "sync flashes of the period that were predicted instead of seen", "small"),
+    Column("rejected_pulses", "1", "pulses of the period that belonged to nothing", "whole"),
+    Column("contact", "", "touched something during the period", "yes"),
+    *_rates("true", "truth"),
+    *_rates("ekf", "filter's estimate"),
+)
+_ROW = {column.name: row for row, column in enumerate(COLUMNS)}
+_ROWS = Rows(
+    true=_ROW["true_px_m"],
+    pnp=_ROW["pnp_px_m"],
+    ekf=_ROW["ekf_px_m"],
+    errors=_ROW["pnp_position_error_m"],
+    true_rates=_ROW["true_vx_m_s"],
+    ekf_rates=_ROW["ekf_vx_m_s"],
+)
+_ERROR_ROWS = [_ROW[name] for name in Errors._fields]
+
+
+def core(craft: Sequence[str]) -> Group:
+    """Return the group of a run with these craft."""
+    names = tuple(craft)
+    columns = tuple(column._replace(names=names) if column.name == "craft" else column for column in COLUMNS)
+    return Group(columns, partial(_fill, np.arange(len(names)), _no_truth(len(names))))
+
+
+def errors_in(block: Floats) -> Errors:
+    """Return copies of the errors in a filled block of the group, (columns, C)."""
+    return Errors(*(block[row].copy() for row in _ERROR_ROWS))
+
+
+def _fill(craft: Ints, no_truth: Truth, period: Period, out: Floats) -> None:
+    truth, estimate = no_truth if period.truth is None else period.truth, period.estimate
+    pnp, flat = estimate.pnp, np.ascontiguousarray
+    rows_into(
+        _ROWS,
+        flat(truth.position),
+        flat(truth.quaternion),
+        flat(truth.velocity),
+        flat(truth.angular_rate),
+        flat(pnp.rotation),
+        flat(pnp.position),
+        flat(estimate.rotation),
+        flat(estimate.position),
+        flat(estimate.velocity),
+        flat(estimate.angular_rate),
+        flat(estimate.covariance),
+        out,
+    )
+    for name, value in (
+        ("time_s", period.time_s),
+        ("frame", period.frame),
+        ("craft", craft),
+        ("status", estimate.status),
+        ("sensor", estimate.sensor),
+        ("visible", estimate.visible),
+        ("adop_deg_per_rad", estimate.dilution.adop_deg_per_rad),
+        ("pdop_m_per_rad", estimate.dilution.pdop_m_per_rad),
+        ("pnp_iterations", np.where(pnp.iterations == 0, np.nan, pnp.iterations)),
+        ("residual_rad", pnp.residual_rad),
+        ("nis", estimate.nis),
+        ("missed_sync", estimate.missed_sync),
+        ("rejected_pulses", estimate.rejected),
+        ("contact", np.nan if period.truth is None else truth.contact),
+    ):
+        out[_ROW[name]] = value
+
+
+def _no_truth(craft: int) -> Truth:
+    vector, quaternion = np.full((craft, 3), np.nan), np.full((craft, 4), np.nan)
+    return Truth(vector, quaternion, vector, vector, np.zeros(craft, dtype=np.bool_))

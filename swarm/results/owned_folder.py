@@ -1,0 +1,202 @@
+"""A folder of results that this program owns: claimed once, locked while it is written, marked with what it is worth.
+
+A marker, a JSON file, is written first and says what the folder is worth: its `status` is "running" until the work has
+ended, then "complete" or "interrupted" (with a `reason`); work that was killed stays "running" for ever. Its `program`
+says which program wrote it, and that is the licence to replace the folder's files under `--force`: nothing else is ever
+deleted. The lock is the operating system's (`flock` on the folder itself): it needs no file, and a process that dies
+gives it back.
+
+    CONTENTS = Contents("a study", "study.json", ("study.toml", "runs.parquet"), {"telemetry": ("*.parquet",)})
+    with OwnedFolder(path, CONTENTS, force=force) as folder:     # marked as running, emptied of earlier work
+        folder.write_text("study.toml", text)
+        folder.replace("runs.parquet", lambda file: write(table, file))
+        folder.finish({"runs": 12})                              # complete; if the block fails, interrupted
+"""
+
+import json
+from collections.abc import Callable, Mapping
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from types import MappingProxyType, TracebackType
+from typing import Any, Literal, NamedTuple, Self
+
+from swarm.errors import SwarmError, did_you_mean
+from swarm.results.disk import FolderLock, write_text, writing
+
+PROGRAM = "lighthouse-swarm"
+RUNS = Path("runs")
+"""Folder in which results go by default, and are looked for."""
+Status = Literal["running", "complete", "interrupted"]
+STOPPED = "stopped by the user"
+
+
+class Contents(NamedTuple):
+    """What belongs to one kind of result.
+
+    what: the kind, with its article. marker: name of the JSON file that marks it. files: names of the other files.
+    folders: names of folders, with the patterns of the files in them. instead: what the user can do where there is such
+    a result already.
+    """
+
+    what: str
+    marker: str
+    files: tuple[str, ...]
+    folders: Mapping[str, tuple[str, ...]] = MappingProxyType({})
+    instead: str = "--force (force=True) replaces it, --out (out=...) writes elsewhere"
+
+
+def marker_in(folder: Path, contents: Contents) -> dict[str, Any] | None:
+    """Return the marker in `folder` if this program wrote it, else None. Raises SwarmError where it is damaged."""
+    file = folder / contents.marker
+    try:
+        text = file.read_text(encoding="utf-8")
+    except (FileNotFoundError, NotADirectoryError, IsADirectoryError):
+        return None
+    except (OSError, UnicodeDecodeError) as error:
+        raise SwarmError(f"cannot read {file}: {error}") from error
+    try:
+        marker = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise SwarmError(f"{file} is damaged: {error}") from error
+    return marker if isinstance(marker, dict) and marker.get("program") == PROGRAM else None
+
+
+def find(path: str | Path, contents: Contents) -> tuple[Path, dict[str, Any]]:
+    """Return the folder `path`, or `runs/<path>` where there is no such folder, and its marker.
+
+    Raises SwarmError where it is not of this kind, and names the nearest that is.
+    """
+    folder = Path(path)
+    if not folder.exists() and (RUNS / folder).is_dir():
+        folder = RUNS / folder
+    marker = marker_in(folder, contents)
+    if marker is None:
+        missing = "there is no such folder" if not folder.exists() else f"it has no {contents.marker} of {PROGRAM}"
+        places = [place for place in (folder, folder.parent, RUNS) if place.is_dir()]
+        near = {file.parent for place in places for file in place.glob(f"*/{contents.marker}")}
+        raise SwarmError(f"{path} is not {contents.what}: {missing}{did_you_mean(str(path), sorted(map(str, near)))}")
+    return folder, marker
+
+
+class OwnedFolder:
+    """A claimed folder. As a context manager it marks the work as interrupted if the block fails.
+
+    After the block `finish` must have been called: work that does not say so is not complete.
+    """
+
+    def __init__(self, path: Path, contents: Contents, *, force: bool = False, keep: bool = False) -> None:
+        """Create and lock the folder, mark it as running, and empty it of earlier work.
+
+        Args:
+            path: The folder; it may hold other files, which stay.
+            contents: What belongs to the result.
+            force: Replace an earlier result.
+            keep: Go on with an earlier result: its files and its marker stay.
+
+        Raises:
+            SwarmError: There is a result already, files stand in the way, somebody else is writing there, or nothing
+                can be written.
+        """
+        self.path, self.contents = path, contents
+        self._ended = False
+        with writing(path):
+            if path.exists() and not path.is_dir():
+                raise SwarmError(f"cannot write {path}: a file is in its place; choose another --out")
+            path.mkdir(parents=True, exist_ok=True)
+        self._lock = FolderLock(path)
+        try:
+            self._claim(force, keep)
+        except BaseException:
+            self.release()
+            raise
+
+    def _claim(self, force: bool, keep: bool) -> None:
+        contents = self.contents
+        if marker_in(self.path, contents) is None:
+            for name in (contents.marker, *contents.files, *contents.folders):
+                if (self.path / name).exists():
+                    raise SwarmError(
+                        f"{self.path / name} was not written by {PROGRAM}, and {contents.what} would replace it; "
+                        "move it away or choose another --out"
+                    )
+        elif keep:
+            return
+        elif not force:
+            raise SwarmError(f"{self.path} holds {contents.what} already; {contents.instead}")
+        self.mark("running")
+        self._empty()
+
+    def _empty(self) -> None:
+        with writing(self.path):
+            for name in self.contents.files:
+                (self.path / name).unlink(missing_ok=True)
+            for name, patterns in self.contents.folders.items():
+                folder = self.path / name
+                if not folder.is_dir():
+                    continue
+                for file in [file for pattern in patterns for file in folder.glob(pattern)]:
+                    file.unlink(missing_ok=True)
+                if any(folder.iterdir()):
+                    raise SwarmError(f"{folder} holds files that {PROGRAM} did not write; move them away")
+                folder.rmdir()
+
+    def mark(self, status: Status, content: Mapping[str, Any] = MappingProxyType({})) -> None:
+        """Replace the marker. Raises ValueError where the content has NaN, SwarmError where nothing can be written."""
+        head = {"program": PROGRAM, "version": _version(), "status": status}
+        try:
+            text = json.dumps({**head, **content}, indent=2, allow_nan=False)
+        except ValueError as error:
+            raise ValueError("a summary has null where a figure is missing, never NaN") from error
+        self.write_text(self.contents.marker, text + "\n")
+
+    def write_text(self, name: str, text: str) -> None:
+        """Replace the file `name` by `text` in one step. Raises SwarmError where it cannot be written."""
+        write_text(self.path / name, text)
+
+    def replace(self, name: str, write: Callable[[Path], object]) -> None:
+        """Replace the file `name` in one step by what `write` writes. Raises SwarmError where it cannot be written."""
+        file = self.path / name
+        temporary = file.with_name(file.name + ".tmp")
+        with writing(file):
+            write(temporary)
+            temporary.replace(file)
+
+    def finish(self, content: Mapping[str, Any]) -> None:
+        """Mark the work as complete, with its figures (JSON-able, no NaN), and release the folder."""
+        self.mark("complete", content)
+        self._ended = True
+        self.release()
+
+    def interrupt(self, reason: str, content: Mapping[str, Any] | None = None) -> None:
+        """Mark the work as ended early because of `reason`, with the figures that there are."""
+        self.mark("interrupted", {"reason": reason, **(content or {})})
+        self._ended = True
+
+    def release(self) -> None:
+        """Let others write to the folder."""
+        self._lock.release()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.release()
+        if self._ended:
+            return
+        if kind is None:
+            raise RuntimeError(f"the work in {self.path} ended without a summary")
+        reason = STOPPED if issubclass(kind, KeyboardInterrupt) else f"{kind.__name__}: {error}"
+        try:
+            self.interrupt(reason)
+        except SwarmError:
+            # The first error is what the user must see; on a full disk "running" stays, which is also true.
+            return
+
+
+def _version() -> str | None:
+    try:
+        return version(PROGRAM)
+    except PackageNotFoundError:
+        return None

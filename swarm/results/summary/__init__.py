@@ -1,0 +1,6 @@
+"""What a run has shown: figures per craft and for the swarm, from its telemetry."""
+
+from swarm.results.summary.chi_square import autocorrelation_time, consistency
+from swarm.results.summary.summarise import summarise, summarise_run
+
+__all__ = ["autocorrelation_time", "consistency", "summarise", "summarise_run"]

@@ -1,0 +1,79 @@
+"""Consistency of a filter: the mean of a chi-square figure against the band in which 95 % of such means fall.
+
+The mean of n independent values, each chi-square with 6 degrees of freedom, is chi-square with 6 n degrees of freedom,
+divided by n. The values of a run are not independent, so n is an effective number:
+
+    n = (craft_eff) (periods) / tau,   tau = 1 + 2 sum rho_k,   craft_eff = var(NEES) / var(mean over a period's craft)
+
+tau is the autocorrelation time of the mean over a period's craft, in periods: its sum is cut at the first lag beyond
+5 tau (Sokal) and corrected for the mean being estimated too (Wolff 2004). craft_eff, between 1 and the number of craft,
+says how much the craft of one period tell independently: a rotor error is one draw for all that a fan hits in a sweep.
+"""
+
+from typing import Any
+
+import numpy as np
+from scipy.special import gammaincinv
+
+from estimators.arrays import Floats, Ints
+
+DOF = 6
+
+
+def autocorrelation_time(series: Floats) -> float:
+    """Return tau = 1 + 2 sum rho_k of an evenly spaced series (n,), NaN where missing, in samples, within 1 to n."""
+    known = np.isfinite(series)
+    n = int(np.count_nonzero(known))
+    centred = np.where(known, series - (series[known].mean() if n else 0.0), 0.0)
+    size = 2 * len(series)
+    spectrum, mask = np.fft.rfft(centred, size), np.fft.rfft(known.astype(np.float64), size)
+    products = np.fft.irfft(np.abs(spectrum) ** 2, size)[: len(series)]
+    pairs = np.rint(np.fft.irfft(np.abs(mask) ** 2, size)[: len(series)])
+    if n < 2 or products[0] <= 0:
+        return 1.0
+    correlation = products / np.maximum(pairs, 1) / (products[0] / n)
+    tau = 1 + 2 * np.cumsum(correlation[1:])
+    beyond = np.flatnonzero(np.arange(1, len(series)) >= 5 * tau)
+    last = int(beyond[0]) if beyond.size else len(tau) - 1
+    # The mean was taken from the same values, which lowers every rho_k by about tau/n (Wolff 2004).
+    return float(np.clip(tau[last] * (1 + (2 * last + 3) / n), 1.0, n))
+
+
+def _per_frame(frame: Ints, x: Floats) -> tuple[Floats, Floats]:
+    """Return the sum over each frame's rows and number of rows, on the even grid from the first frame to the last."""
+    index = frame - frame.min()
+    size = int(index.max()) + 1
+    return np.bincount(index, x, size).astype(np.float64), np.bincount(index, minlength=size).astype(np.float64)
+
+
+def consistency(frame: Ints, value: Floats, period_s: float) -> dict[str, Any] | None:
+    """Return the mean of a chi-square figure with 6 degrees of freedom, and its 95 % band; None without data.
+
+    Args:
+        frame: Period of each value, (rows,).
+        value: The figure, (rows,), NaN where unknown.
+        period_s: Length of a period [s].
+    """
+    known = np.isfinite(value)
+    if not known.any():
+        return None
+    value, frame = value[known], frame[known]
+    total, count = _per_frame(frame, value)
+    mean = np.divide(total, count, out=np.full(len(total), np.nan), where=count > 0)
+    per_period = float(count[count > 0].mean())
+    variance = float(np.nanvar(mean))
+    craft = float(np.clip(np.var(value) / variance, 1.0, per_period)) if variance > 0 else 1.0
+    tau = autocorrelation_time(mean)
+    samples = max(1.0, craft * np.count_nonzero(count) / tau)
+    low, high = 2 * gammaincinv(DOF * samples / 2, np.array([0.025, 0.975])) / samples
+    average = float(value.mean())
+    return {
+        "mean": average,
+        "band_low": float(low),
+        "band_high": float(high),
+        "inside_band": bool(low <= average <= high),
+        "samples": len(value),
+        "effective_samples": samples,
+        "effective_craft": craft,
+        "correlation_time_s": tau * period_s,
+    }

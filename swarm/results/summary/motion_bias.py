@@ -1,0 +1,83 @@
+"""The motion bias: the part of the raw PnP error (solution - truth) that is proportional to the true rate.
+
+It is found by least squares per axis of the lighthouse frame, position error against velocity and attitude error
+against angular rate. Its slope is a time: the solution shows the craft where it is that much later. Without motion
+compensation the two fans, T/2 apart, leave about -T/4 in x and +T/4 in y, which along the velocity of a turning ring
+would cancel. The slope's 1 sigma counts the craft of a period as one sample (errors summed per period before squaring).
+"""
+
+from typing import Any
+
+import numpy as np
+
+from estimators.arrays import Floats, Ints
+from swarm.results.rows import attitude_errors_into
+from swarm.results.summary.statistics import number
+from swarm.results.table import TelemetryTable
+
+MIN_RATE = 1e-4
+"""Below this RMS rate [m/s], [rad/s] an axis is at rest, and no bias can be told from it."""
+BLOCK = 65_536
+"""Rows whose rotations are compared at a time."""
+
+
+class _Slope:
+    """Least squares of an error against a rate through the origin, per axis, from sums over rows that come in blocks.
+
+    The 1 sigma of the slope b is that of sum v (e - b v) / sum v^2, with the rows of a frame summed before squaring.
+    """
+
+    def __init__(self, frames: int) -> None:
+        self._product, self._square = np.zeros((frames, 3)), np.zeros((frames, 3))
+        self._rows = 0
+
+    def add(self, frame: Ints, error: Floats, rate: Floats) -> None:
+        """Add rows: frame (n,) from zero, error (n, 3), rate (n, 3)."""
+        for axis in range(3):
+            v = rate[:, axis]
+            self._product[:, axis] += np.bincount(frame, error[:, axis] * v, len(self._product))
+            self._square[:, axis] += np.bincount(frame, v * v, len(self._square))
+        self._rows += len(frame)
+
+    def solve(self) -> tuple[list[float | None], list[float | None], float | None]:
+        """Return slope and 1 sigma [s] per axis, None where at rest; the RMS of the error that the slopes explain."""
+        product, square = self._product.sum(axis=0), self._square.sum(axis=0)
+        moving = square > self._rows * MIN_RATE**2
+        slope = np.divide(product, square, out=np.full(3, np.nan), where=moving)
+        score = np.sqrt(np.sum((self._product - slope * self._square) ** 2, axis=0))
+        sigma = np.divide(score, square, out=np.full(3, np.nan), where=moving)
+        explained = float(np.sqrt(np.nansum(slope**2 * square) / self._rows)) if self._rows else None
+        return [number(b) for b in slope], [number(b) for b in sigma], explained
+
+
+def motion_bias(rows: TelemetryTable) -> dict[str, Any]:
+    """Return slopes, their 1 sigma, and how much of the error they explain."""
+    frame = rows.frame
+    first, frames = int(frame.min()), int(frame.max() - frame.min()) + 1
+    position, attitude = _Slope(frames), _Slope(frames)
+    along, moving = 0.0, 0
+    for part in rows.blocks(BLOCK):
+        solution, truth = part.position("pnp"), part.position("true")
+        known = np.isfinite(solution).all(axis=1) & np.isfinite(truth).all(axis=1)
+        error, at = (solution - truth)[known], part.frame[known] - first
+        velocity = part.stacked("true_vx_m_s", "true_vy_m_s", "true_vz_m_s")[known]
+        rate = part.stacked("true_wx_rad_s", "true_wy_rad_s", "true_wz_rad_s")[known]
+        turn = np.empty((len(at), 3))
+        attitude_errors_into(part.quaternion("true")[known], part.quaternion("pnp")[known], turn)
+        position.add(at, error, velocity)
+        attitude.add(at, turn, rate)
+        speed = np.linalg.norm(velocity, axis=1)
+        moves = speed > MIN_RATE
+        along += float(np.sum(np.sum(error * velocity, axis=1)[moves] / speed[moves]))
+        moving += int(np.count_nonzero(moves))
+    slope, sigma, explained = position.solve()
+    turn_slope, turn_sigma, turn_explained = attitude.solve()
+    return {
+        "position_slope_s": slope,
+        "position_slope_sigma_s": sigma,
+        "position_rms_m": explained,
+        "along_velocity_m": along / moving if moving else None,
+        "attitude_slope_s": turn_slope,
+        "attitude_slope_sigma_s": turn_sigma,
+        "attitude_rms_deg": None if turn_explained is None else float(np.degrees(turn_explained)),
+    }

@@ -1,0 +1,49 @@
+"""The LiDARs' part of a summary: what every observer made of its scans."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from estimators.arrays import Floats
+from swarm.results.files import SCANS
+from swarm.results.parquet import read_table
+from swarm.results.summary.statistics import largest, mean, median
+
+_FIGURES = {
+    "points_median": ("points", median),
+    "measured_attitude_mean_deg": ("measured_attitude_error_deg", mean),
+    "measured_attitude_max_deg": ("measured_attitude_error_deg", largest),
+    "measured_position_mean_m": ("measured_position_error_m", mean),
+    "measured_nees_mean": ("measured_nees", mean),
+    "ekf_attitude_mean_deg": ("ekf_attitude_error_deg", mean),
+    "ekf_attitude_max_deg": ("ekf_attitude_error_deg", largest),
+    "ekf_position_mean_m": ("ekf_position_error_m", mean),
+    "ekf_nees_mean": ("ekf_nees", mean),
+}
+"""Per figure: the column of scans.parquet, and what is taken of it."""
+
+
+def scans(folder: Path) -> dict[str, Any]:
+    """Return the figures of every observer; empty where the run has no scans. Raises SwarmError for a damaged file."""
+    if not (folder / SCANS).exists():
+        return {}
+    table = read_table(folder / SCANS).to_pydict()
+    observer = np.array(table["observer"], dtype=object)
+    out: dict[str, Any] = {}
+    for name in sorted(set(table["observer"])):
+        mine = np.flatnonzero(observer == name).tolist()
+        outcome = [table["outcome"][i] for i in mine]
+
+        def column(key: str, rows: list[int] = mine) -> Floats:
+            return np.array([np.nan if table[key][i] is None else table[key][i] for i in rows], dtype=np.float64)
+
+        out[name] = {
+            "target": table["target"][mine[0]],
+            "scans": len(mine),
+            "tracked_share": outcome.count("tracked") / len(mine),
+            "acquisitions": sum(1 for i in mine if table["acquired"][i] and table["outcome"][i] == "found"),
+            "outcomes": {word: outcome.count(word) for word in sorted(set(outcome))},
+            **{figure: of(column(key)) for figure, (key, of) in _FIGURES.items()},
+        }
+    return {"lidar": out}

@@ -1,0 +1,96 @@
+"""The summary of a run, from its telemetry: the swarm's figures and every craft's.
+
+Craft that others observe, and those without any sensor, do not find themselves: they count per craft, not in the swarm.
+"""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+
+from swarm.results.summary.figures import figures
+from swarm.results.summary.motion_bias import motion_bias
+from swarm.results.summary.scans import scans
+from swarm.results.summary.statistics import largest, mean
+from swarm.results.table import TelemetryTable
+
+NOTES = {
+    "nees": (
+        "mean over the samples against its 95 % chi-square band for effective_samples independent ones: "
+        "effective craft times periods over the autocorrelation time; craft of the same period share the rotor error"
+    ),
+    "pnp_motion_bias": "least-squares slope of (solution - truth) against the true rate, per axis x, y, z",
+}
+
+
+class _Craft(NamedTuple):
+    """The rows of one craft, which are neighbours. aside: it does not find itself in them."""
+
+    name: str
+    aside: bool
+    rows: TelemetryTable
+
+
+def summarise(table: pa.Table) -> dict[str, Any]:
+    """Return the summary of a run's telemetry, JSON-able: units in the keys' names, null where nothing is known.
+
+    `swarm` is over all craft, `craft` has the same figures per craft. A replay (a table with peer columns) has no
+    truth: its errors are null, and it says how far the peer's poses scatter about the solutions.
+    """
+    return _summary(TelemetryTable.of(table))
+
+
+def summarise_run(folder: Path) -> dict[str, Any]:
+    """Return the summary of the run in a folder, read column by column. Raises SwarmError where a file is damaged."""
+    return _summary(TelemetryTable.of_run(folder)) | scans(folder)
+
+
+def _summary(table: TelemetryTable) -> dict[str, Any]:
+    if not len(table):
+        return {"periods": 0, "duration_s": 0.0, "craft_count": 0, "swarm": None, "craft": {}, "notes": NOTES}
+    everything, parts, own = _by_craft(table)
+    frame, time_s = everything.frame, everything.column("time_s")
+    span = int(frame.max() - frame.min())
+    period_s = float(time_s.max() - time_s.min()) / span if span else 0.0
+    # The bias takes half of all columns, and nothing else needs them.
+    every = [own, *(craft.rows for craft in parts)]
+    bias = [None if "peer_px_m" in table.columns else motion_bias(rows) for rows in every]
+    everything.forget()
+    swarm, *single = (figures(rows, period_s, drift) for rows, drift in zip(every, bias, strict=True))
+    for craft, of_craft in zip(parts, single, strict=True):
+        if craft.name in table.without_sensors:
+            of_craft |= {"navigates": False, "tracking_share": None}
+        if "observer" in table.columns:
+            of_craft["observed"] = bool(np.isfinite(craft.rows.column("observer")).any())
+    if "delta_v_m_s" in table.columns:
+        spent = [largest(craft.rows.column("delta_v_m_s")) for craft in parts]
+        for of_craft, delta_v in zip(single, spent, strict=True):
+            of_craft["delta_v_m_s"] = delta_v
+        by_own = [delta_v for craft, delta_v in zip(parts, spent, strict=True) if not craft.aside]
+        swarm["delta_v_m_s"] = mean(np.array(by_own, dtype=np.float64))
+    return {
+        "periods": len(np.unique(frame)),
+        "duration_s": (span + 1) * period_s,
+        "craft_count": len(table.names_of("craft")),
+        "swarm": swarm,
+        "craft": {craft.name: of_craft for craft, of_craft in zip(parts, single, strict=True)},
+        "notes": NOTES,
+    }
+
+
+def _by_craft(table: TelemetryTable) -> tuple[TelemetryTable, list[_Craft], TelemetryTable]:
+    """Return the rows craft by craft, those that are aside last: all, every craft's, and all that are not aside."""
+    names, codes = table.names_of("craft"), table.craft
+    aside = np.isin(codes, [names.index(name) for name in table.without_sensors if name in names])
+    if "observer" in table.columns:
+        aside |= np.isfinite(table.column("observer"))
+    ranks = codes + len(names) * aside
+    everything = table.ordered(np.argsort(ranks, kind="stable"))
+    past = np.cumsum(np.bincount(ranks)).tolist()
+    parts = [
+        _Craft(names[rank % len(names)], rank >= len(names), everything.part(first, last))
+        for rank, (first, last) in enumerate(zip([0, *past], past, strict=False))
+        if last > first
+    ]
+    return everything, parts, everything.part(0, len(codes) - int(np.count_nonzero(aside)))

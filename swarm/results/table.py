@@ -1,0 +1,127 @@
+"""A run's telemetry as arrays: columns are read one by one when they are asked for, missing values are NaN.
+
+rows = TelemetryTable.of_run(folder)
+error = rows.column("position_error_m")[rows.being("status", "tracking")]
+"""
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+
+from estimators.arrays import Bools, Floats, Ints
+from swarm.results.reading import WITHOUT_SENSORS, read_telemetry, telemetry_columns
+
+Load = Callable[[str], pa.Table]
+"""Reads one column, as a table."""
+
+
+class TelemetryTable:
+    """Columns as doubles, (rows,): numbers as they are, names as codes, which index `names_of`; null is NaN.
+
+    columns: names of all columns. A column that was read stays in memory until `forget`.
+    """
+
+    def __init__(self, load: Load, columns: Sequence[str]) -> None:
+        self.columns = tuple(columns)
+        self._load = load
+        self._order: Ints | None = None
+        self._rows = slice(None)
+        self._values: dict[str, Floats] = {}
+        self._names: dict[str, list[str]] = {}
+
+    @classmethod
+    def of(cls, table: pa.Table) -> "TelemetryTable":
+        """Return a table that is in memory."""
+        return cls(lambda name: table.select([name]), table.column_names)
+
+    @classmethod
+    def of_run(cls, folder: Path) -> "TelemetryTable":
+        """Return the telemetry in a run's folder. Reading a column raises SwarmError where a file is damaged."""
+        return cls(lambda name: read_telemetry(folder, [name]), telemetry_columns(folder))
+
+    def column(self, name: str) -> Floats:
+        """Return one column."""
+        if name not in self._values:
+            table = self._load(name)
+            column = table.column(name)
+            value = self._codes(name, column) if pa.types.is_dictionary(column.type) else doubles(table, name)
+            self._values[name] = value if self._order is None else value[self._order]
+        return self._values[name][self._rows]
+
+    def _codes(self, name: str, column: pa.ChunkedArray) -> Floats:
+        chunks = column.unify_dictionaries().chunks
+        self._names[name] = chunks[0].dictionary.to_pylist() if chunks else []
+        codes = [chunk.indices.to_numpy(zero_copy_only=False) for chunk in chunks] or [np.zeros(0)]
+        return np.concatenate(codes).astype(np.float64)
+
+    def names_of(self, column: str) -> list[str]:
+        """Return what the codes of a column of names stand for."""
+        self.column(column)
+        return self._names[column]
+
+    def being(self, column: str, name: str) -> Bools:
+        """Return whether the column says `name`, (rows,)."""
+        names, codes = self.names_of(column), self.column(column)
+        return codes == names.index(name) if name in names else np.zeros(len(codes), dtype=np.bool_)
+
+    def stacked(self, *names: str) -> Floats:
+        """Return several columns side by side, (rows, len(names))."""
+        return np.stack([self.column(name) for name in names], axis=1)
+
+    def position(self, prefix: str) -> Floats:
+        """Return positions (rows, 3) [m]; prefix: "true", "pnp", "ekf", "peer"."""
+        return self.stacked(*(f"{prefix}_p{a}_m" for a in "xyz"))
+
+    def quaternion(self, prefix: str) -> Floats:
+        """Return quaternions (rows, 4)."""
+        return self.stacked(*(f"{prefix}_q{a}" for a in "wxyz"))
+
+    @property
+    def frame(self) -> Ints:
+        """Number of each row's period, (rows,)."""
+        return self.column("frame").astype(np.int64)
+
+    @property
+    def craft(self) -> Ints:
+        """Index of each row's craft in `names_of("craft")`, (rows,)."""
+        return self.column("craft").astype(np.int64)
+
+    @property
+    def without_sensors(self) -> list[str]:
+        """Names of the craft that navigate by nothing."""
+        said = (self._load("craft").schema.metadata or {}).get(WITHOUT_SENSORS.encode())
+        return list(json.loads(said)) if said else []
+
+    def __len__(self) -> int:
+        return len(self.column("craft"))
+
+    def ordered(self, order: Ints) -> "TelemetryTable":
+        """Return the same rows in another order (rows,); it reads its columns anew."""
+        out = TelemetryTable(self._load, self.columns)
+        out._order = order
+        return out
+
+    def part(self, first: int, past: int) -> "TelemetryTable":
+        """Return the rows from `first` on, before `past`; columns are read once for all parts."""
+        out = TelemetryTable(self._load, self.columns)
+        out._order, out._rows, out._values, out._names = self._order, slice(first, past), self._values, self._names
+        return out
+
+    def blocks(self, rows: int) -> "Iterator[TelemetryTable]":
+        """Yield parts of at most so many rows."""
+        begin = self._rows.start or 0
+        for first in range(begin, begin + len(self), rows):
+            yield self.part(first, min(first + rows, begin + len(self)))
+
+    def forget(self) -> None:
+        """Drop the columns that were read, for all parts."""
+        self._values.clear()
+
+
+def doubles(table: pa.Table, name: str) -> Floats:
+    """Return a column of numbers as doubles, NaN where null."""
+    out: Floats = table.column(name).cast(pa.float64()).to_numpy()
+    return out

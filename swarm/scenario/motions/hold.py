@@ -1,0 +1,22 @@
+"""The motion `hold`."""
+
+from typing import TYPE_CHECKING, Literal
+
+from pydantic import Field
+
+from swarm.scenario.motions.base import Place, Spread
+
+if TYPE_CHECKING:
+    from swarm.scenario.motions.paths import Path
+
+
+class Hold(Spread):
+    """The craft stays at one position; a swarm spreads over a square grid that faces the lighthouse, or fills a box."""
+
+    kind: Literal["hold"] = Field(description="The craft stays at one position.")
+
+    def path(self, place: Place) -> "Path":
+        """Return a point at rest."""
+        from swarm.scenario.motions.paths import line
+
+        return line(self.where(place), (0.0, 0.0, 0.0))
