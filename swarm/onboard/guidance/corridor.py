@@ -18,7 +18,7 @@ def in_corridor(dock: SI, at: Closing) -> bool:
 
     Args:
         dock: the scenario's table, in SI units: r is its corridor_radius_m, c its corridor_rad.
-        at: pose and velocity of the craft's port relative to the target's.
+        at: range, offset and angle of the craft's port relative to the target's.
     """
     width = dock.corridor_radius_m + max(float(at.range_m), 0.0) * tan(dock.corridor_rad)
     return bool(at.lateral_m <= width and at.angle_rad <= dock.corridor_attitude_rad)

@@ -73,7 +73,7 @@ class Docking:
             time_s: beginning of the period [s].
             position: the craft's estimated position, (3,) [m], NaN if unknown.
             velocity: the craft's estimated velocity, (3,) [m/s], NaN if unknown.
-            at: estimated pose and velocity of the craft's port relative to the target's.
+            at: estimated range, offset, angle and closing speed of its port relative to the target's.
             tracking: whether the craft has had a pose in this period.
             sigma_m: standard deviation of its position [m].
             latched: state of the switch in the port.

@@ -133,7 +133,7 @@ class Guidance:
 
 
 def _stands(docking: Docking, believed: State) -> Closing:
-    """Return the estimated pose and velocity of the craft's port relative to the target's, which is at rest."""
+    """Return the estimated closing of the craft's port on the target's, which is at rest."""
     i = docking.craft
     own = placed(docking.own, believed.rotation[i], believed.position[i])
     arm = believed.rotation[i] @ docking.own.position
