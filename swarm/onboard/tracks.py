@@ -101,7 +101,7 @@ class Tracks:
             self._command = self._command.only(~mask)
 
     def predict(self, command: Command | None) -> None:
-        """Predict every filter to the next epoch; `command` is what the craft have ordered for the period, if known."""
+        """Predict every filter to the next epoch; `command` has the orders for the period, if known."""
         bank = self.bank
         active = bank.active
         pull = None if self._orbit is None else acceleration(self._orbit, bank.position, bank.velocity)
