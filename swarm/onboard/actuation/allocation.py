@@ -1,8 +1,8 @@
 """Control allocation by bounded least squares: the actuators' shares of a wrench, per craft, as one compiled loop.
 
 The six components w (force [N], torque about the centre of mass [N m], body frame) are to be produced by n actuators,
-each of which contributes b_i u_i with u_i between its bounds. With x = u / unit, in units of the available action, and S
-the inverse of a typical force and torque,
+each of which contributes b_i u_i with u_i between its bounds. With x = u / unit, scaled by the available action, and
+S the inverse of a typical force and torque,
 
     minimise  |S (B x - w)|^2 + sum_i cost_i (x_i - wanted_i)^2    subject to  low <= x <= high
 
