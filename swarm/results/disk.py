@@ -70,3 +70,12 @@ def write_text(path: Path, text: str) -> None:
         except OSError:
             temporary.unlink(missing_ok=True)
             raise
+
+
+def refuse_existing(*files: Path, force: bool) -> None:
+    """Raise SwarmError where a folder is in the place of one of the files, or, unless `force`, a file."""
+    for file in files:
+        if file.is_dir():
+            raise SwarmError(f"cannot write {file}: it is a folder; choose another --out")
+        if file.exists() and not force:
+            raise SwarmError(f"{file} is there already; --force replaces it, --out writes elsewhere")

@@ -78,6 +78,31 @@ def find(path: str | Path, contents: Contents) -> tuple[Path, dict[str, Any]]:
     return folder, marker
 
 
+def refuse_taken(path: Path, contents: Contents, force: bool) -> None:
+    """Look whether a result may be written to a folder, without touching it.
+
+    Args:
+        path: The folder; it need not exist.
+        contents: What belongs to the result.
+        force: An earlier result may be replaced.
+
+    Raises:
+        SwarmError: There is a result already, or files stand in the way.
+    """
+    if path.exists() and not path.is_dir():
+        raise SwarmError(f"cannot write {path}: a file is in its place; choose another --out")
+    if marker_in(path, contents) is not None:
+        if not force:
+            raise SwarmError(f"{path} holds {contents.what} already; {contents.instead}")
+        return
+    for name in (contents.marker, *contents.files, *contents.folders):
+        if (path / name).exists():
+            raise SwarmError(
+                f"{path / name} was not written by {PROGRAM}, and {contents.what} would replace it; "
+                "move it away or choose another --out"
+            )
+
+
 class OwnedFolder:
     """A claimed folder. As a context manager it marks the work as interrupted if the block fails.
 
@@ -111,18 +136,9 @@ class OwnedFolder:
             raise
 
     def _claim(self, force: bool, keep: bool) -> None:
-        contents = self.contents
-        if marker_in(self.path, contents) is None:
-            for name in (contents.marker, *contents.files, *contents.folders):
-                if (self.path / name).exists():
-                    raise SwarmError(
-                        f"{self.path / name} was not written by {PROGRAM}, and {contents.what} would replace it; "
-                        "move it away or choose another --out"
-                    )
-        elif keep:
+        if keep and marker_in(self.path, self.contents) is not None:
             return
-        elif not force:
-            raise SwarmError(f"{self.path} holds {contents.what} already; {contents.instead}")
+        refuse_taken(self.path, self.contents, force)
         self.mark("running")
         self._empty()
 
