@@ -19,15 +19,15 @@ from synthetic_run import PERIOD_S, Estimate, estimate_of, lost, period_of, trut
 from estimators.rotation import matrix_from_quaternion, wxyz_from_xyzw, xyzw_from_wxyz
 from swarm.errors import SwarmError
 from swarm.hardware import pad
+from swarm.results import scene as recorder
 from swarm.results.columns.peer import PEER
 from swarm.results.recording import drawing, plots, viewer
-from swarm.results.recording import scene as recorder
 from swarm.results.recording.batch import kept
 from swarm.results.recording.estimates import ENLARGED
 from swarm.results.recording.lighthouse import FAN_TURN_S
 from swarm.results.recording.recording import Recording
-from swarm.results.recording.scene import NullRecording, Scene
 from swarm.results.records import Errors, Peer, Truth
+from swarm.results.scene import NullRecording, Scene
 from swarm.results.telemetry import Telemetry
 from swarm.sensors.sight import Sight
 from swarm.world.shapes import box
@@ -318,7 +318,7 @@ def test_the_null_recording_takes_everything_and_needs_no_rerun():
     null.append(None, None)
     null.close()
     assert null.notice is None
-    code = "import sys, swarm.results.recording.scene; sys.exit('rerun' in sys.modules)"
+    code = "import sys, swarm.results.scene; sys.exit('rerun' in sys.modules)"
     run = subprocess.run([sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": str(ROOT)}, check=False)
     assert run.returncode == 0
 

@@ -29,10 +29,10 @@ from swarm.onboard.settings import NavigationSettings
 from swarm.results.angles import believed
 from swarm.results.period import Period
 from swarm.results.progress import Progress
-from swarm.results.recording.scene import Scene
 from swarm.results.records import Peer
 from swarm.results.run_folder import Run
 from swarm.results.run_writer import writing_run
+from swarm.results.scene import Scene
 from swarm.scenario import Scenario, for_replay
 from swarm.sensors.sight import Sight
 from swarm.world.craft import visuals

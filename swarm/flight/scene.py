@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 from swarm.assets import find_model
 from swarm.flight.builders import photodiodes
-from swarm.results.recording.scene import CcdScene, Scene
+from swarm.results.scene import CcdScene, Scene
 from swarm.scenario import Scenario
 from swarm.world.craft import visuals
 

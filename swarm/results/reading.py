@@ -9,9 +9,6 @@ import pyarrow.parquet as pq
 from swarm.errors import SwarmError
 from swarm.results.files import PARTS, TELEMETRY
 
-WITHOUT_SENSORS = "craft_without_sensors"
-"""Key of the schema's metadata under which are the names of the craft that navigate by nothing, as JSON."""
-
 
 def part_files(folder: Path) -> list[Path]:
     """Return the parts of a run that is not closed, in order."""

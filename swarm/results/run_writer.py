@@ -21,8 +21,8 @@ from swarm.results.lidar_scans import ScanWriter
 from swarm.results.owned_folder import STOPPED
 from swarm.results.period import Period
 from swarm.results.progress import Progress
-from swarm.results.recording.scene import NullRecording, Recorder, Scene
 from swarm.results.run_folder import Run, RunFolder, open_run
+from swarm.results.scene import NullRecording, Recorder, Scene
 from swarm.results.summary import summarise_run
 from swarm.results.table import TelemetryTable
 from swarm.results.telemetry import Telemetry

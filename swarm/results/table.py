@@ -12,7 +12,8 @@ import numpy as np
 import pyarrow as pa
 
 from estimators.arrays import Bools, Floats, Ints
-from swarm.results.reading import WITHOUT_SENSORS, read_telemetry, telemetry_columns
+from swarm.results.files import WITHOUT_SENSORS
+from swarm.results.reading import read_telemetry, telemetry_columns
 
 Load = Callable[[str], pa.Table]
 """Reads one column, as a table."""

@@ -9,7 +9,7 @@ from swarm.results.columns.guidance import DOCKING, GUIDANCE
 from swarm.results.columns.integrity import integrity
 from swarm.results.columns.observer import observer
 from swarm.results.columns.peer import PEER
-from swarm.results.recording.scene import Scene
+from swarm.results.scene import Scene
 
 
 def groups_of(scene: Scene) -> list[Group]:

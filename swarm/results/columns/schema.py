@@ -7,7 +7,7 @@ import pyarrow as pa
 
 from swarm.results.columns.column import Group
 from swarm.results.columns.core import COLUMNS
-from swarm.results.reading import WITHOUT_SENSORS
+from swarm.results.files import WITHOUT_SENSORS
 
 
 def schema(groups: Sequence[Group] = (), without_sensors: Sequence[str] = ()) -> pa.Schema:

@@ -3,7 +3,7 @@
 from swarm.results.recording.craft import TRAIL_POINTS, TRAIL_STEP_S
 from swarm.results.recording.estimates import ENLARGED
 from swarm.results.recording.lighthouse import FAN_TURN_S, REAL_FAN_TURN_S
-from swarm.results.recording.scene import Scene
+from swarm.results.scene import Scene
 
 LIDARS = """| bright points | the last scan of a LiDAR, where its craft believes the returns to be |
 """

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from estimators.arrays import Floats, Ints
 from estimators.rotation import quaternion_from_matrix
-from swarm.results.recording.scene import Visual
+from swarm.results.scene import Visual
 
 Colours = NDArray[np.uint8]
 SHARP_RAD = np.radians(25)

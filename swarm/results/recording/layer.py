@@ -6,7 +6,7 @@ from estimators.arrays import Ints
 from swarm.results.recording.batch import Batch
 from swarm.results.recording.canvas import Canvas, Send
 from swarm.results.recording.drawing import Colours
-from swarm.results.recording.scene import Scene
+from swarm.results.scene import Scene
 
 
 class Stage(NamedTuple):

@@ -42,8 +42,8 @@ from swarm.results.recording.lidars import Lidars
 from swarm.results.recording.lighthouse import Lighthouse
 from swarm.results.recording.plots import Plot, craft_plots, shown_plots, swarm_plots
 from swarm.results.recording.rays import Rays
-from swarm.results.recording.scene import Scene
 from swarm.results.records import Errors
+from swarm.results.scene import Scene
 
 MOST_SINGLE = 32
 """A swarm of more craft is drawn as a crowd."""
