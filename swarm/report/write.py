@@ -20,8 +20,8 @@ REPRODUCE = (
 def write_report(path: str | Path, out: Path | None = None) -> tuple[Path, list[Path]]:
     """Write the page of the run or the study at `path` to `out`, by default `report.html` in its folder.
 
-    Returns the page's file and the files of its figures. Raises SwarmError where `path` is neither a run nor a study, or
-    where nothing can be written.
+    Returns the page's file and the files of its figures. Raises SwarmError where `path` is neither a run nor a study,
+    or where nothing can be written.
     """
     if is_study(path):
         study = open_study(path)

@@ -57,7 +57,13 @@ class OnboardCost:
         return angles
 
     def step(self, angles: SweepAngles, images: LightImages | None = None, command: Command | None = None) -> Estimate:
-        """Navigate in the navigator's place."""
+        """Navigate in the navigator's place.
+
+        Args:
+            angles: Angles of the period.
+            images: Images of the cameras, if there are any.
+            command: Commands to the actuators, if there are any.
+        """
         self._commands.append(None if command is None else _first(command))
         began = thread_time()
         estimate = self._navigator.step(angles, images, command)

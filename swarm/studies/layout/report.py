@@ -26,7 +26,13 @@ PERCENTILES = tuple(range(5, 100, 5))
 
 
 def figures(request: Request, task: Task, judged: Sequence[Judged]) -> dict[str, Any]:
-    """Everything that was found, ready for JSON. judged: the design, the even layout, the others."""
+    """Return everything that was found, ready for JSON.
+
+    Args:
+        request: What the user asked for.
+        task: The request in SI units.
+        judged: The design, the even layout, the others.
+    """
     ours = judged[0]
     share = task.share
     compared = {
@@ -115,7 +121,7 @@ def _number(value: float) -> float | None:
 
 
 def print_report(console: Console, made: Figures) -> None:
-    """The tables and what they mean."""
+    """Print the tables, and what they mean."""
     one, q = made["error_of_one"], f"{made['percentile']:g} %"
     asked = made["asked"]
     cone = "all attitudes" if asked["cone_deg"] >= 180 else f"+z within {asked['cone_deg']:g}° of the lighthouse"

@@ -1,4 +1,4 @@
-"""What a user asks of a layout: checked, every mistake naming the option, its value and the limit."""
+"""The user's request for a layout, checked: every mistake names the option, its value and the limit."""
 
 from collections.abc import Sequence
 from math import radians
@@ -39,7 +39,7 @@ class Request(NamedTuple):
 
 
 def task(request: Request) -> Task:
-    """The checked request, in SI units, with the craft's hull. Raises SwarmError."""
+    """Return the checked request, in SI units, with the craft's hull. Raises SwarmError."""
     wanted = request.attitude_deg, request.position_mm
     if request.photodiodes is None and wanted == (None, None):
         raise SwarmError("how many photodiodes? give --photodiodes, or a precision: --attitude-deg, --position-mm")

@@ -11,7 +11,17 @@ from swarm.world.hull import Hull, Mount
 
 
 def lit(hull: Hull, mount: Mount, limits: Limits, poses: Poses) -> Bools:
-    """Which of N places are lit at P poses, (P, N): in field and range, facing the light, and nothing in between."""
+    """Tell which places are lit: in field and range, facing the light, and nothing in between.
+
+    Args:
+        hull: The craft's hull.
+        mount: N places on it.
+        limits: Field and range of the lighthouse.
+        poses: P poses.
+
+    Returns:
+        Mask (P, N).
+    """
     sight = Visibility(hull.model, pad([mount.point_m], [mount.normal]), [hull.body], hull.world_body, limits)
     quaternion = quaternion_from_matrix(poses.rotation)
     out = np.empty((len(quaternion), len(mount.point_m)), dtype=np.bool_)
