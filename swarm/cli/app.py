@@ -27,13 +27,13 @@ Begin with:
 
 \b
   swarm list                   list what there is to fly
-  swarm run formation          fly eight craft on a ring, 30 s
-  swarm view runs/formation-7  look at the run in the viewer
-  swarm check my.toml          check a scenario of your own
+  swarm run formation          fly eight craft on a ring
+  swarm view runs/formation-7  look at it in the viewer
+  swarm check my.toml          check your own scenario
   swarm run my.toml --set swarm.count=16 --seed 3
   swarm study scaling          fly many runs, on all cores
-  swarm report runs/scaling    make one HTML page of them
-  swarm reproduce              list the papers' experiments
+  swarm report runs/scaling    make an HTML page of them
+  swarm reproduce              list papers' experiments
 
 A run leaves a folder: recording.rrd for the viewer,
 telemetry.parquet with a row per craft and period,
