@@ -102,11 +102,7 @@ def run(request: Request) -> Outcome:
 
 
 EXPERIMENT = Experiment(
-    LIGHTHOUSE,
-    "table 2",
-    "accuracy in the hand, error by error, and what removes it",
-    {"runs": 10, "seconds": 30},
-    run,
+    LIGHTHOUSE, "table 2", "accuracy in the hand, error by error, and what removes it", {"runs": 10, "seconds": 30}, run
 )
 
 
