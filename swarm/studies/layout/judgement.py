@@ -27,10 +27,10 @@ from swarm.world.hull import Mount
 POSES = 6000
 SEED = 2
 TRIED_EVERY = 2
-"""Of the poses, every so many-th is measured too."""
+"""Every n-th pose is measured too."""
 TRIALS = 60
 COLD_EVERY = 20
-"""Of the solvable poses, every so many-th is solved from nothing."""
+"""Every n-th solvable pose is solved from nothing."""
 RIGHT_RAD = np.pi / 36
 """A mirror pose is tens of degrees off, noise at most one or two."""
 

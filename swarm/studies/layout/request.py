@@ -17,7 +17,7 @@ from swarm.studies.layout.smallest import PHOTODIODES_MAX
 from swarm.world.hull import Hull
 
 ATTITUDE_DEG, POSITION_MM = 0.1, 2.0
-"""What counts as an error of one where nothing is asked for: the orders of source 1's static experiment."""
+"""The errors of one if the user names no precision: the orders of source 1's static experiment."""
 SHARE_MIN, SHARE_MAX = 0.5, 0.99
 
 

@@ -22,7 +22,7 @@ from swarm.world.hull import Mount
 SAMPLES = 8000
 """Places that are tried on the hull."""
 CANDIDATES = 250
-"""Of them, evenly spread, those that the search chooses from."""
+"""Places that the search chooses from, evenly spread among the samples."""
 POSES = 4800
 """Poses of the search, by which unsolvable ones are counted."""
 EVERY = 8

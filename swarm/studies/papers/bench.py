@@ -69,7 +69,7 @@ class Bench:
 
     settings: LighthouseSettings
     layout: Photodiodes
-    """Of the one craft, (1, K)."""
+    """The photodiodes of the one craft, (1, K)."""
 
     def __init__(self, model: str = "mockup") -> None:
         """Build the craft's world, for its shape. Raises SwarmError where there is no such model."""
