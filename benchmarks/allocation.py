@@ -17,8 +17,8 @@ import scipy
 from scipy.optimize import lsq_linear
 
 from swarm.assets import find_model
+from swarm.hardware import Fitted, hardware
 from swarm.onboard.actuation.allocation import allocate
-from swarm.onboard.actuation.hardware import Fitted, hardware
 from swarm.onboard.actuation.orders import THRUSTER_COST, WHEEL_COST
 from swarm.world.craft import load_craft
 

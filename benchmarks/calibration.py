@@ -27,6 +27,7 @@ from estimators import rotation as rot
 from estimators.arrays import Floats
 from estimators.calibration.model import linear_fans
 from estimators.calibration.problem import Problem, to_gauge
+from estimators.lighthouse.sweep import FanPair
 from swarm.flight.flight import Flight
 from swarm.flight.simulate import simulate
 from swarm.results.table import doubles as values
@@ -38,11 +39,11 @@ from swarm.studies.calibration.survey import observe_run
 CALIBRATED = ["navigation.angle_noise_arcsec=8.8", "navigation.rotor_correlation=0.8717"]
 
 
-def compare(found: Calibrated, true_point_m: Floats, settings: Any) -> dict[str, Any]:
+def compare(found: Calibrated, true_point_m: Floats, fans: FanPair) -> dict[str, Any]:
     """A calibration against the truth, in the same gauge."""
     result, drawn = found.result, found.seen.believed.point_m[0]
     point = true_point_m if found.how == "truth" else to_gauge(true_point_m, drawn)
-    fans, sigmas = (settings.fan_x, settings.fan_y), fan_sigmas(found)
+    sigmas = fan_sigmas(found)
     shown = found.station()
     off = [
         (np.array(got) - true) / np.array(sigma)
@@ -124,7 +125,7 @@ def main() -> None:
             run = simulate(scenario, out=folder / f"survey-{seed}", record=False)
             for how in ("truth", "own"):
                 found = calibrate_survey(observe_run(run.folder), how)
-                out[how].append(compare(found, truth.photodiodes.point_m[0], truth.settings))
+                out[how].append(compare(found, truth.photodiodes.point_m[0], truth.fans))
                 print(f"seed {seed}, poses {how}: held-out {found.after.ratio:.3f}", file=sys.stderr)
                 if seed == 1:
                     (folder / f"{how}.toml").write_text(file_text(found))

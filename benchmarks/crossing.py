@@ -22,12 +22,12 @@ def main() -> None:
     """Measure, show, write."""
     chosen = options(__doc__, craft=(1000, "craft"), repeats=(15, "repetitions"), sample=(300, "crossings by SciPy"))
     c = captured(chosen.craft)
-    lighthouse, motion = c.flight.lighthouse, c.motion
+    lighthouse, motion = c.flight.sensors.lighthouse, c.motion
     true, settings = lighthouse.photodiodes, lighthouse.settings
     period, knot = 1 / settings.rate_hz, motion.time_s - motion.time_s[0]
     instant, width = np.empty((2, *c.lit.shape))
     none = np.zeros(c.lit.shape)
-    arguments = (knot, motion.position, motion.quaternion, true.point_m, true.normal, c.lit, none, lighthouse._errors)
+    arguments = (knot, motion.position, motion.quaternion, true.point_m, true.normal, c.lit, none, lighthouse._fans)
 
     def cross() -> None:
         cross_into(*arguments, period, settings.photodiode_diameter_m, instant, width)
@@ -52,7 +52,7 @@ def main() -> None:
         {
             "crossing times": cross,
             "crossing times and pulses": lambda: lighthouse.sweep(motion, c.frame, c.lit),
-            "decode": lambda: c.flight.decoder.decode(c.pulses),
+            "decode": lambda: c.flight.computer.decoder.decode(c.pulses),
         },
         chosen.repeats,
     )

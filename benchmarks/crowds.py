@@ -28,7 +28,9 @@ from swarm.world.craft import load_craft
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
 from test_crowded_light import crowded
-from test_visibility import Limits
+
+from swarm.scenario import Lighthouse
+from swarm.units import si
 
 
 def crowd(names: list[str], count: int) -> tuple[mujoco.MjModel, layout.Photodiodes, Visibility]:
@@ -38,12 +40,12 @@ def crowd(names: list[str], count: int) -> tuple[mujoco.MjModel, layout.Photodio
     placements = [Placement(f"craft-{i}", model.spec, model.file_pose, *nowhere) for i, model in enumerate(craft)]
     model = assemble(placements, find_model(load("swarm1000").lighthouse.model), 1e-3)
     photodiodes = layout.pad([m.point_m for m in craft], [m.normal for m in craft])
-    return model, photodiodes, Visibility(model, photodiodes, model.jnt_bodyid, 1, Limits())
+    return model, photodiodes, Visibility(model, photodiodes, model.jnt_bodyid, 1, Lighthouse())
 
 
 def brute_force(model: mujoco.MjModel, data: mujoco.MjData, photodiodes: layout.Photodiodes) -> tuple[Floats, float]:
     """The sight of every photodiode (C, K) with one `mj_ray` for each that is in reach; the rays' CPU seconds."""
-    limits, start = Limits(), np.zeros(3)
+    limits, start = si(Lighthouse()), np.zeros(3)
     mujoco.mj_kinematics(model, data)
     place, turn = data.xpos[model.jnt_bodyid], data.xmat[model.jnt_bodyid].reshape(-1, 3, 3)
     point = np.einsum("cij,ckj->cki", turn, photodiodes.point_m) + place[:, None]

@@ -54,7 +54,7 @@ def main() -> None:
     h = mine.covariance[mask]
     turn = log(matrix_from_quaternion(c.truth.quaternion[mask]) @ np.swapaxes(c.estimate.pnp.rotation[mask], 1, 2))
     error = np.hstack([turn, c.truth.position[mask] - c.estimate.pnp.position[mask]])
-    noise = c.flight.lighthouse.settings.angle_noise_rad
+    noise = c.flight.sensors.lighthouse.settings.angle_noise_rad
     squared = np.einsum("ca,cab,cb->c", error, np.linalg.inv(noise**2 * h), error)
     size = np.abs(h).max(axis=(1, 2))
     truth = {

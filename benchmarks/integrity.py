@@ -17,7 +17,7 @@ import numpy as np
 
 from estimators.rotation import angle_between, matrix_from_quaternion
 from swarm.flight.flight import Flight
-from swarm.onboard.navigation import Status
+from swarm.onboard.settings import Status
 from swarm.scenario import load
 
 

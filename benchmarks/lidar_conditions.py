@@ -21,8 +21,7 @@ from estimators import rotation as rot
 from estimators.lidar.acquisition import acquire
 from estimators.lidar.tracking import track
 from swarm.assets import find_model
-from swarm.sensors.lidar import LidarSettings
-from swarm.studies.papers.lidar import FIELD_RAD, Turntable, error_deg
+from swarm.studies.papers.lidar import SCANNER, Turntable, error_deg
 from swarm.studies.papers.lidar_acquisition import random_rotations
 from swarm.world.surface import known_shape
 
@@ -76,7 +75,7 @@ def others(count: int, seed: int, rng: np.random.Generator) -> dict[str, Any]:
     shape = known_shape(find_model("satellite"))
     out: dict[str, Any] = {}
     for name, distance_m in OTHERS.items():
-        bench = Turntable(seed, name, LidarSettings(horizontal_field_rad=FIELD_RAD), distance_m)
+        bench = Turntable(seed, name, SCANNER, distance_m)
         verdicts = [acquire(bench.scan(truth), shape).verdict.value for truth in random_rotations(count, rng)]
         out[name] = {word: verdicts.count(word) for word in sorted(set(verdicts))}
     return out
@@ -97,7 +96,7 @@ def main() -> None:
     with TemporaryDirectory() as folder:
         models = {"whole": find_model("satellite"), "half missing": broken(Path(folder))}
         for (panel, model), lines, noise_m in product(models.items(), (16, 32), (0.01, 0.03)):
-            settings = LidarSettings(lines=lines, range_noise_m=noise_m, horizontal_field_rad=FIELD_RAD)
+            settings = SCANNER.model_copy(update={"lines": lines, "range_noise_mm": 1e3 * noise_m})
             found = row(Turntable(given.seed, model, settings), truths, np.random.default_rng(given.seed + 1))
             rows.append({"noise_m": noise_m, "lines": lines, "panel": panel} | found)
             a, t = found["acquisition"], found["tracking"]

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from estimators.arrays import Bools
 from swarm.flight.flight import Flight
 from swarm.messages import Pulses
-from swarm.onboard import navigation
+from swarm.onboard import lighthouse_fix
 from swarm.onboard.decoder import SweepAngles
 from swarm.onboard.navigation import Estimate
 from swarm.results.records import Truth
@@ -43,10 +43,10 @@ def captured(craft: int, *overrides: str, periods: int = 60) -> Captured:
         flight.period(frame)
     motion, sight = flight.move(periods)
     lit = sight == Sight.LIT
-    pulses = flight.lighthouse.sweep(motion, periods, lit)
-    angles = flight.decoder.decode(pulses)
+    pulses = flight.sensors.lighthouse.sweep(motion, periods, lit)
+    angles = flight.computer.decoder.decode(pulses)
     arguments: dict[str, tuple[Any, ...]] = {}
-    functions = {name: getattr(navigation, name) for name in ("refine", "dilution")}
+    functions = {name: getattr(lighthouse_fix, name) for name in ("refine", "dilution")}
 
     def noting(name: str) -> Any:
         def run(*given: Any) -> Any:
@@ -57,11 +57,11 @@ def captured(craft: int, *overrides: str, periods: int = 60) -> Captured:
 
     try:
         for name in functions:
-            setattr(navigation, name, noting(name))
-        estimate = flight.navigator.step(angles, None, flight.dynamics.command)
+            setattr(lighthouse_fix, name, noting(name))
+        estimate = flight.computer.navigator.step(angles, None, flight.command)
     finally:
         for name, function in functions.items():
-            setattr(navigation, name, function)
+            setattr(lighthouse_fix, name, function)
     epoch = len(motion.time_s) // 2
     truth = Truth(
         motion.position[epoch],

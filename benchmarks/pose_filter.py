@@ -22,7 +22,7 @@ def main() -> None:
     chosen = options(__doc__, craft=(1000, "craft"), repeats=(7, "repetitions"))
     c = captured(chosen.craft)
     solution, precision = c.estimate.pnp, c.estimate.dilution
-    mask, noise = solution.solved, c.flight.lighthouse.settings.angle_noise_rad
+    mask, noise = solution.solved, c.flight.sensors.lighthouse.settings.angle_noise_rad
     covariance = noise**2 * precision.covariance
     banks = {"compiled": CompiledFilterBank(chosen.craft), "filterpy": PoseFilterBank(chosen.craft)}
     for bank in banks.values():
@@ -35,7 +35,7 @@ def main() -> None:
         bank = banks[name]
         moved = (root @ shift[name].standard_normal((chosen.craft, 6, 1)))[:, 3:, 0]
         bank.predict(1 / 60, mask)
-        bank.update(mask, solution.rotation, c.truth.position + moved, covariance, precision.rate_coupling)
+        bank.update_pose(mask, solution.rotation, c.truth.position + moved, covariance, precision.rate_coupling)
 
     times = interleaved({name: (lambda name=name: step(name)) for name in banks}, chosen.repeats)
     one, other = banks.values()

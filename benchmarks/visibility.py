@@ -23,7 +23,7 @@ def main() -> None:
     """Measure, show, write."""
     chosen = options(__doc__, craft=(1000, "craft"), repeats=(9, "repetitions"))
     c = captured(chosen.craft)
-    visibility, world = c.flight.visibility, c.flight.world
+    visibility, world = c.flight.sensors.visibility, c.flight.world
     position, quaternion = c.truth.position, c.truth.quaternion
     state = visibility.state(position, quaternion)
     data = visibility._placed_data(position, quaternion)

@@ -21,7 +21,8 @@ import numpy as np
 from harness import Times, finish, options, show, timed
 
 from swarm.flight.flight import Flight
-from swarm.onboard import navigation
+from swarm.onboard import lighthouse_fix
+from swarm.onboard.settings import Status
 from swarm.results.run_writer import RunWriter, writing_run
 from swarm.scenario import load
 from swarm.sensors.lighthouse import BLOCK
@@ -84,13 +85,13 @@ class Loop:
         self.times, self.end = Times([], []), Times([], [])
         flight, writer = self.flight, self.writer
         self.stages.wrap(flight.world, "advance", "physics")
-        self.stages.wrap(flight.dynamics, "_wrench", "control")
-        self.stages.wrap(flight.visibility, "state", "visibility")
-        self.stages.wrap(flight.lighthouse, "sweep", "crossing times")
-        self.stages.wrap(flight.decoder, "decode", "decode")
+        self.stages.wrap(flight.pilot, "steer", "control")
+        self.stages.wrap(flight.sensors.visibility, "state", "visibility")
+        self.stages.wrap(flight.sensors.lighthouse, "sweep", "crossing times")
+        self.stages.wrap(flight.computer.decoder, "decode", "decode")
         for name in ("predict", "update", "start", "stop"):
-            self.stages.wrap(flight.navigator._filter, name, "filter")
-        self.stages.wrap(flight.navigator, "step", "navigation, all of it")
+            self.stages.wrap(flight.computer.navigator.tracks.bank, name, "filter")
+        self.stages.wrap(flight.computer.navigator, "step", "navigation, all of it")
         self.stages.wrap(writer._telemetry, "append", "telemetry")
         self.stages.wrap(writer._recording, "append", "recording")
         self.errors: list[np.ndarray] = []
@@ -108,7 +109,7 @@ class Loop:
         truth, estimate = period.truth, period.estimate
         known = np.isfinite(estimate.position[:, 0])
         self.errors.append(np.linalg.norm(estimate.position - truth.position, axis=1)[known])
-        self.tracking = float(np.mean(estimate.status == navigation.Status.TRACKING))
+        self.tracking = float(np.mean(estimate.status == Status.TRACKING))
 
     def close(self) -> None:
         """Close the run, as the end of a flight does."""
@@ -146,8 +147,8 @@ def main() -> None:
         steps=([4, 8], "physics steps per period"),
         blocks=(5, f"blocks of {BLOCK} periods that are counted, of each; a third as many beyond 1000 craft"),
     )
-    Stages.share(navigation, "refine", "LM")
-    Stages.share(navigation, "dilution", "DOP")
+    Stages.share(lighthouse_fix, "refine", "LM")
+    Stages.share(lighthouse_fix, "dilution", "DOP")
     with tempfile.TemporaryDirectory() as folder, ExitStack() as exits:
         loops = [
             Loop(craft, steps, Path(folder), chosen.blocks, exits) for craft in chosen.craft for steps in chosen.steps

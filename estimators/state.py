@@ -12,37 +12,41 @@ Vector = tuple[float, float, float]
 
 
 class State(NamedTuple):
-    """Where C craft are, or believe to be: rotation (C, 3, 3), angular_rate (C, 3) [rad/s], position (C, 3) [m],
-    velocity (C, 3) [m/s]; NaN where unknown.
+    """Pose and rates of C craft, true or estimated: rotation (C, 3, 3), position (C, 3) [m], velocity (C, 3) [m/s],
+    angular_rate (C, 3) [rad/s]; NaN where unknown.
     """
 
     rotation: Floats
-    angular_rate: Floats
     position: Floats
     velocity: Floats
+    angular_rate: Floats
+
+    def of(self, craft: int) -> "State":
+        """Return the state of one craft, without the craft axis."""
+        return State._make(part[craft] for part in self)
 
     def ahead(self, time_s: float) -> "State":
-        """The state `time_s` later if the rates stay as they are."""
+        """Return the state `time_s` later if the rates stay constant."""
         return self._replace(
             rotation=rot.exp(self.angular_rate * time_s) @ self.rotation,
             position=self.position + self.velocity * time_s,
         )
 
     def where(self, mask: Bools, other: "State") -> "State":
-        """This state for the craft in `mask` (C,), `other` for the rest."""
+        """Return this state for the craft in `mask` (C,), `other` for the rest."""
         flat = np.reshape(mask, (-1, 1))
         return State(
-            np.where(mask.reshape(-1, 1, 1), self.rotation, other.rotation),
-            np.where(flat, self.angular_rate, other.angular_rate),
-            np.where(flat, self.position, other.position),
-            np.where(flat, self.velocity, other.velocity),
+            rotation=np.where(mask.reshape(-1, 1, 1), self.rotation, other.rotation),
+            position=np.where(flat, self.position, other.position),
+            velocity=np.where(flat, self.velocity, other.velocity),
+            angular_rate=np.where(flat, self.angular_rate, other.angular_rate),
         )
 
 
 def unknown(craft: int) -> State:
-    """The state of craft that know nothing."""
+    """Return the state of craft that know nothing, all NaN."""
     nothing = np.full((craft, 3), np.nan)
-    return State(np.full((craft, 3, 3), np.nan), nothing, nothing, nothing)
+    return State(rotation=np.full((craft, 3, 3), np.nan), position=nothing, velocity=nothing, angular_rate=nothing)
 
 
 class Motion(NamedTuple):

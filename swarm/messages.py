@@ -1,4 +1,4 @@
-"""Everything that passes from physics to a craft: light pulses, images of lights, LiDAR scans.
+"""Everything that passes between physics and a craft: light pulses, images and LiDAR scans in, commands and orders out.
 
 Sensors write these records and on-board computers read them; neither knows the other. One period's light reaches a
 craft as `Pulses`: a pulse is the instant at which a photodiode's output rises, in ticks of that craft's own clock, and
@@ -7,6 +7,7 @@ the time that it stays high. Sync flashes carry their meaning in their width, as
 this station skips the sweep that follows. Sweep pulses are at least ten times shorter.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +33,16 @@ class Pulses(NamedTuple):
     rise_tick: NDArray[np.int64]
     width_tick: NDArray[np.int32]
     total: NDArray[np.int32]
+
+
+def no_pulses(craft: int) -> Pulses:
+    """Return the pulses of `craft` craft that saw no light."""
+    return Pulses(
+        np.zeros((craft, 0), dtype=np.int16),
+        np.zeros((craft, 0), dtype=np.int64),
+        np.zeros((craft, 0), dtype=np.int32),
+        np.zeros(craft, dtype=np.int32),
+    )
 
 
 class LightImages(NamedTuple):
@@ -71,3 +82,48 @@ class LidarPattern(NamedTuple):
     spacing_rad: float
     noise_m: float
     period_s: float
+
+
+class Signals(NamedTuple):
+    """Everything that C craft learn from outside in one lighthouse period.
+
+    pulses: what the timing circuits logged. images: what the cameras saw at the epoch; None where no craft has any.
+    scans: of each LiDAR the scan that was completed in the period, None where none was. epoch_s: the epoch on the
+    LiDARs' clock [s].
+    """
+
+    pulses: Pulses
+    images: LightImages | None = None
+    scans: Sequence[LidarScan | None] = ()
+    epoch_s: float = 0.0
+
+
+class Command(NamedTuple):
+    """The accelerations that C craft order for one period: acceleration (C, 3) [m/s^2] and angular_acceleration (C, 3)
+    [rad/s^2], lighthouse frame; zero where a craft orders nothing.
+    """
+
+    acceleration: Floats
+    angular_acceleration: Floats
+
+    def only(self, mask: Bools) -> "Command":
+        """Return the command of the craft in `mask` (C,), and zero for the rest."""
+        flat = np.reshape(mask, (-1, 1))
+        return Command(np.where(flat, self.acceleration, 0.0), np.where(flat, self.angular_acceleration, 0.0))
+
+
+class Order(NamedTuple):
+    """What C craft order their actuators to do in one period, and the accelerations that this stands for.
+
+    force: (C, 3) [N] through, and torque: (C, 3) [N m] about the centre of mass, lighthouse frame: what craft without
+    thrusters or wheels get exactly; zero where actuators make it. open_s: (A, N) [s], the time for which each thruster
+    of the A craft with actuators opens. wheel_torque: (A, W) [N m] on the craft. wheel_momentum: (A, 3) [N m s], body
+    frame, of the wheels at the end of the period. command: of all C craft.
+    """
+
+    force: Floats
+    torque: Floats
+    open_s: Floats
+    wheel_torque: Floats
+    wheel_momentum: Floats
+    command: Command

@@ -1,4 +1,4 @@
-"""Units in names: what a suffix says, and the conversion of a table's values to SI units by it.
+"""Units in names: the meaning of a suffix, and the conversion of a table's values to SI units by it.
 
 A user reads and writes `field_deg = 120.0`; the program computes with `field_rad`. The suffix alone decides:
 
@@ -12,7 +12,10 @@ Values in SI units, words, switches and counts keep their names and values.
 from collections.abc import Callable
 from functools import cache
 from math import radians
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
 
 ARCSEC = radians(1 / 3600)
 """One second of arc [rad]."""
@@ -35,9 +38,12 @@ def _times(factor: float) -> Callable[[float], float]:
 
 
 UNITS: dict[str, Unit] = {
+    "deg_per_rad": Unit("deg/rad", "rad_per_rad", radians),
+    "m_per_rad": Unit("m/rad", "m_per_rad"),
     "per_s": Unit("1/s", "per_s"),
     "ppm": Unit("ppm", "", _times(1e-6)),
     "deg_s2": Unit("deg/s²", "rad_s2", radians),
+    "rad_s2": Unit("rad/s²", "rad_s2"),
     "m_s2": Unit("m/s²", "m_s2"),
     "deg_s": Unit("deg/s", "rad_s", radians),
     "rad_s": Unit("rad/s", "rad_s"),
@@ -69,7 +75,12 @@ def split_unit(key: str) -> tuple[str, Unit | None]:
     return key, None
 
 
-@cache
+def written_unit(key: str) -> str:
+    """Return the unit of `key` as a reader sees it, empty where the name carries none."""
+    unit = split_unit(key)[1]
+    return "" if unit is None else unit.written
+
+
 def si_name(key: str) -> str:
     """Return the name that `key` has in SI units: `field_rad` for `field_deg`, `thrust_error` for a percentage."""
     stem, unit = split_unit(key)
@@ -77,20 +88,44 @@ def si_name(key: str) -> str:
 
 
 class SI:
-    """The values of one table in SI units, as attributes; tables within it are converted likewise.
+    """The values of one table in SI units, as read-only attributes; tables within it are converted likewise."""
 
-    An attribute that the table does not have raises AttributeError, which names the table and what it has.
-    """
+    _table: "BaseModel"
 
-    def __init__(self, table: Any) -> None:
-        """Convert a table; its fields are those of the pydantic model `table`."""
-        self._table = type(table).__name__
-        for key in type(table).model_fields:
-            convert = getattr(split_unit(key)[1], "convert", None)
-            setattr(self, si_name(key), _converted(getattr(table, key), convert))
+    def __init__(self, table: "BaseModel") -> None:
+        """Take a table, whose values are converted when they are first read."""
+        vars(self)["_table"] = table
 
     def __getattr__(self, name: str) -> Any:
-        raise AttributeError(f"{self._table} has no {name!r} in SI units; it has {', '.join(sorted(vars(self)))}")
+        if name.startswith("_"):
+            raise AttributeError(name)
+        table, known = self._table, _fields(type(self._table))
+        if name not in known:
+            raise AttributeError(f"{type(table).__name__} has no {name!r} in SI units; it has {', '.join(known)}")
+        key, convert = known[name]
+        value = vars(self)[name] = _converted(getattr(table, key), convert)
+        return value
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        raise AttributeError(f"{type(self._table).__name__} is frozen: {name!r} cannot be set")
+
+    def __dir__(self) -> list[str]:
+        return sorted(_fields(type(self._table)))
+
+
+def si(table: "BaseModel") -> SI:
+    """Return the values of a scenario's table in SI units, under names with SI suffixes.
+
+    A name that the table does not have raises AttributeError, which lists the names that it has.
+    """
+    return SI(table)
+
+
+@cache
+def _fields(model: "type[BaseModel]") -> dict[str, tuple[str, Callable[[float], float] | None]]:
+    """Return, for every name in SI units, the key in the table and the conversion."""
+    units = {key: split_unit(key)[1] for key in model.model_fields}
+    return {si_name(key): (key, None if unit is None else unit.convert) for key, unit in units.items()}
 
 
 def _converted(value: Any, convert: Callable[[float], float] | None) -> Any:
@@ -101,11 +136,3 @@ def _converted(value: Any, convert: Callable[[float], float] | None) -> Any:
     if convert is None or value is None or isinstance(value, str | bool):
         return value
     return convert(value)
-
-
-def si(table: Any) -> SI:
-    """Return the values of a scenario's table in SI units, by the suffixes of its keys.
-
-    Raises AttributeError, on access, for a name that the table does not have.
-    """
-    return SI(table)

@@ -199,10 +199,14 @@ class Flight(NamedTuple):
 BOTH = (None, 11)
 TIMES = ("at_s", "until_s", "for_s", "start_s", "times_s", "hold_s", "failure_every_s", "failure_length_s")
 DOCK_NEAR = (
-    "craft[0].motion.from_m=[0.02, 0.44, 1.0]",
-    "craft[0].motion.hold_ranges_m=[0.2, 0.1]",
-    "craft[0].motion.hold_s=[0.1, 0.1]",
-    "craft[0].motion.settle_s=0.2",
+    "craft[0].motion.from_m=[0.02, 0.44, 0.9]",
+    "craft[0].motion.hold_ranges_m=[0.12, 0.04]",
+    "craft[0].motion.hold_s=[0.0, 0.0]",
+    "craft[0].motion.settle_s=0.1",
+    "craft[0].motion.closing_speed_m_s=0.1",
+    "craft[0].motion.glideslope_s=0.5",
+    "craft[0].motion.speed_m_s=0.4",
+    "craft[0].motion.acceleration_m_s2=0.4",
     "craft[0].scatter={position_m=0.005, velocity_m_s=0.001, attitude_deg=0.5}",
 )
 CCD_NEAR = ("craft[0].motion.from_m=[0.0, 2.5, 17.5]", "craft[0].motion.start_s=0.1")
@@ -211,7 +215,7 @@ SHIPPED = {
     "ccd-docking": Flight("ccd-docking", 2.0, (*CCD_NEAR, OUTAGE)),
     "cloud": Flight("cloud", 0.3),
     "crossing": Flight("crossing", 1.6, divide=12.0),
-    "docking": Flight("docking", 4.0, DOCK_NEAR),
+    "docking": Flight("docking", 3.0, DOCK_NEAR),
     "drift": Flight("drift", 0.8),
     "fault-parade": Flight("fault-parade", 3.3, divide=12.0),
     "formation": Flight("formation", 1.0),
@@ -316,7 +320,7 @@ EXTRA = {
         divide=12.0,
     ),
 }  # fmt: skip
-COSTLY = ("ccd-docking", "inspect-satellite", "swarm-inspect", "swarm1000")
+COSTLY = ("ccd-docking", "formation-reconfigure", "inspect-satellite", "swarm-inspect", "swarm1000")
 """Flown with one seed only; with the other one by --long."""
 FLIGHTS = {name: f if name in COSTLY else f._replace(seeds=BOTH) for name, f in SHIPPED.items()} | EXTRA
 LONG = {
@@ -553,9 +557,12 @@ REST: dict[str, Callable[[Path], Values]] = {
 }
 LONG_REST: dict[str, Callable[[Path], Values]] = {
     "layout": _layout,
-    **{name: REST.pop(name) for name in ("experiment-lighthouse-dynamic", "experiment-stereo-fallback")},
+    **{
+        f"experiment-{name}": REST.pop(f"experiment-{name}")
+        for name in ("lighthouse-dynamic", "stereo-fallback", "stereo-noise", "lidar-turn")
+    },
 }
-"""A quarter of a minute each, as small as they can be."""
+"""Costly as small as they can be, or close to what another case computes."""
 
 
 # --- keeping and comparing --------------------------------------------------------------------------------------------

@@ -1,5 +1,7 @@
 """Thrusters and wheels: what is ordered, what MuJoCo makes of it, and the errors and faults in between."""
 
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 
@@ -8,21 +10,52 @@ from estimators import rotation as rot
 from estimators.state import State
 from swarm.assets import find_model
 from swarm.errors import SwarmError
-from swarm.flight.actuators import Actuators
-from swarm.hardware import Wheels
-from swarm.onboard.actuation.hardware import Fitted
-from swarm.onboard.actuation.modulation import on_time, open_share
+from swarm.hardware import Fitted, Wheels, actuator_set
+from swarm.messages import Command
+from swarm.onboard.actuation.actuation import Actuation
+from swarm.onboard.actuation.modulation import on_time
 from swarm.onboard.actuation.orders import UNLOAD_ABOVE
-from swarm.onboard.control import Command
 from swarm.scenario import validate
+from swarm.world.actuators import Actuators
 from swarm.world.craft import load_craft
-from swarm.world.execution import ActuatorFaults, executed
+from swarm.world.execution import StuckThruster, executed, open_share
 from swarm.world.world import CraftStart, World
+from swarm.world.wrench import OnboardWrench
 
 T, STEPS = 1 / 60, 8
 CUBESAT = load_craft(find_model("cubesat12u"))
 EXACT = (0.0, 0.0)
 ATTITUDE = rot.exp(np.array([0.3, -0.5, 0.8]))
+
+
+class Driven(NamedTuple):
+    """What came of a wanted wrench, and the command that the craft's computers ordered."""
+
+    force: np.ndarray
+    torque: np.ndarray
+    onboard: OnboardWrench
+    command: Command
+
+
+class Chain:
+    """The craft's actuator computers and their actuators, one after the other."""
+
+    def __init__(self, fitted, world, seed):
+        actuators = actuator_set(fitted, world.com_m)
+        self.computers = Actuation(actuators, world.mass, world.inertia, T)
+        self.actuators = Actuators(fitted, actuators, world.mass, T, STEPS, seed)
+
+    def drive(self, force, torque, believed, command, stuck=()):
+        order = self.computers.order(force, torque, believed, command)
+        drive = self.actuators.drive(order, stuck)
+        return Driven(drive.force, drive.torque, drive.onboard, order.command)
+
+    def work(self):
+        return self.actuators.work()
+
+    @property
+    def stored(self):
+        return self.computers._orders.stored
 
 
 def flight(fitted, rate=(0.0, 0.0, 0.0), seed=0):
@@ -35,7 +68,7 @@ def flight(fitted, rate=(0.0, 0.0, 0.0), seed=0):
         for i in range(len(fitted))
     ]
     world = World(starts, find_model("lighthouse"))
-    return world, Actuators(fitted, world.mass, world.com_m, world.inertia, T, STEPS, seed)
+    return world, Chain(fitted, world, seed)
 
 
 def cubesat(errors=EXACT, key=1, thrusters=True, wheels=True):
@@ -45,20 +78,17 @@ def cubesat(errors=EXACT, key=1, thrusters=True, wheels=True):
 
 def state_of(truth):
     last = -1
-    return State(
-        rot.matrix_from_quaternion(truth.quaternion[last]),
-        truth.angular_rate[last],
-        truth.position[last],
-        truth.velocity[last],
-    )
+    return truth.state(last)
 
 
 def resting(count, rate=(0.0, 0.0, 0.0)):
     zero = np.zeros((count, 3))
-    return State(np.tile(ATTITUDE, (count, 1, 1)), zero + np.array(rate), zero, zero)
+    return State(
+        rotation=np.tile(ATTITUDE, (count, 1, 1)), angular_rate=zero + np.array(rate), position=zero, velocity=zero
+    )
 
 
-def push(actuators, state, force, torque=(0.0, 0.0, 0.0), faults=None, mass=CUBESAT.mass):
+def push(actuators, state, force, torque=(0.0, 0.0, 0.0), faults=(), mass=CUBESAT.mass):
     """Drive with force and torque given in the body frame; the command that goes with them is of no matter here."""
     count = len(state.position)
     into_l = [
@@ -182,7 +212,7 @@ def test_wheels_and_craft_keep_their_momentum():
 
     def momentum(state, actuators, inertia):
         body = np.swapaxes(state.rotation, 1, 2) @ state.angular_rate[..., None]
-        return (state.rotation @ (inertia @ body + actuators._orders.stored[..., None]))[0, :, 0]
+        return (state.rotation @ (inertia @ body + actuators.stored[..., None]))[0, :, 0]
 
     rate = (0.1, 0.2, -0.15)
     world, actuators = flight([cubesat(thrusters=False)], rate)
@@ -192,7 +222,7 @@ def test_wheels_and_craft_keep_their_momentum():
     for _ in range(120):
         drive = push(actuators, state, (0.0, 0, 0), torque)
         state = state_of(world.advance(drive.force, drive.torque, drive.onboard))
-    stored = np.linalg.norm(actuators._orders.stored)
+    stored = np.linalg.norm(actuators.stored)
     assert stored == pytest.approx(actuators.work().wheel_momentum_nms[0])
     assert stored > 0.02
     assert momentum(state, actuators, world.inertia) == pytest.approx(before, abs=1e-4)
@@ -252,9 +282,7 @@ def test_errors_reach_the_world_but_not_the_computer():
 
 
 def test_a_stuck_thruster_pushes_or_does_not_and_the_computer_does_not_know():
-    stuck = ActuatorFaults(*np.zeros((2, 2, 12), dtype=bool))
-    stuck.stuck_open[1, 2] = True
-    stuck.stuck_shut[1, 0] = stuck.stuck_shut[1, 2] = True
+    stuck = [StuckThruster(1, 2, True), StuckThruster(1, 0, False), StuckThruster(1, 2, False)]
     _, actuators = flight([cubesat(), cubesat()])
     drive = push(actuators, resting(2), (-1.0, 0, 0), faults=stuck)
     obedient, faulty = drive.onboard.force.mean(axis=0)

@@ -91,11 +91,11 @@ def test_what_is_left_in_held_out_poses_is_noise(calibrated, how):
 @pytest.mark.parametrize("how", ["truth", "own"])
 def test_errors_are_of_the_size_of_their_standard_deviations(calibrated, how):
     found, scenario = calibrated(how), load("survey", QUICK)
-    truth = Flight(scenario).lighthouse
+    truth = Flight(scenario).sensors.lighthouse
     point = truth.photodiodes.point_m[0]
     if how == "own":
         point = to_gauge(point, found.seen.believed.point_m[0])
-    fans = linear_fans((truth.settings.fan_x, truth.settings.fan_y))
+    fans = linear_fans(truth.fans)
     off = np.concatenate(
         [
             ((found.result.fans - fans) / found.result.fan_sigma).ravel(),
@@ -192,12 +192,12 @@ def test_damaged_angles_are_a_clear_mistake(tmp_path):
 
 def test_mounting_errors_go_by_their_own_seed():
     def point(*overrides: str) -> np.ndarray:
-        return Flight(load("survey", overrides)).lighthouse.photodiodes.point_m
+        return Flight(load("survey", overrides)).sensors.lighthouse.photodiodes.point_m
 
     np.testing.assert_array_equal(point(), point("seed=9"))
     assert not np.array_equal(point(), point("lighthouse.mounting_seed=2"))
     own = ["lighthouse.mounting_error_mm=0.5"]
-    flights = [Flight(load("formation", own, seed)).lighthouse.photodiodes.point_m for seed in (1, 2)]
+    flights = [Flight(load("formation", own, seed)).sensors.lighthouse.photodiodes.point_m for seed in (1, 2)]
     assert not np.array_equal(*flights)
 
 

@@ -3,12 +3,13 @@
 import mujoco
 import numpy as np
 import pytest
-from test_visibility import L_FACES, L_VERTICES, Limits, brute_force, unit
+from test_visibility import L_FACES, L_VERTICES, brute_force, unit
 
 from estimators.arrays import Floats
 from estimators.rotation import matrix_from_quaternion
 from swarm.assets import find_model, models
 from swarm.hardware import Photodiodes, pad
+from swarm.scenario import Lighthouse
 from swarm.sensors.broad_phase import Placed, cell_of, place_into, sort_into_cells
 from swarm.sensors.hits import HULL, OTHER, hull_hit
 from swarm.sensors.sight import Sight
@@ -50,8 +51,8 @@ def test_equal_to_mujocos_ray_for_the_shipped_models(
 ) -> None:
     model, layout, bodies = shipped_crowd(count, names)
     monkeypatch.setattr("test_visibility.bodies", lambda _model, _craft: bodies)
-    limits = Limits()
-    visibility = Visibility(model, layout, bodies, model.body("lighthouse").id, limits)
+    station = Lighthouse()
+    visibility = Visibility(model, layout, bodies, model.body("lighthouse").id, station)
     # The satellite's dish is not convex: of the shipped models it alone needs MuJoCo's own ray.
     assert (OTHER in visibility._solids.kind) == ("satellite" in names)
     rng = np.random.default_rng(count)
@@ -61,7 +62,7 @@ def test_equal_to_mujocos_ray_for_the_shipped_models(
         for i in range(6 if count == 10 else 2):
             position, quaternion = crowded(rng, count, spread_m, around=i == 1)
             state = visibility.state(position, quaternion)
-            np.testing.assert_array_equal(state, brute_force(model, layout, position, quaternion, limits))
+            np.testing.assert_array_equal(state, brute_force(model, layout, position, quaternion, station))
             seen.append(state[layout.present])
     share = np.bincount(np.concatenate(seen), minlength=3) / np.concatenate(seen).size
     assert share.min() > 0.003, "all three answers must be common"
@@ -79,11 +80,11 @@ def test_a_scene_that_stands_still_shades_too() -> None:
     body.add_geom(type=SHAPE.mjGEOM_BOX, size=[0.02, 0.02, 0.001])
     model = spec.compile()
     layout = pad([np.array([[0.0, 0.0, -0.001]])], [np.array([[0.0, 0.0, -1.0]])])
-    visibility = Visibility(model, layout, [model.body("craft-0").id], model.body("lighthouse").id, Limits())
+    visibility = Visibility(model, layout, [model.body("craft-0").id], model.body("lighthouse").id, Lighthouse())
     places = np.array([[0.6, 0, 2.0], [0, 0, 2.0], [0, -2.0, 1.2], [-0.6, 0, 2.0]])
     answer = [int(visibility.state(place[None], np.array([[1.0, 0, 0, 0]]))[0, 0]) for place in places]
     expected = [
-        int(brute_force(model, layout, place[None], np.array([[1.0, 0, 0, 0]]), Limits())[0, 0]) for place in places
+        int(brute_force(model, layout, place[None], np.array([[1.0, 0, 0, 0]]), Lighthouse())[0, 0]) for place in places
     ]
     assert answer == expected == [Sight.BLOCKED, Sight.LIT, Sight.BLOCKED, Sight.LIT]
 

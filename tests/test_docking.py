@@ -6,13 +6,30 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from swarm.hardware import Closing, Port, closing, docked_pose, placed
-from swarm.onboard.guidance.corridor import Corridor
-from swarm.onboard.guidance.docking import Docking, DockingPlan
+from swarm.onboard.guidance.corridor import in_corridor
+from swarm.onboard.guidance.docking import Docking
 from swarm.onboard.guidance.glideslope import Glideslope, at_rest, brake, through, towards
 from swarm.onboard.guidance.phase import Phase
+from swarm.scenario import Dock
+from swarm.units import si
 
 T = 1 / 60
 SLOPE = Glideslope(slope_per_s=0.25, speed_m_s=0.2, acceleration_m_s2=0.02)
+PLAN = {
+    "kind": "dock",
+    "target": "berth",
+    "from_m": (0.3, 0.0, 3.0),
+    "hold_ranges_m": (1.0, 0.4),
+    "hold_s": (1.0, 1.0),
+    "glideslope_s": 4.0,
+    "speed_m_s": 0.2,
+    "acceleration_m_s2": 0.02,
+    "closing_speed_m_s": 0.03,
+    "corridor_radius_m": 0.05,
+    "corridor_deg": 10.0,
+    "corridor_attitude_deg": 5.0,
+    "retreats": 2,
+}
 
 
 def a_port(seed, place=(0.1, -0.2, 0.3)):
@@ -48,10 +65,10 @@ def test_offset_angle_and_speed_are_those_that_were_put_in(angle_rad):
 
 
 def test_corridor_is_a_blunt_cone():
-    corridor = Corridor(radius_m=0.05, half_angle_rad=np.radians(10), angle_rad=0.1)
+    table = si(Dock(**PLAN | {"corridor_attitude_deg": 0.1 * 180 / np.pi}))
 
     def inside(rho, lateral, angle=0.0):
-        return corridor.contains(Closing(np.array(rho), np.array(lateral), np.array(angle), np.array(0.0)))
+        return in_corridor(table, Closing(np.array(rho), np.array(lateral), np.array(angle), np.array(0.0)))
 
     assert inside(0.0, 0.0499)
     assert not inside(0.0, 0.0501)
@@ -111,19 +128,7 @@ class Craft:
     """Flies exactly as told, and believes the truth unless a test says otherwise."""
 
     def __init__(self, **changes):
-        settings = {
-            "craft": 0,
-            "own": OWN,
-            "target": TARGET,
-            "start_m": np.array([0.3, 0.0, 3.0]),
-            "hold_ranges_m": (1.0, 0.4),
-            "hold_s": (1.0, 1.0),
-            "slope": SLOPE,
-            "closing_speed_m_s": 0.03,
-            "corridor": Corridor(0.05, np.radians(10), np.radians(5)),
-            "retreats": 2,
-        }
-        self.docking = Docking(DockingPlan(**{**settings, **changes}), T)
+        self.docking = Docking(0, OWN, TARGET, Dock(**PLAN | changes), T)
         self.time_s, self.position, self.velocity = 0.0, np.array([0.3, 0.0, 3.0]), np.zeros(3)
         self.phases = []
 

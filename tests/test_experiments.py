@@ -5,7 +5,6 @@ The full ones are commands (`swarm reproduce`): their figures stand in docs/expe
 
 import json
 from pathlib import Path
-from zlib import crc32
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -15,9 +14,9 @@ from rich.console import Console
 from estimators import rotation as rot
 from estimators.lighthouse.dop import dilution, image_dilution
 from estimators.lighthouse.sweep import FanErrors, ideal_theta, measured_theta
+from swarm import random
 from swarm.errors import SwarmError
 from swarm.figures import Figure
-from swarm.flight import builders
 from swarm.hardware import Photodiodes
 from swarm.results.owned_folder import refuse_taken
 from swarm.scenario import Scenario
@@ -100,9 +99,8 @@ def test_the_same_seed_gives_the_same_files(tmp_path):
 def test_the_ladder_rises_with_every_cause_and_falls_with_every_cure(tmp_path, monkeypatch):
     # Calibrating has its own tests: here the craft simply knows the truth.
     def true_values(scenario: Scenario, layout: Photodiodes) -> rungs.Knowledge:
-        station = builders.lighthouse(scenario)
-        mounted = Lighthouse(layout, station, scenario.seed, [crc32(b"craft-0")]).photodiodes
-        return rungs.Knowledge((station.fan_x, station.fan_y), mounted)
+        true = Lighthouse(layout, scenario.lighthouse, scenario.seed, [random.key("craft-0")])
+        return rungs.Knowledge(true.fans, true.photodiodes)
 
     monkeypatch.setattr(dynamic, "calibrated", true_values)
     found = quick("lighthouse-dynamic", tmp_path / "dynamic", runs=2, seconds=3)

@@ -14,7 +14,7 @@ from swarm.errors import SwarmError
 from swarm.flight.faults.schedule import Schedule, speed_swing
 from swarm.flight.flight import Flight
 from swarm.onboard.decoder import PulseDecoder
-from swarm.onboard.navigation import Status
+from swarm.onboard.settings import Status
 from swarm.scenario.faults import KINDS, LighthouseDark, PhotodiodeDead, SyncLoss
 from swarm.sensors import mirror
 from swarm.sensors import pulse_faults as pulses
@@ -145,8 +145,8 @@ def test_a_rotor_off_speed_shows_in_the_angles_and_the_flashes_tell_by_how_much(
         speed = 1 + 3e-4
         # A phase that lets the flashes come as such a rotor's: each turn as much sooner.
         rotor = Rotor(speed, -frame * PERIOD_S * (1 - 1 / speed))
-        exact = still.decode(flight.lighthouse.sweep(truth, frame, lit))
-        fast = off.decode(flight.lighthouse.sweep(truth, frame, lit, rotor))
+        exact = still.decode(flight.sensors.lighthouse.sweep(truth, frame, lit))
+        fast = off.decode(flight.sensors.lighthouse.sweep(truth, frame, lit, rotor))
     seen = exact.lit & fast.lit
     # Rounding to ticks, 7.5 urad each, of sweep and flash.
     np.testing.assert_allclose(fast.theta[seen] * speed, exact.theta[seen], atol=1.6e-5)
@@ -165,15 +165,15 @@ def hall():
 
 
 def poses(flight: Flight, tilt_deg: float):
-    reference = flight.dynamics.motions.at(0.0)
+    reference = flight.motions.at(0.0)
     rotation = reference.rotation.copy()
     rotation[1] = rotation[1] @ rot.exp(np.array([0, np.radians(tilt_deg), 0]))
     return reference.position, quaternion_from_matrix(rotation)
 
 
 def ghosts(flight: Flight, pose):
-    layout, settings = flight.lighthouse.photodiodes, flight.lighthouse.settings
-    return mirror.ghosts(flight.visibility, layout, 0, [1], settings, *pose)
+    layout, settings = flight.sensors.lighthouse.photodiodes, flight.sensors.lighthouse.settings
+    return mirror.ghosts(flight.sensors.visibility, layout, 0, [1], settings, *pose)
 
 
 @pytest.mark.parametrize("tilt_deg", [7.0, 8.0, 13.0])
@@ -184,7 +184,7 @@ def test_a_reflection_obeys_the_mirror_and_mujocos_rays_go_the_same_way(hall, ti
     model, data = hall.world.model, mujoco.MjData(hall.world.model)
     data.qpos[:] = np.concatenate([position, quaternion], axis=1).ravel()
     mujoco.mj_forward(model, data)
-    layout, turn = hall.lighthouse.photodiodes, rot.matrix_from_quaternion(quaternion)
+    layout, turn = hall.sensors.lighthouse.photodiodes, rot.matrix_from_quaternion(quaternion)
     geom, normal = np.zeros(1, dtype=np.int32), np.zeros(3)
     for k, q, way in zip(seen.photodiode, seen.point_m, seen.way_m, strict=True):
         reach = np.linalg.norm(q)
@@ -204,7 +204,7 @@ def test_no_reflection_is_overlooked_by_a_fine_search_over_the_faces(hall):
     # Fermat: of all points of a face the mirror's makes the way stationary; here it is looked for on a grid.
     position, quaternion = poses(hall, 8.0)
     seen = Counter(ghosts(hall, (position, quaternion)).photodiode.tolist())
-    layout, turn = hall.lighthouse.photodiodes, rot.matrix_from_quaternion(quaternion)
+    layout, turn = hall.sensors.lighthouse.photodiodes, rot.matrix_from_quaternion(quaternion)
     p = layout.point_m[0, layout.present[0]] @ turn[0].T + position[0]
     n_p = layout.normal[0, layout.present[0]] @ turn[0].T
     n = -turn[1] @ np.array([0, 0, -1.0])
@@ -222,8 +222,10 @@ def test_no_reflection_is_overlooked_by_a_fine_search_over_the_faces(hall):
             good = (miss < 2e-3) & (back @ n_p[k] > np.cos(np.radians(80))) & (np.sum(away * onward, axis=1) > 0)
             scene = position, quaternion
             for i in np.flatnonzero(good)[:1]:
-                through = hall.visibility.blocked(np.zeros(3), point[i][None], *scene, through_lighthouse=True)[0]
-                if not through and not hall.visibility.blocked(point[i] + 1e-4 * n, p[k][None], *scene)[0]:
+                through = hall.sensors.visibility.blocked(np.zeros(3), point[i][None], *scene, through_lighthouse=True)[
+                    0
+                ]
+                if not through and not hall.sensors.visibility.blocked(point[i] + 1e-4 * n, p[k][None], *scene)[0]:
                     found.add(k)
     assert found
     assert found <= set(seen)
@@ -386,7 +388,9 @@ def test_thrusters_do_not_obey():
     stuck = 'fault=[{kind="thruster-stuck", thruster=2, state="on", at_s=0.1, for_s=0.1, craft="i"}]'
     craft = 'craft=[{name="i", model="cubesat12u", motion={kind="hold"}}]'
     flight = Flight(swarm.load("static", ["swarm.count=0", craft, stuck, "duration_s=1"]))
-    opened = [flight.period(frame).work.thrusters_open[0] for frame in range(20)]
+    opened = []
+    for frame in range(20):
+        opened.append(flight.period(frame).work.thrusters_open[0])
     assert opened[:6] == [0] * 6, "at rest nothing fires"
     assert min(opened[6:12]) >= 1
 
@@ -431,7 +435,10 @@ def test_a_scenario_with_faults_is_written_out_and_read_again(tmp_path):
 @pytest.mark.parametrize(
     ("fault", "message"),
     [
-        ('kind="thruster-stuck", at_s=1, thruster=0', "--set: fault[0].state: missing: How it is stuck."),
+        (
+            'kind="thruster-stuck", at_s=1, thruster=0',
+            "--set: fault[0].state: missing: State in which the thruster is stuck.",
+        ),
         ('kind="restart", at_s=1, crft="a"', "--set: fault[0].crft = \"a\": unknown key; did you mean 'craft'?"),
         ('kind="restart", at_s=-1', "--set: fault[0].at_s = -1: must be at least 0 s"),
         ('kind="restart", at_s=1, craft="nobody"', '--set: fault[0].craft[0] = "nobody": no craft has the name'),

@@ -9,26 +9,43 @@ import pytest
 from estimators.relative_orbit import acceleration, circular
 from swarm.onboard.guidance.assignment import assign
 from swarm.onboard.guidance.broadcast import FORGOTTEN_S, Broadcasts, Heard
-from swarm.onboard.guidance.formation import Figure, Formation
+from swarm.onboard.guidance.formation import Formation
 from swarm.onboard.guidance.gains import regulator
 from swarm.onboard.guidance.phase import Phase
-from swarm.onboard.guidance.shapes import ProjectedCircle, Rigid
+from swarm.scenario import Figure
+from swarm.scenario import Formation as Table
+from swarm.scenario.motions.shapes import shape_of
 
 T = 1 / 60
+DEG = 180 / np.pi
+FRONT = (0.0, 0.0, 4.0)
+
+
+def rigid(shape, centre_m, size_m, tilt_rad=0.0, turn_rad=0.0, rate_rad_s=0.0):
+    return shape_of(figure(shape, size_m, tilt_rad, turn_rad, rate_rad_s), centre_m, None)
+
+
+def figure(shape, size_m, tilt_rad=0.0, turn_rad=0.0, rate_rad_s=0.0, at_s=0.0):
+    turned = {"tilt_deg": tilt_rad * DEG, "turn_deg": turn_rad * DEG, "rate_deg_s": rate_rad_s * DEG}
+    return Figure(shape=shape, at_s=at_s, **{"length_m" if shape == "line" else "radius_m": size_m}, **turned)
+
+
+def flown(*figures, count, speed_m_s):
+    return Formation(np.arange(count), Table(kind="formation", figures=figures, speed_m_s=speed_m_s))
 
 
 def test_figures_have_their_geometry():
-    ring = Rigid("ring", (1.0, 2.0, 3.0), 1.5, tilt_rad=0.4, turn_rad=0.7).at(0.0, 7).position - [1, 2, 3]
+    ring = rigid("ring", (1.0, 2.0, 3.0), 1.5, tilt_rad=0.4, turn_rad=0.7).at(0.0, 7).position - [1, 2, 3]
     assert np.allclose(np.linalg.norm(ring, axis=1), 1.5)
     sides = np.linalg.norm(np.roll(ring, 1, axis=0) - ring, axis=1)
     assert np.allclose(sides, 2 * 1.5 * np.sin(np.pi / 7))
-    line = Rigid("line", (0.0, 0.0, 4.0), 4.4, turn_rad=np.pi / 2).at(0.0, 12).position
+    line = rigid("line", (0.0, 0.0, 4.0), 4.4, turn_rad=np.pi / 2).at(0.0, 12).position
     assert np.allclose(line[:, 1], np.linspace(-2.2, 2.2, 12))
-    corners = Rigid("tetrahedron", (0.0, 0.0, 0.0), 1.5).at(0.0, 4).position
+    corners = rigid("tetrahedron", (0.0, 0.0, 0.0), 1.5).at(0.0, 4).position
     edges = [np.linalg.norm(corners[a] - corners[b]) for a, b in combinations(range(4), 2)]
     # Edge over circumradius of a regular tetrahedron: sqrt(8/3).
     assert np.allclose(edges, 1.5 * np.sqrt(8 / 3))
-    twelve = Rigid("tetrahedron", (0.0, 0.0, 0.0), 1.5).at(0.0, 12).position
+    twelve = rigid("tetrahedron", (0.0, 0.0, 0.0), 1.5).at(0.0, 12).position
     assert np.allclose(twelve[:4], corners)
     apart = min(np.linalg.norm(a - b) for a, b in combinations(twelve, 2))
     # Eight more on six edges: two edges in thirds, four in halves.
@@ -37,7 +54,7 @@ def test_figures_have_their_geometry():
 
 @pytest.mark.parametrize("kind", ["ring", "line", "tetrahedron"])
 def test_turning_figures_have_their_own_rates(kind):
-    shape, h = Rigid(kind, (0.3, 0.0, 4.0), 1.2, 0.5, -0.3, rate_rad_s=0.2), 1e-4
+    shape, h = rigid(kind, (0.3, 0.0, 4.0), 1.2, 0.5, -0.3, rate_rad_s=0.2), 1e-4
     before, now, after = (shape.at(2.0 + d, 5) for d in (-h, 0.0, h))
     # Central differences: truncation h^2, rounding eps / h^2.
     assert np.allclose((after.position - before.position) / (2 * h), now.velocity, atol=1e-8)
@@ -47,8 +64,8 @@ def test_turning_figures_have_their_own_rates(kind):
 @pytest.mark.parametrize("boresight", ["v-bar", "-v-bar", "r-bar", "h-bar"])
 def test_projected_circle_is_a_free_motion_of_the_orbit(boresight):
     orbit = circular(500e3, boresight)
-    along, across, down = orbit.axes
-    shape = ProjectedCircle((0.0, 0.0, 0.0), 2.0, orbit.mean_motion_rad_s, np.stack([-down, along, -across], axis=1))
+    down = orbit.axes[2]
+    shape = shape_of(Figure(shape="projected-circle", radius_m=2.0), (0.0, 0.0, 0.0), orbit)
     for time_s in (0.0, 700.0, 3000.0):
         motion = shape.at(time_s, 6)
         free = acceleration(orbit, motion.position, motion.velocity)
@@ -93,9 +110,8 @@ def silence(count):
 
 
 def a_formation(count=8):
-    ring = Rigid("ring", (0.0, 0.0, 4.0), 1.0, rate_rad_s=0.1)
-    line = Rigid("line", (0.0, 0.0, 4.0), 3.0)
-    return Formation(np.arange(count), [Figure(0.0, ring), Figure(2.0, line)], speed_m_s=0.15)
+    ring, line = figure("ring", 1.0, rate_rad_s=0.1), figure("line", 3.0, at_s=2.0)
+    return flown(ring, line, count=count, speed_m_s=0.15)
 
 
 def test_transfer_is_smooth_and_arrives_at_the_figure():
@@ -108,7 +124,7 @@ def test_transfer_is_smooth_and_arrives_at_the_figure():
     assert np.allclose(np.diff(position, axis=0), T * (velocity[1:] + velocity[:-1]) / 2, atol=1e-6)
     assert np.allclose(np.diff(velocity, axis=0), T * (steer[1:] + steer[:-1]) / 2, atol=1e-5)
     assert np.linalg.norm(velocity[0], axis=1) == pytest.approx(0.1 * np.ones(count))
-    line = Rigid("line", (0.0, 0.0, 4.0), 3.0).at(0.0, count).position
+    line = rigid("line", (0.0, 0.0, 4.0), 3.0).at(0.0, count).position
     last = position[-1]
     assert sorted(last[:, 0]) == pytest.approx(sorted(line[:, 0]))
     assert np.allclose(velocity[-1], 0)
@@ -120,10 +136,10 @@ def test_transfer_is_smooth_and_arrives_at_the_figure():
 
 
 def test_places_follow_from_what_is_heard():
-    ring, line = Rigid("ring", (0.0, 0.0, 4.0), 1.0), Rigid("line", (0.0, 0.0, 4.0), 3.0)
+    line = rigid("line", FRONT, 3.0)
     rng = np.random.default_rng(2)
     believed = rng.normal(size=(6, 3)) + np.array([0, 0, 4])
-    formation = Formation(np.arange(6), [Figure(0.0, ring), Figure(1.0, line)], 0.1)
+    formation = flown(figure("ring", 1.0), figure("line", 3.0, at_s=1.0), count=6, speed_m_s=0.1)
     formation.at(0.0, silence(6))
     formation.at(1.0, Heard(believed, np.zeros((6, 3)), np.ones(6, dtype=np.bool_)))
     places = line.at(0.0, 6).position

@@ -169,10 +169,10 @@ def test_what_does_not_broadcast_is_not_heard_and_craft_without_guidance_fly_as_
     flight = Flight(swarm.load("docking", SHORT_DOCKING))
     flight.period(0)
     flight.period(1)
-    heard = flight.dynamics.guided._guidance._air.heard()
+    heard = flight.pilot.guidance._air.heard()
     assert not heard.known[1], "the berth has no lighthouse on board, and says nothing"
     plain = Flight(swarm.load("formation"))
-    assert not plain.dynamics.guided.guides
+    assert plain.pilot.guidance is None
     assert plain.period(0).guided is None
 
 
@@ -181,7 +181,7 @@ def test_what_does_not_broadcast_is_not_heard_and_craft_without_guidance_fly_as_
     [
         (("craft[0].motion.target=birth",), "did you mean 'berth'"),
         (("craft[0].motion.target=servicer",), "its own target"),
-        (("craft[1].motion.kind=tumble",), "must hold its place"),
+        (("craft[1].motion.kind=tumble",), "must hold its position"),
         (("craft[0].motion.hold_s=[1.0]",), r"has 1 times for 2 hold_ranges_m"),
         (("craft[0].motion.hold_ranges_m=[0.4, 1.5]",), "must come nearer"),
         (("craft[0].motion.closing_speed_m_s=0.5",), "at most speed_m_s"),

@@ -14,27 +14,27 @@ from swarm import load, simulate
 from swarm.assets import find_model
 from swarm.errors import SwarmError
 from swarm.flight.builders import check
-from swarm.sensors.lidar import Lidar, LidarSettings, Mount
+from swarm.scenario import Lidar as Table
+from swarm.sensors.lidar import Lidar, Mount
 from swarm.studies.papers import reproduce
 from swarm.studies.papers.experiment import quantiles
 from swarm.studies.papers.lidar import Turntable, error_deg, turned
 from swarm.world.surface import known_shape, surface
 from swarm.world.world import CraftStart, World
 
-PERFECT = LidarSettings(
-    horizontal_field_rad=np.radians(60.0),
-    resolution_rad=np.radians(0.5),
-    range_noise_m=0.0,
-    jitter_rad=0.0,
-    dropout_probability=0.0,
-)
+
+def scanner(**values):
+    return Table(target="target", horizontal_field_deg=60.0, resolution_deg=0.5, **values)
+
+
+PERFECT = scanner(range_noise_mm=0.0, jitter_deg=0.0, dropout_probability=0.0)
 HST = Path(__file__).parents[1] / ".." / "shared" / "data" / "spacecraft" / "HST.obj"
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 def test_rays_go_where_the_lines_say_and_meet_what_the_mesh_says():
     """Ranges against the package's own ray casting at the same mesh; MuJoCo keeps meshes in single precision."""
-    bench = Turntable(0, settings=PERFECT)
+    bench = Turntable(0, scanner=PERFECT)
     rotation = turned(np.array([30.0, -50.0, 70.0]))
     scan = bench.scan(rotation)
     elevation = np.unique(np.round(np.degrees(np.arcsin(scan.direction[:, 2])), 6))
@@ -55,24 +55,24 @@ def test_rays_go_where_the_lines_say_and_meet_what_the_mesh_says():
 
 
 def test_noise_drop_outs_and_seeds():
-    noisy = LidarSettings(horizontal_field_rad=PERFECT.horizontal_field_rad, resolution_rad=PERFECT.resolution_rad)
+    noisy = scanner()
     rotation = turned(np.zeros(3))
-    truth = Turntable(0, settings=PERFECT).scan(rotation).range_m
-    bench = Turntable(3, settings=noisy)
+    truth = Turntable(0, scanner=PERFECT).scan(rotation).range_m
+    bench = Turntable(3, scanner=noisy)
     off = np.array([bench.scan(rotation).range_m - truth for _ in range(20)])
     known = off[np.isfinite(off)]
     # Robust, since jitter moves rays across edges: 3 % is 4 sigma of 10 000 ranges, and some of the jitter.
     assert 1.4826 * np.median(np.abs(known)) == pytest.approx(0.01, rel=0.05)
     lost = np.isnan(off[:, np.isfinite(truth)])
     assert 0.005 < lost.mean() < 0.2
-    again = Turntable(3, settings=noisy)
+    again = Turntable(3, scanner=noisy)
     assert np.array_equal(again.scan(rotation).range_m - truth, off[0], equal_nan=True)
-    assert not np.array_equal(Turntable(4, settings=noisy).scan(rotation).range_m - truth, off[0], equal_nan=True)
+    assert not np.array_equal(Turntable(4, scanner=noisy).scan(rotation).range_m - truth, off[0], equal_nan=True)
 
 
 def test_returns_fade_with_incidence_and_range():
     def share(distance, tilt_deg):
-        settings = LidarSettings(horizontal_field_rad=np.radians(10.0), lines=4, vertical_field_rad=np.radians(1.0))
+        settings = Table(target="target", horizontal_field_deg=10.0, lines=4, vertical_field_deg=1.0)
         bench = Turntable(1, "satellite", settings, distance)
         rotation = turned(np.array([0.0, tilt_deg, 0.0]))
         hits = cast(bench.shape.mesh, -rotation.T @ bench.position, bench._lidar._direction @ rotation)
@@ -95,9 +95,7 @@ def test_craft_hide_each_other_and_move_during_the_scan():
         CraftStart("near", satellite, front + np.array([8.0, 60.0, 0]), UPRIGHT, still, still, passive=True),
     ]
     world = World(starts, find_model("lighthouse"))
-    settings = LidarSettings(
-        horizontal_field_rad=np.radians(4.0), lines=4, vertical_field_rad=np.radians(2.0), range_noise_m=0.0
-    )
+    settings = Table(target="far", horizontal_field_deg=4.0, lines=4, vertical_field_deg=2.0, range_noise_mm=0.0)
     lidar = Lidar(world.model, world.craft_bodies, [Mount(0, *world.lidars[0])], settings, 0, [0])
     place = np.array([s.position for s in starts])
     clear = lidar.still(place, np.tile(UPRIGHT, (3, 1)))[0]
@@ -105,7 +103,7 @@ def test_craft_hide_each_other_and_move_during_the_scan():
     place[2] = front + np.array([8.0, 0, 0])
     hidden = lidar.still(place, np.tile(UPRIGHT, (3, 1)))[0]
     assert np.nanmax(hidden.range_m) < 10
-    assert len(np.unique(hidden.time_s)) == settings.steps
+    assert len(np.unique(hidden.time_s)) == 20
     assert np.ptp(hidden.time_s) == pytest.approx(0.1, rel=0.06)
 
 
@@ -144,7 +142,7 @@ def test_a_real_spacecraft_is_acquired_from_its_mesh_alone():
     ("changes", "message"),
     [
         (['craft[0].lidar.target="satelite"'], "no craft has this name; did you mean 'satellite'"),
-        (["craft[1].passive=false"], "must be passive: who navigates by itself is not inspected"),
+        (["craft[1].passive=false"], "must be passive: a craft that navigates by itself is not inspected"),
         (["craft[0].lidar.rate_hz=120"], "at most one scan per lighthouse period, 60 Hz"),
         (["craft[0].lidar.range_min_m=80"], "must be below range_max_m = 60.0 m"),
         (["craft[0].lidar.lines=0"], "must be at least 1"),

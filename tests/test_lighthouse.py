@@ -1,7 +1,6 @@
 """The lighthouse: crossing instants against a root finder, noise against its distributions, draws bit for bit."""
 
-from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -10,34 +9,26 @@ from scipy.spatial.transform import Rotation, Slerp
 from scipy.stats import chi2
 
 from estimators.arrays import Bools, Floats
-from estimators.lighthouse.sweep import FanErrors, ideal_theta, kernel_errors, measured_theta
+from estimators.lighthouse.sweep import LIGHTHOUSE_1, FanErrors, ideal_theta, kernel_fans, lighthouse_1, measured_theta
 from estimators.rotation import exp, quaternion_from_matrix
 from swarm.hardware import Photodiodes, pad
 from swarm.messages import SYNC_WIDTH_S, SYNC_WIDTH_STEP_S, Pulses
+from swarm.scenario import Lighthouse as Station
 from swarm.sensors.crossing import cross_into
-from swarm.sensors.lighthouse import BLOCK, Lighthouse, LighthouseSettings
+from swarm.sensors.lighthouse import BLOCK, Lighthouse
 
 PERIOD = 1 / 60
 W = 2 * np.pi / PERIOD
 FLASH_TICKS = [3125, 3646]  # 3000 / 48 MHz and 3500 / 48 MHz in ticks of 20 ns
-QUIET = LighthouseSettings(
-    rate_hz=60.0,
-    angle_noise_rad=0.0,
-    rotor_correlation=0.8717,
-    sync_jitter_s=0.0,
-    tick_s=20e-9,
-    field_rad=float(np.deg2rad(120.0)),
-    range_min_m=0.3,
-    range_max_m=20.0,
-    incidence_max_rad=float(np.deg2rad(80.0)),
-    photodiode_diameter_m=3e-3,
-    mounting_error_m=0.0,
-    missed_sync_probability=0.0,
-    lost_pulse_probability=0.0,
-    stray_pulse_rate_hz=0.0,
-    fan_x=FanErrors(),
-    fan_y=FanErrors(),
-)
+TICK_S = 20e-9
+
+
+def station(**values: Any) -> Station:
+    """A station without noise, but for these values."""
+    return Station(**{"angle_noise_arcsec": 0.0} | values)
+
+
+QUIET = station()
 NOISE = float(np.deg2rad(8.8 / 3600))
 REAL_FANS = (FanErrors(0.05, 0.01, 0.002, 1.3, 0.01), FanErrors(-0.03, -0.008, -0.003, -2.1, -0.02))
 
@@ -125,7 +116,7 @@ def test_crossing_instants_equal_a_root_finder_on_the_analytic_motion(
     error = np.random.default_rng(2).normal(0, NOISE, (20, 12, 2))
     instant, width = np.zeros((20, 12, 2)), np.zeros((20, 12, 2))
     knots = truth.time_s - truth.time_s[0]
-    lit, numbers = all_lit(layout), kernel_errors(fans)
+    lit, numbers = all_lit(layout), kernel_fans(lighthouse_1(*fans))
     cross_into(knots, *truth[1:], layout.point_m, layout.normal, lit, error, numbers, PERIOD, 3e-3, instant, width)
     for c, k, fan in np.ndindex(20, 12, 2):
         start = fan * PERIOD / 2
@@ -149,7 +140,7 @@ def test_crossing_instants_follow_bent_knots() -> None:
     quaternion[::2] *= -1
     position = truth.position + rng.normal(0, 0.002, truth.position.shape)
     instant, width = np.zeros((1, 12, 2)), np.zeros((1, 12, 2))
-    error, lit, perfect = np.zeros((1, 12, 2)), all_lit(layout), kernel_errors((FanErrors(), FanErrors()))
+    error, lit, perfect = np.zeros((1, 12, 2)), all_lit(layout), kernel_fans(LIGHTHOUSE_1)
     cross_into(
         truth.time_s,
         position,
@@ -180,11 +171,11 @@ def test_without_noise_every_pulse_is_within_half_a_tick() -> None:
     motion, layout = FreeMotion(5, 4, frame), layout_of([12, 5, 8, 0])
     lighthouse, lit = Lighthouse(layout, QUIET, seed=1), all_lit(layout)
     pulses = lighthouse.sweep(motion.period(frame), frame, lit)
-    zero = lighthouse.clock_offset_tick + frame * PERIOD / QUIET.tick_s
+    zero = lighthouse.clock_offset_tick + frame * PERIOD / TICK_S
     seen = 0
     for c in range(4):
         for k, rise, width in row(pulses, c):
-            middle = (rise + (0 if is_flash(width) else width / 2) - zero[c]) * QUIET.tick_s
+            middle = (rise + (0 if is_flash(width) else width / 2) - zero[c]) * TICK_S
             if is_flash(width):
                 expected = FLASH_TICKS.index(width) * PERIOD / 2
             else:
@@ -192,7 +183,7 @@ def test_without_noise_every_pulse_is_within_half_a_tick() -> None:
                 theta = ideal_theta(motion.points(layout, frame * PERIOD + middle)[c, k])[fan]
                 expected = theta / W + fan * PERIOD / 2
             # Half a tick, and what the float of some 1e11 ticks rounds.
-            assert abs(middle - expected) <= 0.5001 * QUIET.tick_s
+            assert abs(middle - expected) <= 0.5001 * TICK_S
             seen += 1
     assert seen == 4 * (12 + 5 + 8)
     assert pulses.total.tolist() == [48, 20, 32, 0]
@@ -201,12 +192,12 @@ def test_without_noise_every_pulse_is_within_half_a_tick() -> None:
     still.velocity[:], still.turn[:] = 0, 0
     decoded = angles(lighthouse, lighthouse.sweep(still.period(0), 0, lit))
     ideal = ideal_theta(still.points(layout, 0.0))
-    assert np.max(np.abs(decoded - ideal)[layout.present]) <= 1.0001 * W * QUIET.tick_s
+    assert np.max(np.abs(decoded - ideal)[layout.present]) <= 1.0001 * W * TICK_S
 
 
 def test_pulses_are_sorted_typed_and_padded() -> None:
     motion, layout = FreeMotion(6, 3), layout_of([12, 4, 7])
-    noisy = replace(QUIET, angle_noise_rad=NOISE, stray_pulse_rate_hz=500.0, sync_jitter_s=1e-7)
+    noisy = station(angle_noise_arcsec=8.8, stray_pulse_rate_hz=500.0, sync_jitter_ns=100.0)
     lighthouse = Lighthouse(layout, noisy, seed=2)
     pulses = lighthouse.sweep(motion.period(0), 0, all_lit(layout))
     assert [column.dtype for column in pulses] == [np.int16, np.int64, np.int32, np.int32]
@@ -225,7 +216,7 @@ def test_flashes_carry_their_fan_and_follow_the_line_of_sight() -> None:
     pulses = row(Lighthouse(layout, QUIET, seed=3).sweep(motion.period(0), 0, lit), 0)
     for fan, code in ((0, 0), (1, 1)):
         seen = [k for k in range(6) if lit[0, k, fan]]
-        width = (SYNC_WIDTH_S + code * SYNC_WIDTH_STEP_S) / QUIET.tick_s
+        width = (SYNC_WIDTH_S + code * SYNC_WIDTH_STEP_S) / TICK_S
         assert [k for k, _, w in pulses if abs(w - width) <= 0.5] == seen
         assert len({rise for _, rise, w in pulses if abs(w - width) <= 0.5}) == 1
     sweeps = [k for k, _, w in pulses if not is_flash(w)]
@@ -256,15 +247,15 @@ def test_sweep_width_is_the_face_over_the_fans_speed(
     truth = Truth(np.array([0.0, PERIOD]), np.tile(place, (2, 1, 1)), np.tile(quaternion, (2, 1, 1)))
     pulses = row(Lighthouse(layout, QUIET, seed=4).sweep(truth, 0, all_lit(layout)), 0)
     widths = [w for _, _, w in pulses if not is_flash(w)]
-    expected = 3e-3 / depth / W / QUIET.tick_s * np.array(factor)
+    expected = 3e-3 / depth / W / TICK_S * np.array(factor)
     np.testing.assert_allclose(widths, expected, atol=0.5001)
 
 
-def sampled_errors(settings: LighthouseSettings, craft: int, frames: int) -> Floats:
+def sampled_errors(table: Station, craft: int, frames: int) -> Floats:
     """Angle errors (frames, craft, photodiodes, fans) [rad] of craft at rest, by decoding the pulses."""
     motion, layout = FreeMotion(8, craft), layout_of([5] * craft)
     motion.velocity[:], motion.turn[:] = 0, 0
-    lighthouse = Lighthouse(layout, settings, seed=5)
+    lighthouse = Lighthouse(layout, table, seed=5)
     truth, lit, ideal = motion.period(0), all_lit(layout), ideal_theta(motion.points(layout, 0.0))
     return np.array([angles(lighthouse, lighthouse.sweep(truth, f, lit)) - ideal for f in range(frames)])
 
@@ -278,7 +269,7 @@ def inside(sum_of_squares: float, count: int) -> bool:
 def test_noise_has_a_shared_and_an_own_part_of_the_right_size() -> None:
     rho, frames, craft, k = 0.8717, 300, 3, 5
     # Ticks of 0.1 ns: their rounding (4e-8 rad) is a thousandth of the noise.
-    errors = sampled_errors(replace(QUIET, angle_noise_rad=NOISE, tick_s=1e-10), craft, frames) / NOISE
+    errors = sampled_errors(station(angle_noise_arcsec=8.8, tick_ns=0.1), craft, frames) / NOISE
     shared = errors.mean(axis=(1, 2))
     own = errors - shared[:, None, None, :]
     n = craft * k
@@ -295,7 +286,7 @@ def test_noise_has_a_shared_and_an_own_part_of_the_right_size() -> None:
 
 def test_sync_jitter_shifts_all_angles_of_a_sweep_alike() -> None:
     frames, jitter = 300, 1e-6
-    errors = sampled_errors(replace(QUIET, sync_jitter_s=jitter, tick_s=1e-10), 2, frames)
+    errors = sampled_errors(station(sync_jitter_ns=1e9 * jitter, tick_ns=0.1), 2, frames)
     # Rounding to ticks of 0.1 ns is all that differs between photodiodes.
     assert np.ptp(errors, axis=(1, 2)).max() <= 2.001 * W * 1e-10
     # A late flash makes every angle smaller.
@@ -303,11 +294,10 @@ def test_sync_jitter_shifts_all_angles_of_a_sweep_alike() -> None:
         assert inside(float(np.sum((errors[:, 0, 0, fan] / (W * jitter)) ** 2)), frames)
 
 
-FAULTY = replace(
-    QUIET,
-    angle_noise_rad=NOISE,
-    sync_jitter_s=1e-7,
-    mounting_error_m=1e-3,
+FAULTY = station(
+    angle_noise_arcsec=8.8,
+    sync_jitter_ns=100.0,
+    mounting_error_mm=1.0,
     missed_sync_probability=0.2,
     lost_pulse_probability=0.2,
     stray_pulse_rate_hz=200.0,
@@ -359,7 +349,7 @@ def test_faults_happen_as_often_as_asked() -> None:
             assert set(seen) <= {0, 6}
             flashes.append(seen)
         total = sum(not is_flash(w) for pulses_of in exact for _, _, w in pulses_of)
-        strays += int(lighthouse._drawn(f)[0].strays[f % BLOCK].sum())
+        strays += int(lighthouse._draws.at(f)[0].strays[f % BLOCK].sum())
         sweeps += total
     sweeps -= strays
     missed = np.array(flashes) == 0
@@ -375,17 +365,17 @@ def test_faults_happen_as_often_as_asked() -> None:
 
 def test_strays_fall_on_own_photodiodes_at_any_time() -> None:
     layout = layout_of([4, 9])
-    lighthouse = Lighthouse(layout, replace(QUIET, stray_pulse_rate_hz=600.0), seed=9)
+    lighthouse = Lighthouse(layout, station(stray_pulse_rate_hz=600.0), seed=9)
     truth, dark = FreeMotion(12, 2).period(0), np.zeros((2, 9, 2), dtype=np.bool_)
     hits: list[list[int]] = [[], []]
     times: list[float] = []
     for f in range(300):
         pulses = lighthouse.sweep(truth, f, dark)
-        zero = lighthouse.clock_offset_tick + f * PERIOD / QUIET.tick_s
+        zero = lighthouse.clock_offset_tick + f * PERIOD / TICK_S
         for c in range(2):
             for k, rise, width in row(pulses, c):
                 hits[c].append(k)
-                times.append((rise - zero[c]) * QUIET.tick_s / PERIOD)
+                times.append((rise - zero[c]) * TICK_S / PERIOD)
                 assert 1 <= width <= FLASH_TICKS[0] / 10 + 1
     for c, k in ((0, 4), (1, 9)):
         count = np.bincount(hits[c], minlength=k)
@@ -400,12 +390,12 @@ def test_strays_fall_on_own_photodiodes_at_any_time() -> None:
 
 def test_mounting_error_is_drawn_once_with_its_size() -> None:
     layout = layout_of([12] * 40)
-    first, again = (Lighthouse(layout, replace(QUIET, mounting_error_m=1e-3), seed=10) for _ in range(2))
+    first, again = (Lighthouse(layout, station(mounting_error_mm=1.0), seed=10) for _ in range(2))
     np.testing.assert_array_equal(first.photodiodes.point_m, again.photodiodes.point_m)
     shift = (first.photodiodes.point_m - layout.point_m) / 1e-3
     assert inside(float(np.sum(shift**2)), shift.size)
     uneven = layout_of([3, 7])
-    moved = Lighthouse(uneven, replace(QUIET, mounting_error_m=1e-3), seed=10).photodiodes
+    moved = Lighthouse(uneven, station(mounting_error_mm=1.0), seed=10).photodiodes
     assert np.all(moved.point_m[0, 3:] == 0)
     np.testing.assert_array_equal(Lighthouse(layout, QUIET, seed=10).photodiodes.point_m, layout.point_m)
 

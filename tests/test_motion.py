@@ -2,38 +2,80 @@
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 from scipy import stats
 
 from estimators import rotation as rot
 from swarm.errors import SwarmError
-from swarm.world.motion import wander
-from swarm.world.motion.fleet import Approach, Attitude, Drift, Fleet, Hold, Ring, Task, Tumble, Wander, Waypoints
+from swarm.scenario.motions import (
+    Approach,
+    Attitude,
+    Drift,
+    Hold,
+    Place,
+    Ring,
+    Tumble,
+    Wander,
+    Waypoints,
+)
+from swarm.scenario.motions.tones import tones
+from swarm.world.motion.fleet import Fleet
 
-TURNED = Attitude(roll_rad=0.3, pitch_rad=-0.4, yaw_rad=0.2, spin_rad_s=0.7)
+DEG = 180 / np.pi
+TURNED = Attitude(roll_deg=0.3 * DEG, pitch_deg=-0.4 * DEG, yaw_deg=0.2 * DEG, spin_deg_s=0.7 * DEG)
+FIXED = Attitude(facing=False, roll_deg=0.1 * DEG, pitch_deg=0.2 * DEG, yaw_deg=0.3 * DEG)
 ZIGZAG = ((0.5, 0.2, 3.0), (-0.5, 0.4, 4.0), (-1.0, -0.3, 2.5), (0.0, 0.0, 3.0))
+FROM, TO = (1.0, 0.5, 8.0), (0.0, 0.0, 1.0)
+
+
+def hold(position_m, **more):
+    return Hold(kind="hold", position_m=position_m, **more)
+
+
+def ring(radius_m, rate_rad_s, tilt_rad, centre_m=(0.1, 0.2, 3.0), **more):
+    turning = {"rate_deg_s": rate_rad_s * DEG, "tilt_deg": tilt_rad * DEG}
+    return Ring(kind="ring", centre_m=centre_m, radius_m=radius_m, **turning, **more)
+
+
+def waypoints(points_m, times_s, **more):
+    return Waypoints(kind="waypoints", points_m=points_m, times_s=times_s, **more)
+
+
+def approach(from_m=FROM, to_m=TO, start_s=2.0, speed_m_s=1.5, **more):
+    return Approach(kind="approach", from_m=from_m, to_m=to_m, start_s=start_s, speed_m_s=speed_m_s, **more)
+
+
+def wander(size_m, speed_m_s, turn_rad, turn_rate_rad_s, bandwidth_hz, **more):
+    turning = {"turn_deg": turn_rad * DEG, "turn_rate_deg_s": turn_rate_rad_s * DEG}
+    return Wander(kind="wander", size_m=size_m, speed_m_s=speed_m_s, bandwidth_hz=bandwidth_hz, **turning, **more)
+
+
+FREE = {"position_m": (0.0, 0.5, 3.0), "velocity_m_s": (0.1, 0.2, -0.1), "attitude": TURNED}
 MOTIONS = {
-    "hold": Hold((0.4, -0.3, 2.0)),
-    "hold, spinning": Hold((0.4, -0.3, 2.0), attitude=TURNED),
-    "ring": Ring((0.1, 0.2, 3.0), 1.0, rate_rad_s=0.5, tilt_rad=0.4),
-    "ring, turned": Ring((0.1, 0.2, 3.0), 1.0, rate_rad_s=-0.5, tilt_rad=1.2, attitude=TURNED),
-    "waypoints": Waypoints(ZIGZAG, (1.0, 4.0, 6.0, 9.0), attitude=TURNED),
-    "one waypoint": Waypoints(ZIGZAG[:1], (1.0,)),
-    "two waypoints": Waypoints(ZIGZAG[:2], (0.0, 5.0)),
-    "approach": Approach((1.0, 0.5, 8.0), (0.0, 0.0, 1.0), start_s=2.0, speed_m_s=1.5, attitude=TURNED),
-    "fixed attitude": Approach((1.0, 0.5, 4.0), (0.0, 0.0, 1.0), 0.0, 0.5, Attitude(False, 0.1, 0.2, 0.3, 0.4)),
-    "tumble": Tumble((0.0, 0.5, 3.0), (0.1, 0.2, -0.1), (0.4, 0.5, 0.6), attitude=TURNED),
-    "wander": Wander((0.1, 0.2, 3.0), (4.0, 2.0, 3.0), 0.3, 0.5, 0.7, 1.0, attitude=TURNED),
-    "wander, fixed attitude": Wander((0, 0, 3), (1.0, 0.0, 1.0), 0.2, 0.3, 0.2, 0.7, Attitude(False, 0.1, 0.2, 0.3)),
-    "drift": Drift((0.0, 0.5, 3.0), 0.02, 0.1, (0.1, 0.2, -0.1), attitude=TURNED),
+    "hold": hold((0.4, -0.3, 2.0)),
+    "hold, spinning": hold((0.4, -0.3, 2.0), attitude=TURNED),
+    "ring": ring(1.0, 0.5, 0.4),
+    "ring, turned": ring(1.0, -0.5, 1.2, attitude=TURNED),
+    "waypoints": waypoints(ZIGZAG, (1.0, 4.0, 6.0, 9.0), attitude=TURNED),
+    "one waypoint": waypoints(ZIGZAG[:1], (1.0,)),
+    "two waypoints": waypoints(ZIGZAG[:2], (0.0, 5.0)),
+    "approach": approach(attitude=TURNED),
+    "fixed attitude": approach(
+        (1.0, 0.5, 4.0), start_s=0.0, speed_m_s=0.5, attitude=FIXED.model_copy(update={"spin_deg_s": 0.4 * DEG})
+    ),
+    "tumble": Tumble(kind="tumble", angular_rate_deg_s=(0.4 * DEG, 0.5 * DEG, 0.6 * DEG), **FREE),
+    "wander": wander((4.0, 2.0, 3.0), 0.3, 0.5, 0.7, 1.0, centre_m=(0.1, 0.2, 3.0), attitude=TURNED),
+    "wander, fixed attitude": wander((1.0, 0.0, 1.0), 0.2, 0.3, 0.2, 0.7, attitude=FIXED),
+    "drift": Drift(kind="drift", acceleration_m_s2=0.02, angular_acceleration_deg_s2=0.1 * DEG, **FREE),
 }
 
 
-def fleet(*motions, **options):
-    return Fleet([Task(motion) for motion in motions], **options)
+def fleet(*motions, seed=0):
+    return Fleet([motion.course(Place(seed=seed, key=i)) for i, motion in enumerate(motions)], seed)
 
 
 def swarm_of(motion, count):
-    return Fleet([Task(motion, i, count) for i in range(count)])
+    return Fleet([motion.course(Place(i, count)) for i in range(count)])
 
 
 @pytest.mark.parametrize("time_s", [0.7, 2.3, 3.9, 5.3, 6.8, 20.0])
@@ -72,7 +114,7 @@ def test_rotations_are_rotations(name):
 
 
 def test_facing_looks_at_the_lighthouse_with_down_below():
-    flight = fleet(*(Hold(p) for p in [(0, 0, 3), (1, 0, 2), (-1, 1, 2), (0, -1.5, 1)]))
+    flight = fleet(*(hold(p) for p in [(0, 0, 3), (1, 0, 2), (-1, 1, 2), (0, -1.5, 1)]))
     now = flight.at(1.0)
     front = now.rotation[:, :, 2]
     assert np.allclose(front, -now.position / np.linalg.norm(now.position, axis=1, keepdims=True), atol=1e-15)
@@ -83,18 +125,18 @@ def test_facing_looks_at_the_lighthouse_with_down_below():
 
 
 def test_offsets_turn_about_body_axes_x_y_z():
-    angles = {"yaw_rad": 0, "pitch_rad": 1, "roll_rad": 2}
+    angles = {"yaw_deg": 0, "pitch_deg": 1, "roll_deg": 2}
     for name, axis in angles.items():
-        turned = fleet(Hold((0, 0, 3), attitude=Attitude(facing=False, **{name: 0.3}))).at(0.0)
+        turned = fleet(hold((0, 0, 3), attitude=Attitude(facing=False, **{name: 0.3 * DEG}))).at(0.0)
         assert np.allclose(rot.log(turned.rotation[0]), 0.3 * np.eye(3)[axis], atol=1e-15)
-    spun = fleet(Hold((0, 0, 3), attitude=Attitude(spin_rad_s=0.5))).at(2.0)
-    still = fleet(Hold((0, 0, 3), attitude=Attitude(roll_rad=1.0))).at(2.0)
+    spun = fleet(hold((0, 0, 3), attitude=Attitude(spin_deg_s=0.5 * DEG))).at(2.0)
+    still = fleet(hold((0, 0, 3), attitude=Attitude(roll_deg=DEG))).at(2.0)
     assert np.allclose(spun.rotation, still.rotation, atol=1e-14)
 
 
 def test_ring_spreads_the_craft_evenly_in_its_plane():
     tilt = 0.4
-    now = swarm_of(Ring((0, 0, 3), 1.5, 0.2, tilt), 8).at(7.0)
+    now = swarm_of(ring(1.5, 0.2, tilt, (0, 0, 3)), 8).at(7.0)
     arm = now.position - [0, 0, 3]
     normal = rot.exp(np.array([tilt, 0, 0])) @ [0, 0, 1]
     assert np.allclose(np.linalg.norm(arm, axis=1), 1.5)
@@ -107,7 +149,7 @@ def test_ring_spreads_the_craft_evenly_in_its_plane():
 
 def test_swarm_grid_is_centred_and_square():
     for count in (1, 2, 4, 7, 9):
-        position = swarm_of(Hold((1, 2, 3), spacing_m=0.5), count).at(0.0).position
+        position = swarm_of(hold((1, 2, 3), spacing_m=0.5), count).at(0.0).position
         assert np.allclose((position.max(axis=0) + position.min(axis=0)) / 2, [1, 2, 3])
         gaps = np.linalg.norm(position[:, None] - position[None], axis=2)[np.triu_indices(count, 1)]
         assert np.all(gaps > 0.5 - 1e-12)
@@ -131,7 +173,7 @@ def test_waypoints_are_never_overshot():
     for _ in range(20):
         points = random.uniform(-2, 2, (6, 3))
         times = np.cumsum(10 ** random.uniform(-1, 1, 6))
-        flight = fleet(Waypoints(tuple(map(tuple, points)), tuple(times)))
+        flight = fleet(waypoints(points.tolist(), times.tolist()))
         for i in range(5):
             low, high = np.sort(points[i : i + 2], axis=0)
             for time_s in np.linspace(times[i], times[i + 1], 40):
@@ -207,7 +249,7 @@ def test_no_craft_at_all():
 
 def test_drift_draws_do_not_depend_on_company_or_order():
     drift = MOTIONS["drift"]
-    alone, company = fleet(drift, seed=3), fleet(drift, drift, Hold((0, 0, 3)), seed=3)
+    alone, company = fleet(drift, seed=3), fleet(drift, drift, hold((0, 0, 3)), seed=3)
     frames = [0, 1, 255, 256, 700, 5, 256]
     for frame in frames:
         assert np.array_equal(alone.disturbance(frame).acceleration[0], company.disturbance(frame).acceleration[0])
@@ -241,25 +283,28 @@ def test_drift_is_white_with_its_sigma():
 @pytest.mark.parametrize(
     ("motion", "message"),
     [
-        (Waypoints(ZIGZAG, (0.0, 1.0)), "4 points_m for 2 times_s"),
-        (Waypoints((), ()), "0 points_m for 0 times_s"),
-        (Waypoints(ZIGZAG[:2], (1.0, 1.0)), "increase strictly"),
-        (Approach((0, 0, 3), (0, 0, 3), 0.0, 1.0), "from_m differ from to_m"),
-        (Approach((0, 0, 3), (0, 0, 1), 0.0, 0.0), "speed_m_s must be positive"),
-        (Hold((0.0, 1.0, 0.0)), r"\[0.0, 1.0, 0.0\] m cannot face the lighthouse"),
+        (lambda: waypoints(ZIGZAG, (0.0, 1.0)), "2 times for 4 points_m"),
+        (lambda: waypoints((), ()), "points_m"),
+        (lambda: waypoints(ZIGZAG[:2], (1.0, 1.0)), "increase strictly"),
+        (lambda: approach((0, 0, 3), (0, 0, 3)), "must differ from from_m"),
+        (lambda: approach(speed_m_s=0.0), "speed_m_s"),
     ],
 )
 def test_motions_without_sense(motion, message):
-    with pytest.raises(SwarmError, match=message):
-        fleet(motion)
+    with pytest.raises(ValidationError, match=message):
+        motion()
+
+
+def test_nobody_faces_the_lighthouse_from_beside_it():
+    with pytest.raises(SwarmError, match=r"\[0.0, 1.0, 0.0\] m cannot face the lighthouse"):
+        fleet(hold((0.0, 1.0, 0.0)))
 
 
 def test_a_box_is_filled_evenly_and_places_do_not_depend_on_the_number() -> None:
     """Boxes from one corner hold their share of the places, twice as nearly as of random ones at least."""
     size, centre = np.array([4.0, 2.0, 1.0]), np.array([1.0, 0.0, 5.0])
-    motion = Hold((1.0, 0.0, 5.0), box_m=(4.0, 2.0, 1.0))
-    many = Fleet([Task(motion, i, 500) for i in range(500)]).at(0.0).position
-    few = Fleet([Task(motion, i, 20) for i in range(20)]).at(0.0).position
+    motion = hold((1.0, 0.0, 5.0), box_m=(4.0, 2.0, 1.0))
+    many, few = (swarm_of(motion, count).at(0.0).position for count in (500, 20))
     np.testing.assert_array_equal(few, many[:20])
     np.testing.assert_allclose(many[0], centre)
     share = (many - centre) / size + 0.5
@@ -278,12 +323,12 @@ def test_a_box_is_filled_evenly_and_places_do_not_depend_on_the_number() -> None
 def test_wandering_keeps_to_its_bounds_its_speed_and_its_band():
     """An hour: RMS of 8 tones, the slowest of a minute, averages to 2 %; the bounds are exact."""
     bound, speed, step_s = np.array([2.0, 1.0, 1.5, 0.5]), np.array([0.2, 0.1, 0.2, 0.4]), 0.2
-    tones = wander.tones(bound, speed, 1.0, np.random.default_rng(5))
-    value, rate = (np.array(each) for each in zip(*(tones.at(t)[:2] for t in np.arange(0, 3600, step_s)), strict=True))
+    made = tones(bound, speed, 1.0, np.random.default_rng(5))
+    value, rate = (np.array(each) for each in zip(*(made.at(t)[:2] for t in np.arange(0, 3600, step_s)), strict=True))
     assert np.all(np.abs(value) <= bound)
     # It uses its room: by construction all tones together reach just the bound.
     assert np.all(np.ptp(value, axis=0) > 0.6 * 2 * bound)
-    assert np.sum(tones.amplitude, axis=1) == pytest.approx(bound)
+    assert np.sum(made.amplitude, axis=1) == pytest.approx(bound)
     assert np.sqrt(np.mean(rate**2, axis=0)) == pytest.approx(speed, rel=0.06)
     power = np.abs(np.fft.rfft(rate * np.hanning(len(rate))[:, None], axis=0)) ** 2
     above = np.fft.rfftfreq(len(rate), step_s) > 1.01
@@ -300,4 +345,4 @@ def test_wandering_follows_from_the_seed_and_the_craft_alone():
 
 def test_wandering_too_fast_for_its_box_is_refused():
     with pytest.raises(SwarmError, match=r"cannot stay within 0\.1 of the middle at bandwidth_hz = 0\.5"):
-        fleet(Wander((0, 0, 3), (0.2, 0.2, 0.2), 1.0, 0.5, 0.5, 0.5))
+        fleet(wander((0.2, 0.2, 0.2), 1.0, 0.5, 0.5, 0.5))

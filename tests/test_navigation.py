@@ -12,7 +12,8 @@ from swarm.hardware import Photodiodes, pad
 from swarm.messages import Pulses
 from swarm.onboard.acquisition import DECISIVE, Sighting, follow, search
 from swarm.onboard.decoder import PulseDecoder, SweepAngles
-from swarm.onboard.navigation import Estimate, NavigationSettings, Navigator, Status
+from swarm.onboard.navigation import Estimate, Navigator
+from swarm.onboard.settings import NavigationSettings, Status
 from swarm.scenario import load
 
 PERIOD_S = 1 / 60
@@ -55,8 +56,9 @@ def swarm_run() -> tuple[Flight, list[Pulses], list[Estimate]]:
     )
     flight = Flight(scenario)
     pulses: list[Pulses] = []
-    decode = flight.decoder.decode
-    flight.decoder.decode = lambda p: decode(pulses.append(p) or p)  # type: ignore[method-assign, func-returns-value]
+    decoder = flight.computer.decoder
+    decode = decoder.decode
+    decoder.decode = lambda p: decode(pulses.append(p) or p)  # type: ignore[method-assign, func-returns-value]
     return flight, pulses, [flight.period(frame).estimate for frame in range(180)]
 
 

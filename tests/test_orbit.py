@@ -20,7 +20,8 @@ from estimators.relative_orbit import (
 from swarm.assets import find_model
 from swarm.hardware import Photodiodes
 from swarm.onboard.decoder import SweepAngles
-from swarm.onboard.navigation import NavigationSettings, Navigator
+from swarm.onboard.navigation import Navigator
+from swarm.onboard.settings import NavigationSettings
 from swarm.scenario import validate
 from swarm.world.world import CraftStart, World
 from swarm.world.wrench import most_force
@@ -210,7 +211,7 @@ def test_a_craft_in_the_dark_predicts_its_drift():
     for orbit in (LEO, None):
         settings = NavigationSettings(1 / 60, 4e-5, 0.87, coast_limit_s=100.0, orbit=orbit)
         navigator = Navigator(layout, settings)
-        bank = navigator._filter
+        bank = navigator.tracks.bank
         assert isinstance(bank, PoseFilterBank)
         one = np.ones(1, dtype=np.bool_)
         bank.start(one, np.eye(3)[None], start[None, :3], 1e-6 * np.eye(6)[None], (0.1, 0.1))

@@ -145,3 +145,32 @@ def test_kernels_are_the_numpy_forms() -> None:
     a, b = random((2,))
     rot.multiply_into(a, b, product)
     np.testing.assert_allclose(product, a @ b, atol=ROUNDING)
+
+
+def test_quaternion_kernels_are_the_array_forms() -> None:
+    matrix, quaternion = np.empty((3, 3)), np.empty(4)
+    for m in rot.exp(np.concatenate([vectors(5), np.pi * np.eye(3)])):
+        rot.quaternion_from_matrix_into(m, quaternion)
+        np.testing.assert_allclose(quaternion, rot.quaternion_from_matrix(m), atol=ROUNDING)
+        rot.matrix_from_quaternion_into(quaternion, matrix)
+        np.testing.assert_array_equal(matrix, rot.matrix_from_quaternion(quaternion))
+        np.testing.assert_allclose(matrix, m, atol=ROUNDING)
+
+
+def test_quaternion_between_is_the_product_with_the_conjugate() -> None:
+    a, b = rot.quaternion_from_matrix(random((20,), 1)), rot.quaternion_from_matrix(random((20,), 2))
+    between = [rot.quaternion_between(one, other) for one, other in zip(a, b, strict=True)]
+    np.testing.assert_allclose(between, rot.quaternion_multiply(a, b * [1, -1, -1, -1]), atol=ROUNDING)
+
+
+def test_turned_is_exp_times_the_vector() -> None:
+    point = np.random.default_rng(3).standard_normal(3)
+    for v in vectors(3):
+        np.testing.assert_allclose(rot.turned(*v, *point), rot.exp(v) @ point, atol=ROUNDING)
+
+
+def test_left_jacobian_kernel_is_the_array_form() -> None:
+    out = np.empty((3, 3))
+    for v in vectors(3):
+        rot.left_jacobian_into(v, out)
+        np.testing.assert_allclose(out, rot.left_jacobian(v), atol=ROUNDING)

@@ -8,6 +8,7 @@ from itertools import chain
 from pathlib import Path
 from typing import get_args
 
+import numpy as np
 import pytest
 from annotated_types import Ge, Gt, Le, Lt
 from pydantic.fields import FieldInfo
@@ -18,9 +19,11 @@ from swarm.assets import scenarios
 from swarm.errors import SwarmError
 from swarm.flight import builders
 from swarm.scenario import Scenario, load, to_toml
-from swarm.scenario.mistakes import split_unit, tables_of
-from swarm.scenario.motions import Table
-from swarm.world.motion import fleet as motion
+from swarm.scenario.mistakes import tables_of
+from swarm.scenario.motions import Course, paths
+from swarm.scenario.table import Table
+from swarm.units import si, written_unit
+from swarm.world.motion.paths import grouped
 
 ROOT = Path(__file__).parent.parent
 DIMENSIONLESS = {
@@ -96,7 +99,7 @@ def test_every_default_is_written_and_what_is_unset_says_so() -> None:
     written = tomllib.loads(text)
     assert written["lighthouse"]["rotor_correlation"] == 0.8717
     assert written["swarm"]["motion"]["attitude"]["spin_deg_s"] == 0.0
-    assert "# angle_noise_arcsec: the lighthouse's." in text
+    assert "# angle_noise_arcsec: that of the lighthouse." in text
 
 
 @pytest.mark.parametrize(
@@ -152,7 +155,7 @@ def test_every_default_is_written_and_what_is_unset_says_so() -> None:
         ('[swarm]\nmotion = "hold"', 'swarm.motion = "hold": expected a table, such as { kind = "hold" }'),
         ('[swarm]\nmotion = {kind = "rign"}', "did you mean 'ring'?"),
         ("[swarm]\nmotion = {}", "swarm.motion.kind: missing: one of 'hold', 'ring', 'waypoints'"),
-        ('[swarm]\nmotion = {kind = "ring"}', "swarm.motion.radius_m: missing (in m): The circle's radius."),
+        ('[swarm]\nmotion = {kind = "ring"}', "swarm.motion.radius_m: missing (in m): Radius of the circle."),
         (
             '[swarm]\nmotion = {kind = "ring", radius_m = 1, position_m = [0, 0, 1]}',
             "unknown key of kind 'ring'; it belongs to kind 'hold' or",
@@ -167,7 +170,7 @@ def test_every_default_is_written_and_what_is_unset_says_so() -> None:
         ),
         (
             '[[craft]]\nmotion = {kind = "approach", from_m = [0, 0, 1], to_m = [0, 0, 1], speed_m_s = 1}',
-            "craft[0].motion.to_m = [0, 0, 1]: is where the approach starts already (from_m)",
+            "craft[0].motion.to_m = [0, 0, 1]: must differ from from_m, where the approach starts",
         ),
         (
             '[[craft]]\nmotion = {kind = "waypoints", points_m = [[0, 0, 1]], times_s = [0, 1]}',
@@ -360,7 +363,7 @@ def test_every_key_has_a_meaning_a_unit_and_limits() -> None:
         assert field.description, where
         numbers = [a for a in (field.annotation, *get_args(field.annotation)) if a in (int, float)]
         if float in numbers:
-            assert split_unit(key)[1] or key in DIMENSIONLESS or key.endswith("_probability"), where
+            assert written_unit(key) or key in DIMENSIONLESS or key.endswith("_probability"), where
         if numbers:
             kinds = {type(limit) for limit in field.metadata}
             assert kinds & {Ge, Gt}, where
@@ -396,7 +399,7 @@ def test_settings_are_si() -> None:
             "lighthouse.rate_hz=50",
         ],
     )
-    station = builders.lighthouse(settings)
+    station = si(settings.lighthouse)
     assert station.angle_noise_rad == pytest.approx(4.266e-5, rel=1e-4)  # 8.8", as source 1's note has it
     assert station.field_rad == pytest.approx(2 * math.pi / 3, rel=1e-15)
     assert station.incidence_max_rad == pytest.approx(1.3962634, rel=1e-7)
@@ -424,22 +427,21 @@ def test_process_noise_defaults_are_the_filters() -> None:
     )
 
 
+def course_of(settings: Scenario, craft: int = 0) -> Course:
+    made = scenario.craft(settings)
+    return made[craft].table.motion.course(builders.craft.places(settings, made)[craft])
+
+
 def test_drift_is_the_filters_own_model_unless_told() -> None:
-    def drift(*overrides: str) -> motion.Drift:
-        settings = load("drift", overrides)
-        made = builders.craft._motion(scenario.craft(settings)[0], settings)
-        assert isinstance(made, motion.Drift)
-        return made
-
     believed = builders.navigation(load("drift", ["navigation.acceleration_noise_m_s2=0.3"]))
-    own = drift("navigation.acceleration_noise_m_s2=0.3")
-    assert own.acceleration_m_s2 == believed.acceleration_noise_m_s2 == 0.3
-    assert own.angular_acceleration_rad_s2 == believed.angular_acceleration_noise_rad_s2
-    told = drift("swarm.motion.angular_acceleration_deg_s2=90")
-    assert told.angular_acceleration_rad_s2 == pytest.approx(math.pi / 2, rel=1e-15)
+    own = course_of(load("drift", ["navigation.acceleration_noise_m_s2=0.3"])).push
+    assert own[0] == believed.acceleration_noise_m_s2 == 0.3
+    assert own[1] == believed.angular_acceleration_noise_rad_s2
+    told = course_of(load("drift", ["swarm.motion.angular_acceleration_deg_s2=90"])).push
+    assert told[1] == pytest.approx(math.pi / 2, rel=1e-15)
 
 
-def test_every_motion_becomes_its_record(file: Path) -> None:
+def test_every_motion_becomes_its_course(file: Path) -> None:
     kinds = {
         "hold": "position_m = [1, 2, 3], spacing_m = 2",
         "ring": "centre_m = [1, 2, 3], radius_m = 2, rate_deg_s = 180, tilt_deg = 90",
@@ -452,25 +454,29 @@ def test_every_motion_becomes_its_record(file: Path) -> None:
     entries = (f'[[craft]]\nmotion = {{ kind = "{k}", {rest}, {turned} }}\n' for k, rest in kinds.items())
     file.write_text("".join(entries))
     settings = load(file)
-    made = [builders.craft._motion(c, settings) for c in scenario.craft(settings)]
-    attitude = motion.Attitude(False, math.pi, math.pi / 2, math.pi / 4, 2 * math.pi)
+    made = {kind: course_of(settings, i) for i, kind in enumerate(kinds)}
     one, four = (1.0, 2.0, 3.0), (4.0, 5.0, 6.0)
     noise = settings.navigation
-    assert made == [
-        motion.Hold(one, 2.0, attitude),
-        motion.Ring(one, 2.0, math.pi, math.pi / 2, attitude),
-        motion.Waypoints((one, four), (1.0, 2.0), attitude),
-        motion.Approach(one, four, 3.0, 2.0, attitude),
-        motion.Tumble(one, four, (math.pi, 0.0, math.pi / 2), 0.5, attitude),
-        motion.Drift(
-            one,
-            noise.acceleration_noise_m_s2,
-            math.radians(noise.angular_acceleration_noise_deg_s2),
-            four,
-            0.5,
-            attitude,
-        ),
-    ]
+    expected = {
+        "hold": paths.line(one, (0.0, 0.0, 0.0)),
+        "ring": paths.Circle(one, 2.0, math.pi, math.pi / 2, 0.0),
+        "waypoints": paths.smooth_through((one, four), (1.0, 2.0)),
+        "approach": paths.corridor(one, four, 3.0, 2.0),
+        "tumble": paths.line(one, four),
+        "drift": paths.line(one, four),
+    }
+    for kind, course in made.items():
+        assert (course.facing, course.spin_rad_s) == (False, 2 * math.pi)
+        assert course.turn_rad == (math.pi / 4, math.pi / 2, math.pi)
+        assert course.free == (kind in ("tumble", "drift"))
+        (_, own), (_, wanted) = grouped([course.path])[0], grouped([expected[kind]])[0]
+        for time_s in (0.0, 1.2, 3.4, 9.0):
+            assert np.array_equal(own.at(time_s), wanted.at(time_s)), kind
+    assert made["tumble"].rate_rad_s == (math.pi, 0.0, math.pi / 2)
+    assert made["drift"].push == (
+        noise.acceleration_noise_m_s2,
+        math.radians(noise.angular_acceleration_noise_deg_s2),
+    )
 
 
 @pytest.mark.parametrize(

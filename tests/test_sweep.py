@@ -10,7 +10,8 @@ from estimators.lighthouse.sweep import (
     direction,
     from_libsurvive,
     ideal_theta,
-    kernel_errors,
+    kernel_fans,
+    lighthouse_1,
     measured_angle,
     measured_theta,
     theta_from_time,
@@ -124,7 +125,7 @@ def test_out_of_reach_of_a_tilted_fan_is_nan_not_clipped() -> None:
     steep = (FanErrors(tilt_rad=1.0), FanErrors())
     theta = measured_theta(np.array([0.0, 1.0, 1.0]), steep)
     assert np.isnan(theta[0])
-    assert np.isnan(measured_angle(0.0, 1.0, 1.0, 0, kernel_errors(steep)))
+    assert np.isnan(measured_angle(0.0, 1.0, 1.0, kernel_fans(lighthouse_1(*steep))[0]))
     assert np.isfinite(theta[1])
 
 
@@ -132,8 +133,8 @@ def test_out_of_reach_of_a_tilted_fan_is_nan_not_clipped() -> None:
 def test_kernel_equals_numpy(errors: tuple[FanErrors, FanErrors]) -> None:
     p = points_in_field(5, 200)
     theta = measured_theta(p, errors)
-    numbers = kernel_errors(errors)
-    angles = np.array([[measured_angle(x, y, z, fan, numbers) for fan in (0, 1)] for x, y, z in p.tolist()])
+    fans = kernel_fans(lighthouse_1(*errors))
+    angles = np.array([[measured_angle(x, y, z, fan) for fan in fans] for x, y, z in p.tolist()])
     np.testing.assert_allclose(angles, theta - np.pi / 2, rtol=0, atol=2e-15)
 
 

@@ -1,7 +1,5 @@
 """Visibility: against a ray by ray `mj_ray` loop in crowded random scenes, and against closed forms."""
 
-from typing import NamedTuple
-
 import mujoco
 import numpy as np
 import pytest
@@ -10,16 +8,10 @@ from numpy.typing import NDArray
 from estimators.arrays import Floats
 from estimators.rotation import matrix_from_quaternion
 from swarm.hardware import Photodiodes, pad
+from swarm.scenario import Lighthouse
 from swarm.sensors.sight import Sight
 from swarm.sensors.visibility import Visibility
-
-
-class Limits(NamedTuple):
-    field_rad: float = float(np.deg2rad(120.0))
-    range_min_m: float = 0.3
-    range_max_m: float = 20.0
-    incidence_max_rad: float = float(np.deg2rad(80.0))
-
+from swarm.units import si
 
 # An L-shaped prism: its convex hull covers the notch, its triangles do not.
 OUTLINE = np.array([[0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2]]) * 0.08 - 0.08
@@ -81,10 +73,10 @@ def unit(q: Floats) -> Floats:
 
 
 def brute_force(
-    model: mujoco.MjModel, layout: Photodiodes, position: Floats, quaternion: Floats, limits: Limits
+    model: mujoco.MjModel, layout: Photodiodes, position: Floats, quaternion: Floats, station: Lighthouse
 ) -> NDArray[np.int8]:
     """Photodiode by photodiode in plain Python, every ray by MuJoCo's own single-ray function."""
-    data = mujoco.MjData(model)
+    limits, data = si(station), mujoco.MjData(model)
     craft = len(position)
     for i, body in enumerate(bodies(model, craft)):
         start = model.jnt_qposadr[model.body_jntadr[body]]
@@ -114,8 +106,8 @@ def test_equal_to_a_ray_by_ray_loop_in_a_crowd(seed: int) -> None:
     craft = 10
     model = scene(rng, craft)
     layout = random_layout(rng, craft)
-    limits = Limits()
-    visibility = Visibility(model, layout, bodies(model, craft), model.body("lighthouse").id, limits)
+    station = Lighthouse()
+    visibility = Visibility(model, layout, bodies(model, craft), model.body("lighthouse").id, station)
     seen = []
     for spread in (0.2, 0.5, 1.5):
         for _ in range(4):
@@ -124,7 +116,7 @@ def test_equal_to_a_ray_by_ray_loop_in_a_crowd(seed: int) -> None:
             position = np.hstack([rng.normal(0, spread, (craft, 2)) * np.minimum(depth, 1.0), depth])
             quaternion = unit(rng.normal(size=(craft, 4)))
             state = visibility.state(position, quaternion)
-            np.testing.assert_array_equal(state, brute_force(model, layout, position, quaternion, limits))
+            np.testing.assert_array_equal(state, brute_force(model, layout, position, quaternion, station))
             np.testing.assert_array_equal(visibility.lit(position, quaternion), state == Sight.LIT)
             seen.append(state[layout.present])
     # The scenes are worth the name only if all three answers are common.
@@ -149,10 +141,10 @@ FACING = np.array([[1.0, 0, 0, 0], [1.0, 0, 0, 0]])
 FRONT = np.array([0.0, 0.0, -1.0])
 
 
-def plate_visibility(photodiodes: Floats, limits: Limits = Limits()) -> Visibility:  # noqa: B008
+def plate_visibility(photodiodes: Floats, station: Lighthouse = Lighthouse()) -> Visibility:  # noqa: B008
     model, craft = plate_scene()
     layout = pad([photodiodes, np.zeros((0, 3))], [np.tile(FRONT, (len(photodiodes), 1)), np.zeros((0, 3))])
-    return Visibility(model, layout, craft, model.body("lighthouse").id, limits)
+    return Visibility(model, layout, craft, model.body("lighthouse").id, station)
 
 
 def test_shadow_of_a_box_has_its_edges_where_similar_triangles_say() -> None:
@@ -207,11 +199,11 @@ def test_wrong_hands_are_refused() -> None:
     layout = pad([np.zeros((4, 3))] * 2, [np.zeros((4, 3))] * 2)
     house = model.body("lighthouse").id
     with pytest.raises(ValueError, match="no free joint"):
-        Visibility(model, layout, [house, craft[0]], house, Limits())
+        Visibility(model, layout, [house, craft[0]], house, Lighthouse())
     with pytest.raises(ValueError, match="1 craft bodies, but layouts of 2"):
-        Visibility(model, layout, craft[:1], house, Limits())
+        Visibility(model, layout, craft[:1], house, Lighthouse())
     with pytest.raises(ValueError, match="poses of 2 craft"):
-        Visibility(model, layout, craft, house, Limits()).lit(np.zeros((3, 3)), np.zeros((3, 4)))
+        Visibility(model, layout, craft, house, Lighthouse()).lit(np.zeros((3, 3)), np.zeros((3, 4)))
 
 
 def test_a_lighthouse_that_would_shade_itself_is_refused() -> None:
@@ -220,4 +212,4 @@ def test_a_lighthouse_that_would_shade_itself_is_refused() -> None:
     house.add_body(name="rotor").add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.1, 0, 0])
     model = spec.compile()
     with pytest.raises(ValueError, match="'rotor' would shade"):
-        Visibility(model, pad([], []), [], model.body("lighthouse").id, Limits())
+        Visibility(model, pad([], []), [], model.body("lighthouse").id, Lighthouse())

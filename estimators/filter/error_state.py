@@ -20,9 +20,10 @@ import math
 
 import numpy as np
 
-from estimators.arrays import Floats
+from estimators.arrays import Bools, Floats
 from estimators.kernel import kernel
-from estimators.rotation import exp_into, multiply_into
+from estimators.rotation import exp_into, left_jacobian_into, log_into, multiply_into
+from estimators.state import State
 
 DEFAULT_ACCELERATION_NOISE_M_S2 = 0.2
 """White acceleration [m/s^2] per axis, constant over a period. docs/filter.md has the table behind the choice."""
@@ -34,56 +35,6 @@ POSE_COLUMNS = np.array([0, 1, 2, 6, 7, 8])
 """Where (attitude, position) sit in the state."""
 RATE_COLUMNS = np.array([3, 4, 5, 9, 10, 11])
 """Where (angular rate, velocity) sit in the state."""
-
-
-@kernel
-def log_into(rotation: Floats, out: Floats) -> None:
-    """Write the rotation vector [rad], at most pi long, of `rotation` (3, 3) into `out` (3,)."""
-    m = rotation
-    trace = m[0, 0] + m[1, 1] + m[2, 2]
-    q = np.empty(4)  # the unit quaternion times an unknown factor
-    if trace > 0:
-        q[0], q[1], q[2], q[3] = 1 + trace, m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]
-    else:
-        i = 0
-        if m[1, 1] > m[i, i]:
-            i = 1
-        if m[2, 2] > m[i, i]:
-            i = 2
-        j, k = (i + 1) % 3, (i + 2) % 3
-        q[0], q[1 + i] = m[k, j] - m[j, k], 1 + m[i, i] - m[j, j] - m[k, k]
-        q[1 + j], q[1 + k] = m[i, j] + m[j, i], m[i, k] + m[k, i]
-    if q[0] < 0:
-        for i in range(4):
-            q[i] = -q[i]
-    sine = np.sqrt(q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-    # atan(s)/s = 1 - s^2/3 + ..., whose next term is below rounding at s = 1e-4.
-    scale = 2 * np.arctan2(sine, q[0]) / sine if sine > 1e-4 * q[0] else (2 - 2 * (sine / q[0]) ** 2 / 3) / q[0]
-    for i in range(3):
-        out[i] = scale * q[1 + i]
-
-
-@kernel
-def left_jacobian_into(v: Floats, out: Floats) -> None:
-    """Write J_l(v) (3, 3) of a rotation vector (3,) [rad], with Exp(v + d) = Exp(J_l d) Exp(v), into `out`."""
-    square = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
-    angle = np.sqrt(square)
-    if angle < 1e-2:
-        c, t = 0.5 - square / 24 + square * square / 720, 1 / 6 - square / 120 + square * square / 5040
-    else:
-        half = np.sin(angle / 2)
-        c, t = 2 * half * half / square, (angle - np.sin(angle)) / (angle * square)
-    # I + c [v]x + t [v]x^2, with [v]x^2 = v v^T - |v|^2 I
-    for i in range(3):
-        for j in range(3):
-            out[i, j] = t * v[i] * v[j]
-        out[i, i] += 1 - t * square
-    out[0, 1] -= c * v[2]
-    out[0, 2] += c * v[1]
-    out[1, 0] += c * v[2]
-    out[1, 2] -= c * v[0]
-    out[2, 0] -= c * v[1]
-    out[2, 1] += c * v[0]
 
 
 @kernel
@@ -135,17 +86,55 @@ def innovation_into(
     y: Floats,
     h: Floats,
 ) -> None:
-    """Write the innovation into `y` (6, 1) and its matrix H, y = H x + noise, into `h` (6, 12)."""
-    difference = np.empty((3, 3))
-    multiply_into(rotation_z, rotation.T, difference)
-    log_into(difference, y[:3, 0])
+    """Write the innovation of a solved pose into `y` (6,) and its matrix H, y = H x + noise, into `h` (6, 12).
+
+    Args:
+        rotation_z: (3, 3), the measured rotation.
+        position_z: (3,) [m], the measured position.
+        rotation: (3, 3), the predicted rotation.
+        position: (3,) [m], the predicted position.
+        rate_coupling: (6, 6) [s], B.
+        y: (6,), receives the innovation.
+        h: (6, 12), receives H.
+    """
+    # The difference of the rotations stands in h for a moment: nothing is allocated.
+    multiply_into(rotation_z, rotation.T, h[:3, :3])
+    log_into(h[:3, :3], y[:3])
     h[:] = 0.0
     for i in range(3):
-        y[3 + i, 0] = position_z[i] - position[i]
+        y[3 + i] = position_z[i] - position[i]
         h[i, i] = h[3 + i, 6 + i] = 1.0
     for i in range(6):
         for j in range(3):
             h[i, 3 + j], h[i, 9 + j] = rate_coupling[i, j], rate_coupling[i, 3 + j]
+
+
+@kernel
+def innovations_into(
+    mask: Bools,
+    rotation: Floats,
+    position: Floats,
+    predicted: State,
+    rate_coupling: Floats,
+    y: Floats,
+    h: Floats,
+) -> None:
+    """`innovation_into` for the craft of the mask.
+
+    Args:
+        mask: (C,).
+        rotation: (C, 3, 3), measured.
+        position: (C, 3) [m], measured.
+        predicted: the state of the C craft.
+        rate_coupling: (C, 6, 6) [s], B.
+        y: (C, 6), receives the innovations.
+        h: (C, 6, 12), receives H.
+    """
+    for c in range(len(mask)):
+        if mask[c]:
+            innovation_into(
+                rotation[c], position[c], predicted.rotation[c], predicted.position[c], rate_coupling[c], y[c], h[c]
+            )
 
 
 @kernel

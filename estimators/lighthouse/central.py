@@ -20,10 +20,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimators import levenberg_marquardt as lm
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
 from estimators.lighthouse.arrow import Arrow, covariances_into, eliminate, empty
-from estimators.lighthouse.pnp import DAMPING_FIRST, FEWEST_LIT, ITERATIONS_MAX, ROUNDING, STEP_SMALL
+from estimators.lighthouse.pnp import FEWEST_LIT, ITERATIONS_MAX
 from estimators.lighthouse.projection import (
     COLUMNS,
     VALUE,
@@ -31,7 +32,7 @@ from estimators.lighthouse.projection import (
     angle_weights,
     checked,
     checked_lit,
-    gather,
+    gather_measured,
     project,
     projections,
     spans_plane,
@@ -125,7 +126,7 @@ def _solve(
         return False, 0, np.nan
     for iteration in range(1, ITERATIONS_MAX + 1):
         if not eliminate(arrow, takes_part, damping, shares, step, spread, schur):
-            damping = max(10 * damping, DAMPING_FIRST)
+            damping = lm.raised(damping)
             continue
         largest = 0.0
         for c in range(craft):
@@ -140,15 +141,14 @@ def _solve(
         for fan in range(2):
             next_shared[fan] = shared[fan] + step[craft, fan]
         next_cost = _linearise(table, count, next_rotation, next_position, next_shared, kappa, trial)
-        if next_cost <= cost + ROUNDING * np.sqrt(cost):
+        converged = largest < lm.STEP_SMALL and damping < lm.FIRST_DAMPING
+        accepted, damping = lm.judged(cost, next_cost, damping)
+        if accepted:
             cost = next_cost
             rotation[:], position[:], shared[:] = next_rotation, next_position, next_shared
             arrow, trial = trial, arrow
-            if largest < STEP_SMALL and damping < DAMPING_FIRST:
+            if converged:
                 return True, iteration, cost
-            damping = 0.1 * damping if damping > DAMPING_FIRST**2 else 0.0
-        else:
-            damping = max(10 * damping, DAMPING_FIRST)
     return False, ITERATIONS_MAX, np.nan
 
 
@@ -169,16 +169,8 @@ def _gather_all(
     for c in range(len(lit)):
         if not takes_part[c]:
             continue
-        n = gather(lit[c], point[c], offset[c], angular_rate[c], velocity[c], table[c])
+        n = gather_measured(uv[c], weight[c], lit[c], point[c], offset[c], angular_rate[c], velocity[c], table[c])
         takes_part[c] = n >= FEWEST_LIT and spans_plane(lit[c], point[c])
-        i = 0
-        for k in range(lit.shape[1]):
-            if lit[c, k]:
-                for fan in range(2):
-                    takes_part[c] = takes_part[c] and np.isfinite(weight[c, k, fan] * uv[c, k, fan])
-                    table[c, fan * n + i, VALUE] = uv[c, k, fan]
-                    table[c, fan * n + i, WEIGHT] = weight[c, k, fan] * weight[c, k, fan]
-                i += 1
         count[c] = n if takes_part[c] else 0
 
 

@@ -23,6 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimators import levenberg_marquardt as lm
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
 from estimators.lighthouse.projection import (
@@ -33,7 +34,7 @@ from estimators.lighthouse.projection import (
     angle_weights,
     checked,
     checked_lit,
-    gather,
+    gather_measured,
     project,
     projections,
     spans_plane,
@@ -45,18 +46,8 @@ FEWEST_LIT = 4
 """Photodiodes that a pose needs: three leave up to four poses (P3P)."""
 
 ITERATIONS_MAX = 30
-STEP_SMALL = 1e-7
-"""A last step below this in attitude [rad] and in position [m] is convergence."""
-
 STEPS_PLAIN = 4
 """Undamped Gauss-Newton steps before the residuals' curvature is asked for help."""
-
-DAMPING_FIRST = 1e-3
-"""First damping after a step that did not lower the cost, against the normal matrix's diagonal (Marquardt)."""
-
-
-ROUNDING = 1e-15
-"""Rounding of the cost is some 1e-15 of the size of the residuals (each one the difference of numbers near 1)."""
 
 
 class PoseSolution(NamedTuple):
@@ -77,31 +68,6 @@ class PoseSolution(NamedTuple):
 
 GRADIENT, SCALE = 6, 7
 """Rows below the matrix, in what a Newton step needs (8, 6): J^T W^2 f, and the diagonal of J^T W^2 J."""
-
-
-@kernel
-def _gather(
-    uv: Floats,
-    weight: Floats,
-    lit: Bools,
-    point: Floats,
-    offset: Floats,
-    angular_rate: Floats,
-    velocity: Floats,
-    table: Floats,
-) -> int:
-    """`gather` with each angle's value and squared weight; the number of photodiodes, 0 where a value is not finite."""
-    n = gather(lit, point, offset, angular_rate, velocity, table)
-    i = 0
-    for k in range(lit.shape[0]):
-        if lit[k]:
-            for fan in range(2):
-                if not np.isfinite(weight[k, fan] * uv[k, fan]):
-                    return 0
-                table[fan * n + i, VALUE] = uv[k, fan]
-                table[fan * n + i, WEIGHT] = weight[k, fan] * weight[k, fan]
-            i += 1
-    return n
 
 
 @kernel
@@ -205,18 +171,17 @@ def _refine_one(
             damped[a, a] += damping * work[here + SCALE, a]
             step[a] = -work[here + GRADIENT, a]
         if not solve_spd(damped, lower, step):
-            damping = max(10 * damping, DAMPING_FIRST)
+            damping = lm.raised(damping)
             continue
         exp_into(step[:3], turned)
         multiply_into(turned, rotation, next_rotation)
         for k in range(3):
             next_position[k] = position[k] + step[3 + k]
         small = (
-            step[0] ** 2 + step[1] ** 2 + step[2] ** 2 < STEP_SMALL**2
-            and step[3] ** 2 + step[4] ** 2 + step[5] ** 2 < STEP_SMALL**2
+            step[0] ** 2 + step[1] ** 2 + step[2] ** 2 < lm.STEP_SMALL**2
+            and step[3] ** 2 + step[4] ** 2 + step[5] ** 2 < lm.STEP_SMALL**2
         )
-        # A step that damping made small proves nothing.
-        if small and damping < DAMPING_FIRST:
+        if small and damping < lm.FIRST_DAMPING:
             rotation[:] = next_rotation
             position[:] = next_position
             # To second order in the step F changes by the product of gradient and step.
@@ -224,15 +189,12 @@ def _refine_one(
                 cost += work[here + GRADIENT, a] * step[a]
             return True, iteration, max(cost, 0.0)
         next_cost = _evaluate(table, n, next_rotation, next_position, curved, work, 8 - here)
-        # Near the minimum a step's gain drowns in the rounding of the residuals, 1e-16 each: it is taken none the less.
-        if next_cost <= cost + ROUNDING * np.sqrt(cost):
+        accepted, damping = lm.judged(cost, next_cost, damping)
+        if accepted:
             cost = next_cost
             rotation[:] = next_rotation
             position[:] = next_position
             here = 8 - here
-            damping = 0.1 * damping if damping > DAMPING_FIRST**2 else 0.0
-        else:
-            damping = max(10 * damping, DAMPING_FIRST)
         if not curved and (damping > 0 or iteration == STEPS_PLAIN):
             curved = True
             _evaluate(table, n, rotation, position, curved, work, here)
@@ -262,7 +224,7 @@ def _refine_all(
         solved[c], iterations[c], cost[c], residual[c] = False, 0, np.nan, np.nan
         n = 0
         if spans_plane(lit[c], point[c]):
-            n = _gather(uv[c], weight[c], lit[c], point[c], offset[c], angular_rate[c], velocity[c], table)
+            n = gather_measured(uv[c], weight[c], lit[c], point[c], offset[c], angular_rate[c], velocity[c], table)
         if n >= FEWEST_LIT:
             solved[c], iterations[c], cost[c] = _refine_one(table, n, rotation[c], position[c], iterations_max, work)
         if solved[c]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimators.arrays import Bools, Floats
 from estimators.kernel import kernel
-from estimators.rotation import sine_cosine
+from estimators.rotation import exp_rows
 
 COLLINEAR = 1e-6
 """Photodiodes that all lie nearer to one line than this share of its length are on it: micrometres per metre, far below
@@ -68,16 +68,37 @@ def gather(lit: Bools, point: Floats, offset: Floats, angular_rate: Floats, velo
             if not lit[i]:
                 continue
             tau = offset[i, fan]
-            x, y, z = angular_rate[0] * tau, angular_rate[1] * tau, angular_rate[2] * tau
-            s, c = sine_cosine(x * x + y * y + z * z)
+            turn = exp_rows(angular_rate[0] * tau, angular_rate[1] * tau, angular_rate[2] * tau)
             out[row, 0], out[row, 1], out[row, 2] = point[i, 0], point[i, 1], point[i, 2]
-            if fan == 0:
-                out[row, 3], out[row, 4], out[row, 5] = 1 - c * (y * y + z * z), c * x * y - s * z, c * x * z + s * y
-            else:
-                out[row, 3], out[row, 4], out[row, 5] = c * x * y + s * z, 1 - c * (x * x + z * z), c * y * z - s * x
-            out[row, 6], out[row, 7], out[row, 8] = c * x * z - s * y, c * y * z + s * x, 1 - c * (x * x + y * y)
+            out[row, 3], out[row, 4], out[row, 5] = turn[0] if fan == 0 else turn[1]
+            out[row, 6], out[row, 7], out[row, 8] = turn[2]
             out[row, 9], out[row, 10], out[row, 11] = velocity[fan] * tau, velocity[2] * tau, tau
             row += 1
+    return n
+
+
+@kernel
+def gather_measured(
+    uv: Floats,
+    weight: Floats,
+    lit: Bools,
+    point: Floats,
+    offset: Floats,
+    angular_rate: Floats,
+    velocity: Floats,
+    out: Floats,
+) -> int:
+    """`gather` with the value and the squared weight of each angle; returns 0 where one of them is not finite."""
+    n = gather(lit, point, offset, angular_rate, velocity, out)
+    i = 0
+    for k in range(lit.shape[0]):
+        if lit[k]:
+            for fan in range(2):
+                if not np.isfinite(weight[k, fan] * uv[k, fan]):
+                    return 0
+                out[fan * n + i, VALUE] = uv[k, fan]
+                out[fan * n + i, WEIGHT] = weight[k, fan] * weight[k, fan]
+            i += 1
     return n
 
 

@@ -1,33 +1,43 @@
-"""Sweep angles: what a lighthouse's two turning fans measure of a point, ideally and with systematic errors.
+"""Sweep angles: what the turning fans of a station measure of a point, ideally and with systematic errors.
 
-Lighthouse frame: x right, y down, looking along +z. Fan X turns about the Y axis, fan Y about the X axis, both at
-w = 2 pi rate, and each flashes when it passes its zero position (source 1, equations 1 and 2):
+A *fan* is a laser plane on a rotor: an axis, a tilt against that axis, and error terms. The station looks along +z.
+With the point's coordinates `up` along the axis, `ahead` along z and `across` where the fan turns to at boresight,
+
+    az       = atan2(across, ahead),  r = sqrt(across^2 + ahead^2)
+    b        = az - phase + asin(up tan(tilt) / r)
+    measured = b + gibbous_magnitude sin(b + gibbous_phase) + curve atan2(up, ahead)^2                          (E)
+
+is the angle from boresight; `tilt` is the fan's nominal one plus the error's. This is the one place where the model is
+written (`_measured`), for kernels and arrays alike. The gibbous term is evaluated at b, as in libsurvive, so that
+`from_libsurvive` is exact; evaluated at az it differs by at most gibbous_magnitude times |az - b|.
+
+Lighthouse 1.0 (`lighthouse_1`): x right, y down. Two straight fans turn at w = 2 pi rate, fan X about the y axis and
+fan Y about the x axis, and each flashes when it passes its zero position (source 1, equations 1 and 2):
 
     theta = w (t - t_flash),    x/z = cot(theta_x),    y/z = cot(theta_y)
 
-From boresight the sweep angle is a = theta - pi/2: a_x = -atan2(x, z), a_y = -atan2(y, z). A real fan (Lighthouse 1.0)
-deviates from a plane through the origin; five numbers per fan describe what it measures instead:
-
-    b        = a - phase - asin(other tan(tilt) / r)
-    measured = b + gibbous_magnitude sin(b + gibbous_phase) + curve other_angle^2                               (E)
-
-with other = y, r = sqrt(x^2 + z^2), other_angle = a_y for fan X, and other = x, r = sqrt(y^2 + z^2), other_angle = a_x
-for fan Y. This is the one place where the signs are chosen: a positive `phase` lowers the measured angle, a positive
-`tilt` lowers it where `other` is positive, positive `curve` raises it at both ends of the fan. `curve` has the sign
-of libsurvive (Bitcraze's sign is the other one), and the gibbous term is evaluated at b, as in libsurvive, so that
-`from_libsurvive` is exact; evaluated at a it differs by at most gibbous_magnitude times |a - b|.
+From boresight the sweep angle is a = theta - pi/2: a_x = -atan2(x, z), a_y = -atan2(y, z). `up` is -y for fan X and -x
+for fan Y. So a positive `phase` lowers the measured angle, a positive `tilt` lowers it where the other coordinate is
+positive, and a positive `curve` raises it at both ends of the fan: libsurvive's sign (Bitcraze's is the other one).
 """
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from estimators.arrays import Floats
-from estimators.kernel import kernel
+from estimators.kernel import formula, kernel
+from estimators.state import Vector
+
+Number = Any
+"""A float in a kernel, an array elsewhere."""
 
 HALF_PI = np.pi / 2
 _ROUNDS = 100
 """Rounds of `correct` at most; the terms' slopes (0.02 in real stations) make ten enough."""
+_UNIT = 1e-9
+"""Rounding that a unit vector's square may have: well above that of sines and cosines given with ten digits."""
 _CONVERGED = 1e-14
 """Step [rad] at which `correct` is done: a few rounding errors of an angle."""
 
@@ -46,6 +56,51 @@ FanPair = tuple[FanErrors, FanErrors]
 """Errors of fan X, fan Y."""
 
 
+class Fan(NamedTuple):
+    """One laser plane of a station, in the station's frame.
+
+    axis: unit vector along the rotor's axis, perpendicular to z. tilt_rad: nominal tilt of the plane against the axis.
+    errors: deviations from it. sense: 1 where the fan turns right-handed about the axis, -1 where left-handed.
+    """
+
+    axis: Vector
+    tilt_rad: float = 0.0
+    errors: FanErrors = FanErrors()
+    sense: int = 1
+
+
+def lighthouse_1(fan_x: FanErrors, fan_y: FanErrors) -> tuple[Fan, Fan]:
+    """Return the two straight fans of a Lighthouse 1.0 station with these errors."""
+    return Fan((0.0, -1.0, 0.0), errors=fan_x), Fan((-1.0, 0.0, 0.0), errors=fan_y, sense=-1)
+
+
+LIGHTHOUSE_1 = lighthouse_1(FanErrors(), FanErrors())
+"""The two straight fans of a perfect Lighthouse 1.0 station."""
+
+ACROSS, UP, TERMS, FAN = 0, 3, 6, 11
+"""A fan as kernels take it is a row of FAN numbers: ACROSS and UP, the directions (3) of `across` and `up`; TERMS,
+tan(tilt), phase, curve, gibbous phase and magnitude."""
+
+
+def kernel_fans(fans: Sequence[Fan]) -> Floats:
+    """Return fans as kernels take them, (F, FAN).
+
+    Raises ValueError where an axis is not a unit vector perpendicular to z.
+    """
+    out = np.empty((len(fans), FAN))
+    for row, fan in zip(out, fans, strict=True):
+        x, y, z = fan.axis
+        if z != 0 or abs(x * x + y * y - 1) > _UNIT:
+            raise ValueError(f"axis {fan.axis} is not a unit vector perpendicular to z")
+        errors = fan.errors
+        # across = sense axis x z
+        row[ACROSS:UP] = fan.sense * y, -fan.sense * x, 0.0
+        row[UP:TERMS] = x, y, 0.0
+        tangent = np.tan(fan.tilt_rad + errors.tilt_rad)
+        row[TERMS:] = tangent, errors.phase_rad, errors.curve, errors.gibbous_phase_rad, errors.gibbous_magnitude
+    return out
+
+
 def theta_from_time(elapsed_s: Floats, rate_hz: float) -> Floats:
     """Sweep angle theta [rad] of instants [s] after the fan's flash (1), any shape."""
     return 2 * np.pi * rate_hz * elapsed_s
@@ -56,13 +111,97 @@ def time_from_theta(theta: Floats, rate_hz: float) -> Floats:
     return theta / (2 * np.pi * rate_hz)
 
 
-def ideal_theta(points: Floats) -> Floats:
-    """Angles theta (..., 2) [rad] of points (..., 3) [m] (2); NaN where the point is not in front (z > 0)."""
+@formula
+def _systematic(
+    azimuth: Number,
+    shift: Number,
+    elevation: Number,
+    phase: Number,
+    curve: Number,
+    gibbous_phase: Number,
+    gibbous_magnitude: Number,
+) -> Number:
+    """Return (E) from az, the tilt's shift asin(...) and atan2(up, ahead), all [rad], and the error terms."""
+    b = azimuth - phase + shift
+    return b + gibbous_magnitude * np.sin(b + gibbous_phase) + curve * elevation**2
+
+
+@formula
+def _measured(
+    across: Number,
+    up: Number,
+    ahead: Number,
+    tangent: Number,
+    phase: Number,
+    curve: Number,
+    gibbous_phase: Number,
+    gibbous_magnitude: Number,
+) -> Number:
+    """Return (E) of points; NaN where a fan tilted so far never reaches it (|asin argument| > 1)."""
+    shift = np.arcsin(up * tangent / np.sqrt(across * across + ahead * ahead))
+    azimuth, elevation = np.arctan2(across, ahead), np.arctan2(up, ahead)
+    return _systematic(azimuth, shift, elevation, phase, curve, gibbous_phase, gibbous_magnitude)
+
+
+def measured_angles(points: Floats, fans: Sequence[Fan]) -> Floats:
+    """Return the angles from boresight (..., F) [rad] that fans measure of points (..., 3) [m], station frame (E).
+
+    NaN where the point is not in front (z > 0), or a fan tilted so far never reaches it. Raises ValueError where the
+    last axis of `points` is not 3.
+    """
     if points.shape[-1:] != (3,):
         raise ValueError(f"points must have shape (..., 3), not {points.shape}")
-    z = np.where(points[..., 2:] > 0, points[..., 2:], np.nan)
-    theta: Floats = HALF_PI - np.arctan2(points[..., :2], z)
-    return theta
+    x, y, z = points[..., 0], points[..., 1], np.where(points[..., 2] > 0, points[..., 2], np.nan)
+    out = np.empty((*points.shape[:-1], len(fans)))
+    with np.errstate(invalid="ignore"):
+        for i, row in enumerate(kernel_fans(fans)):
+            across, up = row[ACROSS] * x + row[ACROSS + 1] * y, row[UP] * x + row[UP + 1] * y
+            out[..., i] = _measured(across, up, z, *row[TERMS:])
+    return out
+
+
+@kernel
+def measured_angle(x: float, y: float, z: float, fan: Floats) -> float:
+    """Return the angle from boresight [rad] that one fan measures of a point in front (E).
+
+    Args:
+        x, y, z: the point [m], station frame.
+        fan: (FAN,), a row of `kernel_fans`.
+    """
+    across, up = fan[0] * x + fan[1] * y, fan[3] * x + fan[4] * y
+    tangent, phase, curve, gibbous_phase, gibbous_magnitude = fan[6], fan[7], fan[8], fan[9], fan[10]
+    if tangent == 0.0 and curve == 0.0 and gibbous_magnitude == 0.0:
+        angle: float = np.arctan2(across, z) - phase
+    else:
+        angle = _measured(across, up, z, tangent, phase, curve, gibbous_phase, gibbous_magnitude)
+    return angle
+
+
+@kernel
+def angle_gradient(x: float, y: float, z: float, fan: Floats) -> Vector:
+    """Return the gradient (3) [rad/m] of `measured_angle` by the point, of the same arguments.
+
+    Args:
+        x, y, z: the point [m], station frame.
+        fan: (FAN,), a row of `kernel_fans`.
+    """
+    across, up = fan[0] * x + fan[1] * y, fan[3] * x + fan[4] * y
+    square = across * across + z * z
+    tangent, phase, curve, gibbous_phase, gibbous_magnitude = fan[6], fan[7], fan[8], fan[9], fan[10]
+    argument = up * tangent / np.sqrt(square)
+    steep = 1 / np.sqrt(1 - argument * argument)
+    b = np.arctan2(across, z) - phase + np.arcsin(argument)
+    by_b = 1 + gibbous_magnitude * np.cos(b + gibbous_phase)
+    bend = 2 * curve * np.arctan2(up, z) / (up * up + z * z)
+    by_across = by_b * (z - steep * argument * across) / square
+    by_up = by_b * steep * tangent / np.sqrt(square) + bend * z
+    by_ahead = -by_b * (across + steep * argument * z) / square - bend * up
+    return fan[0] * by_across + fan[3] * by_up, fan[1] * by_across + fan[4] * by_up, by_ahead
+
+
+def ideal_theta(points: Floats) -> Floats:
+    """Return angles theta (..., 2) [rad] of points (..., 3) [m] (2); NaN where the point is not in front (z > 0)."""
+    return HALF_PI + measured_angles(points, LIGHTHOUSE_1)
 
 
 def direction(theta: Floats) -> Floats:
@@ -77,9 +216,7 @@ def measured_theta(points: Floats, errors: FanPair) -> Floats:
 
     NaN where the point is not in front (z > 0), or a fan tilted so far never reaches it (|asin argument| > 1).
     """
-    a = ideal_theta(points) - HALF_PI
-    shift = np.stack([_tilt_term(a[..., i], a[..., 1 - i], errors[i]) for i in (0, 1)], axis=-1)
-    return HALF_PI + _distort(a, shift, errors)
+    return HALF_PI + measured_angles(points, lighthouse_1(*errors))
 
 
 def correct(theta: Floats, errors: FanPair) -> Floats:
@@ -142,40 +279,14 @@ def _check_pair(theta: Floats) -> None:
 
 
 def _tilt_term(a: Floats, other: Floats, errors: FanErrors) -> Floats:
-    """asin(other tan(tilt) / r) from the two ideal angles: at depth 1, other = -tan(a_other), r = 1 / cos(a)."""
-    argument = -np.tan(other) * np.cos(a) * np.tan(errors.tilt_rad)
+    """Return asin(up tan(tilt) / r) from the two ideal angles: at depth 1, up = tan(a_other), r = 1 / cos(a)."""
+    argument = np.tan(other) * np.cos(a) * np.tan(errors.tilt_rad)
     shift: Floats = np.arcsin(np.where(np.abs(argument) <= 1, argument, np.nan))
     return shift
 
 
 def _distort(a: Floats, shift: Floats, errors: FanPair) -> Floats:
-    """(E) from ideal angles a and tilt terms, both (..., 2)."""
+    """Return (E) from ideal angles a and tilt terms, both (..., 2)."""
     phase, _, curve, gibbous_phase, magnitude = np.array(errors).T
-    b = a - phase - shift
-    out: Floats = b + magnitude * np.sin(b + gibbous_phase) + curve * a[..., ::-1] ** 2
+    out: Floats = _systematic(a, shift, a[..., ::-1], phase, curve, gibbous_phase, magnitude)
     return out
-
-
-def kernel_errors(errors: FanPair) -> Floats:
-    """`errors` as `measured_angle` takes them: (2, 5), per fan phase, tan(tilt), curve, gibbous phase, magnitude."""
-    out = np.array(errors, dtype=np.float64)
-    out[:, 1] = np.tan(out[:, 1])
-    return out
-
-
-@kernel
-def measured_angle(x: float, y: float, z: float, fan: int, errors: Floats) -> float:
-    """Angle from boresight [rad] that one fan (0: X, 1: Y) measures of a point [m] (E); `errors` of `kernel_errors`."""
-    along, other = (x, y) if fan == 0 else (y, x)
-    b: float = -np.arctan2(along, z) - errors[fan, 0]
-    if errors[fan, 1] != 0.0:
-        argument = other * errors[fan, 1] / np.sqrt(along * along + z * z)
-        if not (abs(argument) <= 1.0):
-            return np.nan
-        b -= np.arcsin(argument)
-    measured = b
-    if errors[fan, 4] != 0.0:
-        measured += errors[fan, 4] * np.sin(b + errors[fan, 3])
-    if errors[fan, 2] != 0.0:
-        measured += errors[fan, 2] * np.arctan2(other, z) ** 2
-    return measured

@@ -23,6 +23,7 @@ import numpy as np
 
 from estimators.arrays import Floats
 from estimators.kernel import kernel
+from estimators.rotation import quaternion_rows
 
 SWEEPS_MAX = 30
 LEAST_GAP = 1e-10
@@ -91,8 +92,8 @@ def attitude_into(h: Floats, out: Floats) -> bool:
     if not k[best, best] - second > LEAST_GAP * k[best, best]:
         return False
     size = np.sqrt(vector[0, best] ** 2 + vector[1, best] ** 2 + vector[2, best] ** 2 + vector[3, best] ** 2)
-    w, x, y, z = vector[0, best] / size, vector[1, best] / size, vector[2, best] / size, vector[3, best] / size
-    out[0, 0], out[0, 1], out[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
-    out[1, 0], out[1, 1], out[1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
-    out[2, 0], out[2, 1], out[2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+    a, b, c, d = vector[0, best] / size, vector[1, best] / size, vector[2, best] / size, vector[3, best] / size
+    turn = quaternion_rows(a, b, c, d)
+    for i in range(3):
+        out[i, 0], out[i, 1], out[i, 2] = turn[i]
     return True

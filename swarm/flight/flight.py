@@ -1,124 +1,101 @@
-"""One lighthouse period after the other, for all craft: move, see, navigate.
+"""One flight: the world moves, light is measured, every craft navigates and steers, one lighthouse period after the
+other.
 
-    dynamics (MuJoCo's truth over one period) -> line of sight -> the lighthouse's pulses -> every craft's decoder
-    -> its navigation, with its cameras -> LiDARs -> what it believes, by which it steers next
-
-Nothing but pulses passes from the lighthouse to a craft.
+Nothing but its own signals and commands reaches a craft's computer; the truth reaches the controller of a craft that
+the scenario steers by the truth, and telemetry.
 """
+
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.arrays import Bools
 from swarm.flight import builders
-from swarm.flight.dynamics import Dynamics
 from swarm.flight.scene import scene
-from swarm.onboard.decoder import SweepAngles
-from swarm.onboard.inspection import LidarFix
-from swarm.onboard.navigation import Navigator
-from swarm.results.angles import believed
-from swarm.results.period import Period
+from swarm.hardware import Closing
+from swarm.results.period import Guided, Period
 from swarm.results.records import Truth
 from swarm.scenario import Scenario
-from swarm.sensors.ccd import Ccd
-from swarm.sensors.lighthouse import Lighthouse
 from swarm.sensors.sight import Sight
-from swarm.sensors.visibility import Visibility
 from swarm.world.world import PeriodTruth
 
 
 class Flight:
-    """The world, its sensors and every craft's computer.
+    """World, actuators, sensors, faults and computers of one scenario.
 
-    believed: what the craft take for true while they measure. scene: what a recording is told beforehand.
+    period_s: length of a lighthouse period [s]. scene: what telemetry and recording are told beforehand. believed: what
+    the craft go by when they measure, for a calibration.
     """
 
     def __init__(self, scenario: Scenario) -> None:
         """Build everything. Raises SwarmError where the scenario cannot fly."""
-        settings = builders.lighthouse(scenario)
-        self.dynamics = Dynamics(scenario)
-        self.world = self.dynamics.world
-        layout = builders.photodiodes(scenario, self.world)
-        self.visibility = Visibility(
-            self.world.model, layout, self.world.craft_bodies, self.world.lighthouse_body, settings
-        )
-        self.lighthouse = Lighthouse(layout, settings, scenario.seed, builders.craft_keys(scenario))
-        self.faults = builders.faults(scenario, self.world, self.lighthouse, self.visibility)
-        self.decoder = builders.decoder(scenario, layout.present)
-        cameras = builders.cameras(scenario, self.world, self.dynamics.motions.at(0.0))
-        pairs = [true for true, _ in cameras]
-        self.ccd = Ccd(pairs, self.visibility, scenario.seed, scenario.duration_s) if cameras else None
-        self.lidars = builders.lidars(scenario, self.world)
-        self.inspection = builders.inspection(scenario, self.lidars)
-        navigation = builders.navigation(scenario)
-        own_layout = builders.believed_layout(scenario, self.world.photodiodes)
-        own_layout = own_layout._replace(present=layout.present)
-        self.navigator = Navigator(own_layout, navigation, [known for _, known in cameras])
-        fans, noise = (navigation.fan_x, navigation.fan_y), builders.angle_noise(scenario)
-        self.believed = believed(self.world.names, own_layout, fans, noise)
-        self.period_s = 1 / settings.rate_hz
-        names = () if self.faults is None else self.faults.schedule.names
-        self.scene = scene(scenario, self.dynamics, layout, pairs, self.inspection, names)
+        self.period_s = 1 / scenario.lighthouse.rate_hz
+        self.periods = max(1, round(scenario.duration_s / self.period_s))
+        self.motions = builders.fleet(scenario)
+        self.world = builders.world(scenario, self.motions)
+        self.sensors = builders.sensors(scenario, self.world, self.motions)
+        self.faults = builders.faults(scenario, self.world, self.sensors)
+        self.latches = builders.latches(scenario, self.world)
+        self.surroundings = builders.surroundings(scenario, self.world, self.motions)
+        self.actuators = builders.actuators(scenario, self.world)
+        self.computer = builders.computer(scenario, self.world, self.motions, self.sensors)
+        self.pilot = builders.pilot(scenario, self.world, self.motions, self.latches)
+        self._told = builders.start_state(scenario, self.motions)
+        self.command = builders.no_command(len(self.world.names))
+        self.believed = builders.measured_by(scenario, self.world)
+        self.scene = scene(scenario, self)
+
+    def fly(self) -> Iterator[Period]:
+        """Fly one lighthouse period after the other, to the end of the scenario."""
+        for frame in range(self.periods):
+            yield self.period(frame)
 
     def period(self, frame: int) -> Period:
-        """Fly one lighthouse period."""
+        """Fly one lighthouse period: steer, move, measure, navigate. Periods are flown in order."""
+        faults = self.faults
         truth, sight = self.move(frame)
-        angles = self._measure(truth, frame, sight == Sight.LIT)
-        images = self.ccd.expose(truth, frame) if self.ccd is not None else None
-        estimate = self.navigator.step(angles, images, self.dynamics.command)
-        time_s = float(truth.time_s[len(truth.time_s) // 2])
-        scans: list[LidarFix] = []
-        if self.inspection is not None:
-            found = [scan for lidar in self.lidars for scan in lidar.sweep(truth)]
-            scans = self.inspection.step(found, estimate, time_s)
-            estimate = self.inspection.into(estimate)
-        guided = self.dynamics.learn(truth, estimate)
+        lit = faults.light(sight == Sight.LIT)
+        signals = self.sensors.signals(truth, frame, lit, faults.rotor())  # all that a craft ever learns
+        signals = signals._replace(pulses=faults.pulses(truth, lit, signals.pulses))
+        known = self.computer.step(signals, self.command, faults.restarting())  # on board, every craft by itself
+        docking = self.latches.meet(truth)
+        self.pilot.learn(known.estimate, self.latches.closed)
         return Period(
-            frame,
-            time_s,
-            _at_epoch(truth),
-            np.minimum(sight[..., 0], sight[..., 1]),
-            angles,
-            estimate,
-            scans=scans,
-            work=self.dynamics.actuators.work(),
-            guided=guided,
-            fault=None if self.faults is None else self.faults.states(),
+            frame=frame,
+            time_s=signals.epoch_s,
+            truth=_at_epoch(truth),
+            sight=np.minimum(sight[..., 0], sight[..., 1]),
+            angles=known.angles,
+            estimate=known.estimate,
+            scans=known.scans,
+            work=self.actuators.work(),
+            guided=self._guided(docking),
+            fault=faults.states(),
         )
 
     def move(self, frame: int) -> tuple[PeriodTruth, NDArray[np.int8]]:
-        """Move every craft through one lighthouse period, and no more: nobody measures, nobody navigates.
+        """Steer and move every craft through one lighthouse period; nobody measures, nobody navigates.
 
         Returns the truth, and the `Sight` of every photodiode as each fan sweeps, (C, K, 2).
         """
-        if self.faults is not None:
-            self.faults.begin(frame)
-        truth = self.dynamics.advance(frame, self.faults)
-        return truth, self._sight(truth)
-
-    def _sight(self, truth: PeriodTruth) -> NDArray[np.int8]:
-        """The `Sight` of every photodiode as each fan sweeps, (C, K, 2): taken at the knots in mid-sweep."""
-        steps = len(truth.time_s) - 1
-        out = np.empty((*self.visibility.shape, 2), dtype=np.int8)
-        for fan, k in enumerate((steps // 4, 3 * steps // 4)):
-            out[..., fan] = self.visibility.state(truth.position[k], truth.quaternion[k])
-        return out
-
-    def _measure(self, truth: PeriodTruth, frame: int, lit: Bools) -> SweepAngles:
-        """What every craft's decoder makes of this period's light, (C, K, 2), and of what is wrong with it."""
         faults = self.faults
-        if faults is None:
-            return self.decoder.decode(self.lighthouse.sweep(truth, frame, lit))
-        lit, off = faults.light(lit), faults.restarting()
-        pulses = faults.pulses(truth, lit, self.lighthouse.sweep(truth, frame, lit, faults.rotor()))
-        if off.any():
-            self.decoder.forget(off)
-            self.navigator.forget(off)
-        angles = self.decoder.decode(pulses)
-        return angles._replace(lit=angles.lit & ~off[:, None])
+        faults.begin(frame)
+        order = self.pilot.steer(frame * self.period_s, self._told, faults.idle())  # on board
+        self.command = order.command.only(self.pilot.by_estimate)
+        drive = self.actuators.drive(order, faults.thrusters())  # physics
+        force, torque = self.surroundings.add(frame, drive.force, drive.torque, faults.blow())
+        truth = self.world.advance(force, torque, drive.onboard)
+        self._told = truth.state(-1)
+        return truth, self.sensors.sight(truth)
+
+    def _guided(self, docking: list[tuple[int, Closing]]) -> Guided | None:
+        guidance = self.pilot.guidance
+        if guidance is None:
+            return None
+        return Guided(guidance.phase, self.pilot.reference_m(), guidance.gave_way, docking)
 
 
 def _at_epoch(truth: PeriodTruth) -> Truth:
-    """The truth at the period's epoch, its middle."""
-    k = len(truth.time_s) // 2
+    """Return the truth at the period's epoch."""
+    k = truth.epoch
     return Truth(truth.position[k], truth.quaternion[k], truth.velocity[k], truth.angular_rate[k], truth.contact)

@@ -18,9 +18,14 @@ from swarm.flight import builders
 from swarm.flight.recordings.libsurvive import Recording, read_libsurvive
 from swarm.flight.recordings.station_calibration import StationCalibration, read_calibration
 from swarm.flight.recordings.windows import Source, Window, Windows
+from swarm.flight.simulate import untold
 from swarm.hardware import Photodiodes
-from swarm.onboard.decoder import PulseDecoder, SweepAngles
-from swarm.onboard.navigation import Estimate, Navigator
+from swarm.messages import Signals, no_pulses
+from swarm.onboard.computer import Computer, Known
+from swarm.onboard.decoder import PulseDecoder
+from swarm.onboard.inspection import Inspection, InspectionSettings
+from swarm.onboard.navigation import Navigator
+from swarm.onboard.settings import NavigationSettings
 from swarm.results.angles import believed
 from swarm.results.period import Period
 from swarm.results.progress import Progress
@@ -46,41 +51,48 @@ def replay(
     record: bool = True,
     progress: Callable[[Progress], None] | None = None,
 ) -> Run:
-    """Replay what `object_name` saw of station `lighthouse` in a libsurvive `recording`; the run, opened.
+    """Replay what an object of a recording saw of one station, and write the run.
 
-    calibration: the station's known errors, libsurvive's file or ours. source: the raw "pulses", or the "angles" that
-    the recording's own software made of them. scenario: of `for_replay`, for other navigation settings. The rest as in
-    `simulate`. Raises SwarmError, as `read_libsurvive` and `read_calibration` do.
+    Args:
+        recording: a file that libsurvive wrote.
+        object_name: the tracked object, such as HMD.
+        lighthouse: the station.
+        calibration: the station's known errors, libsurvive's file or ours.
+        source: the raw "pulses", or the "angles" that the recording's own software made of them.
+        scenario: other navigation settings, as `for_replay` makes them.
+        out: the run's folder, by default `runs/<recording>-0`.
+        force: replace a run that is there.
+        record: write recording.rrd.
+        progress: called after every period.
+
+    Returns:
+        The run, opened.
+
+    Raises:
+        SwarmError: the recording or the calibration cannot be read, or the folder cannot be written.
     """
-    settings = scenario if scenario is not None else for_replay(Path(recording))
+    settings, tell = scenario if scenario is not None else for_replay(Path(recording)), progress or untold
     playback = Playback(recording, settings, object_name or "", lighthouse, calibration, source)
-    log, layout, windows = playback.log, playback.layout, playback.windows
-    scene = Scene(
-        craft=(log.device,),
-        visuals=[()],
-        photodiodes=layout,
-        lighthouse=visuals(find_model(settings.lighthouse.model)),
-        field_deg=settings.lighthouse.field_deg,
-        replay=True,
-    )
-    duration_s = len(windows) * windows.frame_s
-    first_s: float | None = None
-    about = playback.believed if settings.recording.angles else None
-    with writing_run(settings, out, scene, force=force, duration_s=duration_s, record=record, angles=about) as writer:
-        for frame, (window, angles, estimate) in enumerate(playback):
-            first_s = window.time_s if first_s is None else first_s
-            peer = Peer(window.peer_position, window.peer_quaternion)
-            sight = np.where(angles.lit, Sight.LIT, Sight.OUTSIDE)
-            writer.append(Period(frame, window.time_s - first_s, None, sight, angles, estimate, peer))
-            if progress is not None:
-                progress(writer.progress)
+    with writing_run(
+        settings,
+        out,
+        playback.scene,
+        force=force,
+        duration_s=playback.duration_s,
+        record=record,
+        angles=playback.believed if settings.recording.angles else None,
+    ) as writer:
+        for period in playback.fly():
+            writer.append(period)
+            tell(writer.progress)
     return writer.run
 
 
 class Playback:
-    """What one object saw of one station, through the same on-board code; iterate for (window, angles, estimate).
+    """What one object saw of one station, through the same computer as a simulated craft's.
 
     log, windows: the recording. layout: the object's photodiodes as believed. believed: that and the station's errors.
+    scene: what telemetry and recording are told beforehand. duration_s: length of the recording [s].
     """
 
     def __init__(
@@ -92,40 +104,66 @@ class Playback:
         calibration: str | Path | None = None,
         source: Source = "pulses",
     ) -> None:
-        """Arguments as of `replay`. Raises SwarmError."""
+        """Read the recording; arguments and errors are those of `replay`."""
         self.log = read_libsurvive(recording, object_name)
         known = read_calibration(calibration, lighthouse) if calibration is not None else None
         self.windows = Windows(self.log, lighthouse, source, known.pose if known else None)
         self.layout = _layout(self.log, known)
-        self._decoder = PulseDecoder(
-            self.layout.present, self.windows.tick_s, frame_s=self.windows.frame_s, slot=self.windows.slot
+        self.duration_s = len(self.windows) * self.windows.frame_s
+        navigation = self._navigation(settings, known)
+        self._computer = Computer(
+            PulseDecoder(
+                self.layout.present, self.windows.tick_s, frame_s=self.windows.frame_s, slot=self.windows.slot
+            ),
+            Navigator(self.layout, navigation),
+            Inspection((), InspectionSettings(navigation.frame_s)),
         )
+        s, rho = navigation.angle_noise_rad, navigation.rotor_correlation
+        noise = Noise(s * float(np.sqrt(1 - rho)), s * float(np.sqrt(rho)))
+        self.believed = believed((self.log.device,), self.layout, (navigation.fan_x, navigation.fan_y), noise)
+        self.scene = Scene(
+            craft=(self.log.device,),
+            visuals=[()],
+            photodiodes=self.layout,
+            lighthouse=visuals(find_model(settings.lighthouse.model)),
+            field_deg=settings.lighthouse.field_deg,
+            replay=True,
+        )
+
+    def fly(self) -> Iterator[Period]:
+        """Play one lighthouse period after the other, to the end of the recording; times count from the first one."""
+        first_s: float | None = None
+        for frame, window in enumerate(self.windows):
+            first_s = window.time_s if first_s is None else first_s
+            known = self._step(window)
+            yield Period(
+                frame=frame,
+                time_s=window.time_s - first_s,
+                truth=None,
+                sight=np.where(known.angles.lit, Sight.LIT, Sight.OUTSIDE),
+                angles=known.angles,
+                estimate=known.estimate,
+                peer=Peer(window.peer_position, window.peer_quaternion),
+            )
+
+    def _step(self, window: Window) -> Known:
+        if window.pulses is not None:
+            return self._computer.step(Signals(window.pulses))
+        assert window.angles is not None
+        return self._computer.navigate(window.angles, Signals(no_pulses(1)))
+
+    def _navigation(self, settings: Scenario, known: StationCalibration | None) -> NavigationSettings:
         navigation = builders.navigation(settings)
         # A real station's noise is only guessed: what its residuals should be is not known.
         untested = replace(navigation.integrity, residual_test=False, tick_s=None)
         navigation = replace(navigation, frame_s=self.windows.frame_s, integrity=untested)
-        if known is not None:
-            navigation = replace(navigation, fan_x=known.fan_x, fan_y=known.fan_y)
-        self._navigator = Navigator(self.layout, navigation)
-        s, rho = navigation.angle_noise_rad, navigation.rotor_correlation
-        noise = Noise(s * float(np.sqrt(1 - rho)), s * float(np.sqrt(rho)))
-        self.believed = believed((self.log.device,), self.layout, (navigation.fan_x, navigation.fan_y), noise)
-
-    def __iter__(self) -> Iterator[tuple[Window, SweepAngles, Estimate]]:
-        for window in self.windows:
-            angles = _angles(window, self._decoder)
-            yield window, angles, self._navigator.step(angles)
-
-
-def _angles(window: Window, decoder: PulseDecoder) -> SweepAngles:
-    if window.pulses is not None:
-        return decoder.decode(window.pulses)
-    assert window.angles is not None
-    return window.angles
+        if known is None:
+            return navigation
+        return replace(navigation, fan_x=known.fan_x, fan_y=known.fan_y)
 
 
 def _layout(log: Recording, known: StationCalibration | None) -> Photodiodes:
-    """The object's photodiodes as its maker says, or as a calibration has found them."""
+    """Return the object's photodiodes as its maker says, or as a calibration has found them."""
     found = known.places(log.device) if known is not None else None
     if found is None:
         return log.photodiodes

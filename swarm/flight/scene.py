@@ -1,40 +1,25 @@
-"""What a run's telemetry and recording are told of a flight before its first period."""
+"""What telemetry and recording are told of a flight before its first period."""
 
-from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from swarm.assets import find_model
-from swarm.flight.dynamics import Dynamics
-from swarm.hardware import Photodiodes
-from swarm.onboard.inspection import Inspection
+from swarm.flight.builders import photodiodes
 from swarm.results.recording.scene import CcdScene, Scene
 from swarm.scenario import Scenario
-from swarm.sensors.ccd import CcdSettings
 from swarm.world.craft import visuals
 
+if TYPE_CHECKING:
+    from swarm.flight.flight import Flight
 
-def scene(
-    scenario: Scenario,
-    dynamics: Dynamics,
-    layout: Photodiodes,
-    pairs: Sequence[CcdSettings],
-    inspection: Inspection | None,
-    faults: Sequence[str],
-) -> Scene:
-    """Return the scene of a flight.
 
-    Args:
-        scenario: What is flown.
-        dynamics: The world, and what moves the craft.
-        layout: The photodiodes on board.
-        pairs: The pairs of cameras.
-        inspection: The computers of the craft with LiDARs.
-        faults: Names of what may fail, empty without faults.
-    """
-    world, limits = dynamics.world, scenario.navigation.integrity
+def scene(scenario: Scenario, flight: "Flight") -> Scene:
+    """Return the scene of a flight, all of whose parts have been built."""
+    world, limits, faults = flight.world, scenario.navigation.integrity, flight.faults.names
+    pairs = () if flight.sensors.ccd is None else flight.sensors.ccd.pairs
     return Scene(
         craft=world.names,
-        visuals=[world.visuals(i) for i in range(layout.craft_count)],
-        photodiodes=layout,
+        visuals=[world.visuals(i) for i in range(len(world.names))],
+        photodiodes=photodiodes(scenario, world),
         lighthouse=visuals(find_model(scenario.lighthouse.model)),
         field_deg=scenario.lighthouse.field_deg,
         detail=scenario.recording.detail,
@@ -45,14 +30,14 @@ def scene(
                 pair.cameras.position_m,
                 pair.cameras.rotation,
                 pair.lights.point_m,
-                pair.field_rad,
+                pair.settings.field_rad,
             )
             for pair in pairs
         ],
-        lidar=[(o.craft, o.target) for o in inspection.observers] if inspection is not None else (),
+        lidar=[(observer.craft, observer.target) for observer in flight.computer.inspection.observers],
         watched=bool(faults) or limits.alert_position_mm is not None or limits.alert_attitude_deg is not None,
-        actuated=dynamics.actuators.fitted,
-        guided=dynamics.guided.guides,
-        docking=dynamics.guided.docks,
+        actuated=flight.actuators.any,
+        guided=flight.pilot.guidance is not None,
+        docking=bool(flight.latches.matings),
         faults=faults,
     )

@@ -1,4 +1,4 @@
-"""Fly a scenario and write the run: one short loop over lighthouse periods. What a period is: `swarm.flight.flight`."""
+"""Fly a scenario and write the run. `swarm.flight.flight` says what happens in a period."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -19,7 +19,21 @@ class Observer(Protocol):
         """See the flight before its first period."""
 
     def period(self, period: Period) -> None:
-        """See one period at its epoch."""
+        """See one period."""
+
+
+class Nobody:
+    """An observer that does not look."""
+
+    def begin(self, flight: Flight) -> None:
+        """Do nothing."""
+
+    def period(self, period: Period) -> None:
+        """Do nothing."""
+
+
+def untold(progress: Progress) -> None:
+    """Tell nobody how far a run is."""
 
 
 def simulate(
@@ -32,26 +46,38 @@ def simulate(
     progress: Callable[[Progress], None] | None = None,
     observer: Observer | None = None,
 ) -> Run:
-    """Fly `scenario` and write the run to `out` (default `runs/<scenario>-<seed>`); the run, opened.
+    """Fly a scenario and write the run.
 
-    force: replace a run that is there. live: open the viewer. record: write recording.rrd. progress: told now and then.
-    observer: sees the flight and every period.
-    Raises SwarmError: a scenario that cannot fly, a folder that cannot be written; KeyboardInterrupt closes the run,
-    marks it as interrupted, and is raised again.
+    Args:
+        scenario: what to fly.
+        out: the run's folder; `runs/<scenario>-<seed>` by default.
+        force: replace a run that is there.
+        live: open the viewer.
+        record: write recording.rrd.
+        progress: called after every period.
+        observer: sees the flight and every period.
+
+    Returns:
+        The run, opened.
+
+    Raises:
+        SwarmError: the scenario cannot fly, or the folder cannot be written.
+        KeyboardInterrupt: after the run was closed and marked as interrupted.
     """
-    flight = Flight(scenario)
-    if observer is not None:
-        observer.begin(flight)
-    duration_s, record = scenario.duration_s, record and scenario.recording.enabled
-    angles = flight.believed if scenario.recording.angles else None
+    flight, watch, tell = Flight(scenario), observer or Nobody(), progress or untold
+    watch.begin(flight)
     with writing_run(
-        scenario, out, flight.scene, force=force, duration_s=duration_s, record=record, live=live, angles=angles
+        scenario,
+        out,
+        flight.scene,
+        force=force,
+        duration_s=scenario.duration_s,
+        record=record and scenario.recording.enabled,
+        live=live,
+        angles=flight.believed if scenario.recording.angles else None,
     ) as writer:
-        for frame in range(max(1, round(duration_s / flight.period_s))):
-            period = flight.period(frame)
+        for period in flight.fly():
             writer.append(period)
-            if observer is not None:
-                observer.period(period)
-            if progress is not None:
-                progress(writer.progress)
+            watch.period(period)
+            tell(writer.progress)
     return writer.run

@@ -40,6 +40,8 @@ from estimators.stereo.triangulation import Rig
 from swarm.hardware import Cameras
 from swarm.messages import LightImages
 from swarm.onboard.acquisition import DECISIVE
+from swarm.onboard.settings import Sensor
+from swarm.onboard.tracks import PoseFix, Tracks
 
 FEWEST_ALONE = 4
 """Lights that one camera needs: three leave up to four poses."""
@@ -156,11 +158,31 @@ def _none(state: CcdState) -> CcdPose:
     return CcdPose(state, np.full((3, 3), np.nan), np.full(3, np.nan), np.full((6, 6), np.nan), np.nan)
 
 
-def fix(craft: int, pairs: Sequence[CcdCalibration], images: LightImages, rotation: Floats, position: Floats) -> CcdFix:
-    """The poses of `craft` craft by their cameras.
+class CameraFix:
+    """The cameras' pose sensor: the pairs of cameras of a swarm, in the order of their images."""
 
-    pairs: in the order of `images`. rotation (C, 3, 3), position (C, 3): the filter's prediction, NaN where none.
+    def __init__(self, pairs: Sequence[CcdCalibration]) -> None:
+        self._pairs = tuple(pairs)
+
+    def find(self, images: LightImages, tracks: Tracks) -> tuple[CcdFix, PoseFix]:
+        """Return what the cameras found, and the poses for the filters; an image has one instant: no rate enters."""
+        found = fix(self._pairs, images, tracks.bank.rotation, tracks.bank.position)
+        none = np.zeros_like(found.covariance)
+        sensor = np.where(found.state == CcdState.STEREO, Sensor.STEREO, Sensor.CAMERA).astype(np.int64)
+        pose = PoseFix(found.known, found.rotation, found.position, found.covariance, none, none, sensor)
+        return found, pose
+
+
+def fix(pairs: Sequence[CcdCalibration], images: LightImages, rotation: Floats, position: Floats) -> CcdFix:
+    """Return the poses of C craft by their cameras.
+
+    Args:
+        pairs: in the order of `images`.
+        images: what the cameras saw.
+        rotation: (C, 3, 3), the filter's prediction, NaN where none.
+        position: (C, 3) [m], likewise.
     """
+    craft = len(position)
     out = CcdFix(
         np.full(craft, CcdState.ABSENT, dtype=np.int64),
         np.zeros((craft, 2), dtype=np.int64),

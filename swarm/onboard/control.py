@@ -14,12 +14,12 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.arrays import Bools, Floats
-from estimators.filter.error_state import log_into
 from estimators.kernel import kernel
 from estimators.relative_orbit import RelativeOrbit
 from estimators.relative_orbit import acceleration as orbital_acceleration
-from estimators.rotation import multiply_into
+from estimators.rotation import log_into, multiply_into
 from estimators.state import Reference, State
+from swarm.messages import Command
 
 POSITION_FREQUENCY_RAD_S = 1.0
 ATTITUDE_FREQUENCY_RAD_S = 2.0
@@ -38,20 +38,6 @@ def feedback(craft: int) -> Feedback:
     return Feedback(np.full(craft, POSITION_FREQUENCY_RAD_S**2), np.full(craft, 2 * DAMPING * POSITION_FREQUENCY_RAD_S))
 
 
-class Command(NamedTuple):
-    """What C craft order their actuators to do for one period: acceleration (C, 3) [m/s^2] and angular_acceleration
-    (C, 3) [rad/s^2], lighthouse frame; zero where a craft orders nothing.
-    """
-
-    acceleration: Floats
-    angular_acceleration: Floats
-
-    def only(self, mask: Bools) -> "Command":
-        """The command of the craft in `mask` (C,), zero for the rest."""
-        flat = np.reshape(mask, (-1, 1))
-        return Command(np.where(flat, self.acceleration, 0.0), np.where(flat, self.angular_acceleration, 0.0))
-
-
 def command(
     reference: Reference, state: State, orbit: RelativeOrbit | None = None, firm: Feedback | None = None
 ) -> Command:
@@ -60,8 +46,26 @@ def command(
     orbit: the lighthouse's, in which the actuators need only do what gravity does not. firm: of the places, where not
     every craft has the usual one.
     """
-    out = Command(*np.zeros((2, len(reference.position), 3)))
-    _command_into(*reference, *_contiguous(state), *(firm or feedback(len(reference.position))), *out)
+    count = len(reference.position)
+    out, gains, believed = Command(*np.zeros((2, count, 3))), firm or feedback(count), _contiguous(state)
+    _command_into(
+        reference.position,
+        reference.velocity,
+        reference.acceleration,
+        reference.rotation,
+        reference.angular_rate,
+        reference.angular_acceleration,
+        reference.holds_position,
+        reference.holds_attitude,
+        believed.rotation,
+        believed.angular_rate,
+        believed.position,
+        believed.velocity,
+        gains.stiffness,
+        gains.damping,
+        out.acceleration,
+        out.angular_acceleration,
+    )
     return out if orbit is None else without_gravity(out, reference.holds_position, state, orbit)
 
 
@@ -92,7 +96,12 @@ def wrench(order: Command, reference: Reference, state: State, mass: Floats, ine
 
 
 def _contiguous(state: State) -> State:
-    return State(*(np.ascontiguousarray(part, dtype=np.float64) for part in state))
+    return State(
+        rotation=np.ascontiguousarray(state.rotation, dtype=np.float64),
+        position=np.ascontiguousarray(state.position, dtype=np.float64),
+        velocity=np.ascontiguousarray(state.velocity, dtype=np.float64),
+        angular_rate=np.ascontiguousarray(state.angular_rate, dtype=np.float64),
+    )
 
 
 @kernel

@@ -43,6 +43,7 @@ from estimators.lighthouse.integrity import (
 from estimators.lighthouse.pnp import PoseSolution
 from estimators.rotation import angle_between
 from swarm.onboard.decoder import SweepAngles
+from swarm.onboard.tracks import Filtered, Taken
 
 LARGEST_SPEED_ERROR = 1e-3
 """A turn that is off by more is a mistaken flash, not a rotor."""
@@ -95,19 +96,6 @@ class Screened(NamedTuple):
     lit: Bools
     used: Ints
     dropped: Ints
-
-
-class Filtered(NamedTuple):
-    """What became of the poses in the filters: by_lighthouse (C,), whose filter took this period's in; refused (C,), of
-    the gate; active (C,), who has a filter; its rotation (C, 3, 3), position (C, 3) [m], covariance (C, 12, 12).
-    """
-
-    by_lighthouse: Bools
-    refused: Bools
-    active: Bools
-    rotation: Floats
-    position: Floats
-    covariance: Floats
 
 
 class Monitor:
@@ -191,26 +179,33 @@ class Monitor:
         found = consistent_subset(one, rotation, position, self._noise, rate_covariance, self._threshold)
         return None if found is None else found.lit
 
-    def levels(self, screened: Screened, precision: Dilution, filtered: Filtered) -> Integrity:
-        """Protection levels of this period's poses, and of the filters after them."""
-        s, out = self.settings, np.empty((4, len(screened.used)))
+    def levels(self, screened: Screened, precision: Dilution, taken: Taken, after: Filtered) -> Integrity:
+        """Return the protection levels of this period's poses, and of the filters after them.
+
+        Args:
+            screened: the poses after the residual test.
+            precision: their dilution of precision.
+            taken: what became of them in the filters.
+            after: the filters, after every fix of the period.
+        """
+        s, out, active = self.settings, np.empty((4, len(screened.used))), after.active
         _levels_into(
-            precision[1:3],
-            precision[4:6],
+            (precision.adop_deg_per_rad, precision.pdop_m_per_rad),
+            (precision.attitude_slope_deg_per_rad, precision.position_slope_m_per_rad),
             screened.used,
             self._missed * self._noise.own_rad if s.residual_test else np.zeros_like(self._missed),
             self._quantile,
             self._sigma_rad,
-            filtered.by_lighthouse,
-            filtered.active,
-            filtered.covariance,
+            taken.fresh,
+            active,
+            after.covariance,
             self._held,
             out,
         )
-        if filtered.refused.any():
-            at, pose = np.flatnonzero(filtered.refused), screened.solution
-            distance = np.linalg.norm(pose.position[at] - filtered.position[at], axis=1)
-            angle = np.rad2deg(angle_between(pose.rotation[at], filtered.rotation[at]))
+        if (refused := taken.refused & active).any():
+            at, pose = np.flatnonzero(refused), screened.solution
+            distance = np.linalg.norm(pose.position[at] - after.state.position[at], axis=1)
+            angle = np.rad2deg(angle_between(pose.rotation[at], after.state.rotation[at]))
             out[2:, at] = np.fmax(out[2:, at], np.stack([distance, angle]) + out[:2, at])
         limits = s.alert_position_m, float(np.rad2deg(s.alert_attitude_rad))
         watched = [i for i, limit in enumerate(limits) if np.isfinite(limit)]

@@ -91,9 +91,8 @@ def visibility(rows: Rows) -> Picture:
         axes.set_ylabel("share [%]")
         axes.legend(loc="lower left")
 
-    caption = (
-        "Photodiodes lit and time tracking as the volume fills. Craft 0 is in the middle, at one place in every run."
-    )
+    where = "Craft 0 is in the middle, at the same place in every run."
+    caption = f"Photodiodes lit and time tracking as the volume fills. {where}"
     return picture("visibility", caption, paint)
 
 

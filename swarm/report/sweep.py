@@ -8,9 +8,9 @@ from swarm.figures import Figure
 from swarm.report.figures import BLUE, GREY, Picture, picture
 from swarm.report.page import Column, Section, Table, number
 from swarm.report.rows import Rows, as_floats, finished
-from swarm.scenario.mistakes import split_unit
 from swarm.studies.campaign.study_folder import FinishedStudy
 from swarm.studies.campaign.task import COMPLETE
+from swarm.units import split_unit, written_unit
 
 MERITS = (
     ("ekf_position_rms_m", 1000.0, "position error, RMS", "mm"),
@@ -112,8 +112,7 @@ def _mean_and_spread(values: Sequence[float | None], scale: float) -> str:
 
 
 def _name(key: str) -> tuple[str, str]:
-    stem, unit = split_unit(key)
-    return stem.replace("_", " "), unit
+    return split_unit(key)[0].replace("_", " "), written_unit(key)
 
 
 def _shown(value: object) -> str:

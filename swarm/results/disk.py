@@ -28,10 +28,10 @@ _ADVICE = {
 
 
 class FolderLock:
-    """Says that a run is being written to a folder; the operating system takes it back from a process that dies."""
+    """Lock of a folder that is being written to; the operating system takes it back from a process that dies."""
 
     def __init__(self, folder: Path) -> None:
-        """Raises SwarmError where somebody else is writing to `folder`."""
+        """Take the lock. Raises SwarmError where somebody else is writing to `folder`."""
         self._file: int | None = None
         if fcntl is None:
             return
@@ -44,7 +44,7 @@ class FolderLock:
             raise SwarmError(f"{folder}: a run is being written there now; choose another --out") from None
 
     def release(self) -> None:
-        """The folder is free again."""
+        """Give the lock back."""
         if self._file is not None:
             os.close(self._file)
             self._file = None

@@ -31,11 +31,11 @@ STOPPED = "stopped by the user"
 
 
 class Contents(NamedTuple):
-    """What belongs to one kind of result.
+    """The files of one kind of result.
 
     what: the kind, with its article. marker: name of the JSON file that marks it. files: names of the other files.
-    folders: names of folders, with the patterns of the files in them. instead: what the user can do where there is such
-    a result already.
+    folders: names of folders, with the patterns of the files in them. instead: advice where there is such a result
+    already.
     """
 
     what: str
@@ -114,7 +114,7 @@ class OwnedFolder:
 
         Args:
             path: The folder; it may hold other files, which stay.
-            contents: What belongs to the result.
+            contents: The files of the result.
             force: Replace an earlier result.
             keep: Go on with an earlier result: its files and its marker stay.
 

@@ -1,13 +1,25 @@
-"""The scenario: what a run's file may say, loading it with every mistake named, and writing it out again."""
+"""The scenario: the tables of a run's file, loading them with a message for every mistake, and writing them."""
 
 from swarm.scenario.cameras import Ccd, Outage
 from swarm.scenario.criteria import Criterion
 from swarm.scenario.dynamics import Actuation, Orbit
-from swarm.scenario.guided import Dock, Figure, Formation, Keep
-from swarm.scenario.kinds import AnyMotion
 from swarm.scenario.lidar import Lidar
 from swarm.scenario.load import Craft, craft, for_replay, load, validate
-from swarm.scenario.motions import Approach, Attitude, Drift, Hold, Ring, Tumble, Wander, Waypoints
+from swarm.scenario.motions import (
+    AnyMotion,
+    Approach,
+    Attitude,
+    Dock,
+    Drift,
+    Figure,
+    Formation,
+    Hold,
+    Keep,
+    Ring,
+    Tumble,
+    Wander,
+    Waypoints,
+)
 from swarm.scenario.reference import json_schema, markdown_reference
 from swarm.scenario.schema import Fan, Lighthouse, Navigation, Scatter, Scenario, Swarm
 from swarm.scenario.text import to_toml

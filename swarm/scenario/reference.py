@@ -13,10 +13,12 @@ from annotated_types import Ge, Gt, Le, Lt, MultipleOf
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from swarm.scenario.mistakes import kind_of, split_unit, tables_of
-from swarm.scenario.motions import Attitude, Box, Table, Vector
+from swarm.scenario.mistakes import kind_of, tables_of
+from swarm.scenario.motions import Attitude
 from swarm.scenario.schema import Scenario
+from swarm.scenario.table import Box, Table, Vector
 from swarm.scenario.text import toml_value
+from swarm.units import written_unit
 
 HEAD = """# The scenario file
 
@@ -44,12 +46,12 @@ VECTOR = get_args(Vector)[0]
 
 
 def json_schema() -> dict[str, Any]:
-    """The JSON schema (draft 2020-12) of a scenario file."""
+    """Return the JSON schema (draft 2020-12) of a scenario file."""
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **Scenario.model_json_schema()}
 
 
 def markdown_reference() -> str:
-    """The page of every table and key: unit or type, default, limits, meaning."""
+    """Return the page of every table and key: unit or type, default, limits, meaning."""
     return "\n".join([HEAD, *_sections()]).rstrip() + "\n"
 
 
@@ -68,11 +70,11 @@ def _sections() -> Iterator[str]:
                     for name, least in part.model_fields.items():
                         for entry in tables_of(least.annotation):
                             yield from _section(f"`[[{key}.{inner}.{name}]]`", key, entry)
-    yield "## `[[fault]]`\n\nWhat goes wrong, and when ([how](faults.md)); its `kind` says which of these it is.\n"
+    yield "## `[[fault]]`\n\nA fault and its time ([details](faults.md)); `kind` selects one of the tables below.\n"
     for table in tables_of(Scenario.model_fields["fault"].annotation):
         yield from _section(f'`kind = "{kind_of(table)}"`', "fault", table, level="###")
     motions = tables_of(Scenario.model_fields["craft"].annotation)[0].model_fields["motion"]
-    yield "## `motion`\n\nA table of `[swarm]` and of every `[[craft]]`; its `kind` says which of these it is.\n"
+    yield "## `motion`\n\nA table of `[swarm]` and of every `[[craft]]`; `kind` selects one of the tables below.\n"
     for table in tables_of(motions.annotation):
         yield from _section(f'`kind = "{kind_of(table)}"`', "motion", table, level="###")
         for key, field in table.model_fields.items():
@@ -91,7 +93,7 @@ def _section(title: str, name: str, table: type[Table], level: str = "##") -> It
 
 
 def _type(key: str, field: FieldInfo) -> str:
-    unit = split_unit(key)[1]
+    unit = written_unit(key)
     kinds = tables_of(field.annotation)
     text = str(field.annotation)
     if kinds:

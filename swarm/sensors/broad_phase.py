@@ -16,6 +16,7 @@ import numpy as np
 
 from estimators.arrays import Floats, Ints
 from estimators.kernel import kernel
+from estimators.rotation import matrix_from_quaternion_into
 
 MOST_CELLS = 512
 """Cells along u or v, at most."""
@@ -48,11 +49,7 @@ def place_into(position: Floats, quaternion: Floats, shape: Ints, shape_centre: 
     for c in range(len(shape)):
         r = out.rotation[c]
         if c < len(position):
-            w, x, y, z = quaternion[c, 0], quaternion[c, 1], quaternion[c, 2], quaternion[c, 3]
-            r[0, 0], r[1, 1], r[2, 2] = 1 - 2 * (y * y + z * z), 1 - 2 * (x * x + z * z), 1 - 2 * (x * x + y * y)
-            r[0, 1], r[1, 0] = 2 * (x * y - w * z), 2 * (x * y + w * z)
-            r[0, 2], r[2, 0] = 2 * (x * z + w * y), 2 * (x * z - w * y)
-            r[1, 2], r[2, 1] = 2 * (y * z - w * x), 2 * (y * z + w * x)
+            matrix_from_quaternion_into(quaternion[c], r)
             for i in range(3):
                 out.position[c, i] = position[c, i]
         p = out.position[c]

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
-from estimators.lighthouse.sweep import measured_angle
-from estimators.rotation import sine_cosine
+from estimators.lighthouse.sweep import TERMS, measured_angle
+from estimators.rotation import quaternion_between, quaternion_rows, turned
 
 CONVERGED_S = 1e-13
 """The root is found when the rotor needs less than this for the angle that is left [s]."""
@@ -32,35 +32,18 @@ _POSITION, _VELOCITY, _RATE, _ROTATION, _SEGMENT = 0, 3, 6, 9, 18
 def _segment_into(a: Floats, b: Floats, from_m: Floats, to_m: Floats, step: float, out: Floats) -> None:
     """Write the motion from quaternion a (4,), position from_m (3,) to b, to_m within `step` [s] into `out` (18,)."""
     # b = d a, so d = b a*; q and -q are the same attitude: take the shorter way round.
-    w = b[0] * a[0] + b[1] * a[1] + b[2] * a[2] + b[3] * a[3]
-    x = -b[0] * a[1] + b[1] * a[0] - b[2] * a[3] + b[3] * a[2]
-    y = -b[0] * a[2] + b[1] * a[3] + b[2] * a[0] - b[3] * a[1]
-    z = -b[0] * a[3] - b[1] * a[2] + b[2] * a[1] + b[3] * a[0]
+    w, x, y, z = quaternion_between(b, a)
     sine = np.sqrt(x * x + y * y + z * z)
     # asin(s)/s = 1 + s^2/6: the next term is below rounding at s = 1e-4.
     half = np.arctan2(sine, abs(w)) / sine if sine > 1e-4 else 1 + sine * sine / 6
     scale = 2 * half / step if w >= 0 else -2 * half / step
     out[6], out[7], out[8] = scale * x, scale * y, scale * z
-    q0, q1, q2, q3 = a[0], a[1], a[2], a[3]
-    out[9], out[10], out[11] = 1 - 2 * (q2 * q2 + q3 * q3), 2 * (q1 * q2 - q0 * q3), 2 * (q1 * q3 + q0 * q2)
-    out[12], out[13], out[14] = 2 * (q1 * q2 + q0 * q3), 1 - 2 * (q1 * q1 + q3 * q3), 2 * (q2 * q3 - q0 * q1)
-    out[15], out[16], out[17] = 2 * (q1 * q3 - q0 * q2), 2 * (q2 * q3 + q0 * q1), 1 - 2 * (q1 * q1 + q2 * q2)
+    turn = quaternion_rows(a[0], a[1], a[2], a[3])
+    for i in range(3):
+        out[9 + 3 * i], out[10 + 3 * i], out[11 + 3 * i] = turn[i]
     for i in range(3):
         out[i] = from_m[i]
         out[3 + i] = (to_m[i] - from_m[i]) / step
-
-
-@kernel
-def _turned(a: float, b: float, c: float, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Exp([(a, b, c)]x) (x, y, z)."""
-    sine, cosine = sine_cosine(a * a + b * b + c * c)
-    # v + sin(.)/(.) w x v + (1 - cos(.))/(.)^2 w x (w x v)
-    u0, u1, u2 = b * z - c * y, c * x - a * z, a * y - b * x
-    return (
-        x + sine * u0 + cosine * (b * u2 - c * u1),
-        y + sine * u1 + cosine * (c * u0 - a * u2),
-        z + sine * u2 + cosine * (a * u1 - b * u0),
-    )
 
 
 @kernel
@@ -72,7 +55,7 @@ def cross_into(
     normal: Floats,
     lit: Bools,
     error: Floats,
-    fan_errors: Floats,
+    fans: Floats,
     period: float,
     diameter: float,
     instant: Floats,
@@ -81,12 +64,12 @@ def cross_into(
     """Write crossing instants and sweep widths (C, K, 2) [s] of the lit photodiodes; NaN where a fan finds none.
 
     knot (n + 1,) [s]; position (n + 1, C, 3); quaternion (n + 1, C, 4); point, normal (C, K, 3) in the body frame; lit,
-    error [rad] (C, K, 2); fan_errors of `kernel_errors`; period [s]; diameter of a photodiode's face [m].
+    error [rad] (C, K, 2); fans (2, FAN) of `kernel_fans`; period [s]; diameter of a photodiode's face [m].
     """
     intervals = len(knot) - 1
     ready, segment = np.zeros(intervals, np.bool_), np.empty((intervals, _SEGMENT))
     w = 2 * np.pi / period
-    perfect = not np.any(fan_errors)
+    perfect = not np.any(fans[:, TERMS:])
     for c in range(lit.shape[0]):
         ready[:] = False
         for fan in range(2):
@@ -111,7 +94,7 @@ def cross_into(
                         ready[j] = True
                     s = t - knot[j]
                     a, b, d = segment[j, 6], segment[j, 7], segment[j, 8]
-                    x, y, z = _turned(
+                    x, y, z = turned(
                         a * s,
                         b * s,
                         d * s,
@@ -139,7 +122,7 @@ def cross_into(
                             - turn * (1 - square * (1 / 3 - square * (1 / 5 - square / 7)))
                         )
                     else:
-                        angle = measured_angle(x, y, z, fan, fan_errors)
+                        angle = measured_angle(x, y, z, fans[fan])
                         g = np.pi / 2 + angle + error[c, k, fan] - w * (t - start)
                     if abs(g) <= w * CONVERGED_S:
                         found = True
@@ -168,7 +151,7 @@ def cross_into(
                 last_across, last_ahead, last_error, warm = across, ahead, error[c, k, fan], perfect
                 # The fan's own direction of motion at p; a disc's extent along it is its diameter foreshortened.
                 s, nx, ny, nz = t - knot[j], normal[c, k, 0], normal[c, k, 1], normal[c, k, 2]
-                x, y, z = _turned(
+                x, y, z = turned(
                     segment[j, 6] * s,
                     segment[j, 7] * s,
                     segment[j, 8] * s,

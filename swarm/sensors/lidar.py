@@ -15,7 +15,6 @@ with a range that carries the noise. Draws go by craft and scan: no other craft 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import mujoco
@@ -23,40 +22,14 @@ import numpy as np
 
 from estimators.arrays import Floats, Ints
 from estimators.rotation import exp, log, matrix_from_quaternion, quaternion_from_matrix
+from swarm import random, scenario
 from swarm.messages import LidarPattern, LidarScan
+from swarm.random import Purpose
+from swarm.units import si
 from swarm.world.world import PeriodTruth
 
-PURPOSE = 0x6C69646172
-"""Spawn key of the LiDAR's random numbers: "lidar"."""
 STEEPNESS = 8
 """Half of the returns are lost at 0.92 of a limit."""
-
-
-@dataclass(frozen=True)
-class LidarSettings:
-    """A LiDAR in SI units; `swarm.scenario` says what each means."""
-
-    lines: int = 16
-    vertical_field_rad: float = np.radians(30.0)
-    horizontal_field_rad: float = 2 * np.pi
-    resolution_rad: float = np.radians(0.2)
-    rate_hz: float = 10.0
-    range_noise_m: float = 0.01
-    jitter_rad: float = np.radians(0.02)
-    range_min_m: float = 0.3
-    range_max_m: float = 60.0
-    incidence_max_rad: float = np.radians(87.0)
-    dropout_probability: float = 0.01
-
-    @property
-    def steps(self) -> int:
-        """Steps in azimuth of one scan."""
-        return max(1, round(self.horizontal_field_rad / self.resolution_rad))
-
-    @property
-    def line_spacing_rad(self) -> float:
-        """Between neighbouring lines."""
-        return self.vertical_field_rad / max(1, self.lines - 1)
 
 
 class Mount(NamedTuple):
@@ -75,7 +48,7 @@ class Lidar:
         model: mujoco.MjModel,
         craft_bodies: Sequence[int] | Ints,
         mounts: Sequence[Mount],
-        settings: LidarSettings,
+        table: scenario.Lidar,
         seed: int,
         keys: Sequence[int],
     ) -> None:
@@ -85,25 +58,28 @@ class Lidar:
         """
         self._model, self._data = model, mujoco.MjData(model)
         self._address = np.array([model.jnt_qposadr[model.body_jntadr[body]] for body in craft_bodies])
+        settings = si(table)
         self.mounts, self.settings = tuple(mounts), settings
         self._seed, self._keys = seed, list(keys)
-        step, line = np.meshgrid(np.arange(settings.steps), np.arange(settings.lines), indexing="ij")
+        self._steps = max(1, round(settings.horizontal_field_rad / settings.resolution_rad))
+        self._line_spacing_rad = settings.vertical_field_rad / max(1, settings.lines - 1)
+        step, line = np.meshgrid(np.arange(self._steps), np.arange(settings.lines), indexing="ij")
         azimuth = -settings.horizontal_field_rad / 2 + step.ravel() * settings.resolution_rad
-        elevation = -settings.vertical_field_rad / 2 + line.ravel() * settings.line_spacing_rad
+        elevation = -settings.vertical_field_rad / 2 + line.ravel() * self._line_spacing_rad
         if settings.lines == 1:
             elevation = np.zeros_like(azimuth)
         self._direction = np.stack(
             [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=1
         )
         self._line, self._step = line.ravel(), step.ravel()
-        self._offset_s = self._step / (settings.steps * settings.rate_hz)
+        self._offset_s = self._step / (self._steps * settings.rate_hz)
         self._range = np.full((len(self.mounts), len(self._direction)), np.nan)
         self._scan, self._fired = 0, 0
 
     def pattern(self, mount: int) -> LidarPattern:
         """What the craft of this mount knows of its LiDAR."""
         s, where = self.settings, self.mounts[mount]
-        spacing = max(s.line_spacing_rad, s.resolution_rad)
+        spacing = max(self._line_spacing_rad, s.resolution_rad)
         # Of a perfect LiDAR, the computer believes a millimetre.
         return LidarPattern(where.rotation, where.position, spacing, max(s.range_noise_m, 1e-3), 1 / s.rate_hz)
 
@@ -162,8 +138,7 @@ class Lidar:
         body = matrix_from_quaternion(quaternion[where.craft])
         origin = position[where.craft] + body @ where.position
         meant = self._direction[rays]
-        key = (PURPOSE, self._keys[mount], self._scan, rays.start)
-        rng = np.random.default_rng(np.random.SeedSequence(self._seed, spawn_key=key))
+        rng = random.stream(self._seed, Purpose.LIDAR, self._keys[mount], self._scan, rays.start)
         bent = meant + s.jitter_rad * rng.standard_normal(meant.shape)
         bent /= np.linalg.norm(bent, axis=1, keepdims=True)
         noise, luck = rng.standard_normal(len(meant)), rng.random(len(meant))

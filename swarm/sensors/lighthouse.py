@@ -20,48 +20,25 @@ Light's travel time (67 ns at 20 m) is left out: it delays flash and sweep alike
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from enum import IntEnum
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
-from estimators.lighthouse.sweep import FanErrors, kernel_errors
+from estimators.frame import WORLD, Frame
+from estimators.lighthouse.sweep import FanErrors, FanPair, kernel_fans, lighthouse_1
+from swarm import random
 from swarm.hardware import Photodiodes
 from swarm.messages import SYNC_WIDTH_S, SYNC_WIDTH_STEP_S, Pulses
+from swarm.random import Blocks, Purpose
+from swarm.scenario import Lighthouse as Station
 from swarm.sensors.crossing import cross_into, pack_into
+from swarm.units import si
 
 BLOCK = 64
 """Frames whose random numbers are drawn at once."""
 STRAY_WIDTH_MAX_S = SYNC_WIDTH_S / 10
 """Longest stray pulse [s]."""
-
-
-@dataclass(frozen=True)
-class LighthouseSettings:
-    """The station and the photodiodes' circuit, in SI units; noise and jitter are standard deviations.
-
-    mounting_seed: draws the mounting errors; None: the run's own.
-    """
-
-    rate_hz: float
-    angle_noise_rad: float
-    rotor_correlation: float
-    sync_jitter_s: float
-    tick_s: float
-    field_rad: float
-    range_min_m: float
-    range_max_m: float
-    incidence_max_rad: float
-    photodiode_diameter_m: float
-    mounting_error_m: float
-    missed_sync_probability: float
-    lost_pulse_probability: float
-    stray_pulse_rate_hz: float
-    fan_x: FanErrors
-    fan_y: FanErrors
-    mounting_seed: int | None = None
 
 
 class Motion(Protocol):
@@ -85,23 +62,6 @@ class Rotor(NamedTuple):
 
     speed: float = 1.0
     phase_s: float = 0.0
-
-
-class Purpose(IntEnum):
-    """What a random stream is for: the second number of its spawn key."""
-
-    MOUNTING = 0
-    CLOCK = 1
-    ROTOR = 2
-    SYNC = 3
-    ANGLE = 4
-    MISSED = 5
-    LOST = 6
-    STRAY = 7
-
-
-_LIGHTHOUSE = 0x4C48
-"""First number of all spawn keys here, so that no other room's stream has the same."""
 
 
 class _Draws(NamedTuple):
@@ -129,28 +89,41 @@ class Lighthouse:
     """(C,) what each craft's clock shows at time zero [ticks]; a craft never learns it."""
 
     def __init__(
-        self, layout: Photodiodes, settings: LighthouseSettings, seed: int, craft_keys: Sequence[int] | None = None
+        self,
+        layout: Photodiodes,
+        station: Station,
+        seed: int,
+        craft_keys: Sequence[int] | None = None,
+        frame: Frame = WORLD,
     ) -> None:
-        """Take the drawn layout and, if craft may change places, one number >= 0 per craft that names it for good."""
-        self.settings = settings
-        self._seed = seed
+        """Prepare the draws.
+
+        Args:
+            layout: The photodiodes as drawn.
+            station: The scenario's table.
+            seed: The run's seed.
+            craft_keys: Different numbers >= 0, one per craft, that name the craft for good, if they may change places.
+            frame: The station's frame in the world.
+        """
+        self.settings = settings = si(station)
+        self.fans = fans(station)
+        self._seed, self._frame = seed, frame
         self._keys = list(range(layout.craft_count)) if craft_keys is None else [int(key) for key in craft_keys]
         if len(set(self._keys)) != layout.craft_count:
             raise ValueError(f"{layout.craft_count} different craft keys needed, not {self._keys}")
         self._count = layout.present.sum(axis=1)
-        self._errors = kernel_errors((settings.fan_x, settings.fan_y))
+        self._fans = kernel_fans(lighthouse_1(*self.fans))
         point = layout.point_m.copy()
         offset = np.empty(layout.craft_count)
         for i, key in enumerate(self._keys):
             mounted = seed if settings.mounting_seed is None else settings.mounting_seed
-            mounting = self._stream(Purpose.MOUNTING, key, seed=mounted).standard_normal((self._count[i], 3))
+            mounting = random.stream(mounted, Purpose.MOUNTING, key).standard_normal((self._count[i], 3))
             point[i, layout.present[i]] += settings.mounting_error_m * mounting
             # Up to 20 min of ticks, and never so few that a jitter in frame 0 makes them negative.
             offset[i] = self._stream(Purpose.CLOCK, key).uniform(1e6, 1e6 + 1200.0 / settings.tick_s)
         self.photodiodes = layout._replace(point_m=point)
         self.clock_offset_tick = offset
-        self._block = -1
-        self._draws: _Draws | None = None
+        self._draws = Blocks(BLOCK, self._draw)
 
     def sweep(self, truth: Motion, frame: int, lit: Bools, rotor: Rotor | None = None) -> Pulses:
         """Pulses of the period `frame` with motion `truth`; `lit` (C, K, 2): in line of sight as fan X, Y sweeps.
@@ -163,7 +136,8 @@ class Lighthouse:
             raise ValueError(f"lit must have shape {shape}, not {lit.shape}")
         if truth.position.shape[1:] != (true.craft_count, 3) or truth.quaternion.shape[1:] != (true.craft_count, 4):
             raise ValueError(f"motion of {true.craft_count} craft needed, not {truth.position.shape}")
-        draws, i = self._drawn(frame)
+        position, quaternion = self._frame.poses_into(truth.position, truth.quaternion)
+        draws, i = self._draws.at(frame)
         period, turn = 1 / settings.rate_hz, rotor or Rotor()
         turn_s = period / turn.speed
         rho, noise = settings.rotor_correlation, settings.angle_noise_rad
@@ -172,13 +146,13 @@ class Lighthouse:
         instant, width = np.empty(shape), np.empty(shape)
         cross_into(
             np.ascontiguousarray(truth.time_s - truth.time_s[0] - turn.phase_s),
-            np.ascontiguousarray(truth.position),
-            np.ascontiguousarray(truth.quaternion),
+            np.ascontiguousarray(position),
+            np.ascontiguousarray(quaternion),
             true.point_m,
             true.normal,
             lit,
             angle_error,
-            self._errors,
+            self._fans,
             turn_s,
             settings.photodiode_diameter_m,
             instant,
@@ -218,16 +192,8 @@ class Lighthouse:
         photodiode, rise, wide, total = pulses
         return Pulses(photodiode[:, :used], rise[:, :used], wide[:, :used], total)
 
-    def _stream(self, purpose: Purpose, *key: int, seed: int | None = None) -> np.random.Generator:
-        seed = self._seed if seed is None else seed
-        return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_LIGHTHOUSE, purpose, *key)))
-
-    def _drawn(self, frame: int) -> tuple[_Draws, int]:
-        """The block of random numbers that `frame` is in, and its place there."""
-        block, place = divmod(frame, BLOCK)
-        if self._draws is None or block != self._block:
-            self._block, self._draws = block, self._draw(block)
-        return self._draws, place
+    def _stream(self, purpose: Purpose, *numbers: int) -> np.random.Generator:
+        return random.stream(self._seed, purpose, *numbers)
 
     def _draw(self, block: int) -> _Draws:
         settings, present = self.settings, self.photodiodes.present
@@ -243,13 +209,13 @@ class Lighthouse:
             which = slice(own[1]) if present[i, : own[1]].all() else present[i]
             angle[:, i, which] = self._stream(Purpose.ANGLE, key, block).standard_normal(own)
             if settings.missed_sync_probability > 0:
-                chance = self._stream(Purpose.MISSED, key, block).random((BLOCK, 2))
+                chance = self._stream(Purpose.MISSED_SYNC, key, block).random((BLOCK, 2))
                 missed[:, i] = chance < settings.missed_sync_probability
             if settings.lost_pulse_probability > 0:
-                chance = self._stream(Purpose.LOST, key, block).random(own)
+                chance = self._stream(Purpose.LOST_PULSE, key, block).random(own)
                 lost[:, i, present[i]] = chance < settings.lost_pulse_probability
             if settings.stray_pulse_rate_hz > 0 and self._count[i] > 0:
-                stream = self._stream(Purpose.STRAY, key, block)
+                stream = self._stream(Purpose.STRAY_PULSE, key, block)
                 strays[:, i] = stream.poisson(settings.stray_pulse_rate_hz / settings.rate_hz, BLOCK)
                 stray.append((i, stream.random((BLOCK, int(strays[:, i].max()), 3))))
         padded = np.zeros((BLOCK, craft, int(strays.max(initial=0)), 3))
@@ -264,3 +230,8 @@ class Lighthouse:
             strays,
             padded,
         )
+
+
+def fans(station: Station) -> FanPair:
+    """Return the systematic errors of both fans, X first."""
+    return FanErrors(**station.fan_x.model_dump()), FanErrors(**station.fan_y.model_dump())

@@ -22,7 +22,8 @@ from estimators.rotation import matrix_from_quaternion
 from swarm.hardware import Photodiodes
 from swarm.sensors.hits import BOX, HULL
 from swarm.sensors.solids import Solids
-from swarm.sensors.visibility import WIDEST_HALF_FIELD_RAD, Limits, Visibility
+from swarm.sensors.visibility import WIDEST_HALF_FIELD_RAD, Visibility
+from swarm.units import SI
 
 ON_FACE_M = 1e-9
 OFF_FACE_M = 1e-4
@@ -58,7 +59,7 @@ def ghosts(
     layout: Photodiodes,
     craft: int,
     mirrors: Sequence[int],
-    limits: Limits,
+    limits: SI,
     position: Floats,
     quaternion: Floats,
 ) -> Ghost:

@@ -1,25 +1,23 @@
 """What thrusters really do: their own errors of size and direction, and the faults that a schedule gives them."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from estimators.arrays import Bools, Floats, Ints
+from estimators.arrays import Floats, Ints
 from estimators.rotation import exp
+from swarm import random
 from swarm.hardware import Thrusters
-
-PURPOSE = 0x746872757374
-"""Spawn key of the random numbers: "thrust"."""
+from swarm.random import Purpose
 
 
-class ActuatorFaults(NamedTuple):
-    """Thrusters that do not obey in one period, (C, N) each, N as of the craft that has most; open goes before shut.
+class StuckThruster(NamedTuple):
+    """A thruster of a craft, by index, that fires all the time (`on`) or never."""
 
-    stuck_open: give their full force all the time. stuck_shut: none.
-    """
-
-    stuck_open: Bools
-    stuck_shut: Bools
+    craft: int
+    thruster: int
+    on: bool
 
 
 def executed(thrusters: Thrusters, errors: tuple[float, float], key: int, seed: int) -> Floats:
@@ -29,8 +27,7 @@ def executed(thrusters: Thrusters, errors: tuple[float, float], key: int, seed: 
     per thruster from the seed and the craft's `key` alone.
     """
     magnitude, direction_rad = errors
-    stream = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(PURPOSE, key)))
-    draws = stream.standard_normal((len(thrusters.force_n), 4))
+    draws = random.stream(seed, Purpose.THRUST, key).standard_normal((len(thrusters.force_n), 4))
     tilt = direction_rad * draws[:, 1:]
     tilt -= np.sum(tilt * thrusters.exhaust, axis=1, keepdims=True) * thrusters.exhaust
     turned = (exp(tilt) @ thrusters.exhaust[..., None])[..., 0]
@@ -40,9 +37,34 @@ def executed(thrusters: Thrusters, errors: tuple[float, float], key: int, seed: 
     return out
 
 
-def obeyed(share: Floats, who: Ints, faults: ActuatorFaults | None) -> Floats:
-    """Shares of steps (S, A, N) in which the thrusters of the craft `who` (A,) are open, with the faults in force."""
-    if faults is None:
+def open_share(open_s: Floats, period_s: float, steps: int) -> Floats:
+    """Return the share (S, ...) of each physics step in which a pulse in mid-period is open.
+
+    Args:
+        open_s: (...) [s], length of each pulse; its middle is that of the period.
+        period_s: length of the period [s].
+        steps: S, physics steps in the period.
+    """
+    edge = (np.linspace(0.0, period_s, steps + 1) - period_s / 2).reshape(-1, *[1] * open_s.ndim)
+    # How much of the pulse has passed by each step's edge.
+    passed = np.clip(edge + open_s / 2, 0.0, open_s)
+    out: Floats = np.diff(passed, axis=0) * (steps / period_s)
+    return out
+
+
+def obeyed(share: Floats, who: Ints, stuck: Sequence[StuckThruster]) -> Floats:
+    """Return the shares with the faults in force; a thruster that is stuck open and shut is open.
+
+    Args:
+        share: (S, A, N), share of each step in which each thruster is ordered to be open.
+        who: (A,), the craft with actuators, by index.
+        stuck: thrusters that do not obey.
+    """
+    if not stuck:
         return share
-    out = np.where(faults.stuck_shut[who], 0.0, share)
-    return np.where(faults.stuck_open[who], 1.0, out)
+    out = share.copy()
+    place = {craft: a for a, craft in enumerate(who.tolist())}
+    for fault in sorted(stuck, key=lambda fault: fault.on):
+        if fault.craft in place:
+            out[:, place[fault.craft], fault.thruster] = float(fault.on)
+    return out

@@ -11,6 +11,7 @@ import numpy as np
 
 from estimators.arrays import Floats, Ints
 from estimators.kernel import kernel
+from estimators.rotation import quaternion_rows
 
 
 class Neighbourhood:
@@ -54,16 +55,16 @@ def _grow_into(
 ) -> None:
     """Write centre and radius (C, 4) of the spheres that hold the craft during the period."""
     for c in range(len(pose)):
-        w, x, y, z = pose[c, 3], pose[c, 4], pose[c, 5], pose[c, 6]
         # The centre of mass, and its velocity in the body frame's axes and in the lighthouse's.
         a, b, e = com[c, 0], com[c, 1], com[c, 2]
         p, q, r = rate[c, 3], rate[c, 4], rate[c, 5]
         speed = np.sqrt(rate[c, 0] ** 2 + rate[c, 1] ** 2 + rate[c, 2] ** 2)
         speed += np.sqrt((q * e - r * b) ** 2 + (r * a - p * e) ** 2 + (p * b - q * a) ** 2)
         push = np.sqrt(force[c, 0] ** 2 + force[c, 1] ** 2 + force[c, 2] ** 2) / mass[c]
-        out[c, 0] = pose[c, 0] + (1 - 2 * (y * y + z * z)) * a + 2 * (x * y - w * z) * b + 2 * (x * z + w * y) * e
-        out[c, 1] = pose[c, 1] + 2 * (x * y + w * z) * a + (1 - 2 * (x * x + z * z)) * b + 2 * (y * z - w * x) * e
-        out[c, 2] = pose[c, 2] + 2 * (x * z - w * y) * a + 2 * (y * z + w * x) * b + (1 - 2 * (x * x + y * y)) * e
+        turn = quaternion_rows(pose[c, 3], pose[c, 4], pose[c, 5], pose[c, 6])
+        for i in range(3):
+            row = turn[i]
+            out[c, i] = pose[c, i] + row[0] * a + row[1] * b + row[2] * e
         out[c, 3] = radius[c] * (1 + 1e-9) + (speed + push * period) * period
 
 

@@ -21,7 +21,8 @@ import numpy as np
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
 from estimators.relative_orbit import RelativeOrbit
-from estimators.rotation import matrix_from_quaternion
+from estimators.rotation import matrix_from_quaternion, quaternion_rows
+from estimators.state import State
 from swarm import hardware as layout
 from swarm.errors import SwarmError
 from swarm.world import docking
@@ -67,6 +68,26 @@ class PeriodTruth(NamedTuple):
     velocity: Floats
     angular_rate: Floats
     contact: Bools
+
+    @property
+    def epoch(self) -> int:
+        """The knot in the middle of the period."""
+        return len(self.time_s) // 2
+
+    @property
+    def mid_sweep(self) -> tuple[int, int]:
+        """The knots in the middle of the two sweeps, X then Y."""
+        steps = len(self.time_s) - 1
+        return steps // 4, 3 * steps // 4
+
+    def state(self, knot: int) -> State:
+        """Return the state of all craft at one knot."""
+        return State(
+            rotation=matrix_from_quaternion(self.quaternion[knot]),
+            position=self.position[knot],
+            velocity=self.velocity[knot],
+            angular_rate=self.angular_rate[knot],
+        )
 
 
 class World:
@@ -292,10 +313,10 @@ def _unpack_into(
             quaternion[n, c, 0], quaternion[n, c, 1], quaternion[n, c, 2], quaternion[n, c, 3] = w, x, y, z
             for i in range(3):
                 position[n, c, i], velocity[n, c, i] = pose[n, c, i], rate[n, c, i]
-            a, b, d = rate[n, c, 3], rate[n, c, 4], rate[n, c, 5]
-            angular_rate[n, c, 0] = (1 - 2 * (y * y + z * z)) * a + 2 * (x * y - w * z) * b + 2 * (x * z + w * y) * d
-            angular_rate[n, c, 1] = 2 * (x * y + w * z) * a + (1 - 2 * (x * x + z * z)) * b + 2 * (y * z - w * x) * d
-            angular_rate[n, c, 2] = 2 * (x * z - w * y) * a + 2 * (y * z + w * x) * b + (1 - 2 * (x * x + y * y)) * d
+            turn = quaternion_rows(w, x, y, z)
+            for i in range(3):
+                row = turn[i]
+                angular_rate[n, c, i] = row[0] * rate[n, c, 3] + row[1] * rate[n, c, 4] + row[2] * rate[n, c, 5]
     return good
 
 

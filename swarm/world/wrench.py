@@ -6,6 +6,7 @@ import numpy as np
 
 from estimators.arrays import Floats
 from estimators.kernel import kernel
+from estimators.rotation import quaternion_rows
 from swarm.world.orbit import orbit_acceleration_into
 
 
@@ -74,18 +75,13 @@ def wrench_into(
     """
     place, speed, pull, body = np.empty(3), np.empty(3), np.empty(3), np.empty((2, 3))
     for c in range(len(pose)):
-        w, x, y, z = pose[c, 3], pose[c, 4], pose[c, 5], pose[c, 6]
         p, q, r = rate[c, 3], rate[c, 4], rate[c, 5]
         cx, cy, cz = com[c, 0], com[c, 1], com[c, 2]
         h0, h1, h2 = wheel_momentum[c, 0], wheel_momentum[c, 1], wheel_momentum[c, 2]
         # In the body frame: the velocity of the centre of mass about the origin, and the torque.
         about = (q * cz - r * cy, r * cx - p * cz, p * cy - q * cx)
         gyroscopic = (q * h2 - r * h1, r * h0 - p * h2, p * h1 - q * h0)
-        turn = (
-            (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-            (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-            (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-        )
+        turn = quaternion_rows(pose[c, 3], pose[c, 4], pose[c, 5], pose[c, 6])
         for i in range(3):
             body[0, i], body[1, i] = onboard_force[c, i], onboard_torque[c, i] - gyroscopic[i]
         for i in range(3):

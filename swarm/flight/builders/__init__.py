@@ -1,48 +1,65 @@
-"""From a validated scenario to what flies: user's units to SI, tables to the records of motion, world and navigation.
+"""Build what flies from a validated scenario and the models of its craft.
 
-Everything that a scenario alone cannot show is wrong, a craft inside another one or a model without photodiodes, is
+Mistakes that the scenario alone cannot show, such as a craft inside another one or a model without photodiodes, are
 found here, before anything is written.
 """
 
-from swarm.flight.builders.cameras import cameras, craft_keys
+from swarm.flight.builders.assembly import (
+    computer,
+    latches,
+    measured_by,
+    no_command,
+    own_layout,
+    pilot,
+    sensors,
+    start_state,
+    surroundings,
+)
+from swarm.flight.builders.cameras import cameras
 from swarm.flight.builders.craft import fleet, photodiodes, pushes, start, steers_by_estimate, world
 from swarm.flight.builders.dynamics import actuators, orbit
 from swarm.flight.builders.faults import check_faults, faults
 from swarm.flight.builders.guidance import guidance, matings
 from swarm.flight.builders.lidars import inspection, lidars
 from swarm.flight.builders.navigation import believed_layout, navigation
-from swarm.flight.builders.station import ARCSEC, FAN_ERROR_MAX_RAD, angle_noise, decoder, lighthouse
+from swarm.flight.builders.station import FAN_ERROR_MAX_RAD, angle_noise, decoder
 from swarm.scenario import Scenario
 
 __all__ = [
-    "ARCSEC",
     "FAN_ERROR_MAX_RAD",
     "actuators",
     "angle_noise",
     "believed_layout",
     "cameras",
     "check",
-    "craft_keys",
+    "computer",
     "decoder",
     "faults",
     "fleet",
     "guidance",
     "inspection",
+    "latches",
     "lidars",
-    "lighthouse",
     "matings",
+    "measured_by",
     "navigation",
+    "no_command",
     "orbit",
+    "own_layout",
     "photodiodes",
+    "pilot",
     "pushes",
+    "sensors",
     "start",
+    "start_state",
     "steers_by_estimate",
+    "surroundings",
     "world",
 ]
 
 
 def check(settings: Scenario) -> None:
-    """Build everything once. Raises SwarmError as `fleet`, `world`, `believed_layout`, `cameras`, `lidars` do."""
+    """Build everything once. Raises SwarmError as the builders do."""
     motions = fleet(settings)
     made = world(settings, motions)
     believed_layout(settings, made.photodiodes)

@@ -1,32 +1,32 @@
-"""From a scenario's `[craft.ccd]` tables to the cameras that fly, and to what their craft know of them, in SI units."""
+"""The pairs of cameras on board, and what their craft know of them."""
 
 import math
-from math import radians, sqrt
-from zlib import crc32
+from math import sqrt
 
 from estimators.state import Reference
 from estimators.stereo.closed_form import FEWEST_COMMON
-from swarm import scenario
+from swarm import random, scenario
 from swarm.errors import SwarmError
 from swarm.onboard.ccd import CcdCalibration
-from swarm.scenario import Ccd, Scenario
-from swarm.sensors.ccd import CcdSettings, Outage
+from swarm.scenario import Scenario
+from swarm.sensors.ccd import Pair
 from swarm.world.world import World
 
 
-def craft_keys(settings: Scenario) -> list[int]:
-    """A number per craft that follows from its name: it keeps its random draws when other craft come or go."""
-    return [crc32(name.encode()) for name in settings.craft_names]
+def cameras(settings: Scenario, world: World, station: Reference) -> list[tuple[Pair, CcdCalibration]]:
+    """Return every pair of cameras, as it is and as its craft knows it.
 
+    Args:
+        settings: The scenario.
+        world: The world, for the cameras and lights of the models.
+        station: The reference of every craft at time 0.
 
-def cameras(settings: Scenario, world: World, station: Reference) -> list[tuple[CcdSettings, CcdCalibration]]:
-    """Every pair of cameras, as it is and as its craft knows it. station: where every craft is at time 0.
-
-    Raises SwarmError, naming scenario, key and value, where a model lacks the cameras or the lights.
+    Raises:
+        SwarmError: A model lacks the cameras or the lights; the message names scenario, key and value.
     """
     craft, names = scenario.craft(settings), list(settings.craft_names)
     found = []
-    for i, (c, key) in enumerate(zip(craft, craft_keys(settings), strict=True)):
+    for i, (c, key) in enumerate(zip(craft, random.keys(names), strict=True)):
         if c.ccd is None:
             continue
         target = names.index(c.ccd.target)
@@ -38,7 +38,7 @@ def cameras(settings: Scenario, world: World, station: Reference) -> list[tuple[
                 f"{where}.target = {c.ccd.target!r}: {craft[target].model} has {len(world.lights[target].point_m)} "
                 f"lights (sites whose name starts with 'light'), at least {FEWEST_COMMON} are needed"
             )
-        true = _ccd(c.ccd, i, key, target, world)
+        true = Pair(i, key, target, world.cameras[i], world.lights[target], c.ccd)
         rounding_um = c.ccd.resolution_um / sqrt(12)
         believed_um = c.ccd.believed_noise_um or math.hypot(c.ccd.image_noise_um, rounding_um)
         known = CcdCalibration(
@@ -47,33 +47,9 @@ def cameras(settings: Scenario, world: World, station: Reference) -> list[tuple[
             true.lights.point_m,
             station.rotation[target],
             station.position[target],
-            true.focal_length_m,
+            true.settings.focal_length_m,
             believed_um * 1e-6,
             c.ccd.solution == "closed-form",
         )
         found.append((true, known))
     return found
-
-
-def _ccd(table: Ccd, craft: int, key: int, target: int, world: World) -> CcdSettings:
-    """The sensor's settings in SI units."""
-    random = None if table.failure_every_s is None else (table.failure_every_s, table.failure_length_s)
-    return CcdSettings(
-        craft,
-        key,
-        target,
-        world.cameras[craft],
-        world.lights[target],
-        focal_length_m=table.focal_length_mm * 1e-3,
-        field_rad=radians(table.field_deg),
-        range_min_m=table.range_min_m,
-        range_max_m=table.range_max_m,
-        cone_rad=radians(table.light_cone_deg),
-        image_noise_m=table.image_noise_um * 1e-6,
-        resolution_m=table.resolution_um * 1e-6,
-        mounting_error_m=table.mounting_error_mm * 1e-3,
-        mounting_error_rad=radians(table.mounting_error_arcsec / 3600),
-        lost_image_probability=table.lost_image_probability,
-        outages=tuple(Outage(int(o.camera == "backup"), o.from_s, o.to_s, o.from_m, o.to_m) for o in table.outages),
-        random_outage=random,
-    )

@@ -1,37 +1,34 @@
-"""From a scenario's `[orbit]` and actuation tables, and the models, to the orbit and the actuators that fly."""
-
-from math import radians
+"""The lighthouse's orbit, and the actuators of the craft."""
 
 from estimators.relative_orbit import RelativeOrbit, circular
-from swarm import scenario
-from swarm.flight.actuators import Actuators
-from swarm.flight.builders.cameras import craft_keys
-from swarm.onboard.actuation.hardware import Fitted
+from swarm import random, scenario
+from swarm.hardware import Fitted, actuator_set
 from swarm.scenario import Scenario
+from swarm.units import si
+from swarm.world.actuators import Actuators
 from swarm.world.world import World
 
 
 def orbit(settings: Scenario) -> RelativeOrbit | None:
-    """The lighthouse's orbit; None in weightless space."""
+    """Return the lighthouse's orbit, None in weightless space."""
     table = settings.orbit
-    return None if table is None else circular(1e3 * table.altitude_km, table.boresight)
+    return None if table is None else circular(si(table).altitude_m, table.boresight)
+
+
+def fitted(settings: Scenario, world: World) -> list[Fitted]:
+    """Return the thrusters and wheels of every craft; an ideal craft has none."""
+    out = []
+    for i, (craft, key) in enumerate(zip(scenario.craft(settings), random.keys(settings.craft_names), strict=True)):
+        table, thrusters, wheels = si(craft.table.actuation), world.thrusters[i], world.wheels[i]
+        if table.ideal:
+            thrusters, wheels = thrusters.none(), wheels.none()
+        errors = table.thrust_error, table.thrust_direction_error_rad
+        out.append(Fitted(thrusters, wheels, errors, key))
+    return out
 
 
 def actuators(settings: Scenario, world: World) -> Actuators:
-    """The thrusters and wheels of every craft."""
-    fitted = []
-    for i, (craft, key) in enumerate(zip(scenario.craft(settings), craft_keys(settings), strict=True)):
-        table, thrusters, wheels = craft.actuation, world.thrusters[i], world.wheels[i]
-        if table.ideal:
-            thrusters, wheels = thrusters.none(), wheels.none()
-        errors = table.thrust_error_percent / 100, radians(table.thrust_direction_error_deg)
-        fitted.append(Fitted(thrusters, wheels, errors, key))
-    return Actuators(
-        fitted,
-        world.mass,
-        world.com_m,
-        world.inertia,
-        1 / settings.lighthouse.rate_hz,
-        settings.physics.steps_per_period,
-        settings.seed,
-    )
+    """Return the thrusters and wheels of every craft as they really are."""
+    own = fitted(settings, world)
+    period_s, steps = 1 / settings.lighthouse.rate_hz, settings.physics.steps_per_period
+    return Actuators(own, actuator_set(own, world.com_m), world.mass, period_s, steps, settings.seed)

@@ -1,25 +1,24 @@
-"""From a scenario's `[craft.lidar]` tables to the LiDARs that fly, and to the computers that use them, in SI units."""
+"""The LiDARs on board, and the computers that use them."""
 
-from math import radians
+from collections.abc import Sequence
 
-from swarm import scenario
+from swarm import random, scenario
 from swarm.errors import SwarmError
-from swarm.flight.builders.cameras import craft_keys
 from swarm.onboard.inspection import Inspection, InspectionSettings, Observer
-from swarm.scenario import Lidar as LidarTable
 from swarm.scenario import Scenario
-from swarm.sensors.lidar import Lidar, LidarSettings, Mount
+from swarm.sensors.lidar import Lidar, Mount
+from swarm.units import si
 from swarm.world.surface import known_shape
 from swarm.world.world import World
 
 
 def lidars(settings: Scenario, world: World) -> list[Lidar]:
-    """Every LiDAR, in the order of its craft.
+    """Return every LiDAR, in the order of its craft.
 
     Raises SwarmError, naming scenario, key and value, where a model has no place for one.
     """
     found = []
-    for i, (c, key) in enumerate(zip(scenario.craft(settings), craft_keys(settings), strict=True)):
+    for i, (c, key) in enumerate(zip(scenario.craft(settings), random.keys(settings.craft_names), strict=True)):
         if c.lidar is None:
             continue
         where = world.lidars[i]
@@ -29,16 +28,16 @@ def lidars(settings: Scenario, world: World) -> list[Lidar]:
                 " (a site named 'lidar')"
             )
         mount = Mount(i, *where)
-        found.append(Lidar(world.model, world.craft_bodies, [mount], _sensor(c.lidar), settings.seed, [key]))
+        found.append(Lidar(world.model, world.craft_bodies, [mount], c.lidar, settings.seed, [key]))
     return found
 
 
-def inspection(settings: Scenario, sensors: list[Lidar]) -> Inspection | None:
-    """The computers of the craft with LiDARs; None where there are none."""
+def inspection(settings: Scenario, sensors: Sequence[Lidar]) -> Inspection:
+    """Return the computers of the craft with LiDARs; without any, one that does nothing."""
     craft, names = scenario.craft(settings), list(settings.craft_names)
     tables = [c.lidar for c in craft if c.lidar is not None]
     if not tables:
-        return None
+        return Inspection((), InspectionSettings(frame_s=1 / settings.lighthouse.rate_hz))
     observers = [
         Observer(
             sensor.mounts[0].craft,
@@ -48,30 +47,13 @@ def inspection(settings: Scenario, sensors: list[Lidar]) -> Inspection | None:
         )
         for sensor, table in zip(sensors, tables, strict=True)
     ]
-    loosest = max(tables, key=lambda t: t.target_angular_acceleration_deg_s2)
     return Inspection(
         observers,
         InspectionSettings(
             frame_s=1 / settings.lighthouse.rate_hz,
-            acceleration_noise_m_s2=max(t.target_acceleration_m_s2 for t in tables),
-            angular_acceleration_noise_rad_s2=radians(loosest.target_angular_acceleration_deg_s2),
+            acceleration_noise_m_s2=max(si(t).target_acceleration_m_s2 for t in tables),
+            angular_acceleration_noise_rad_s2=max(si(t).target_angular_acceleration_rad_s2 for t in tables),
             gate_probability=settings.navigation.gate_probability,
             coast_limit_s=settings.navigation.coast_limit_s,
         ),
-    )
-
-
-def _sensor(table: LidarTable) -> LidarSettings:
-    return LidarSettings(
-        lines=table.lines,
-        vertical_field_rad=radians(table.vertical_field_deg),
-        horizontal_field_rad=radians(table.horizontal_field_deg),
-        resolution_rad=radians(table.resolution_deg),
-        rate_hz=table.rate_hz,
-        range_noise_m=table.range_noise_mm * 1e-3,
-        jitter_rad=radians(table.jitter_deg),
-        range_min_m=table.range_min_m,
-        range_max_m=table.range_max_m,
-        incidence_max_rad=radians(table.incidence_max_deg),
-        dropout_probability=table.dropout_probability,
     )

@@ -1,38 +1,38 @@
-"""What every craft's computer is configured with and believes, in SI units."""
+"""The settings of every craft's computer, and the layout that it assumes."""
 
 from dataclasses import replace
-from math import inf, pi, radians, sqrt
+from math import inf, pi, sqrt
 
 from swarm import scenario
 from swarm.errors import SwarmError, did_you_mean
 from swarm.flight.builders.dynamics import orbit
-from swarm.flight.builders.station import ARCSEC
 from swarm.flight.recordings.station_calibration import read_calibration
 from swarm.hardware import Photodiodes
 from swarm.onboard.integrity import IntegritySettings
-from swarm.onboard.navigation import NavigationSettings
+from swarm.onboard.settings import NavigationSettings
 from swarm.scenario import Scenario
+from swarm.units import si
 
 SPEED_TOLERANCE = 20e-6
 """A rotor whose speed is off by less errs by 31 urad at boresight: below the rotor's part of the angle noise."""
 
 
 def navigation(settings: Scenario) -> NavigationSettings:
-    """What every craft's computer is configured with, in SI units.
+    """Return the settings of every craft's computer.
 
     Raises SwarmError where the calibration file cannot be read.
     """
-    table, station = settings.navigation, settings.lighthouse
+    table, station = si(settings.navigation), si(settings.lighthouse)
     # A flash and a sweep, each rounded to a tick: variance tick^2 / 12 each. No craft may believe it does better.
-    rounding_rad = 2 * pi * station.rate_hz * station.tick_ns * 1e-9 / sqrt(6)
-    noise, correlation = table.angle_noise_arcsec, table.rotor_correlation
+    rounding_rad = 2 * pi * station.rate_hz * station.tick_s / sqrt(6)
+    noise, correlation = table.angle_noise_rad, table.rotor_correlation
     made = NavigationSettings(
         frame_s=1 / station.rate_hz,
-        angle_noise_rad=max((station.angle_noise_arcsec if noise is None else noise) * ARCSEC, rounding_rad),
+        angle_noise_rad=max(station.angle_noise_rad if noise is None else noise, rounding_rad),
         rotor_correlation=station.rotor_correlation if correlation is None else correlation,
         motion_compensation=table.motion_compensation,
         acceleration_noise_m_s2=table.acceleration_noise_m_s2,
-        angular_acceleration_noise_rad_s2=radians(table.angular_acceleration_noise_deg_s2),
+        angular_acceleration_noise_rad_s2=table.angular_acceleration_noise_rad_s2,
         gate_probability=table.gate_probability,
         coast_limit_s=table.coast_limit_s,
         filter=table.filter,
@@ -46,30 +46,28 @@ def navigation(settings: Scenario) -> NavigationSettings:
 
 
 def _integrity(settings: Scenario) -> IntegritySettings:
-    table, station = settings.navigation.integrity, settings.lighthouse
-    uncalibrated = settings.navigation.calibration is None and (
-        station.mounting_error_mm > 0 or station.fan_x != scenario.Fan() or station.fan_y != scenario.Fan()
-    )
+    table, station = si(settings.navigation.integrity), si(settings.lighthouse)
+    drawn = settings.lighthouse
+    faultless = drawn.mounting_error_mm == 0 and drawn.fan_x == drawn.fan_y == scenario.Fan()
+    uncalibrated = settings.navigation.calibration is None and not faultless
     test = settings.navigation.motion_compensation and not uncalibrated
-    tick_s, jitter_s = station.tick_ns * 1e-9, station.sync_jitter_ns * 1e-9
     # Two flashes, each a tick's rounding and eight sigma of jitter off at worst.
-    doubt = (2 * tick_s + 8 * sqrt(2) * jitter_s) * station.rate_hz
-    position_mm, attitude_deg = table.alert_position_mm, table.alert_attitude_deg
+    doubt = (2 * station.tick_s + 8 * sqrt(2) * station.sync_jitter_s) * station.rate_hz
     return IntegritySettings(
         residual_test=test if table.residual_test is None else table.residual_test,
         false_alarm=table.false_alarm_probability,
         missed_detection=table.missed_detection_probability,
         risk=table.integrity_risk,
-        rounding_rad=2 * pi * station.rate_hz * tick_s / sqrt(12),
-        alert_position_m=inf if position_mm is None else position_mm * 1e-3,
-        alert_attitude_rad=inf if attitude_deg is None else radians(attitude_deg),
-        tick_s=tick_s,
+        rounding_rad=2 * pi * station.rate_hz * station.tick_s / sqrt(12),
+        alert_position_m=inf if table.alert_position_m is None else table.alert_position_m,
+        alert_attitude_rad=inf if table.alert_attitude_rad is None else table.alert_attitude_rad,
+        tick_s=station.tick_s,
         speed_tolerance=max(SPEED_TOLERANCE, doubt),
     )
 
 
 def believed_layout(settings: Scenario, drawn: Photodiodes) -> Photodiodes:
-    """Where every craft believes its photodiodes to be: as drawn, or as its calibration has found them.
+    """Return the photodiodes as every craft assumes them: as drawn, or as its calibration has found them.
 
     A calibration's [photodiodes.NAME] is for the craft or the model of that name, the craft's going first. Raises
     SwarmError where it fits no craft, or has another number of photodiodes.

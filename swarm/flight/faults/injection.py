@@ -2,7 +2,7 @@
 
 Per lighthouse period: `begin`, and then what the run loop asks on its way,
 
-    out_of_control, kick, thrusters    whose control does nothing, who is knocked, which thrusters no longer obey
+    idle, blow, thrusters              whose control does nothing, who is struck, which thrusters no longer obey
     light, rotor                       what the lighthouse still gives, and how it turns
     pulses                             photodiodes dead or stuck, reflections, missed flashes
     restarting                         whose computer forgets all it knows
@@ -12,14 +12,15 @@ No craft on board is told of any of it.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.lighthouse.sweep import measured_theta, time_from_theta
-from swarm.flight.faults.schedule import PURPOSE, Schedule, Window, speed_swing
+from swarm import random
+from swarm.flight.faults.schedule import Schedule, Window, speed_swing
 from swarm.messages import Pulses
+from swarm.random import Blocks, Purpose
 from swarm.scenario.faults import (
     AnyFault,
     CraftLost,
@@ -38,20 +39,66 @@ from swarm.sensors import pulse_faults as pulses
 from swarm.sensors.lighthouse import Lighthouse, Motion, Rotor
 from swarm.sensors.pulse_faults import Clock, Register, Row
 from swarm.sensors.visibility import Visibility
+from swarm.units import si
+from swarm.world.execution import StuckThruster
+from swarm.world.pushes import Blow
 
 BLOCK = 64
 """Lighthouse periods per block of random draws."""
 
 
-class StuckThruster(NamedTuple):
-    """A thruster of a craft, by index, that fires all the time (`on`) or never."""
+class NoFaults:
+    """A run of C craft in which nothing goes wrong."""
 
-    craft: int
-    thruster: int
-    on: bool
+    names: tuple[str, ...] = ()
+    """What may be wrong with a craft at one time; none where nothing is."""
+
+    def __init__(self, craft: int) -> None:
+        self._nobody = np.zeros(craft, dtype=np.bool_)
+
+    def begin(self, frame: int) -> None:
+        """Turn to period `frame`."""
+
+    def states(self) -> Ints | None:
+        """Return which of `names` is true of every craft (C,); None without faults."""
+        return None
+
+    def idle(self) -> Bools:
+        """Return the craft (C,) whose control does nothing: lost ones, and those whose computer is starting again."""
+        return self._nobody
+
+    def restarting(self) -> Bools | None:
+        """Return the craft (C,) whose computer is starting again; None where no run has any."""
+        return None
+
+    def blow(self) -> Blow | None:
+        """Return the changes of motion that craft get in this period, if any."""
+        return None
+
+    def thrusters(self) -> Sequence[StuckThruster]:
+        """Return the thrusters that do not obey."""
+        return ()
+
+    def light(self, lit: Bools) -> Bools:
+        """Return the photodiodes (C, K, 2) that have light, of those that are in its way."""
+        return lit
+
+    def rotor(self) -> Rotor | None:
+        """Return how the rotor turns at mid-period, if not as it should."""
+        return None
+
+    def pulses(self, truth: Motion, lit: Bools, given: Pulses) -> Pulses:
+        """Return the pulses of this period as the craft log them.
+
+        Args:
+            truth: the true motion.
+            lit: (C, K, 2), the photodiodes that have light.
+            given: what the lighthouse gives to them.
+        """
+        return given
 
 
-class Faults:
+class Faults(NoFaults):
     """What goes wrong with C craft; the same in the same period, in whatever order the streams of others are asked."""
 
     def __init__(
@@ -67,10 +114,13 @@ class Faults:
         """names, keys: of the craft, as `Schedule` has them."""
         self._rate_hz = lighthouse.settings.rate_hz
         self.schedule = Schedule(faults, names, keys, seed, self._rate_hz, duration_s)
+        super().__init__(len(names))
+        self.names = self.schedule.names
         self._names, self._keys, self._seed = list(names), list(keys), seed
         self._lighthouse, self._visibility = lighthouse, visibility
         self._frame, self._now = 0, list[Window]()
         self._registers: dict[tuple[int, int, int, int], Register] = {}
+        self._draws: dict[tuple[int, int], Blocks[Floats]] = {}
 
     def begin(self, frame: int) -> None:
         """Turn to period `frame`."""
@@ -80,18 +130,18 @@ class Faults:
         """Which of the schedule's `names` is true of every craft (C,)."""
         return self.schedule.states(self._frame)
 
-    def out_of_control(self) -> Bools:
-        """Whose control does nothing (C,): craft that are lost."""
-        return self._of(CraftLost)
+    def idle(self) -> Bools:
+        """Return the craft (C,) that are lost, or whose computer is starting again."""
+        return self._of(CraftLost) | self._of(Restart)
 
-    def kick(self) -> tuple[Floats, Floats] | None:
-        """Change of velocity (C, 3) [m/s] and of angular rate (C, 3) [rad/s] that craft get in this period, if any."""
+    def blow(self) -> Blow | None:
+        """Return the changes of motion that craft get in this period, if any."""
         out = np.zeros((2, len(self._names), 3))
         for window in self._now:
             if isinstance(window.fault, CraftLost) and window.first == self._frame:
                 out[0, window.craft] += window.fault.velocity_m_s
-                out[1, window.craft] += np.radians(window.fault.angular_rate_deg_s)
-        return (out[0], out[1]) if out.any() else None
+                out[1, window.craft] += si(window.fault).angular_rate_rad_s
+        return Blow(out[0], out[1]) if out.any() else None
 
     def thrusters(self) -> list[StuckThruster]:
         """The thrusters that do not obey."""
@@ -116,7 +166,7 @@ class Faults:
         for window in self._now:
             if isinstance(window.fault, RotorDrift):
                 time_s = (self._frame + 0.5 - window.first) / self._rate_hz
-                more, later = speed_swing(time_s, window.fault.for_s, window.fault.speed_ppm * 1e-6)
+                more, later = speed_swing(time_s, window.fault.for_s, si(window.fault).speed)
                 speed, phase_s = speed + float(more), phase_s + float(later)
         return Rotor(1 + speed, phase_s) if speed or phase_s else None
 
@@ -142,7 +192,7 @@ class Faults:
             case Ghosts():
                 draws = self._draw(window, (lit.shape[1], 2, 2))
                 struck, shift = draws[..., 0] < fault.share, 2 * draws[..., 1] - 1
-                return pulses.moved(row, clock, struck, np.radians(fault.spread_deg) * shift)
+                return pulses.moved(row, clock, struck, si(fault).spread_rad * shift)
             case PhotodiodeStuck():
                 for k in fault.photodiodes:
                     key = (window.number, window.craft, window.first, k)
@@ -169,7 +219,7 @@ class Faults:
             seen = mirror.ghosts(self._visibility, layout, craft, mirrors, settings, *pose)
             if not len(seen.photodiode):
                 continue
-            theta = measured_theta(seen.point_m, (settings.fan_x, settings.fan_y))[:, fan]
+            theta = measured_theta(seen.point_m, self._lighthouse.fans)[:, fan]
             rate_hz = self._rate_hz * rotor.speed
             instant = rotor.phase_s + fan / 2 / rate_hz + time_from_theta(theta, rate_hz)
             width = settings.photodiode_diameter_m / seen.way_m / (2 * np.pi * rate_hz)
@@ -191,8 +241,13 @@ class Faults:
 
     def _draw(self, window: Window, shape: tuple[int, ...]) -> Floats:
         """Uniform random numbers of this period, a stream per fault and craft."""
-        block, place = divmod(self._frame, BLOCK)
-        key = (PURPOSE, window.number, self._keys[window.craft], block)
-        stream = np.random.default_rng(np.random.SeedSequence(self._seed, spawn_key=key))
-        out: Floats = stream.random((BLOCK, *shape))[place]
+        own = (window.number, self._keys[window.craft])
+        if own not in self._draws:
+
+            def draw(block: int) -> Floats:
+                return random.stream(self._seed, Purpose.FAULT, *own, block).random((BLOCK, *shape))
+
+            self._draws[own] = Blocks(BLOCK, draw)
+        draws, place = self._draws[own].at(self._frame)
+        out: Floats = draws[place]
         return out

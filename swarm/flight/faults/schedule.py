@@ -11,10 +11,10 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.arrays import Floats, Ints
+from swarm import random
+from swarm.random import Purpose
 from swarm.scenario.faults import KINDS, AnyFault, OfCraft
 
-PURPOSE = 0x6661756C74
-"""Spawn key of the random numbers: "fault"."""
 NONE = "none"
 """The name of no fault."""
 
@@ -50,7 +50,7 @@ class Schedule:
         for number, fault in enumerate(faults):
             for craft in _struck(fault, names):
                 key = keys[craft] if craft >= 0 else 0
-                spans = _spans(fault, np.random.SeedSequence(seed, spawn_key=(PURPOSE, number, key)), end_s)
+                spans = _spans(fault, random.stream(seed, Purpose.FAULT, number, key), end_s)
                 for from_s, to_s in spans:
                     # A time on a period's edge belongs to the period that begins there, whatever its last bit.
                     first, past = (int(np.ceil(time_s * rate_hz - 1e-6)) for time_s in (from_s, to_s))
@@ -90,7 +90,7 @@ def _struck(fault: AnyFault, names: Sequence[str]) -> Iterable[int]:
     return [names.index(name) for name in dict.fromkeys(fault.craft)] if fault.craft else range(len(names))
 
 
-def _spans(fault: AnyFault, seed: np.random.SeedSequence, end_s: float) -> list[tuple[float, float]]:
+def _spans(fault: AnyFault, stream: np.random.Generator, end_s: float) -> list[tuple[float, float]]:
     """Beginnings and ends [s] within the run."""
     length_s: float | None = fault.for_s
     until_s: float | None = getattr(fault, "until_s", None)
@@ -98,7 +98,7 @@ def _spans(fault: AnyFault, seed: np.random.SeedSequence, end_s: float) -> list[
         to_s = until_s if until_s is not None else np.inf if length_s is None else fault.at_s + length_s
         return [(fault.at_s, min(to_s, end_s))] if fault.at_s < end_s else []
     assert fault.probability_per_s is not None
-    stream, time_s = np.random.default_rng(seed), 0.0
+    time_s = 0.0
     spans: list[tuple[float, float]] = []
     while True:
         time_s += stream.exponential(1 / fault.probability_per_s)

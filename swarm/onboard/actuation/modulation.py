@@ -16,12 +16,3 @@ def on_time(share: Floats, shortest_s: Floats, period_s: float) -> Floats:
     open_s = period_s * np.clip(share, 0.0, 1.0)
     out: Floats = np.where(open_s < shortest_s, 0.0, open_s)
     return out
-
-
-def open_share(open_s: Floats, period_s: float, steps: int) -> Floats:
-    """Share (S, ...) of each of `steps` physics steps in which a pulse of `open_s` (...) [s] in mid-period is open."""
-    edge = (np.linspace(0.0, period_s, steps + 1) - period_s / 2).reshape(-1, *[1] * open_s.ndim)
-    # How much of the pulse has passed by each step's edge.
-    passed = np.clip(edge + open_s / 2, 0.0, open_s)
-    out: Floats = np.diff(passed, axis=0) * (steps / period_s)
-    return out

@@ -19,8 +19,8 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.arrays import Bools, Floats
+from swarm.hardware import ActuatorSet
 from swarm.onboard.actuation.allocation import allocate
-from swarm.onboard.actuation.hardware import Hardware
 from swarm.onboard.actuation.modulation import on_time
 
 THRUSTER_COST, WHEEL_COST = 1e-7, 1e-10
@@ -32,7 +32,7 @@ UNLOAD_S = 2.0
 """The time in which a wheel would be empty at its unloading torque, if that is within its limit."""
 
 
-class Order(NamedTuple):
+class BodyOrder(NamedTuple):
     """What A craft order for one period: open_s (A, N), how long each thruster opens; wheel_torque (A, W) [N m] on the
     craft; wrench (A, 6) [N, N m], the mean force and torque of both, body frame.
     """
@@ -49,7 +49,7 @@ class Orders:
     time T leaves it with momentum - t T.
     """
 
-    def __init__(self, hardware: Hardware, period_s: float) -> None:
+    def __init__(self, hardware: ActuatorSet, period_s: float) -> None:
         self._hardware, self._period_s = hardware, period_s
         self._effect = hardware.effect
         self._scale = _scale(self._effect)
@@ -60,7 +60,7 @@ class Orders:
         thrusters, wheels = hardware.has_thruster.shape[1], hardware.torque_nm.shape[1]
         self._cost = np.tile(np.repeat([THRUSTER_COST, WHEEL_COST], [thrusters, wheels]), (len(hardware.who), 1))
 
-    def give(self, force: Floats, torque: Floats, rate: Floats, able: Bools) -> Order:
+    def give(self, force: Floats, torque: Floats, rate: Floats, able: Bools) -> BodyOrder:
         """Order what comes nearest to force (A, 3) [N] and torque (A, 3) [N m] of craft that turn at rate (A, 3)
         [rad/s].
 
@@ -79,7 +79,7 @@ class Orders:
         self._book_what_is_owed(asked - low[:, :thrusters])
         wheel_torque = final[:, thrusters:] * self._hardware.torque_nm
         self.momentum = self.momentum - wheel_torque * self._period_s
-        return Order(open_s, wheel_torque, _wrench(self._effect, final))
+        return BodyOrder(open_s, wheel_torque, _wrench(self._effect, final))
 
     @property
     def stored(self) -> Floats:

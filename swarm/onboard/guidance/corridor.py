@@ -7,21 +7,18 @@ With the range rho and the lateral offset of `swarm.hardware`, a craft is inside
 and its angle is within a limit of its own.
 """
 
-from dataclasses import dataclass
 from math import tan
 
 from swarm.hardware import Closing
+from swarm.units import SI
 
 
-@dataclass(frozen=True)
-class Corridor:
-    """radius_m: r, at the port. half_angle_rad: c. angle_rad: how far the attitude may be off."""
+def in_corridor(dock: SI, at: Closing) -> bool:
+    """Return whether one craft is inside its corridor.
 
-    radius_m: float
-    half_angle_rad: float
-    angle_rad: float
-
-    def contains(self, at: Closing) -> bool:
-        """Whether one craft that stands so is inside."""
-        width = self.radius_m + max(float(at.range_m), 0.0) * tan(self.half_angle_rad)
-        return bool(at.lateral_m <= width and at.angle_rad <= self.angle_rad)
+    Args:
+        dock: The scenario's table, in SI units: r is its corridor_radius_m, c its corridor_rad.
+        at: How the craft's port stands to the target's.
+    """
+    width = dock.corridor_radius_m + max(float(at.range_m), 0.0) * tan(dock.corridor_rad)
+    return bool(at.lateral_m <= width and at.angle_rad <= dock.corridor_attitude_rad)

@@ -14,58 +14,42 @@ The reference is a point moved by `swarm.onboard.guidance.glideslope`; in the la
 speed.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from estimators.arrays import Floats
 from swarm.hardware import Closing, Port, docked_pose
-from swarm.onboard.guidance.corridor import Corridor
+from swarm.onboard.guidance.corridor import in_corridor
 from swarm.onboard.guidance.glideslope import Glideslope, Moving, at_rest, brake, through, towards
 from swarm.onboard.guidance.phase import Phase
+from swarm.scenario import Dock
+from swarm.units import si
 
 ARRIVED_M = 0.01
 """Nearer to a hold point than this, the craft is there."""
-
-
-@dataclass(frozen=True)
-class DockingPlan:
-    """How one craft docks.
-
-    own, target: the ports, in the craft's body frame and in the lighthouse frame. start_m: where it waits at first.
-    hold_ranges_m: ranges of the hold points, outermost first; hold_s: the time at each. closing_speed_m_s: at contact.
-    overtravel_m: how far beyond the port it feels for contact. lost_s, sigma_limit_m: without a pose for longer, or
-    less sure of its position (root of the covariance's trace), its navigation is lost, and it brakes by brake_m_s2.
-    settle_s: good for so long, it is trusted. retreats: how many before it gives up.
-    """
-
-    craft: int
-    own: Port
-    target: Port
-    start_m: Floats
-    hold_ranges_m: tuple[float, ...]
-    hold_s: tuple[float, ...]
-    slope: Glideslope
-    closing_speed_m_s: float
-    corridor: Corridor
-    start_s: float = 0.0
-    overtravel_m: float = 0.02
-    lost_s: float = 0.25
-    sigma_limit_m: float = 0.05
-    brake_m_s2: float = 0.05
-    settle_s: float = 1.0
-    retreats: int = 3
+OVERTRAVEL_M = 0.02
+"""So far beyond the port the craft feels for contact."""
 
 
 class Docking:
     """The state of one approach; `step` once per lighthouse period."""
 
-    def __init__(self, plan: DockingPlan, period_s: float) -> None:
-        self.plan, self.phase = plan, Phase.WAIT
+    def __init__(self, craft: int, own: Port, target: Port, table: Dock, period_s: float) -> None:
+        """Begin where the table says.
+
+        Args:
+            craft: The index of the craft.
+            own: The craft's port in its body frame.
+            target: The target's port in the lighthouse frame.
+            table: The scenario's table.
+            period_s: The time between two steps [s].
+        """
+        self.craft, self.own, self.target, self.phase = craft, own, target, Phase.WAIT
+        self._plan, self._ranges_m = si(table), table.hold_ranges_m
+        self._slope = Glideslope(1 / table.glideslope_s, table.speed_m_s, table.acceleration_m_s2)
         self._period_s = period_s
-        self._reference = at_rest(plan.start_m)
-        self._axis = plan.target.rotation[:, 2]
-        self._docked_m = docked_pose(plan.own, plan.target)[1]
+        self._reference = at_rest(np.array(table.from_m))
+        self._axis = target.rotation[:, 2]
+        self._docked_m = docked_pose(own, target)[1]
         self._leg = 0
         """The hold point that it is at, or flies to, or came from in FINAL."""
         self._since_s = 0.0
@@ -89,7 +73,7 @@ class Docking:
         to stand to the target's. tracking: whether it has had a pose this period; sigma_m: of its position. latched:
         the switch in the port.
         """
-        self._judge_navigation(tracking and sigma_m <= self.plan.sigma_limit_m)
+        self._judge_navigation(tracking and sigma_m <= self._plan.sigma_limit_m)
         self._decide(time_s, position, velocity, at, latched)
         now = self._reference
         self._reference = self._follow(now)
@@ -105,7 +89,7 @@ class Docking:
 
     def _decide(self, time_s: float, position: Floats, velocity: Floats, at: Closing, latched: bool) -> None:
         """Which phase it is from now on."""
-        plan, trusted = self.plan, self._good_s >= self.plan.settle_s
+        plan, trusted = self._plan, self._good_s >= self._plan.settle_s
         inwards = self.phase in (Phase.APPROACH, Phase.FINAL)
         if self.phase == Phase.DOCKED:
             return
@@ -114,7 +98,7 @@ class Docking:
         elif self.phase not in (Phase.LOST, Phase.WAIT) and self._blind_s > plan.lost_s:
             self._interrupted = self.phase
             self._enter(Phase.LOST, time_s)
-        elif inwards and self._blind_s == 0 and (not plan.corridor.contains(at) or self._missed()):
+        elif inwards and self._blind_s == 0 and (not in_corridor(plan, at) or self._missed()):
             self._retreat(time_s)
         elif self.phase == Phase.LOST and trusted:
             self._found(time_s, position, velocity)
@@ -129,14 +113,14 @@ class Docking:
     def _missed(self) -> bool:
         """Whether it should have been latched by now."""
         beyond = float((self._docked_m - self._reference.position) @ self._axis)
-        return self.phase == Phase.FINAL and beyond > self.plan.overtravel_m
+        return self.phase == Phase.FINAL and beyond > OVERTRAVEL_M
 
     def _retreat(self, time_s: float) -> None:
         """Back to the hold point that it came from; after too many times, to the first one for good."""
         if self.phase == Phase.APPROACH:
             self._leg -= 1
         self._retreats += 1
-        if self._retreats > self.plan.retreats:
+        if self._retreats > self._plan.retreats:
             self._leg = 0
             self._enter(Phase.ABORTED, time_s)
         else:
@@ -154,26 +138,26 @@ class Docking:
             self._enter(back, time_s)
 
     def _leave_inwards(self, time_s: float, at: Closing) -> None:
-        if not self.plan.corridor.contains(at):
+        if not in_corridor(self._plan, at):
             return
-        if self._leg + 1 < len(self.plan.hold_ranges_m):
+        if self._leg + 1 < len(self._plan.hold_ranges_m):
             self._leg += 1
             self._enter(Phase.APPROACH, time_s)
         else:
             self._enter(Phase.FINAL, time_s)
 
     def _hold_point(self) -> Floats:
-        return self._docked_m + self.plan.hold_ranges_m[self._leg] * self._axis
+        return self._docked_m + self._ranges_m[self._leg] * self._axis
 
     def _arrived(self) -> bool:
         there = float(np.linalg.norm(self._reference.position - self._hold_point())) < ARRIVED_M
-        return there and float(np.linalg.norm(self._reference.velocity)) < self.plan.slope.slope_per_s * ARRIVED_M * 2
+        return there and float(np.linalg.norm(self._reference.velocity)) < self._slope.slope_per_s * ARRIVED_M * 2
 
     def _follow(self, now: Moving) -> Moving:
         """The reference one period later."""
-        plan, period = self.plan, self._period_s
+        plan, period = self._plan, self._period_s
         if self.phase in (Phase.WAIT, Phase.LOST, Phase.DOCKED):
             return brake(now, plan.brake_m_s2, period)
         if self.phase == Phase.FINAL:
-            return through(now, self._docked_m, -plan.closing_speed_m_s * self._axis, plan.slope, period)
-        return towards(now, self._hold_point(), plan.slope, period)
+            return through(now, self._docked_m, -plan.closing_speed_m_s * self._axis, self._slope, period)
+        return towards(now, self._hold_point(), self._slope, period)

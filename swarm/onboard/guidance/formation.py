@@ -8,44 +8,46 @@ from rest to rest with the least jerk; its peak speed is 15/8 of the mean, so D 
 alike. Places are shared out by `assignment`, from what all have heard of all: every craft finds the same.
 """
 
-from collections.abc import Sequence
-from typing import NamedTuple
-
 import numpy as np
 
 from estimators.arrays import Floats, Ints
+from estimators.relative_orbit import RelativeOrbit
 from estimators.state import Motion
 from swarm.onboard.guidance.assignment import assign
 from swarm.onboard.guidance.broadcast import Heard
 from swarm.onboard.guidance.phase import Phase
-from swarm.onboard.guidance.shapes import Shape
+from swarm.scenario import Formation as Table
+from swarm.scenario.motions.shapes import Shape, shape_of
 
 PEAK_TO_MEAN = 15 / 8
-
-
-class Figure(NamedTuple):
-    """A shape, and from when on it is wanted [s]."""
-
-    at_s: float
-    shape: Shape
 
 
 class Formation:
     """N craft that share a schedule of figures."""
 
-    def __init__(self, craft: Ints, figures: Sequence[Figure], speed_m_s: float) -> None:
-        """craft: (N,), which ones. figures: by time, the first from 0 on. speed_m_s: of a transfer, at most."""
+    def __init__(self, craft: Ints, table: Table, orbit: RelativeOrbit | None = None) -> None:
+        """Begin in the first figure.
+
+        Args:
+            craft: The indices of the craft, (N,).
+            table: The scenario's table.
+            orbit: The lighthouse's orbit, None in weightless space.
+
+        Raises:
+            SwarmError: A figure needs an orbit, and there is none.
+        """
         self.craft = craft
-        self._figures, self._speed_m_s = list(figures), speed_m_s
+        self._table = table
+        self._shapes = [shape_of(figure, table.centre_m, orbit) for figure in table.figures]
         self._current = 0
         place = np.arange(len(craft))
-        self._from, self._to = (figures[0].shape, place), (figures[0].shape, place)
+        self._from, self._to = (self._shapes[0], place), (self._shapes[0], place)
         self._begun_s, self._length_s = 0.0, 0.0
 
     def at(self, time_s: float, heard: Heard) -> Motion:
         """Where the craft of the formation should be now, (N, 3) each. heard: decides places when a figure ends."""
         after = self._current + 1
-        if after < len(self._figures) and time_s >= self._figures[after].at_s:
+        if after < len(self._shapes) and time_s >= self._table.figures[after].at_s:
             self._begin(time_s, heard)
         a, b = (_taken(shape, place, time_s) for shape, place in (self._from, self._to))
         if not self.transferring(time_s):
@@ -72,7 +74,7 @@ class Formation:
     def _begin(self, time_s: float, heard: Heard) -> None:
         """Leave for the next figure."""
         self._current += 1
-        shape = self._figures[self._current].shape
+        shape = self._shapes[self._current]
         now = self.at_figure(time_s)
         there = shape.at(time_s, len(self.craft)).position
         # Who is not heard keeps its place in the figure, as far as the others can know.
@@ -80,7 +82,8 @@ class Formation:
         place = assign(believed, there)
         self._from, self._to = self._to, (shape, place)
         self._begun_s = time_s
-        self._length_s = PEAK_TO_MEAN * float(np.linalg.norm(there[place] - now, axis=1).max()) / self._speed_m_s
+        farthest = float(np.linalg.norm(there[place] - now, axis=1).max())
+        self._length_s = PEAK_TO_MEAN * farthest / self._table.speed_m_s
 
     def at_figure(self, time_s: float) -> Floats:
         """The places (N, 3) [m] in the figure last wanted."""

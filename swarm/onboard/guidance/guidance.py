@@ -13,7 +13,8 @@ from estimators.arrays import Bools, Floats, Ints
 from estimators.rotation import skew
 from estimators.state import Motion, State, Steered
 from swarm.hardware import Closing, closing, placed
-from swarm.onboard.control import Command, Feedback, feedback
+from swarm.messages import Command
+from swarm.onboard.control import Feedback, feedback
 from swarm.onboard.guidance.avoidance import barriers, safe
 from swarm.onboard.guidance.broadcast import Broadcasts
 from swarm.onboard.guidance.docking import Docking
@@ -82,7 +83,7 @@ class Guidance:
             motions.append(formation.at(time_s, heard))
             self.phase[formation.craft] = formation.phase(time_s)
         for docking in self._dockings:
-            i = docking.plan.craft
+            i = docking.craft
             tracking, sigma, latched = bool(known.tracking[i]), float(known.sigma_m[i]), bool(known.latched[i])
             at = _stands(docking, believed)
             moving = docking.step(time_s, believed.position[i], believed.velocity[i], at, tracking, sigma, latched)
@@ -114,7 +115,7 @@ class Guidance:
 
 def _stands(docking: Docking, believed: State) -> Closing:
     """How the craft believes its port to stand to the target's, which is at rest."""
-    plan, i = docking.plan, docking.plan.craft
-    own = placed(plan.own, believed.rotation[i], believed.position[i])
-    arm = believed.rotation[i] @ plan.own.position
-    return closing(own, plan.target, believed.velocity[i] + skew(believed.angular_rate[i]) @ arm)
+    i = docking.craft
+    own = placed(docking.own, believed.rotation[i], believed.position[i])
+    arm = believed.rotation[i] @ docking.own.position
+    return closing(own, docking.target, believed.velocity[i] + skew(believed.angular_rate[i]) @ arm)

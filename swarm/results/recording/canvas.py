@@ -47,7 +47,7 @@ class Canvas:
         self._stream.send_blueprint(blueprint)
 
     def static(self, entity: str, what: Any) -> None:
-        """Draw what does not change."""
+        """Draw something that does not change."""
         self._stream.log(entity, what, static=True)
 
     def at(self, time_s: Floats, frame: Ints) -> Send:

@@ -1,4 +1,4 @@
-"""The lanes of states below the scene: what each craft knows, whose pose it took in, what it does, what has failed."""
+"""The lanes of states below the scene: status, sensor, phase, fault."""
 
 from collections.abc import Sequence
 
@@ -31,7 +31,7 @@ class Lanes:
 
     @property
     def count(self) -> int:
-        """How many lanes there are room for."""
+        """Number of lanes."""
         return len(self._stage.near) * (1 + len(self._states))
 
     def begin(self, canvas: Canvas) -> None:

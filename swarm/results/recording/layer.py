@@ -1,4 +1,4 @@
-"""A layer draws one kind of thing: what of it does not change at the beginning, then every batch of periods."""
+"""A layer draws one kind of thing: at the beginning its static part, then every batch of periods."""
 
 from typing import NamedTuple, Protocol
 
@@ -10,7 +10,7 @@ from swarm.results.recording.scene import Scene
 
 
 class Stage(NamedTuple):
-    """What all layers know.
+    """The scene as all layers draw it.
 
     near: craft, by index, that are drawn singly. crowd: there are others, drawn as a crowd, and the plots show spreads.
     detail: craft with plots of their own. colour: (C, 4), the craft's. reach_m: how far the scene reaches. begin_s:
@@ -40,7 +40,7 @@ class Layer(Protocol):
     """One kind of thing."""
 
     def begin(self, canvas: Canvas) -> None:
-        """Draw what does not change."""
+        """Draw the static part."""
 
     def send(self, send: Send, batch: Batch) -> None:
         """Draw a batch."""

@@ -1,4 +1,4 @@
-"""The recording's plots: which lines there are, and their values for a batch of periods; plain arrays, no viewer.
+"""The recording's plots: their lines, and the values of these for a batch of periods; plain arrays, no viewer.
 
 Angles in degrees, lengths in millimetres, dilutions per milliradian of angle noise. A 3 sigma line is three times the
 root of the trace of the filter's covariance, as in telemetry.
@@ -53,7 +53,7 @@ class Plot(NamedTuple):
 
 
 def band(count: NDArray[np.integer]) -> Floats:
-    """95 % band, (..., 2), of the mean of `count` (...) chi-square values with 6 degrees of freedom; NaN for none."""
+    """Return the 95 % band, (..., 2), of the mean of `count` (...) chi-square values with 6 degrees of freedom."""
     counts, which = np.unique(count, return_inverse=True)
     n = np.where(counts > 0, counts, np.nan)
     edges = np.stack([2 * gammaincinv(DOF * n / 2, share) / n for share in (0.025, 0.975)], axis=-1)
@@ -62,7 +62,7 @@ def band(count: NDArray[np.integer]) -> Floats:
 
 
 def _rms(x: Floats) -> Floats:
-    """Over the craft that know it."""
+    """Return the RMS over the craft that know it, (n,)."""
     known = np.isfinite(x)
     count = np.count_nonzero(known, axis=1)
     total = np.sum(np.where(known, x, 0.0) ** 2, axis=1)
@@ -71,7 +71,7 @@ def _rms(x: Floats) -> Floats:
 
 
 def _spread(x: Floats, shares: tuple[float, ...]) -> Floats:
-    """Quantiles over the craft that know it, (n, shares): `np.nanquantile`, which takes the rows one by one."""
+    """Return quantiles over the craft that know it, (n, shares); `np.nanquantile` would go row by row."""
     ordered, last = np.sort(x, axis=1), np.count_nonzero(~np.isnan(x), axis=1) - 1
     place = np.maximum(last[:, None], 0) * np.array(shares)
     below = np.floor(place).astype(np.int64)

@@ -48,7 +48,7 @@ from swarm.results.records import Errors
 MOST_SINGLE = 32
 """A swarm of more craft is drawn as a crowd."""
 WAIT_FOR_POSE_S = 1.0
-"""So long a recording waits for the first pose before it draws without."""
+"""Time that a recording waits for the first pose before it draws without."""
 SEND_EVERY_S, SEND_EVERY_LIVE_S = 1.0, 0.2
 
 
@@ -59,13 +59,22 @@ class Recording:
     """
 
     def __init__(self, path: Path, scene: Scene, live: bool = False) -> None:
-        """Open the file. Raises SwarmError where it cannot be written."""
+        """Open the file.
+
+        Args:
+            path: The file.
+            scene: What does not change during the run.
+            live: Feed a viewer too.
+
+        Raises:
+            SwarmError: The file cannot be written.
+        """
         self._scene, self._canvas = scene, Canvas(path, live)
         self.notice = self._canvas.notice
         self._send_every_s = SEND_EVERY_LIVE_S if self._canvas.live else SEND_EVERY_S
         craft = len(scene.craft)
         self.draws_every = min(6, -(-craft // MOST_SINGLE)) if craft > MOST_SINGLE else 1
-        """Of so many periods, one is drawn."""
+        """One of so many periods is drawn."""
         self._shown = Shown(groups_of(scene))
         self._early: list[tuple[Period, Errors]] = []
         self._layers: list[Layer] = []

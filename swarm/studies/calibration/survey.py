@@ -86,12 +86,12 @@ def observe_recording(
     """
     playback = Playback(recording, for_replay(Path(recording)), object_name or "", lighthouse, start)
     times, theta, offset, rotation, position = [], [], [], [], []
-    for window, angles, estimate in playback:
-        times.append(window.time_s)
-        theta.append(angles.theta[0])
-        offset.append(angles.offset_s[0])
-        rotation.append(estimate.pnp.rotation[0])
-        position.append(estimate.pnp.position[0])
+    for period in playback.fly():
+        times.append(period.time_s)
+        theta.append(period.angles.theta[0])
+        offset.append(period.angles.offset_s[0])
+        rotation.append(period.estimate.pnp.rotation[0])
+        position.append(period.estimate.pnp.position[0])
     count = len(times)
     return Observations(
         source=f"{recording}, {playback.log.device}, lighthouse {lighthouse}",

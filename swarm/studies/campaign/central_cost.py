@@ -22,7 +22,8 @@ from estimators.lighthouse.sweep import correct
 from swarm.flight import builders
 from swarm.hardware import Photodiodes
 from swarm.onboard.decoder import SweepAngles
-from swarm.onboard.navigation import Estimate, Status
+from swarm.onboard.navigation import Estimate
+from swarm.onboard.settings import Status
 from swarm.results.period import Period
 from swarm.results.records import Truth
 from swarm.scenario import Scenario

@@ -29,7 +29,7 @@ class Instruments:
 
     def begin(self, flight: Flight) -> None:
         """See the flight before its first period."""
-        self._photodiodes = float(flight.lighthouse.photodiodes.present.sum(axis=1).mean())
+        self._photodiodes = float(flight.sensors.lighthouse.photodiodes.present.sum(axis=1).mean())
         if "onboard" in self._measure:
             self._onboard = OnboardCost(self._scenario, flight)
         if "central" in self._measure:

@@ -1,12 +1,12 @@
 """The processor time of the craft's computers, as a swarm in one batch and as one craft by itself.
 
-`OnboardCost` stands in the place of the flight's decoder and navigator, passes everything on unchanged, and times it.
+`OnboardCost` stands in the place of the flight's computers, steps them as they are, and times it.
 After the flight craft 0 flies once more on a computer of its own, a batch of one that gets its own pulses and nothing
 else, as a real craft would. Medians over the periods, without the first ones, in which it searches.
 """
 
 from time import thread_time
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -14,10 +14,9 @@ from estimators.arrays import Bools, Floats
 from swarm.flight import builders
 from swarm.flight.flight import Flight
 from swarm.hardware import Photodiodes
-from swarm.messages import LightImages, Pulses
-from swarm.onboard.control import Command
-from swarm.onboard.decoder import PulseDecoder, SweepAngles
-from swarm.onboard.navigation import Estimate, Navigator
+from swarm.messages import Command, Pulses, Signals
+from swarm.onboard.computer import Computer, Known
+from swarm.onboard.navigation import Navigator
 from swarm.scenario import Scenario
 from swarm.studies.campaign.processor_time import median_us
 
@@ -25,24 +24,24 @@ WARM_UP = 6
 """Periods at the start that no median counts."""
 
 
-class OnboardCost:
+class OnboardCost(Computer):
     """Times the swarm's computers, and after the flight the computer of craft 0 alone, on the pulses that it got."""
 
     def __init__(self, scenario: Scenario, flight: Flight) -> None:
-        """Stand in the place of the flight's decoder and navigator."""
-        self._decoder, self._navigator = flight.decoder, flight.navigator
-        layout = flight.world.photodiodes
+        """Stand in the place of the flight's computers."""
+        own, layout = flight.computer, flight.world.photodiodes
+        super().__init__(own.decoder, own.navigator, own.inspection)
         self._craft, self._scenario = layout.craft_count, scenario
         self._one = Photodiodes(layout.point_m[:1], layout.normal[:1], layout.present[:1])
         self._swarm_s: list[float] = []
         self._pulses: list[Pulses] = []
         self._commands: list[Command | None] = []
         self._positions: list[Floats] = []
-        flight.decoder, flight.navigator = cast(PulseDecoder, self), cast(Navigator, self)
+        flight.computer = self
 
-    def decode(self, pulses: Pulses) -> SweepAngles:
-        """Decode in the decoder's place."""
-        few = int(pulses.total[0])
+    def step(self, signals: Signals, command: Command | None = None, off: Bools | None = None) -> Known:
+        """Step all computers, and keep what craft 0 got; arguments as of any computer."""
+        pulses, few = signals.pulses, int(signals.pulses.total[0])
         self._pulses.append(
             Pulses(
                 pulses.photodiode[:1, :few].copy(),
@@ -51,30 +50,12 @@ class OnboardCost:
                 pulses.total[:1].copy(),
             )
         )
-        began = thread_time()
-        angles = self._decoder.decode(pulses)
-        self._swarm_s.append(thread_time() - began)
-        return angles
-
-    def step(self, angles: SweepAngles, images: LightImages | None = None, command: Command | None = None) -> Estimate:
-        """Navigate in the navigator's place.
-
-        Args:
-            angles: Angles of the period.
-            images: Images of the cameras, if there are any.
-            command: Commands to the actuators, if there are any.
-        """
         self._commands.append(None if command is None else _first(command))
         began = thread_time()
-        estimate = self._navigator.step(angles, images, command)
-        self._swarm_s[-1] += thread_time() - began
-        self._positions.append(estimate.position[0].copy())
-        return estimate
-
-    def forget(self, mask: Bools) -> None:
-        """Forget in the place of both; a restarted craft 0 is not flown once more as one."""
-        self._decoder.forget(mask)
-        self._navigator.forget(mask)
+        known = super().step(signals, command, off)
+        self._swarm_s.append(thread_time() - began)
+        self._positions.append(known.estimate.position[0].copy())
+        return known
 
     def metrics(self) -> dict[str, Any]:
         """Fly craft 0 once more on its own pulses, and return the figures."""

@@ -12,12 +12,11 @@ from itertools import product
 from math import exp, log
 from pathlib import Path
 from typing import Any, NamedTuple
-from zlib import crc32
 
-import numpy as np
-
+from swarm import random
 from swarm.assets import find_scenario
 from swarm.errors import SwarmError
+from swarm.random import Purpose
 from swarm.scenario import Scenario, validate
 from swarm.scenario.load import Override, parse_override, read_toml, safe_name, shown
 from swarm.studies.campaign.study import Range, Study
@@ -82,7 +81,7 @@ def _points(study: Study) -> Iterator[dict[str, Any]]:
 
 
 def _draw(seed: int, key: str, sample: int, limits: Range) -> float | int:
-    share = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(crc32(key.encode()), sample))).random()
+    share = random.stream(seed, Purpose.SAMPLE, random.key(key), sample).random()
     # A whole number owns the half unit on either side of it.
     half = 0.5 if limits.integer else 0.0
     low, high = limits.low - half, limits.high + half

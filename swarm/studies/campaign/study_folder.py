@@ -21,10 +21,10 @@ from swarm.results.disk import writing
 from swarm.results.files import SUMMARY
 from swarm.results.owned_folder import RUNS, Contents, OwnedFolder, Status, find, marker_in
 from swarm.results.parquet import Kind, Table, column, read_table, table_of, write_table
-from swarm.scenario.mistakes import split_unit
 from swarm.scenario.text import toml_value
 from swarm.studies.campaign.plan import PlannedRun
 from swarm.studies.campaign.task import HEAD, LOST, SECONDS
+from swarm.units import written_unit
 
 STUDY, STATE, ROWS, JOURNAL, TELEMETRY = "study.toml", "study.json", "runs.parquet", "journal.jsonl", "telemetry"
 REPORT, FIGURES = "report.html", "figures"
@@ -187,7 +187,7 @@ def rows_table(rows: Iterable[Row], parameters: Sequence[str]) -> Table:
         kind = "text" if name in ("key", "status", "reason") else _kind(values)
         if kind is None:
             kind, values = "text", [None if value is None else toml_value(value) for value in values]
-        columns.append(column(name, values, split_unit(name)[1], kind=kind))
+        columns.append(column(name, values, written_unit(name), kind=kind))
     return table_of(columns)
 
 

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 from swarm import __version__
 from swarm.errors import SwarmError
 from swarm.scenario import Scenario
-from swarm.scenario.mistakes import split_unit
+from swarm.units import split_unit
 
 COMPLETE, FAILED, LOST = "complete", "failed", "lost"
 """Status of a row. failed: the run cannot be flown, and never could. lost: it could perhaps be, by another worker."""

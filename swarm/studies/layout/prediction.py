@@ -13,7 +13,7 @@ from estimators.arrays import Bools, Floats
 from estimators.layout.error import Mix
 from estimators.lighthouse.dop import dilution
 from estimators.lighthouse.pnp import FEWEST_LIT
-from swarm.sensors.lighthouse import LighthouseSettings
+from swarm.scenario import Lighthouse
 from swarm.studies.layout.poses import PoseRange, Poses, lattice
 from swarm.studies.layout.sight import lit
 from swarm.world.hull import Hull, Mount
@@ -26,7 +26,7 @@ class Task(NamedTuple):
     """A hull, the lighthouse, the poses, and what counts as an error of one. share: q of the percentile."""
 
     hull: Hull
-    station: LighthouseSettings
+    station: Lighthouse
     within: PoseRange
     mix: Mix
     share: float

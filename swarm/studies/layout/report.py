@@ -168,7 +168,7 @@ def print_report(console: Console, made: Figures) -> None:
     low, high = (100 * share for share in against["unsolvable"])
     console.print(
         Text(
-            f"The even layout is the most even of {against['spreads']} spreads (farthest points, different first ones). "
+            f"The even layout is the most even of {against['spreads']} spreads (farthest points, other first ones). "
             f"They leave {low:.1f} % to {high:.1f} % unsolvable. Design over even, predicted: "
             + "; ".join(f"{_way(way)} {_span(against['ratio'][way])}" for way in WAYS)
         )

@@ -10,10 +10,10 @@ from estimators.lighthouse.pnp import FEWEST_LIT
 from swarm import scenario
 from swarm.assets import find_model
 from swarm.errors import SwarmError
-from swarm.flight import builders
 from swarm.studies.layout.poses import PoseRange
 from swarm.studies.layout.prediction import Task
 from swarm.studies.layout.smallest import PHOTODIODES_MAX
+from swarm.units import si
 from swarm.world.hull import Hull
 
 ATTITUDE_DEG, POSITION_MM = 0.1, 2.0
@@ -59,16 +59,16 @@ def task(request: Request) -> Task:
         raise SwarmError(
             f"--off-axis-deg {request.off_axis_deg:g}: must be at least 0 and below {largest:g}, the field"
         )
-    settings = builders.lighthouse(_scenario(request.overrides))
+    noise = si(station)
     return Task(
         Hull(find_model(request.model)),
-        settings,
+        station,
         PoseRange(request.distance_m, radians(request.cone_deg), radians(request.off_axis_deg)),
         Mix(
             radians(ATTITUDE_DEG if request.attitude_deg is None else request.attitude_deg),
             1e-3 * (POSITION_MM if request.position_mm is None else request.position_mm),
-            settings.angle_noise_rad,
-            settings.rotor_correlation,
+            noise.angle_noise_rad,
+            noise.rotor_correlation,
         ),
         request.share,
     )

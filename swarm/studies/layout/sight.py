@@ -5,24 +5,25 @@ import numpy as np
 from estimators.arrays import Bools
 from estimators.rotation import quaternion_from_matrix
 from swarm.hardware import pad
-from swarm.sensors.visibility import Limits, Visibility
+from swarm.scenario import Lighthouse
+from swarm.sensors.visibility import Visibility
 from swarm.studies.layout.poses import Poses
 from swarm.world.hull import Hull, Mount
 
 
-def lit(hull: Hull, mount: Mount, limits: Limits, poses: Poses) -> Bools:
+def lit(hull: Hull, mount: Mount, station: Lighthouse, poses: Poses) -> Bools:
     """Tell which places are lit: in field and range, facing the light, and nothing in between.
 
     Args:
         hull: The craft's hull.
         mount: N places on it.
-        limits: Field and range of the lighthouse.
+        station: The lighthouse, with its field and range.
         poses: P poses.
 
     Returns:
         Mask (P, N).
     """
-    sight = Visibility(hull.model, pad([mount.point_m], [mount.normal]), [hull.body], hull.world_body, limits)
+    sight = Visibility(hull.model, pad([mount.point_m], [mount.normal]), [hull.body], hull.world_body, station)
     quaternion = quaternion_from_matrix(poses.rotation)
     out = np.empty((len(quaternion), len(mount.point_m)), dtype=np.bool_)
     for p in range(len(out)):

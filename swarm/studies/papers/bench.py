@@ -13,7 +13,7 @@ import numpy as np
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats
 from estimators.lighthouse.pnp import PoseSolution, refine
-from estimators.lighthouse.sweep import FanErrors, FanPair, kernel_errors
+from estimators.lighthouse.sweep import FanErrors, FanPair, kernel_fans, lighthouse_1
 from swarm.flight import builders
 from swarm.hardware import Photodiodes
 from swarm.messages import SYNC_WIDTH_S, SYNC_WIDTH_STEP_S, Pulses
@@ -21,8 +21,8 @@ from swarm.onboard.acquisition import NONE, Sighting, follow, search
 from swarm.onboard.decoder import PulseDecoder, SweepAngles
 from swarm.scenario import validate
 from swarm.sensors.crossing import cross_into, pack_into
-from swarm.sensors.lighthouse import LighthouseSettings
 from swarm.sensors.visibility import Visibility
+from swarm.units import SI, si
 from swarm.world.motion.pointing import facing
 
 PERFECT: FanPair = (FanErrors(), FanErrors())
@@ -67,18 +67,19 @@ class Box(NamedTuple):
 class Bench:
     """A craft model before a lighthouse of default settings."""
 
-    settings: LighthouseSettings
+    settings: SI
+    """The station, in SI units."""
     layout: Photodiodes
     """The photodiodes of the one craft, (1, K)."""
 
     def __init__(self, model: str = "mockup") -> None:
         """Build the craft's world, for its shape. Raises SwarmError where there is no such model."""
         scenario = validate({"swarm": {"count": 1, "model": model}}, file=model, folder=Path.cwd())
-        self.settings = builders.lighthouse(scenario)
+        self.settings = si(scenario.lighthouse)
         world = builders.world(scenario, builders.fleet(scenario))
         self.layout = world.photodiodes
         self._visibility = Visibility(
-            world.model, self.layout, world.craft_bodies, world.lighthouse_body, self.settings
+            world.model, self.layout, world.craft_bodies, world.lighthouse_body, scenario.lighthouse
         )
 
     @property
@@ -90,7 +91,7 @@ class Bench:
     @property
     def period_s(self) -> float:
         """One turn of the rotors [s]."""
-        return 1 / self.settings.rate_hz
+        return 1.0 / float(self.settings.rate_hz)
 
     def lit(self, rotation: Floats, position: Floats) -> Bools:
         """Tell by ray cast which photodiodes (N, K) are lit with the craft at poses (N, 3, 3), (N, 3) [m]."""
@@ -198,7 +199,7 @@ class Bench:
             np.broadcast_to(self.layout.normal, point_m.shape).copy(),
             both,
             error_rad,
-            kernel_errors(fans),
+            kernel_fans(lighthouse_1(*fans)),
             self.period_s,
             self.settings.photodiode_diameter_m,
             instant,

@@ -10,7 +10,7 @@ from estimators.arrays import Floats
 from swarm.errors import SwarmError
 from swarm.figures import Figure
 from swarm.results.parquet import Table, column, table_of
-from swarm.scenario.mistakes import split_unit
+from swarm.units import written_unit
 
 LIGHTHOUSE = "Chen et al., lighthouse"
 STEREO = "Zhang et al., binocular CCD"
@@ -144,7 +144,7 @@ def data(columns: Columns) -> Table:
 
 def _unit(name: str, values: Any) -> str:
     over, _, under = name.rpartition("_per_")
-    unit = f"{split_unit(over)[1]}/{under}" if over else split_unit(name)[1]
+    unit = f"{written_unit(over)}/{under}" if over else written_unit(name)
     return unit or ("" if np.asarray(values).dtype.kind in "USb" else "1")
 
 

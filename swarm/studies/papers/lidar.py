@@ -18,17 +18,18 @@ from estimators.arrays import Bools, Floats
 from estimators.lidar.feature_templates import Templates, from_angles_zyx
 from estimators.lidar.scan import Scan
 from estimators.lidar.shape import Shape
+from swarm import scenario
 from swarm.assets import find_model
 from swarm.onboard.lidar import rays
-from swarm.sensors.lidar import Lidar, LidarSettings, Mount
+from swarm.sensors.lidar import Lidar, Mount
 from swarm.world.surface import known_shape
 from swarm.world.world import CraftStart, World
 
 DISTANCE_M = 5.0
 AT_ZERO = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
 """R_0: body z towards the scanner, body y sideways."""
-FIELD_RAD = np.radians(60.0)
-"""Horizontal: the rest of the turn sees nothing here."""
+SCANNER = scenario.Lidar(target="target", horizontal_field_deg=60.0)
+"""The scanner: the rest of its turn sees nothing here."""
 SIX_VIEWS = np.array([[0, 0, 0], [0, 1, 0], [0, 2, 0], [0, 3, 0], [1, 0, 0], [-1, 0, 0]]) * np.pi / 2
 """Rotation vectors by which the reference cloud's six scans are turned."""
 _SCANNER_M = np.array([0.0, 0.0, 30.0])
@@ -41,7 +42,7 @@ class Turntable:
         self,
         seed: int,
         model: str | Path = "satellite",
-        settings: LidarSettings | None = None,
+        scanner: scenario.Lidar = SCANNER,
         distance_m: float = DISTANCE_M,
     ) -> None:
         """Build the world of scanner and target.
@@ -67,9 +68,8 @@ class Turntable:
         )
         site = world.lidars[0]
         assert site is not None
-        chosen = settings or LidarSettings(horizontal_field_rad=FIELD_RAD)
         self._mount = Mount(0, *site)
-        self._lidar = Lidar(world.model, world.craft_bodies, [self._mount], chosen, seed, [0])
+        self._lidar = Lidar(world.model, world.craft_bodies, [self._mount], scanner, seed, [0])
         self._pattern = self._lidar.pattern(0)
 
     def scan(self, rotation: Floats) -> Scan:

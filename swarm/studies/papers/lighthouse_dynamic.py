@@ -114,7 +114,7 @@ def _fly(request: Request, scenario: Scenario, runs: int, length: int) -> Flown:
     key = crc32(flight.world.names[0].encode())
     computers = [Computer(rung, scenario, flight.world.photodiodes, key, known) for rung in LADDER]
     request.progress(0.0, "aligning the frames")
-    frames = [alignment(rung, scenario, flight.lighthouse.photodiodes, known) for rung in LADDER]
+    frames = [alignment(rung, scenario, flight.sensors.lighthouse.photodiodes, known) for rung in LADDER]
     count = runs * length
     rotation, position, (speed, rate) = np.empty((count, 3, 3)), np.empty((count, 3)), np.empty((2, count))
     for frame in range(count):

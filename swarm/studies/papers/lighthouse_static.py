@@ -118,7 +118,9 @@ def _measure(bench: Bench, pose: Pose, frames: int, rng: np.random.Generator) ->
 
     def predicted(rotation: Floats, position: Floats) -> Floats:
         found = dilution(rotation, position, lit, points, angles.offset_s, still, still, correlation, solution.solved)
-        return np.stack([found.adop_deg_per_rad, found.pdop_m_per_rad], axis=-1)[solution.solved] * noise
+        factors: Floats = np.stack([found.adop_deg_per_rad, found.pdop_m_per_rad], axis=-1)
+        scaled: Floats = noise * factors[solution.solved]
+        return scaled
 
     at_truth = predicted(true.rotation, true.position)
     at_measured = predicted(solution.rotation, solution.position)

@@ -8,22 +8,26 @@ moves within a period, and by what the craft knows: nothing, its motion, or what
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
 from estimators.arrays import Bools, Floats
 from estimators.lighthouse.sweep import FanPair, correct
+from swarm import random
 from swarm.flight import builders
 from swarm.flight.simulate import simulate
 from swarm.hardware import Photodiodes
-from swarm.onboard.navigation import NavigationSettings, Navigator
-from swarm.scenario import Scenario, Wander, load
-from swarm.sensors.lighthouse import Lighthouse, LighthouseSettings
+from swarm.onboard.navigation import Navigator
+from swarm.onboard.settings import NavigationSettings
+from swarm.random import Purpose
+from swarm.scenario import Fan, Scenario, Wander, load
+from swarm.scenario import Lighthouse as Station
+from swarm.sensors.lighthouse import Lighthouse, fans
 from swarm.studies.calibration.calibrate import calibrate_survey
 from swarm.studies.calibration.survey import observe_run
 from swarm.studies.papers.alignment import Alignment, align
-from swarm.studies.papers.bench import PERFECT, Bench, Box
+from swarm.studies.papers.bench import Bench, Box
 from swarm.world.world import PeriodTruth
 
 UNCALIBRATED_NOISE = 4.0
@@ -131,12 +135,10 @@ def calibrated(scenario: Scenario, layout: Photodiodes) -> Knowledge:
     return Knowledge((found.fan_x, found.fan_y), layout._replace(point_m=points[None]))
 
 
-def station(scenario: Scenario, rung: Rung) -> LighthouseSettings:
-    """Return the settings of the station and the mounting, with the rung's errors only."""
-    out = builders.lighthouse(scenario)
-    if not rung.fans:
-        out = replace(out, fan_x=PERFECT[0], fan_y=PERFECT[1])
-    return out if rung.mounting else replace(out, mounting_error_m=0.0)
+def station(scenario: Scenario, rung: Rung) -> Station:
+    """Return the station and the mounting, with the rung's errors only."""
+    none: dict[str, Any] = {} if rung.fans else {"fan_x": Fan(), "fan_y": Fan()}
+    return scenario.lighthouse.model_copy(update=none if rung.mounting else none | {"mounting_error_mm": 0.0})
 
 
 def settings(scenario: Scenario, rung: Rung, known: Knowledge) -> NavigationSettings:
@@ -174,21 +176,21 @@ def alignment(rung: Rung, scenario: Scenario, mounted: Photodiodes, known: Knowl
         known: What the craft knows if it is calibrated.
     """
     bench = Bench(scenario.swarm.model)
-    rng = np.random.default_rng(np.random.SeedSequence(scenario.seed, spawn_key=(0,)))
+    rng = random.stream(scenario.seed, Purpose.ALIGNMENT)
     motion = cast(Wander, scenario.swarm.motion)
     box = Box(motion.centre_m, motion.size_m, np.radians(motion.turn_deg))
     noise, correlation = bench.settings.angle_noise_rad, bench.settings.rotor_correlation
-    errors = station(scenario, rung)
+    errors = fans(station(scenario, rung))
     believed = known.photodiodes.point_m[0] if rung.calibrated else bench.point_m
     points = np.repeat(mounted.point_m if rung.mounting else bench.layout.point_m, ALIGNMENT_FRAMES, axis=0)
     measured: list[Floats] = []
     true: list[Floats] = []
     while len(true) < ALIGNMENT_POSES:
         pose, lit = bench.random_pose(rng, box)
-        random = bench.noise(ALIGNMENT_FRAMES, rng, noise, correlation)
+        error = bench.noise(ALIGNMENT_FRAMES, rng, noise, correlation)
         lit = np.repeat(lit, ALIGNMENT_FRAMES, axis=0)
         rows = pose.repeat(ALIGNMENT_FRAMES)
-        angles = bench.angles(rows, lit, random, rng, fans=(errors.fan_x, errors.fan_y), point_m=points)
+        angles = bench.angles(rows, lit, error, rng, fans=errors, point_m=points)
         if rung.calibrated:
             angles = angles._replace(theta=correct(angles.theta, known.fans))
         first = bench.first_pose(angles, noise, believed)

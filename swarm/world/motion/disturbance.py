@@ -5,25 +5,39 @@ filter believes it to be.
 """
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from estimators.arrays import Bools, Floats
-from swarm.world.motion.fleet import Disturbance
+from swarm import random
+from swarm.random import Blocks, Purpose
 
-PURPOSE = 0x70757368
-"""Spawn key of the random numbers: "push"."""
 BLOCK = 256
 """Lighthouse periods per block of random draws."""
+
+
+class Disturbance(NamedTuple):
+    """What pushes C craft over one period: acceleration (C, 3) [m/s^2], angular_acceleration (C, 3) [rad/s^2]."""
+
+    acceleration: Floats
+    angular_acceleration: Floats
 
 
 class Pushes:
     """The accelerations of C craft, drawn per craft from the seed and the craft's key alone."""
 
-    def __init__(self, sigma: Floats, keys: Sequence[int], seed: int) -> None:
-        """sigma: (C, 2), 1 sigma per axis of acceleration [m/s^2] and angular acceleration [rad/s^2]."""
-        self._sigma, self._keys, self._seed = sigma.reshape(-1, 2, 1), list(keys), seed
-        self._block, self._draws = -1, np.zeros((BLOCK, len(self._keys), 2, 3))
+    def __init__(self, sigma: Floats, keys: Sequence[int], seed: int, purpose: Purpose = Purpose.PUSH) -> None:
+        """Prepare the draws.
+
+        Args:
+            sigma: 1 sigma per axis of acceleration [m/s^2] and angular acceleration [rad/s^2], (C, 2).
+            keys: One number per craft that names its draws.
+            seed: The run's seed.
+            purpose: The purpose of the draws.
+        """
+        self._sigma, self._keys, self._seed, self._purpose = sigma.reshape(-1, 2, 1), list(keys), seed, purpose
+        self._draws = Blocks(BLOCK, self._draw)
 
     @property
     def pushed(self) -> Bools:
@@ -33,11 +47,14 @@ class Pushes:
 
     def at(self, frame: int) -> Disturbance:
         """The accelerations in lighthouse period `frame`."""
-        if frame // BLOCK != self._block:
-            self._block = frame // BLOCK
-            for craft in np.flatnonzero(self.pushed):
-                key = (PURPOSE, self._keys[craft], self._block)
-                stream = np.random.default_rng(np.random.SeedSequence(self._seed, spawn_key=key))
-                self._draws[:, craft] = stream.standard_normal((BLOCK, 2, 3))
-        push = self._sigma * self._draws[frame % BLOCK]
+        draws, place = self._draws.at(frame)
+        push = self._sigma * draws[place]
         return Disturbance(push[:, 0], push[:, 1])
+
+    def _draw(self, block: int) -> Floats:
+        """Draw (BLOCK, C, 2, 3) standard normal numbers."""
+        out = np.zeros((BLOCK, len(self._keys), 2, 3))
+        for craft in np.flatnonzero(self.pushed):
+            stream = random.stream(self._seed, self._purpose, self._keys[craft], block)
+            out[:, craft] = stream.standard_normal((BLOCK, 2, 3))
+        return out

@@ -1,4 +1,4 @@
-"""The places of N craft in a formation: ring, line, tetrahedron, and the projected circular orbit.
+"""Positions of N craft in a formation: ring, line, tetrahedron, and the projected circular orbit.
 
 In the shape's own frame, whose z axis is its normal, with the phases a_i = 2 pi i / N and t the time:
 
@@ -15,63 +15,85 @@ cross-track of the orbit (Alfriend et al., "Spacecraft Formation Flying", 2010, 
 so that seen along the radius (y, z) it is a circle of radius r.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Literal, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from estimators.arrays import Floats
+from estimators.relative_orbit import RelativeOrbit
 from estimators.rotation import exp
-from estimators.state import Motion, Vector
+from estimators.state import Motion
+from swarm.errors import SwarmError
+from swarm.units import si
+
+if TYPE_CHECKING:
+    from swarm.scenario.motions.formation import Figure
 
 
 class Shape(Protocol):
     """A formation's places as functions of time."""
 
     def at(self, time_s: float, count: int) -> Motion:
-        """The places of `count` craft at `time_s` [s]: position, velocity, acceleration, (count, 3) each."""
+        """Return the places of `count` craft at `time_s` [s]: position, velocity, acceleration, (count, 3) each."""
 
 
 @dataclass(frozen=True)
 class Rigid:
-    """A figure that turns about its normal. extent_m: r of a ring or a tetrahedron, L of a line. rate_rad_s: w."""
+    """A figure that turns about its normal. centre_m: (3,), where the table does not say so itself."""
 
-    kind: Literal["ring", "line", "tetrahedron"]
-    centre_m: Vector
-    extent_m: float
-    tilt_rad: float = 0.0
-    turn_rad: float = 0.0
-    rate_rad_s: float = 0.0
+    figure: "Figure"
+    centre_m: Sequence[float]
 
     def at(self, time_s: float, count: int) -> Motion:
-        """The places; see the module."""
-        w = np.array([0.0, 0.0, self.rate_rad_s])
-        own = _FIGURES[self.kind](count) * self.extent_m @ exp(w * time_s).T
-        velocity = np.cross(w, own)
-        frame = exp(np.array([0.0, 0.0, self.turn_rad])) @ exp(np.array([self.tilt_rad, 0.0, 0.0]))
-        return Motion(np.array(self.centre_m) + own @ frame.T, velocity @ frame.T, np.cross(w, velocity) @ frame.T)
+        """Return the places; see the module."""
+        own, extent_m = si(self.figure), self.figure.radius_m or self.figure.length_m or 0.0
+        w = np.array([0.0, 0.0, own.rate_rad_s])
+        place = _FIGURES[own.shape](count) * extent_m @ exp(w * time_s).T
+        velocity = np.cross(w, place)
+        frame = exp(np.array([0.0, 0.0, own.turn_rad])) @ exp(np.array([own.tilt_rad, 0.0, 0.0]))
+        return Motion(np.array(self.centre_m) + place @ frame.T, velocity @ frame.T, np.cross(w, velocity) @ frame.T)
 
 
 @dataclass(frozen=True)
 class ProjectedCircle:
-    """The projected circular orbit (P1) about a centre. mean_motion_rad_s: n. axes: (3, 3), its columns the radial, the
-    along-track and the cross-track axis in the lighthouse frame.
-    """
+    """The projected circular orbit (P1) about a centre (3,) [m]."""
 
-    centre_m: Vector
-    radius_m: float
-    mean_motion_rad_s: float
-    axes: Floats
+    figure: "Figure"
+    centre_m: Sequence[float]
+    orbit: RelativeOrbit
 
     def at(self, time_s: float, count: int) -> Motion:
-        """The places; see the module."""
-        n = self.mean_motion_rad_s
+        """Return the places; see the module."""
+        along, across, down = self.orbit.axes
+        radial_along_cross = np.stack([-down, along, -across], axis=1)
+        n, radius_m = self.orbit.mean_motion_rad_s, self.figure.radius_m or 0.0
         phase = n * time_s + 2 * np.pi * np.arange(count) / count
-        sine, cosine = self.radius_m * np.sin(phase), self.radius_m * np.cos(phase)
-        position = np.stack([sine / 2, cosine, sine], axis=1) @ self.axes.T
-        velocity = n * np.stack([cosine / 2, -sine, cosine], axis=1) @ self.axes.T
+        sine, cosine = radius_m * np.sin(phase), radius_m * np.cos(phase)
+        position = np.stack([sine / 2, cosine, sine], axis=1) @ radial_along_cross.T
+        velocity = n * np.stack([cosine / 2, -sine, cosine], axis=1) @ radial_along_cross.T
         return Motion(np.array(self.centre_m) + position, velocity, -(n**2) * position)
+
+
+def shape_of(figure: "Figure", centre_m: Sequence[float], orbit: RelativeOrbit | None) -> Shape:
+    """Return the shape of a figure.
+
+    Args:
+        figure: The scenario's table.
+        centre_m: The formation's centre (3,) [m], for a figure without one of its own.
+        orbit: The lighthouse's orbit, None in weightless space.
+
+    Raises:
+        SwarmError: A projected circle without an orbit.
+    """
+    centre_m = centre_m if figure.centre_m is None else figure.centre_m
+    if figure.shape != "projected-circle":
+        return Rigid(figure, centre_m)
+    if orbit is None:
+        raise SwarmError(f"{figure.shape}: needs [orbit]")
+    return ProjectedCircle(figure, centre_m, orbit)
 
 
 def _ring(count: int) -> Floats:

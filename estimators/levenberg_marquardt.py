@@ -1,0 +1,42 @@
+"""The damping of Levenberg-Marquardt, one policy for every least squares in this package.
+
+A step solves (N + damping diag(N)) step = -gradient with the normal matrix N (Marquardt's scaling). Damping is 0 at
+first, which is Gauss-Newton. It rises tenfold, at least to `FIRST_DAMPING`, when a step fails, and falls tenfold when
+a step is accepted, to 0 below the square of that. A step that damping made small proves nothing: convergence asks for
+less than `FIRST_DAMPING`.
+"""
+
+import numpy as np
+
+from estimators.kernel import kernel
+
+FIRST_DAMPING = 1e-3
+"""Damping after the first failed step, relative to the diagonal of the normal matrix."""
+
+ROUNDING = 1e-15
+"""Rounding of the cost relative to the root of the cost: residuals are differences of numbers near 1."""
+
+STEP_SMALL = 1e-7
+"""A last step below this in attitude [rad] and in position [m] is convergence."""
+
+
+@kernel
+def raised(damping: float) -> float:
+    """Return the damping after a step that failed or could not be solved."""
+    return max(10 * damping, FIRST_DAMPING)
+
+
+@kernel
+def judged(cost: float, next_cost: float, damping: float) -> tuple[bool, float]:
+    """Return whether a step from `cost` to `next_cost` is accepted, and the damping of the next step.
+
+    Near the minimum the gain of a step drowns in the rounding of the residuals: the step is accepted none the less.
+
+    Args:
+        cost: sum of squared residuals before the step.
+        next_cost: the same after it; inf where the step leaves the domain.
+        damping: the step's.
+    """
+    if next_cost <= cost + ROUNDING * np.sqrt(cost):
+        return True, 0.1 * damping if damping > FIRST_DAMPING**2 else 0.0
+    return False, raised(damping)

@@ -1,0 +1,101 @@
+"""The parts of a flight, put together from a validated scenario: sensors, computers, actuators, pushes."""
+
+import numpy as np
+
+from estimators.rotation import matrix_from_quaternion
+from estimators.state import State
+from swarm import random
+from swarm.flight.builders.cameras import cameras
+from swarm.flight.builders.craft import photodiodes, pushes, start, steers_by_estimate
+from swarm.flight.builders.dynamics import fitted, orbit
+from swarm.flight.builders.guidance import guidance, matings
+from swarm.flight.builders.lidars import inspection, lidars
+from swarm.flight.builders.navigation import believed_layout, navigation
+from swarm.flight.builders.station import angle_noise, decoder
+from swarm.hardware import Photodiodes, actuator_set
+from swarm.messages import Command
+from swarm.onboard.actuation.actuation import Actuation
+from swarm.onboard.computer import Computer
+from swarm.onboard.navigation import Navigator
+from swarm.onboard.pilot import Body, Pilot
+from swarm.results.angles import Believed, believed
+from swarm.scenario import Scenario
+from swarm.sensors.ccd import Ccd
+from swarm.sensors.lighthouse import Lighthouse
+from swarm.sensors.suite import Sensors
+from swarm.sensors.visibility import Visibility
+from swarm.world.latches import Latches
+from swarm.world.motion.fleet import Fleet
+from swarm.world.pushes import Surroundings
+from swarm.world.world import World
+
+
+def sensors(scenario: Scenario, world: World, motions: Fleet) -> Sensors:
+    """Return all sensors. Raises SwarmError where a model lacks the cameras, lights or LiDAR that a table wants."""
+    station, layout = scenario.lighthouse, photodiodes(scenario, world)
+    visibility = Visibility(world.model, layout, world.craft_bodies, world.lighthouse_body, station)
+    pairs = [true for true, _ in cameras(scenario, world, motions.at(0.0))]
+    return Sensors(
+        Lighthouse(layout, station, scenario.seed, random.keys(scenario.craft_names)),
+        visibility,
+        Ccd(pairs, visibility, scenario.seed, scenario.duration_s) if pairs else None,
+        lidars(scenario, world),
+    )
+
+
+def own_layout(scenario: Scenario, world: World) -> Photodiodes:
+    """Return the photodiodes on board, where every craft believes them to be."""
+    return believed_layout(scenario, world.photodiodes)._replace(present=photodiodes(scenario, world).present)
+
+
+def computer(scenario: Scenario, world: World, motions: Fleet, suite: Sensors) -> Computer:
+    """Return the computers of all craft. Raises SwarmError where a calibration does not fit them."""
+    layout = own_layout(scenario, world)
+    known = [known for _, known in cameras(scenario, world, motions.at(0.0))]
+    return Computer(
+        decoder(scenario, layout.present),
+        Navigator(layout, navigation(scenario), known),
+        inspection(scenario, suite.lidars),
+    )
+
+
+def measured_by(scenario: Scenario, world: World) -> Believed:
+    """Return what the craft go by when they measure angles, for a calibration."""
+    settings = navigation(scenario)
+    fans = settings.fan_x, settings.fan_y
+    return believed(world.names, own_layout(scenario, world), fans, angle_noise(scenario))
+
+
+def pilot(scenario: Scenario, world: World, motions: Fleet, latches: Latches) -> Pilot:
+    """Return the guidance, control and actuator computers of all craft."""
+    period_s, guides = 1 / scenario.lighthouse.rate_hz, guidance(scenario, latches.matings, motions.at(0.0))
+    actuators = actuator_set(fitted(scenario, world), world.com_m)
+    actuation = Actuation(actuators, world.mass, world.inertia, period_s)
+    body, by_estimate = Body(world.mass, world.inertia), steers_by_estimate(scenario)
+    return Pilot(motions, guides, actuation, body, by_estimate, period_s, orbit(scenario))
+
+
+def latches(scenario: Scenario, world: World) -> Latches:
+    """Return the latches of all docking pairs."""
+    return Latches(world, matings(scenario))
+
+
+def surroundings(scenario: Scenario, world: World, motions: Fleet) -> Surroundings:
+    """Return what pushes the craft beside their actuators."""
+    return Surroundings(world, pushes(scenario), motions, 1 / scenario.lighthouse.rate_hz)
+
+
+def start_state(scenario: Scenario, motions: Fleet) -> State:
+    """Return the true state of every craft at the start."""
+    first = start(scenario, motions)
+    return State(
+        rotation=matrix_from_quaternion(first.quaternion),
+        position=first.position,
+        velocity=first.velocity,
+        angular_rate=first.angular_rate,
+    )
+
+
+def no_command(craft: int) -> Command:
+    """Return the command of `craft` craft that order nothing."""
+    return Command(*np.zeros((2, craft, 3)))

@@ -1,0 +1,182 @@
+"""The pose by the lighthouse: from one period's sweep angles to a pose per craft with its covariance.
+
+angles, less the known errors of the fans            estimators.lighthouse.sweep
+-> pose at the epoch, LM on (7) from the prediction   estimators.lighthouse.pnp   (searching: acquisition)
+-> residuals tested, false photodiodes dropped        estimators.lighthouse.integrity, by swarm.onboard.integrity
+-> H, ADOP, PDOP at that pose (13) to (22)            estimators.lighthouse.dop
+-> measurement covariance s^2 H (18)
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators import rotation as rot
+from estimators.arrays import Bools, Floats, Ints
+from estimators.lighthouse.dop import Dilution, dilution
+from estimators.lighthouse.integrity import Sweeps
+from estimators.lighthouse.pnp import refine
+from estimators.lighthouse.sweep import correct
+from estimators.state import State
+from swarm.onboard.acquisition import NONE, Hypotheses, Sighting, advance, search
+from swarm.onboard.decoder import SweepAngles
+from swarm.onboard.integrity import Integrity, Monitor, Screened
+from swarm.onboard.settings import NavigationSettings, Sensor
+from swarm.onboard.tracks import Filtered, PoseFix, Taken, Tracks
+
+MIN_LIT = 4
+"""Photodiodes that a pose needs (source 1, section 2)."""
+
+
+class Light(NamedTuple):
+    """What C craft made of the lighthouse's light in one period.
+
+    visible: (C,), photodiodes seen by both fans. screened: the poses after the residual test. dilution: at those poses.
+    """
+
+    visible: Ints
+    screened: Screened
+    dilution: Dilution
+
+
+class _Start(NamedTuple):
+    """Where this period's LM starts: found (C,), the craft that have just found themselves; rotation, position."""
+
+    found: Bools
+    rotation: Floats
+    position: Floats
+
+
+class LighthouseFix:
+    """The lighthouse's pose sensor on board of C craft; searching craft keep their hypotheses between periods.
+
+    undecided: (C,), craft to which more than one pose fits.
+    """
+
+    def __init__(self, point_m: Floats, settings: NavigationSettings) -> None:
+        """Take the photodiodes, point_m (C, K, 3) [m], as the craft believe them to be."""
+        craft, most, _ = point_m.shape
+        self.settings, self._point_m = settings, point_m
+        self._hypotheses: list[Hypotheses] = [NONE] * craft
+        self.undecided = np.zeros(craft, dtype=np.bool_)
+        self._independent_noise_rad = settings.angle_noise_rad * float(np.sqrt(1 - settings.rotor_correlation))
+        noise = settings.angle_noise_rad, settings.rotor_correlation
+        self._monitor = Monitor(settings.integrity, *noise, (craft, most))
+
+    def forget(self, mask: Bools) -> None:
+        """Forget what the craft of the mask (C,) have found out."""
+        for craft in np.flatnonzero(mask):
+            self._hypotheses[craft] = NONE
+        self.undecided[mask] = False
+        self._monitor.forget(mask)
+
+    def find(self, angles: SweepAngles, tracks: Tracks) -> tuple[Light, PoseFix]:
+        """Return what every craft makes of its angles, starting from the filters' predictions."""
+        s, active = self.settings, tracks.bank.active
+        predicted = s.station.state_into(tracks.bank.state)
+        theta, lit = self._ideal(angles)
+        visible = np.count_nonzero(lit, axis=1)
+        enough = visible >= MIN_LIT
+        start = self._acquire(theta, lit, angles.offset_s, enough, predicted, tracks)
+        known = enough & (active | start.found)
+        # The motion within the period, as each craft believes it; a craft that has only just found itself knows none.
+        moves = active[:, None] & s.motion_compensation
+        sweeps = Sweeps(
+            theta=theta,
+            lit=lit & known[:, None],
+            point_m=self._point_m,
+            offset_s=angles.offset_s,
+            angular_rate=np.where(moves, predicted.angular_rate, 0.0),
+            velocity=np.where(moves, predicted.velocity, 0.0),
+        )
+        screened = self._solve(sweeps, known, visible, start, tracks)
+        precision = dilution(
+            screened.solution.rotation,
+            screened.solution.position,
+            screened.lit,
+            sweeps.point_m,
+            sweeps.offset_s,
+            sweeps.angular_rate,
+            sweeps.velocity,
+            s.rotor_correlation,
+            screened.solution.solved,
+        )
+        rotation, position = s.station.pose_out(screened.solution.rotation, screened.solution.position)
+        screened = screened._replace(solution=screened.solution._replace(rotation=rotation, position=position))
+        return Light(visible, screened, precision), self._fix(screened, precision)
+
+    def levels(self, light: Light, taken: Taken, after: Filtered) -> Integrity:
+        """Return the protection levels of this period's poses, and of the filters after all fixes."""
+        return self._monitor.levels(light.screened, light.dilution, taken, after)
+
+    def _ideal(self, angles: SweepAngles) -> tuple[Floats, Bools]:
+        """Return the angles (C, K, 2) less rotor speed and fan errors, and where both of them are known (C, K)."""
+        s = self.settings
+        speed = self._monitor.speed(angles, s.frame_s)
+        turned = angles.theta if speed is None else angles.theta * speed[:, None, None]
+        theta = correct(turned, (s.fan_x, s.fan_y))
+        return theta, angles.lit & np.isfinite(theta[..., 0]) & np.isfinite(theta[..., 1])
+
+    def _solve(self, sweeps: Sweeps, known: Bools, visible: Ints, start: _Start, tracks: Tracks) -> Screened:
+        """Solve every craft's pose from its start, and test the residuals."""
+        pnp = refine(
+            sweeps.theta,
+            sweeps.lit,
+            sweeps.point_m,
+            start.rotation,
+            start.position,
+            sweeps.offset_s,
+            sweeps.angular_rate,
+            sweeps.velocity,
+        )
+        pnp = pnp._replace(solved=pnp.solved & (pnp.residual_rad < self.settings.residual_limit_rad))
+        begun = start.rotation, start.position
+        return self._monitor.screen(sweeps, known, visible, pnp, begun, tracks.rate_covariance)
+
+    def _fix(self, screened: Screened, precision: Dilution) -> PoseFix:
+        """Return the poses with the covariance s^2 H of (18)."""
+        s, pnp = self.settings, screened.solution
+        coupling = s.station.matrix_out(precision.rate_coupling)
+        return PoseFix(
+            known=pnp.solved & np.isfinite(precision.pdop_m_per_rad),
+            rotation=pnp.rotation,
+            position=pnp.position,
+            covariance=s.station.matrix_out(s.angle_noise_rad**2 * precision.covariance),
+            coupling=coupling if s.motion_compensation else np.zeros_like(coupling),
+            start_coupling=coupling,
+            sensor=np.full(len(pnp.solved), Sensor.LIGHTHOUSE, dtype=np.int64),
+        )
+
+    def _acquire(
+        self, theta: Floats, lit: Bools, offset_s: Floats, enough: Bools, predicted: State, tracks: Tracks
+    ) -> _Start:
+        """Return start poses for LM: the prediction, or for a craft without one what a search decided on."""
+        active = tracks.bank.active
+        start = _Start(np.zeros(len(enough), dtype=np.bool_), predicted.rotation, predicted.position)
+        lost = active & (tracks.since_update_s > self.settings.search_again_s)
+        who = np.flatnonzero(enough & (lost | ~active))
+        before = [self._hypotheses[i] for i in who]
+        sightings = [Sighting(theta[i], lit[i], self._point_m[i], offset_s[i]) for i in who]
+        after = advance(before, sightings, self._independent_noise_rad)
+        for i, hypotheses, sighting in zip(who.tolist(), after, sightings, strict=True):
+            if not active[i] and len(hypotheses.evidence) and not hypotheses.decided:
+                hypotheses = self._without_false(hypotheses, sighting, tracks.rate_covariance(i))
+            chosen: int | None = None
+            if hypotheses.decided:
+                chosen, start.found[i] = 0, not active[i]
+            elif active[i] and len(hypotheses.evidence):
+                # After a long coast the prediction itself tells mirror poses apart; the gate has the last word.
+                chosen = int(np.argmin(rot.angle_between(hypotheses.rotation, start.rotation[i])))
+            if chosen is not None:
+                start.rotation[i], start.position[i] = hypotheses.rotation[chosen], hypotheses.position[chosen]
+                hypotheses = NONE
+            self._hypotheses[i] = hypotheses
+            self.undecided[i] = len(hypotheses.evidence) > 0
+        return start
+
+    def _without_false(self, hypotheses: Hypotheses, seen: Sighting, rate_covariance: Floats) -> Hypotheses:
+        """Return the hypotheses of a searching craft, or where a false photodiode spoils them those of the others."""
+        rest = np.zeros((1, 3))
+        one = Sweeps(seen.theta[None], seen.lit[None], seen.point_m[None], seen.offset_s[None], rest, rest)
+        lit = self._monitor.honest(one, hypotheses.rotation[0], hypotheses.position[0], rate_covariance)
+        return hypotheses if lit is None else search(seen._replace(lit=lit), self._independent_noise_rad)

@@ -1,0 +1,118 @@
+"""How every craft steers: where it should be, the wrench that takes it there, and its orders to its actuators.
+
+    guidance, by what each craft believes and hears -> reference -> control -> wrench -> orders to thrusters and wheels
+
+A craft steers by its own estimate, or, where the scenario says so, by the true state that it is told; it never
+navigates by what it is told.
+"""
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from estimators.arrays import Bools, Floats
+from estimators.relative_orbit import RelativeOrbit
+from estimators.state import Reference, State, Steered, unknown
+from swarm.messages import Command, Order
+from swarm.onboard import control
+from swarm.onboard.actuation.actuation import Actuation
+from swarm.onboard.guidance.guidance import Guidance, Knowledge
+from swarm.onboard.navigation import Estimate
+from swarm.onboard.settings import Status
+
+
+class Motions(Protocol):
+    """The reference motions of C craft."""
+
+    def at(self, time_s: float, steered: Steered | None = None) -> Reference:
+        """Return the references at `time_s` [s]. steered: those of the craft that guidance wants elsewhere."""
+
+
+class Body(NamedTuple):
+    """What C craft know of themselves: mass (C,) [kg] and inertia (C, 3, 3) [kg m^2], body frame."""
+
+    mass: Floats
+    inertia: Floats
+
+
+class Pilot:
+    """Guidance, control and actuator computers of C craft.
+
+    guidance: of the guided craft; None without any. by_estimate: (C,), the craft that steer by their own estimate.
+    """
+
+    def __init__(
+        self,
+        motions: Motions,
+        guidance: Guidance | None,
+        actuation: Actuation,
+        body: Body,
+        by_estimate: Bools,
+        period_s: float,
+        orbit: RelativeOrbit | None = None,
+    ) -> None:
+        """Start with craft that know nothing of themselves.
+
+        Args:
+            motions: the craft's reference motions.
+            guidance: of the guided craft; None without any.
+            actuation: the computers of the craft's thrusters and wheels.
+            body: mass and inertia of every craft.
+            by_estimate: (C,), the craft that steer by their own estimate; the others steer by what they are told.
+            period_s: length of a lighthouse period [s].
+            orbit: the lighthouse's orbit; None in weightless space.
+        """
+        self.guidance, self.by_estimate = guidance, by_estimate
+        self._motions, self._actuation, self._body, self._orbit = motions, actuation, body, orbit
+        self._period_s, self._craft = period_s, len(by_estimate)
+        self._estimated = unknown(self._craft)
+        nothing = np.zeros(self._craft)
+        self._known = Knowledge(nothing > 0, nothing, nothing > 0)
+        self._reference = motions.at(0.0)
+
+    def steer(self, time_s: float, told: State, idle: Bools) -> Order:
+        """Decide what every craft orders for the period that begins.
+
+        Args:
+            time_s: beginning of the period [s].
+            told: the true states, for the craft that steer by them.
+            idle: (C,), the craft whose control does nothing.
+        """
+        believed = self._believed(told, idle)
+        steered = None if self.guidance is None else self.guidance.steer(time_s, believed, self._known)
+        reference = self._reference = self._motions.at(time_s, steered)
+        command = self._command(reference, believed)
+        force, torque = control.wrench(command, reference, believed, self._body.mass, self._body.inertia)
+        return self._actuation.order(force, torque, believed, command)
+
+    def learn(self, estimate: Estimate, latched: Bools) -> None:
+        """Take in what the period that has ended brought. latched: (C,), the switches in the craft's ports."""
+        if self.by_estimate.any():
+            # The estimate is of the epoch; the next order begins half a period later.
+            self._estimated = estimate.state.ahead(self._period_s / 2)
+        if self.guidance is not None:
+            sigma = np.sqrt(np.trace(estimate.covariance[:, 6:9, 6:9], axis1=1, axis2=2))
+            tracking = (estimate.status == Status.TRACKING) & ~estimate.integrity.alert
+            self._known = Knowledge(
+                np.where(self.by_estimate, tracking, True), np.where(self.by_estimate, sigma, 0.0), latched
+            )
+
+    def reference_m(self) -> Floats:
+        """Return where every craft should be at the epoch of the period that was steered last, (C, 3) [m]."""
+        wanted, half = self._reference, self._period_s / 2
+        return wanted.position + wanted.velocity * half + wanted.acceleration * half**2 / 2
+
+    def _believed(self, told: State, idle: Bools) -> State:
+        """Return the states that the craft steer by; NaN where a craft is idle, or does not know any."""
+        believed = told.where(~self.by_estimate, self._estimated) if self.by_estimate.any() else told
+        return believed.where(~idle, unknown(self._craft)) if idle.any() else believed
+
+    def _command(self, reference: Reference, believed: State) -> Command:
+        """Return the feedback towards the reference, kept clear of other craft and without what gravity does anyway."""
+        if self.guidance is None:
+            return control.command(reference, believed, self._orbit)
+        wanted = control.command(reference, believed, firm=self.guidance.feedback)
+        clear = self.guidance.clear(wanted, believed)
+        if self._orbit is None:
+            return clear
+        return control.without_gravity(clear, reference.holds_position, believed, self._orbit)

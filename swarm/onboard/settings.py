@@ -1,0 +1,64 @@
+"""What a craft's computer is configured with, and the codes of what it reports."""
+
+from dataclasses import dataclass, field
+from enum import IntEnum, IntFlag
+
+from estimators.filter.error_state import (
+    DEFAULT_ACCELERATION_NOISE_M_S2,
+    DEFAULT_ANGULAR_ACCELERATION_NOISE_RAD_S2,
+)
+from estimators.frame import WORLD, Frame
+from estimators.lighthouse.sweep import FanErrors
+from estimators.relative_orbit import RelativeOrbit
+from swarm.onboard.integrity import IntegritySettings
+
+
+class Status(IntEnum):
+    """What a craft knows of its pose.
+
+    Searching: no pose. Tracking: this period's pose went into the filter. Coasting: prediction only. Ambiguous: more
+    than one pose fits, and none is given.
+    """
+
+    SEARCHING = 0
+    TRACKING = 1
+    COASTING = 2
+    AMBIGUOUS = 3
+
+
+class Sensor(IntFlag):
+    """The sensors whose poses went into a craft's filter in a period."""
+
+    NONE = 0
+    LIGHTHOUSE = 1
+    STEREO = 2
+    CAMERA = 4
+
+
+@dataclass(frozen=True)
+class NavigationSettings:
+    """The configuration of every craft's navigation, in SI units.
+
+    angle_noise_rad and rotor_correlation are s and rho of (18), (19). residual_limit_rad: a worse fit is not a pose.
+    rejections_limit: so many poses in a row refused by the gate mean that the filter is wrong, not they. filter:
+    "filterpy", "compiled", which has the same numbers sooner, or "auto", which goes by the number of craft. orbit: the
+    lighthouse's, None in weightless space. station: the lighthouse's frame in the world.
+    """
+
+    frame_s: float
+    angle_noise_rad: float
+    rotor_correlation: float
+    motion_compensation: bool = True
+    acceleration_noise_m_s2: float = DEFAULT_ACCELERATION_NOISE_M_S2
+    angular_acceleration_noise_rad_s2: float = DEFAULT_ANGULAR_ACCELERATION_NOISE_RAD_S2
+    gate_probability: float = 0.99999
+    coast_limit_s: float = 2.0
+    residual_limit_rad: float = 5e-3
+    rejections_limit: int = 6
+    search_again_s: float = 0.25
+    filter: str = "auto"
+    fan_x: FanErrors = field(default_factory=FanErrors)
+    fan_y: FanErrors = field(default_factory=FanErrors)
+    integrity: IntegritySettings = field(default_factory=IntegritySettings)
+    orbit: RelativeOrbit | None = None
+    station: Frame = WORLD

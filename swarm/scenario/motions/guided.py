@@ -1,0 +1,43 @@
+"""The base of the kinds of motion that a craft decides on board, by its own estimate and by what others broadcast.
+
+`swarm.onboard.guidance` flies them. See docs/guidance.md.
+"""
+
+from pydantic import Field
+
+from swarm.scenario.motions.base import Motion
+
+
+class Guided(Motion):
+    """A motion that guidance decides, and that a regulator holds."""
+
+    deviation_m: float = Field(
+        default=0.002,
+        gt=0,
+        le=100,
+        description="Deviation that costs the regulator as much as the effort effort_m_s2: only their ratio counts.",
+    )
+    effort_m_s2: float = Field(
+        default=0.001,
+        gt=0,
+        le=100,
+        description="Acceleration that costs the regulator as much as the deviation deviation_m.",
+    )
+
+
+class Clear(Guided):
+    """A guided motion that keeps clear of other craft."""
+
+    separation_m: float = Field(
+        default=0.0,
+        ge=0,
+        le=1000,
+        description="Least distance between the centre of this craft and that of any craft that broadcasts. 0: the "
+        "craft does not keep clear.",
+    )
+    brake_m_s2: float = Field(
+        default=0.05,
+        gt=0,
+        le=100,
+        description="Acceleration that the craft counts on to keep clear, and does not exceed while it does.",
+    )

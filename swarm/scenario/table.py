@@ -1,0 +1,39 @@
+"""The base of every table of a scenario, and the types of its values.
+
+A table is frozen, refuses unknown keys, converts nothing silently and knows no infinity. A key carries its unit as a
+suffix; `swarm.units.si` converts a table to SI units.
+"""
+
+from collections.abc import Iterator
+from typing import Annotated, Self
+
+from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
+from pydantic_core import PydanticCustomError
+
+Component = Annotated[float, Field(ge=-1000, le=1000)]
+Extent = Annotated[float, Field(ge=0, le=1000)]
+Length = Annotated[float, Field(gt=0, le=1000)]
+Time = Annotated[float, Field(ge=0, le=86400)]
+Vector = Annotated[tuple[Component, Component, Component], Strict(False)]
+"""Three numbers; a TOML list becomes a tuple (hence not strict), its elements stay strict."""
+Box = Annotated[tuple[Length, Length, Length], Strict(False)]
+"""The size of a box along x, y, z."""
+
+Mistake = tuple[str, ...]
+"""A mistake between several keys: a message, the key to blame, and the others that could be changed instead."""
+
+
+class Table(BaseModel):
+    """One TOML table: frozen, no unknown key, no silent conversion, no infinity."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+    def between_keys(self) -> Iterator[Mistake]:
+        """Yield every mistake that lies between several keys, each of them good by itself."""
+        yield from ()
+
+    @model_validator(mode="after")
+    def _check_between_keys(self) -> Self:
+        if mistakes := list(self.between_keys()):
+            raise PydanticCustomError("between_keys", "{text}", {"text": mistakes[0][0], "mistakes": mistakes})
+        return self

@@ -1,0 +1,107 @@
+"""What thrusters and wheels make of their orders: the wrench on every craft, and the work that is booked.
+
+In the world every pulse has its thruster's own error and faults (`swarm.world.execution`) and turns with the craft's
+true attitude, and the wheels' momentum turns with the craft. Propellant is not taken off the mass.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators.arrays import Bools, Floats
+from swarm.hardware import ActuatorSet, Fitted
+from swarm.messages import Order
+from swarm.world.execution import StuckThruster, executed, obeyed, open_share
+from swarm.world.wrench import OnboardWrench
+
+
+class Drive(NamedTuple):
+    """What moves C craft in one period.
+
+    force: (C, 3) [N] and torque: (C, 3) [N m], lighthouse frame, on the craft without actuators. onboard: the wrench of
+    the others' actuators; None where there are none.
+    """
+
+    force: Floats
+    torque: Floats
+    onboard: OnboardWrench | None
+
+
+class ActuatorWork(NamedTuple):
+    """The true work of C craft's actuators up to the end of a period, (C,) each; NaN where a craft has none of it.
+
+    delta_v_m_s: impulse of the thrusters, or of the ideal force, over the mass [m/s]. thrusters_open: number of
+    thrusters that were open in the period. wheel_momentum_nms: size of the reaction wheels' total momentum [N m s].
+    """
+
+    delta_v_m_s: Floats
+    thrusters_open: Floats
+    wheel_momentum_nms: Floats
+
+
+class Actuators:
+    """The thrusters and wheels of C craft as they really are."""
+
+    def __init__(
+        self,
+        fitted: Sequence[Fitted],
+        actuators: ActuatorSet,
+        mass: Floats,
+        period_s: float,
+        steps: int,
+        seed: int = 0,
+    ) -> None:
+        """Draw the thrusters' errors.
+
+        Args:
+            fitted: thrusters and wheels of every craft, C in number.
+            actuators: the same for the A craft that carry some, padded.
+            mass: (C,) [kg].
+            period_s: length of a lighthouse period [s].
+            steps: physics steps in a period.
+            seed: of the thrusters' errors.
+        """
+        self._set, self._mass = actuators, mass
+        self._period_s, self._steps = period_s, steps
+        self._force = np.zeros_like(actuators.force)
+        for a, craft in enumerate(actuators.who.tolist()):
+            f = fitted[craft]
+            self._force[a, : len(f.thrusters.force_n)] = executed(f.thrusters, f.errors, f.key, seed)
+        self._pulse_torque = np.cross(actuators.arm, self._force)
+        self._thrusting = actuators.thrusting(len(fitted))
+        self._has_wheels: Bools = np.array([len(f.wheels.torque_nm) > 0 for f in fitted], dtype=np.bool_)
+        self._delta_v = np.zeros(len(fitted))
+        self._open = np.zeros((len(fitted), actuators.has_thruster.shape[1]), dtype=np.bool_)
+        self._momentum = np.full(len(fitted), np.nan)
+
+    @property
+    def any(self) -> bool:
+        """Whether any craft carries thrusters or wheels."""
+        return len(self._set.who) > 0
+
+    def drive(self, order: Order, stuck: Sequence[StuckThruster] = ()) -> Drive:
+        """Carry out an order. stuck: thrusters that do not obey, which nobody on board knows."""
+        ideal, who = ~self._thrusting, self._set.who
+        self._delta_v[ideal] += np.linalg.norm(order.force[ideal], axis=1) / self._mass[ideal] * self._period_s
+        if not len(who):
+            return Drive(order.force, order.torque, None)
+        opened = obeyed(open_share(order.open_s, self._period_s, self._steps), who, stuck)
+        out = OnboardWrench(*np.zeros((3, self._steps, len(self._mass), 3)))
+        wheels = np.einsum("aw,awi->ai", order.wheel_torque, self._set.axis)
+        out.force[:, who] = np.einsum("san,ani->sai", opened, self._force)
+        out.torque[:, who] = np.einsum("san,ani->sai", opened, self._pulse_torque) + wheels
+        # The order has the wheels' momentum at the end of the period; in mid-step they had lost less to the craft.
+        to_go = self._period_s * (1 - (np.arange(self._steps) + 0.5) / self._steps)
+        out.wheel_momentum[:, who] = order.wheel_momentum + to_go[:, None, None] * wheels
+        impulse = np.einsum("san,an->a", opened, np.linalg.norm(self._force, axis=2)) * self._period_s / self._steps
+        self._delta_v[who] += impulse / self._mass[who]
+        self._open[who] = (opened > 0).any(axis=0) & self._set.has_thruster
+        self._momentum[who] = np.linalg.norm(order.wheel_momentum, axis=1)
+        return Drive(order.force, order.torque, out)
+
+    def work(self) -> ActuatorWork:
+        """Return what has been done up to the end of the last period."""
+        firing = np.where(self._thrusting, np.count_nonzero(self._open, axis=1), np.nan)
+        momentum = np.where(self._has_wheels, self._momentum, np.nan)
+        return ActuatorWork(self._delta_v.copy(), firing, momentum)

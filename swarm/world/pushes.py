@@ -1,0 +1,62 @@
+"""What moves craft beside their own control: random accelerations, drift, and blows.
+
+Random accelerations add to the control's wrench; a drifting craft has no control, and a blow is all that acts on a
+craft in its period.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators.arrays import Floats
+from swarm.world.motion.disturbance import Pushes
+from swarm.world.motion.fleet import Fleet
+from swarm.world.world import World
+
+
+class Blow(NamedTuple):
+    """Changes that C craft get in one period: velocity (C, 3) [m/s] and angular_rate (C, 3) [rad/s]; zero for most."""
+
+    velocity: Floats
+    angular_rate: Floats
+
+
+class Surroundings:
+    """Everything that pushes C craft beside their actuators."""
+
+    def __init__(self, world: World, random: Pushes, motions: Fleet, period_s: float) -> None:
+        """Take the sources of the pushes.
+
+        Args:
+            world: gives the wrench for a wanted acceleration.
+            random: the random accelerations of the scenario's craft.
+            motions: the motions, of which those that drift are pushed.
+            period_s: length of a lighthouse period [s].
+        """
+        self._world, self._random, self._motions, self._period_s = world, random, motions, period_s
+
+    def add(self, frame: int, force: Floats, torque: Floats, blow: Blow | None) -> tuple[Floats, Floats]:
+        """Return the wrench on every craft in a period, (C, 3) [N] and (C, 3) [N m], lighthouse frame.
+
+        Args:
+            frame: number of the period.
+            force: (C, 3) [N], of the control.
+            torque: (C, 3) [N m], of the control.
+            blow: what a fault does to craft in this period, if anything.
+        """
+        if self._random.pushed.any():
+            more = self._world.inertial_wrench(*self._random.at(frame))
+            # The control's own wrench already has what the spin asks for.
+            still = np.zeros_like(force)
+            spin = self._world.inertial_wrench(still, still)
+            force, torque = force + more[0] - spin[0], torque + more[1] - spin[1]
+        if blow is not None:
+            struck = np.any(np.concatenate([blow.velocity, blow.angular_rate], axis=1) != 0, axis=1)
+            change = blow.velocity / self._period_s, blow.angular_rate / self._period_s
+            more = self._world.inertial_wrench(*change)
+            force[struck], torque[struck] = more[0][struck], more[1][struck]
+        pushed = self._motions.pushed
+        if pushed.any():
+            drift = self._world.inertial_wrench(*self._motions.disturbance(frame))
+            force[pushed], torque[pushed] = drift[0][pushed], drift[1][pushed]
+        return force, torque

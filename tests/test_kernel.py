@@ -1,0 +1,142 @@
+"""Kernels in the cache on disk: what an edit compiles again, seen from outside, in programs that share a cache."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+INNER = """
+from estimators.kernel import kernel
+
+STEP = 1.0
+
+@kernel
+def inner(x):
+    return x + STEP
+"""
+OUTER = """
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators.kernel import kernel
+from rest.inner import STEP, inner
+
+class Kind(IntEnum):
+    ONE = 1
+    TWO = 2
+
+class Pair(NamedTuple):
+    a: float
+    b: float
+
+TABLE = np.array([0.0, 100.0])
+BOTH = Pair(0.0, 1000.0)
+
+@kernel
+def outer(x, n):
+    made = Pair(0.0, x)
+    return inner(made.b) + 10 * STEP + TABLE[Kind.ONE] + BOTH.b + later(n) + ping(n)
+
+@kernel
+def later(n):
+    return 0 if n <= 0 else later(n - 1) + 10000
+
+@kernel
+def ping(n):
+    return 0.0 if n <= 0 else later(0)
+"""
+PROGRAM = """
+from estimators.kernel import told_of_compilation
+from rest.outer import outer
+told = []
+with told_of_compilation(told.append):
+    print(outer(0.5, 2))
+print(max(told, default=0))
+"""
+FIRST = 1.5 + 10 + 100 + 1000 + 20000
+
+
+class Package:
+    """The package `rest`, its kernels, and the cache that they share."""
+
+    def __init__(self, place: Path) -> None:
+        self.folder = place / "site" / "rest"
+        self.environment = {
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join([str(place / "site"), str(ROOT)]),
+            "NUMBA_CACHE_DIR": str(place / "cache"),
+            # Python's own cache goes by times and sizes, which these tests forge.
+            "PYTHONDONTWRITEBYTECODE": "1",
+        }
+        self.folder.mkdir(parents=True)
+        for name, text in (("__init__", ""), ("inner", INNER), ("outer", OUTER)):
+            (self.folder / f"{name}.py").write_text(text)
+
+    def edit(self, name: str, old: str, new: str) -> None:
+        """Replace text by other text of the same length, and leave the file's times as they were."""
+        file = self.folder / f"{name}.py"
+        text, times = file.read_text(), file.stat()
+        assert text.count(old) == 1
+        assert len(old) == len(new)
+        file.write_text(text.replace(old, new))
+        os.utime(file, ns=(times.st_atime_ns, times.st_mtime_ns))
+
+    def run(self) -> tuple[float, int]:
+        """What `outer(0.5, 2)` is, in a new process, and how many kernels that compiled."""
+        command = [sys.executable, "-c", PROGRAM]
+        done = subprocess.run(command, env=self.environment, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        value, compiled = done.stdout.split()
+        return float(value), int(compiled)
+
+
+@pytest.fixture
+def package(tmp_path: Path) -> Package:
+    return Package(tmp_path)
+
+
+def test_an_edit_below_a_kernel_compiles_it_again(package: Package) -> None:
+    value, compiled = package.run()
+    assert value == FIRST
+    assert compiled > 0
+    assert package.run() == (FIRST, 0), "unedited, all comes out of the cache"
+    package.edit("inner", "x + STEP", "x - STEP")
+    value, compiled = package.run()
+    assert value == FIRST - 2
+    assert compiled == 2, "inner and outer, and not the kernels beside them"
+    package.edit("inner", "STEP = 1.0", "STEP = 3.0")
+    assert package.run()[0] == FIRST - 2 - 2 + 20, "STEP counts once in inner and ten times in outer"
+    package.edit("inner", "STEP = 3.0", "STEP = 1.0")
+    assert package.run() == (FIRST - 2, 0), "what was compiled before an edit serves again after it is taken back"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "change"),
+    [
+        ("100.0]", "200.0]", 100),
+        ("ONE = 1", "ONE = 0", -100),
+        ("1000.0)", "2000.0)", 1000),
+        ("+ 10000", "+ 20000", 20000),
+    ],
+)
+def test_an_edit_of_a_constant_in_the_same_file(package: Package, old: str, new: str, change: float) -> None:
+    assert package.run()[0] == FIRST
+    package.edit("outer", old, new)
+    assert package.run()[0] == FIRST + change
+    assert package.run() == (FIRST + change, 0)
+
+
+def test_a_package_in_a_folder_that_cannot_be_written_is_cached_for_the_user(package: Package, tmp_path: Path) -> None:
+    package.environment.pop("NUMBA_CACHE_DIR")
+    package.environment |= {"HOME": str(tmp_path / "home"), "XDG_CACHE_HOME": str(tmp_path / "home")}
+    # A file in the way of the cache's folder stops root too.
+    (package.folder / "__pycache__").write_text("")
+    assert package.run()[0] == FIRST
+    assert package.run() == (FIRST, 0)
+    package.edit("inner", "STEP = 1.0", "STEP = 3.0")
+    assert package.run()[0] == FIRST + 2 + 20
