@@ -41,7 +41,14 @@ _PAGE: dict[Any, Any] = {
 
 
 def page(rows: int, columns: int, height_in: float, width_in: float = 7.0) -> tuple[Figure, NDArray[np.object_]]:
-    """Return an empty figure in the papers' look, and its axes (rows, columns)."""
+    """Return an empty figure in the papers' look, and its axes (rows, columns).
+
+    Args:
+        rows: Rows of axes.
+        columns: Columns of axes.
+        height_in: Height of the figure [inch].
+        width_in: Width of the figure [inch].
+    """
     with mpl.rc_context(_PAGE):
         figure = Figure(figsize=(width_in, height_in), layout="constrained")
         return figure, figure.subplots(rows, columns, squeeze=False)
@@ -86,7 +93,13 @@ def legend(
     columns: int = 1,
     place: Literal["best", "upper left", "upper right", "lower center", "lower right"] = "best",
 ) -> None:
-    """Add a legend in the papers' look, in so many columns, at `place`."""
+    """Add a legend in the papers' look.
+
+    Args:
+        axes: Where to add it.
+        columns: Number of its columns.
+        place: Where it goes.
+    """
     with mpl.rc_context(_PAGE):
         axes.legend(ncols=columns, loc=place)
 
@@ -150,5 +163,11 @@ def count_map(axes: Axes, counts: Floats, extent: tuple[float, float, float, flo
 
 
 def polygons(axes: Axes, corners: Floats, colours: Floats) -> None:
-    """Draw filled polygons, corners (n, k, 2), in colours (n, 3), each over those before it."""
+    """Draw filled polygons, each over those before it.
+
+    Args:
+        axes: Where to draw.
+        corners: Corners (n, k, 2).
+        colours: Colours (n, 3).
+    """
     axes.add_collection(PolyCollection(list(corners), facecolors=colours, edgecolors=colours, lw=0.6))
