@@ -35,7 +35,7 @@ def main() -> None:
         bank = banks[name]
         moved = (root @ shift[name].standard_normal((chosen.craft, 6, 1)))[:, 3:, 0]
         bank.predict(1 / 60, mask)
-        bank.update(mask, solution.rotation, c.truth.position + moved, covariance, precision.rate_coupling)
+        bank.update_pose(mask, solution.rotation, c.truth.position + moved, covariance, precision.rate_coupling)
 
     times = interleaved({name: (lambda name=name: step(name)) for name in banks}, chosen.repeats)
     one, other = banks.values()

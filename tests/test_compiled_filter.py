@@ -59,7 +59,7 @@ def test_both_banks_keep_the_same_state_through_starts_gates_gaps_and_stops() ->
         wrong = np.concatenate([rate, velocity], axis=1) - np.where(update[:, None], assumed, 0.0)
         off = coupling @ wrong[..., None] + np.linalg.cholesky(covariance) @ rng.standard_normal((COUNT, 6, 1))
         seen = rot.exp(off[:, :3, 0]) @ rotation, position + off[:, 3:, 0]
-        results = [bank.update(update, *seen, covariance, coupling) for bank in banks]
+        results = [bank.update_pose(update, *seen, covariance, coupling) for bank in banks]
         for bank in banks:
             bank.start(fresh, *seen, covariance, (1.0, 0.5), coupling)
         np.testing.assert_array_equal(results[0].accepted, results[1].accepted)
@@ -80,7 +80,7 @@ def test_a_compiled_covariance_is_symmetric_and_positive_after_a_thousand_period
     for frame in range(1000):
         bank.predict(T, mask)
         if frame % 7 < 4:
-            bank.update(mask, *pose, covariance, coupling)
+            bank.update_pose(mask, *pose, covariance, coupling)
         p = bank.covariance
         np.testing.assert_array_equal(p, np.swapaxes(p, 1, 2))
     assert np.linalg.eigvalsh(bank.covariance).min() > 0
@@ -108,7 +108,7 @@ def test_an_indefinite_covariance_is_refused_and_named() -> None:
     covariance = np.tile(np.eye(6), (2, 1, 1))
     covariance[1, 3, 4] = covariance[1, 4, 3] = 10.0
     with pytest.raises(ValueError, match="covariance: not positive definite for craft 1"):
-        bank.update(mask, *pose, covariance, np.zeros((2, 6, 6)))
+        bank.update_pose(mask, *pose, covariance, np.zeros((2, 6, 6)))
 
 
 @pytest.mark.parametrize(

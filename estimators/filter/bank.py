@@ -5,13 +5,14 @@ runs filterpy, one object per craft; `estimators.filter.compiled` one compiled l
 """
 
 from abc import ABC, abstractmethod
+from functools import cache
 from math import prod
 from typing import NamedTuple
 
 import numpy as np
 from scipy.special import gammaincinv
 
-from estimators.arrays import Bools, Floats
+from estimators.arrays import Bools, Floats, Ints
 from estimators.filter.error_state import (
     DEFAULT_ACCELERATION_NOISE_M_S2,
     DEFAULT_ANGULAR_ACCELERATION_NOISE_RAD_S2,
@@ -19,9 +20,11 @@ from estimators.filter.error_state import (
     POSE_COLUMNS,
     RATE_COLUMNS,
     STATES,
+    innovations_into,
 )
 from estimators.kernel import kernel
 from estimators.rotation import exp
+from estimators.state import State
 
 
 class UpdateResult(NamedTuple):
@@ -31,6 +34,25 @@ class UpdateResult(NamedTuple):
     nis: Floats
 
 
+class Given(NamedTuple):
+    """Measurements of C craft, checked: y (C, m), h (C, m, 12), r (C, m, m), of which each craft uses its first `rows`
+    (C,); gate (m + 1,): the largest normalised innovation squared that is let in, per number of rows.
+    """
+
+    y: Floats
+    h: Floats
+    r: Floats
+    rows: Ints
+    gate: Floats
+
+
+@cache
+def gates(probability: float, rows: int) -> Floats:
+    """Return the chi-square quantiles (rows + 1,) for 0, 1, ... `rows` degrees of freedom."""
+    out: Floats = 2 * gammaincinv(np.arange(rows + 1) / 2, probability)
+    return out
+
+
 class FilterBank(ABC):
     """C independent pose filters; one craft's numbers never depend on another craft.
 
@@ -38,7 +60,8 @@ class FilterBank(ABC):
     elsewhere in the arguments is not read. Attributes are copies, NaN where a craft is not active. Methods raise
     ValueError, naming the argument, on a wrong shape, on values that are not finite and on craft that are not active.
 
-    The public methods check and hold the arrays; `_begin`, `_predict` and `_update` are the filter itself.
+    The public methods check and hold the arrays; `_begin`, `_predict` and `_update` are the filter itself. Measurements
+    come in by one door, `update`, behind which `update_pose` is one caller.
     """
 
     def __init__(
@@ -60,10 +83,14 @@ class FilterBank(ABC):
             raise ValueError(f"gate_probability: {gate_probability} is not in (0, 1]")
         self.acceleration_noise_m_s2 = float(acceleration_noise_m_s2)
         self.angular_acceleration_noise_rad_s2 = float(angular_acceleration_noise_rad_s2)
-        self.gate = float(2 * gammaincinv(POSE / 2, gate_probability))
+        self.gate_probability = float(gate_probability)
         self._active = np.zeros(craft_count, dtype=np.bool_)
-        self._rotation = np.full((craft_count, 3, 3), np.nan)
-        self._angular_rate, self._position, self._velocity = np.full((3, craft_count, 3), np.nan)
+        self._state = State(
+            rotation=np.full((craft_count, 3, 3), np.nan),
+            position=np.full((craft_count, 3), np.nan),
+            velocity=np.full((craft_count, 3), np.nan),
+            angular_rate=np.full((craft_count, 3), np.nan),
+        )
         self._covariance = np.full((craft_count, STATES, STATES), np.nan)
 
     @property
@@ -72,24 +99,36 @@ class FilterBank(ABC):
         return self._active.copy()
 
     @property
+    def gate(self) -> float:
+        """The largest normalised innovation squared of a pose that is let in."""
+        return float(gates(self.gate_probability, POSE)[POSE])
+
+    @property
+    def state(self) -> State:
+        """The estimated state of the C craft."""
+        return State(
+            rotation=self.rotation, position=self.position, velocity=self.velocity, angular_rate=self.angular_rate
+        )
+
+    @property
     def rotation(self) -> Floats:
         """R_l_b (C, 3, 3)."""
-        return self._rotation.copy()
+        return self._state.rotation.copy()
 
     @property
     def angular_rate(self) -> Floats:
         """Angular rates (C, 3) [rad/s] in the lighthouse frame."""
-        return self._angular_rate.copy()
+        return self._state.angular_rate.copy()
 
     @property
     def position(self) -> Floats:
         """Positions (C, 3) [m]."""
-        return self._position.copy()
+        return self._state.position.copy()
 
     @property
     def velocity(self) -> Floats:
         """Velocities (C, 3) [m/s]."""
-        return self._velocity.copy()
+        return self._state.velocity.copy()
 
     @property
     def covariance(self) -> Floats:
@@ -105,18 +144,23 @@ class FilterBank(ABC):
         rate_sigma: tuple[float, float],
         rate_coupling: Floats | None = None,
     ) -> None:
-        """Start, or start again, from a solved pose, at rest give or take `rate_sigma`.
+        """Start, or start again, from a solved pose, at rest within `rate_sigma`.
 
-        rotation (C, 3, 3), position (C, 3) [m], covariance (C, 6, 6) of the pose [rad, m]; `rate_sigma`: one sigma per
-        axis of the unknown (angular rate [rad/s], velocity [m/s]); `rate_coupling` (C, 6, 6) [s]: B of this pose where
-        it was solved as if at rest, so that the filter knows that the pose is off by B times the rates.
+        Args:
+            mask: (C,), the craft concerned.
+            rotation: (C, 3, 3) R_l_b.
+            position: (C, 3) [m].
+            covariance: (C, 6, 6) of the pose [rad, m].
+            rate_sigma: one sigma per axis of the unknown angular rate [rad/s] and velocity [m/s].
+            rate_coupling: (C, 6, 6) [s], B of a pose that was solved as if at rest, which is therefore off by B times
+                the rates; None: zero.
         """
         mask = self._checked(mask, active=False)
         if not mask.any():
             return
         rotation = self._argument("rotation", rotation, (3, 3), mask)
         position = self._argument("position", position, (3,), mask)
-        covariance = self._variances(self._argument("covariance", covariance, (POSE, POSE), mask), mask)
+        covariance = self._covariances("covariance", covariance, POSE, mask)
         b = np.zeros((len(mask), POSE, POSE)) if rate_coupling is None else rate_coupling
         b = self._argument("rate_coupling", b, (POSE, POSE), mask)
         if np.shape(rate_sigma) != (2,) or not np.all(np.greater_equal(rate_sigma, 0) & np.isfinite(rate_sigma)):
@@ -132,8 +176,9 @@ class FilterBank(ABC):
         p[:, RATE_COLUMNS[:, None], POSE_COLUMNS] = np.swapaxes(cross, 1, 2)
         p[:, RATE_COLUMNS, RATE_COLUMNS] = rate_variance
         self._covariance[craft] = p
-        self._rotation[craft], self._position[craft] = rotation[craft], position[craft]
-        self._angular_rate[craft] = self._velocity[craft] = 0.0
+        state = self._state
+        state.rotation[craft], state.position[craft] = rotation[craft], position[craft]
+        state.angular_rate[craft] = state.velocity[craft] = 0.0
         self._active[craft] = True
         self._begin(mask)
 
@@ -150,43 +195,87 @@ class FilterBank(ABC):
         self._predict(mask, step)
 
     def add_motion(self, mask: Bools, turn: Floats, rate: Floats, shift: Floats, velocity: Floats) -> None:
-        """Add known motion to the prediction: what the craft's own actuators did meanwhile.
+        """Add known motion to the prediction, as of the craft's own actuators; the covariance stays as it is.
 
-        turn (C, 3) [rad], R <- Exp([turn]x) R; rate (C, 3) [rad/s]; shift (C, 3) [m]; velocity (C, 3) [m/s]. Known
-        exactly, it leaves the covariance as it is.
+        Args:
+            mask: (C,), the craft concerned.
+            turn: (C, 3) [rad], R <- Exp([turn]x) R.
+            rate: (C, 3) [rad/s], added to the angular rate.
+            shift: (C, 3) [m], added to the position.
+            velocity: (C, 3) [m/s], added to the velocity.
         """
         mask = self._checked(mask)
         turn, rate = self._argument("turn", turn, (3,), mask), self._argument("rate", rate, (3,), mask)
         shift = self._argument("shift", shift, (3,), mask)
         velocity = self._argument("velocity", velocity, (3,), mask)
-        self._rotation[mask] = exp(turn[mask]) @ self._rotation[mask]
-        self._angular_rate[mask] += rate[mask]
-        self._position[mask] += shift[mask]
-        self._velocity[mask] += velocity[mask]
+        state = self._state
+        state.rotation[mask] = exp(turn[mask]) @ state.rotation[mask]
+        state.angular_rate[mask] += rate[mask]
+        state.position[mask] += shift[mask]
+        state.velocity[mask] += velocity[mask]
 
-    def update(
+    def update(self, mask: Bools, y: Floats, h: Floats, r: Floats, count: Ints | None = None) -> UpdateResult:
+        """Take in measurements y = H x + noise, gated per craft; a craft whose rows are gated out keeps its state.
+
+        Args:
+            mask: (C,), the craft concerned.
+            y: (C, m), innovations: measured minus predicted.
+            h: (C, m, 12), derivatives H by the error state x.
+            r: (C, m, m), covariances of the noise.
+            count: (C,), the number of rows of each craft, the first of the m; None: all m.
+
+        Raises:
+            ValueError: a wrong shape, a value that is not finite, a covariance that is not positive definite, a craft
+                that is not active; the message names the argument.
+        """
+        mask = self._checked(mask)
+        if np.ndim(y) != 2:
+            raise ValueError(f"y: expected shape (craft, rows), got {np.shape(y)}")
+        craft, rows = len(mask), np.shape(y)[1]
+        used = np.full(craft, rows) if count is None else np.ascontiguousarray(count, dtype=np.int64)
+        if used.shape != (craft,) or np.any((used < 0) | (used > rows)):
+            raise ValueError(f"count: expected {(craft,)} numbers from 0 to {rows}")
+        there = np.arange(rows) < used[:, None]
+        # Rows that a craft does not have are not read: whatever stands there becomes zero.
+        y = self._argument("y", np.where(there, y, 0.0), (rows,), mask)
+        h = np.where(there[:, :, None], self._shaped("h", h, (rows, STATES)), 0.0)
+        h = self._argument("h", h, (rows, STATES), mask)
+        both = there[:, :, None] & there[:, None, :]
+        r = np.where(both, self._shaped("r", r, (rows, rows)), np.eye(rows))
+        r = self._covariances("r", r, rows, mask)
+        return self._taken("r", mask & (used > 0), y, h, r, used)
+
+    def update_pose(
         self, mask: Bools, rotation: Floats, position: Floats, covariance: Floats, rate_coupling: Floats
     ) -> UpdateResult:
-        """Take in solved poses, each gated by itself: one that is gated out leaves its craft's state as it was.
+        """Take in solved poses: `update` with H = [I B].
 
-        rotation (C, 3, 3), position (C, 3) [m], covariance (C, 6, 6) of the pose [rad, m], rate_coupling (C, 6, 6) [s]:
-        B of a pose that was solved with this filter's predicted rates; zero where it was solved without.
+        Args:
+            mask: (C,), the craft concerned.
+            rotation: (C, 3, 3) R_l_b.
+            position: (C, 3) [m].
+            covariance: (C, 6, 6) of the pose [rad, m].
+            rate_coupling: (C, 6, 6) [s], B of a pose that was solved with this filter's predicted rates; zero where it
+                was solved without.
+
+        Raises:
+            ValueError: as `update`.
         """
         mask = self._checked(mask)
         rotation = self._argument("rotation", rotation, (3, 3), mask)
         position = self._argument("position", position, (3,), mask)
-        covariance = self._variances(self._argument("covariance", covariance, (POSE, POSE), mask), mask)
+        covariance = self._covariances("covariance", covariance, POSE, mask)
         rate_coupling = self._argument("rate_coupling", rate_coupling, (POSE, POSE), mask)
-        accepted, nis = np.zeros(len(mask), dtype=np.bool_), np.full(len(mask), np.nan)
-        self._update(mask, rotation, position, covariance, rate_coupling, accepted, nis)
-        return UpdateResult(accepted, nis)
+        y, h = np.empty((len(mask), POSE)), np.empty((len(mask), POSE, STATES))
+        innovations_into(mask, rotation, position, self._state, rate_coupling, y, h)
+        return self._taken("covariance", mask, y, h, covariance, np.full(len(mask), POSE))
 
     def stop(self, mask: Bools) -> None:
         """Forget the state of these craft."""
         mask = self._checked(mask, active=False)
         if mask.any():
             self._active[mask] = False
-            for array in (self._rotation, self._angular_rate, self._position, self._velocity, self._covariance):
+            for array in (*self._state, self._covariance):
                 array[mask] = np.nan
 
     @abstractmethod
@@ -198,17 +287,20 @@ class FilterBank(ABC):
         """Move these craft on by `step` (C,) [s]."""
 
     @abstractmethod
-    def _update(
-        self,
-        mask: Bools,
-        rotation: Floats,
-        position: Floats,
-        covariance: Floats,
-        rate_coupling: Floats,
-        accepted: Bools,
-        nis: Floats,
-    ) -> None:
-        """Take in the poses of these craft; write what became of them into `accepted` and `nis`."""
+    def _update(self, mask: Bools, given: Given, accepted: Bools, nis: Floats) -> int:
+        """Take in the rows of these craft, write `accepted` (C,) and `nis` (C,).
+
+        Returns -1, or the first craft whose covariance of the innovation is not positive definite.
+        """
+
+    def _taken(self, name: str, mask: Bools, y: Floats, h: Floats, r: Floats, count: Ints) -> UpdateResult:
+        """Update with checked rows; `name` is the argument to blame for an indefinite covariance."""
+        accepted, nis = np.zeros(len(mask), dtype=np.bool_), np.full(len(mask), np.nan)
+        given = Given(y, h, r, count, gates(self.gate_probability, y.shape[1]))
+        indefinite = self._update(mask, given, accepted, nis)
+        if indefinite >= 0:
+            raise ValueError(f"{name}: not positive definite for craft {indefinite}")
+        return UpdateResult(accepted, nis)
 
     def _checked(self, mask: Bools, active: bool = True) -> Bools:
         """The mask; all the craft that it names must be active if `active`."""
@@ -219,21 +311,27 @@ class FilterBank(ABC):
             raise ValueError(f"mask: craft {np.flatnonzero(mask & ~self._active).tolist()} have not been started")
         return mask
 
-    def _argument(self, name: str, value: Floats, shape: tuple[int, ...], mask: Bools) -> Floats:
-        """`value` as contiguous floats (C, *shape), finite for these craft."""
+    def _shaped(self, name: str, value: Floats, shape: tuple[int, ...]) -> Floats:
+        """Return `value` as contiguous floats (C, *shape)."""
         array = np.ascontiguousarray(value, dtype=np.float64)
         expected = (len(self._active), *shape)
         if array.shape != expected:
             raise ValueError(f"{name}: expected shape {expected}, got {array.shape}")
+        return array
+
+    def _argument(self, name: str, value: Floats, shape: tuple[int, ...], mask: Bools) -> Floats:
+        """Return `value` as contiguous floats (C, *shape), finite for these craft."""
+        array = self._shaped(name, value, shape)
         if not _finite(array.reshape(len(mask), prod(shape)), mask):
             raise ValueError(f"{name}: not finite for a craft of the mask")
         return array
 
-    def _variances(self, covariance: Floats, mask: Bools) -> Floats:
-        """`covariance`, with positive variances for these craft."""
-        if not _positive_diagonal(covariance, mask):
-            raise ValueError("covariance: a variance is not positive for a craft of the mask")
-        return covariance
+    def _covariances(self, name: str, value: Floats, rows: int, mask: Bools) -> Floats:
+        """Return `value` as covariances (C, rows, rows), with positive variances for these craft."""
+        array = self._argument(name, value, (rows, rows), mask)
+        if not _positive_diagonal(array, mask):
+            raise ValueError(f"{name}: a variance is not positive for a craft of the mask")
+        return array
 
 
 @kernel

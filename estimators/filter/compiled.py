@@ -1,8 +1,8 @@
 """The filter of record as one compiled loop over the craft: equations of `estimators.filter.error_state`, numbers of
 filterpy.
 
-With F = [[E, D], [0, I]] for (attitude, angular rate), [[I, dt I], [0, I]] for (position, velocity), and H = [I B] of
-the innovation y, R = s^2 H of (18), the usual forms are regrouped so that nothing is inverted:
+With F = [[E, D], [0, I]] for (attitude, angular rate), [[I, dt I], [0, I]] for (position, velocity), and y = H x +
+noise of covariance R, the usual forms are regrouped so that nothing is inverted:
 
     P <- F (F P)^T + Q                                 P is symmetric
     G = H P,  S = G H^T + R = L L^T,  Z = L^-1 G,  z = L^-1 y
@@ -15,7 +15,7 @@ rounding of P, some 1e-13 of it (tested: every column of the telemetry to 1e-9).
 import numpy as np
 
 from estimators.arrays import Bools, Floats
-from estimators.filter.bank import FilterBank
+from estimators.filter.bank import FilterBank, Given
 from estimators.filter.error_state import (
     POSE,
     POSE_COLUMNS,
@@ -25,7 +25,8 @@ from estimators.filter.error_state import (
 )
 from estimators.kernel import kernel
 from estimators.linear import cholesky_into
-from estimators.rotation import exp_into, left_jacobian_into, log_into, multiply_into
+from estimators.rotation import exp_into, left_jacobian_into, multiply_into
+from estimators.state import State
 
 
 class CompiledFilterBank(FilterBank):
@@ -41,27 +42,12 @@ class CompiledFilterBank(FilterBank):
             step,
             self.acceleration_noise_m_s2,
             self.angular_acceleration_noise_rad_s2,
-            self._rotation,
-            self._angular_rate,
-            self._position,
-            self._velocity,
+            self._state,
             self._covariance,
         )
 
-    def _update(
-        self,
-        mask: Bools,
-        rotation: Floats,
-        position: Floats,
-        covariance: Floats,
-        rate_coupling: Floats,
-        accepted: Bools,
-        nis: Floats,
-    ) -> None:
-        state = self._rotation, self._angular_rate, self._position, self._velocity, self._covariance
-        indefinite = _update_all(mask, rotation, position, covariance, rate_coupling, self.gate, *state, accepted, nis)
-        if indefinite >= 0:
-            raise ValueError(f"covariance: not positive definite for craft {indefinite}")
+    def _update(self, mask: Bools, given: Given, accepted: Bools, nis: Floats) -> int:
+        return _update_all(mask, given, self._state, self._covariance, accepted, nis)
 
 
 @kernel
@@ -83,10 +69,7 @@ def _predict_all(
     step: Floats,
     acceleration: float,
     angular_acceleration: float,
-    rotation: Floats,
-    angular_rate: Floats,
-    position: Floats,
-    velocity: Floats,
+    state: State,
     covariance: Floats,
 ) -> None:
     """Move the craft of the mask on by step (C,) [s]; sigmas [m/s^2], [rad/s^2] as in `process_noise_into`."""
@@ -98,7 +81,7 @@ def _predict_all(
             continue
         dt, p = step[c], covariance[c]
         for i in range(3):
-            vector[i] = angular_rate[c, i] * dt
+            vector[i] = state.angular_rate[c, i] * dt
         exp_into(vector, turn)
         left_jacobian_into(vector, jacobian)
         for i in range(3):
@@ -120,62 +103,75 @@ def _predict_all(
                 p[i + 3, i] = p[i, i + 3]
             else:
                 p[i, i] += (sigma * dt) ** 2
-        multiply_into(turn, rotation[c], turned)
+        multiply_into(turn, state.rotation[c], turned)
         for i in range(3):
             for j in range(3):
-                rotation[c, i, j] = turned[i, j]
-            position[c, i] += velocity[c, i] * dt
+                state.rotation[c, i, j] = turned[i, j]
+            state.position[c, i] += state.velocity[c, i] * dt
 
 
 @kernel
-def _update_all(
-    mask: Bools,
-    rotation_z: Floats,
-    position_z: Floats,
-    noise: Floats,
-    rate_coupling: Floats,
-    gate: float,
-    rotation: Floats,
-    angular_rate: Floats,
-    position: Floats,
-    velocity: Floats,
-    covariance: Floats,
-    accepted: Bools,
-    nis: Floats,
-) -> int:
-    """Take in the poses of the craft of the mask; -1, or the first craft whose S is not positive definite."""
-    difference, y = np.empty((3, 3)), np.empty(POSE)
-    g, s, lower = np.empty((POSE, STATES)), np.empty((POSE, POSE)), np.zeros((POSE, POSE))
-    x = np.empty((STATES, 1))
+def _picked(h: Floats) -> int:
+    """Return the only pose column of a row of H (12,) that is not zero, if it is 1; else -1."""
+    found = -1
+    for k in range(POSE):
+        if h[POSE_COLUMNS[k]] != 0.0:
+            if found >= 0 or h[POSE_COLUMNS[k]] != 1.0:
+                return -1
+            found = POSE_COLUMNS[k]
+    return found
+
+
+@kernel
+def _update_all(mask: Bools, given: Given, state: State, covariance: Floats, accepted: Bools, nis: Floats) -> int:
+    """Take in the rows of the craft of the mask; -1, or the first craft whose S is not positive definite.
+
+    Sums go by groups: pose columns, then angular rate, then velocity. A row that has a single 1 in its pose columns, as
+    those of a solved pose have, H = [I B], picks it instead of summing: the fast path of poses.
+    """
+    most = given.y.shape[1]
+    y, g = np.empty(most), np.empty((most, STATES))
+    s, lower = np.empty((most, most)), np.zeros((most, most))
+    x, total, picked = np.empty((STATES, 1)), np.empty(STATES), np.empty(most, np.int64)
     for c in range(len(mask)):
         if not mask[c]:
             continue
-        p, b = covariance[c], rate_coupling[c]
-        multiply_into(rotation_z[c], rotation[c].T, difference)
-        log_into(difference, y[:3])
-        for i in range(3):
-            y[3 + i] = position_z[c, i] - position[c, i]
-
-        for a in range(POSE):
-            row = p[POSE_COLUMNS[a]]
-            b0, b1, b2, b3, b4, b5 = b[a, 0], b[a, 1], b[a, 2], b[a, 3], b[a, 4], b[a, 5]
+        p, h, n = covariance[c], given.h[c], given.rows[c]
+        for a in range(n):
+            y[a] = given.y[c, a]
+            picked[a] = _picked(h[a])
+            if picked[a] >= 0:
+                g[a] = p[picked[a]]
+            else:
+                g[a] = 0.0
+                for k in range(POSE):
+                    row = p[POSE_COLUMNS[k]]
+                    for i in range(STATES):
+                        g[a, i] += h[a, POSE_COLUMNS[k]] * row[i]
+            b0, b1, b2, b3, b4, b5 = h[a, 3], h[a, 4], h[a, 5], h[a, 9], h[a, 10], h[a, 11]
             for i in range(STATES):
                 g[a, i] = (
-                    row[i]
+                    g[a, i]
                     + (b0 * p[3, i] + b1 * p[4, i] + b2 * p[5, i])
                     + (b3 * p[9, i] + b4 * p[10, i] + b5 * p[11, i])
                 )
-        for a in range(POSE):
+        for a in range(n):
             for d in range(a + 1):
-                value = g[a, POSE_COLUMNS[d]] + noise[c, a, d]
+                if picked[d] >= 0:
+                    value = g[a, picked[d]]
+                else:
+                    value = 0.0
+                    for k in range(POSE):
+                        value += g[a, POSE_COLUMNS[k]] * h[d, POSE_COLUMNS[k]]
+                value += given.r[c, a, d]
                 for k in range(POSE):
-                    value += g[a, RATE_COLUMNS[k]] * b[d, k]
+                    value += g[a, RATE_COLUMNS[k]] * h[d, RATE_COLUMNS[k]]
                 s[a, d] = value
-        if not cholesky_into(s, lower):
+        if not cholesky_into(s[:n, :n], lower[:n, :n]):
             return c
 
         # Z and z by forward substitution, in the places of G and y.
-        for a in range(POSE):
+        for a in range(n):
             for k in range(a):
                 factor = lower[a, k]
                 y[a] -= factor * y[k]
@@ -186,24 +182,27 @@ def _update_all(
             for i in range(STATES):
                 g[a, i] *= pivot
         squared = 0.0
-        for a in range(POSE):
+        for a in range(n):
             squared += y[a] * y[a]
         nis[c] = squared
-        accepted[c] = squared <= gate
+        accepted[c] = squared <= given.gate[n]
         if not accepted[c]:
             continue
 
         for i in range(STATES):
             value = 0.0
-            for a in range(POSE):
+            for a in range(n):
                 value += g[a, i] * y[a]
             x[i, 0] = value
+            total[:] = 0.0
+            for a in range(0, n - 2, 3):
+                u, v, w = g[a, i], g[a + 1, i], g[a + 2, i]
+                for j in range(STATES):
+                    total[j] += u * g[a, j] + v * g[a + 1, j] + w * g[a + 2, j]
+            for a in range(n - n % 3, n):
+                for j in range(STATES):
+                    total[j] += g[a, i] * g[a, j]
             for j in range(STATES):
-                p[i, j] -= (
-                    g[0, i] * g[0, j]
-                    + g[1, i] * g[1, j]
-                    + g[2, i] * g[2, j]
-                    + (g[3, i] * g[3, j] + g[4, i] * g[4, j] + g[5, i] * g[5, j])
-                )
-        correct(rotation[c], angular_rate[c], position[c], velocity[c], x)
+                p[i, j] -= total[j]
+        correct(state.rotation[c], state.angular_rate[c], state.position[c], state.velocity[c], x)
     return -1

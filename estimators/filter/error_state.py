@@ -20,9 +20,10 @@ import math
 
 import numpy as np
 
-from estimators.arrays import Floats
+from estimators.arrays import Bools, Floats
 from estimators.kernel import kernel
 from estimators.rotation import exp_into, left_jacobian_into, log_into, multiply_into
+from estimators.state import State
 
 DEFAULT_ACCELERATION_NOISE_M_S2 = 0.2
 """White acceleration [m/s^2] per axis, constant over a period. docs/filter.md has the table behind the choice."""
@@ -85,17 +86,55 @@ def innovation_into(
     y: Floats,
     h: Floats,
 ) -> None:
-    """Write the innovation into `y` (6, 1) and its matrix H, y = H x + noise, into `h` (6, 12)."""
-    difference = np.empty((3, 3))
-    multiply_into(rotation_z, rotation.T, difference)
-    log_into(difference, y[:3, 0])
+    """Write the innovation of a solved pose into `y` (6,) and its matrix H, y = H x + noise, into `h` (6, 12).
+
+    Args:
+        rotation_z: (3, 3), the measured rotation.
+        position_z: (3,) [m], the measured position.
+        rotation: (3, 3), the predicted rotation.
+        position: (3,) [m], the predicted position.
+        rate_coupling: (6, 6) [s], B.
+        y: (6,), receives the innovation.
+        h: (6, 12), receives H.
+    """
+    # The difference of the rotations stands in h for a moment: nothing is allocated.
+    multiply_into(rotation_z, rotation.T, h[:3, :3])
+    log_into(h[:3, :3], y[:3])
     h[:] = 0.0
     for i in range(3):
-        y[3 + i, 0] = position_z[i] - position[i]
+        y[3 + i] = position_z[i] - position[i]
         h[i, i] = h[3 + i, 6 + i] = 1.0
     for i in range(6):
         for j in range(3):
             h[i, 3 + j], h[i, 9 + j] = rate_coupling[i, j], rate_coupling[i, 3 + j]
+
+
+@kernel
+def innovations_into(
+    mask: Bools,
+    rotation: Floats,
+    position: Floats,
+    predicted: State,
+    rate_coupling: Floats,
+    y: Floats,
+    h: Floats,
+) -> None:
+    """`innovation_into` for the craft of the mask.
+
+    Args:
+        mask: (C,).
+        rotation: (C, 3, 3), measured.
+        position: (C, 3) [m], measured.
+        predicted: the state of the C craft.
+        rate_coupling: (C, 6, 6) [s], B.
+        y: (C, 6), receives the innovations.
+        h: (C, 6, 12), receives H.
+    """
+    for c in range(len(mask)):
+        if mask[c]:
+            innovation_into(
+                rotation[c], position[c], predicted.rotation[c], predicted.position[c], rate_coupling[c], y[c], h[c]
+            )
 
 
 @kernel

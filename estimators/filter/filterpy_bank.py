@@ -10,12 +10,11 @@ import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 
 from estimators.arrays import Bools, Floats
-from estimators.filter.bank import FilterBank
+from estimators.filter.bank import FilterBank, Given
 from estimators.filter.error_state import (
     POSE,
     STATES,
     correct,
-    innovation_into,
     process_noise_into,
     propagate,
     transition_into,
@@ -36,42 +35,35 @@ class PoseFilterBank(FilterBank):
             f.P = self._covariance[i].copy()
 
     def _predict(self, mask: Bools, step: Floats) -> None:
+        state = self._state
         for i in np.flatnonzero(mask).tolist():
             f = self._filter[i]
-            transition_into(self._angular_rate[i], step[i], f.F)
+            transition_into(state.angular_rate[i], step[i], f.F)
             process_noise_into(step[i], self.acceleration_noise_m_s2, self.angular_acceleration_noise_rad_s2, f.Q)
             f.predict()
-            propagate(self._rotation[i], self._angular_rate[i], self._position[i], self._velocity[i], step[i])
+            propagate(state.rotation[i], state.angular_rate[i], state.position[i], state.velocity[i], step[i])
             self._covariance[i] = f.P
 
-    def _update(
-        self,
-        mask: Bools,
-        rotation: Floats,
-        position: Floats,
-        covariance: Floats,
-        rate_coupling: Floats,
-        accepted: Bools,
-        nis: Floats,
-    ) -> None:
-        y, h = np.empty((POSE, 1)), np.empty((POSE, STATES))
+    def _update(self, mask: Bools, given: Given, accepted: Bools, nis: Floats) -> int:
+        state = self._state
         for i in np.flatnonzero(mask).tolist():
-            f = self._filter[i]
-            innovation_into(rotation[i], position[i], self._rotation[i], self._position[i], rate_coupling[i], y, h)
+            f, n = self._filter[i], given.rows[i]
+            h = given.h[i, :n]
             x_prior, p_prior = f.x, f.P
             try:
                 # y is a column, as Hx is: filterpy would broadcast a 1-D measurement into a matrix.
-                f.update(y, _matrix, _predicted, R=covariance[i], args=(h,), hx_args=(h,))
+                f.update(given.y[i, :n, None], _matrix, _predicted, R=given.r[i, :n, :n], args=(h,), hx_args=(h,))
                 nis[i] = f.mahalanobis**2
-            except ValueError as error:  # a singular S, or the root of a negative number
+            except ValueError:  # a singular S, or the root of a negative number
                 f.x, f.P = x_prior, p_prior
-                raise ValueError(f"covariance: not positive definite for craft {i}") from error
-            accepted[i] = nis[i] <= self.gate
+                return i
+            accepted[i] = nis[i] <= given.gate[n]
             if accepted[i]:
-                correct(self._rotation[i], self._angular_rate[i], self._position[i], self._velocity[i], f.x)
+                correct(state.rotation[i], state.angular_rate[i], state.position[i], state.velocity[i], f.x)
                 self._covariance[i] = f.P
             else:
                 f.x, f.P = x_prior, p_prior
+        return -1
 
 
 def _matrix(x: Floats, h: Floats) -> Floats:
