@@ -1,4 +1,4 @@
-"""What guides the craft of a scenario: docking, formations, station keeping."""
+"""The guidance of the craft: docking, formations, station keeping."""
 
 from collections.abc import Sequence
 
@@ -55,7 +55,7 @@ def facing_port(mating: Mating, station: Reference) -> tuple[float, float, float
 
 
 def guidance(settings: Scenario, pairs: Sequence[Mating], station: Reference) -> Guidance | None:
-    """Return everything that guides, None where nothing does.
+    """Return the guidance of all craft, None where no craft is guided.
 
     Args:
         settings: The scenario.

@@ -1,1 +1,1 @@
-"""Where craft decide to fly: docking, formations, station keeping, by what each knows and by what others broadcast."""
+"""Guidance: docking, formations and station keeping, by each craft's estimate and the broadcasts of the others."""

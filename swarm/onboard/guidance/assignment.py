@@ -1,4 +1,4 @@
-"""Who flies to which place of a new formation: the least sum of squared distances.
+"""The assignment of craft to the places of a new formation: the least sum of squared distances.
 
 Straight lines flown in step between places more than 2 sqrt(2) R apart, so assigned, keep craft of radius R clear of
 each other (Turpin, Michael and Kumar, "CAPT", Int. J. Robotics Research 33(1), 2014, theorem 1). SciPy finds the

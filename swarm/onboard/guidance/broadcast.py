@@ -1,4 +1,4 @@
-"""What craft tell each other: once per lighthouse period, each its own position and velocity as it believes them.
+"""Broadcasts between craft: once per lighthouse period, each its own position and velocity as it believes them.
 
 A message is heard one period after its estimate was made. Who is not heard (its filter knows nothing, or it is lost) is
 believed to fly on straight from its last message, for some seconds; then it is forgotten.
@@ -15,7 +15,7 @@ FORGOTTEN_S = 5.0
 
 
 class Heard(NamedTuple):
-    """Where C craft are by their broadcasts: position (C, 3) [m], velocity (C, 3) [m/s]; known: (C,)."""
+    """The craft by their broadcasts: position (C, 3) [m], velocity (C, 3) [m/s]; known: (C,)."""
 
     position: Floats
     velocity: Floats
@@ -45,7 +45,7 @@ class Broadcasts:
         self._sent = position.copy(), velocity.copy(), age_s
 
     def heard(self) -> Heard:
-        """Where everybody is now, as far as they have said."""
+        """Return the craft as they are now by their broadcasts."""
         known = self._age_s <= FORGOTTEN_S
         age = np.where(known, self._age_s, 0.0)[:, None]
         return Heard(self._position + self._velocity * age, self._velocity.copy(), known)

@@ -67,7 +67,7 @@ class Docking:
         sigma_m: float,
         latched: bool,
     ) -> Moving:
-        """Where the craft should be at `time_s` [s], and how it should move on from there for a period.
+        """Return where the craft should be at `time_s` [s], and how it should move on from there for a period.
 
         position, velocity: (3,), its own, as it believes them, NaN where it knows none; at: how it believes its port
         to stand to the target's. tracking: whether it has had a pose this period; sigma_m: of its position. latched:
@@ -88,7 +88,7 @@ class Docking:
         self.phase, self._since_s = phase, time_s
 
     def _decide(self, time_s: float, position: Floats, velocity: Floats, at: Closing, latched: bool) -> None:
-        """Which phase it is from now on."""
+        """Enter the phase that begins now, if one does."""
         plan, trusted = self._plan, self._good_s >= self._plan.settle_s
         inwards = self.phase in (Phase.APPROACH, Phase.FINAL)
         if self.phase == Phase.DOCKED:
@@ -111,12 +111,12 @@ class Docking:
             self._leave_inwards(time_s, at)
 
     def _missed(self) -> bool:
-        """Whether it should have been latched by now."""
+        """Return whether the craft should have been latched by now."""
         beyond = float((self._docked_m - self._reference.position) @ self._axis)
         return self.phase == Phase.FINAL and beyond > OVERTRAVEL_M
 
     def _retreat(self, time_s: float) -> None:
-        """Back to the hold point that it came from; after too many times, to the first one for good."""
+        """Go back to the hold point that the craft came from; after too many times, to the first one for good."""
         if self.phase == Phase.APPROACH:
             self._leg -= 1
         self._retreats += 1
@@ -127,7 +127,7 @@ class Docking:
             self._enter(Phase.RETREAT, time_s)
 
     def _found(self, time_s: float, position: Floats, velocity: Floats) -> None:
-        """Its navigation is back: on from where it is."""
+        """Go on from the present position, with the navigation back."""
         self._reference = Moving(position, velocity, np.zeros(3))
         if self._interrupted in (Phase.APPROACH, Phase.FINAL):
             if self._interrupted == Phase.APPROACH:
@@ -154,7 +154,7 @@ class Docking:
         return there and float(np.linalg.norm(self._reference.velocity)) < self._slope.slope_per_s * ARRIVED_M * 2
 
     def _follow(self, now: Moving) -> Moving:
-        """The reference one period later."""
+        """Return the reference one period later."""
         plan, period = self._plan, self._period_s
         if self.phase in (Phase.WAIT, Phase.LOST, Phase.DOCKED):
             return brake(now, plan.brake_m_s2, period)

@@ -45,7 +45,9 @@ class Formation:
         self._begun_s, self._length_s = 0.0, 0.0
 
     def at(self, time_s: float, heard: Heard) -> Motion:
-        """Where the craft of the formation should be now, (N, 3) each. heard: decides places when a figure ends."""
+        """Return where the craft of the formation should be now, (N, 3) each. heard: decides places when a figure
+        ends.
+        """
         after = self._current + 1
         if after < len(self._shapes) and time_s >= self._table.figures[after].at_s:
             self._begin(time_s, heard)
@@ -64,11 +66,11 @@ class Formation:
         )
 
     def transferring(self, time_s: float) -> bool:
-        """Whether the craft are between two figures."""
+        """Return whether the craft are between two figures."""
         return time_s < self._begun_s + self._length_s
 
     def phase(self, time_s: float) -> Phase:
-        """What all of them are doing."""
+        """Return the phase of all craft."""
         return Phase.TRANSFER if self.transferring(time_s) else Phase.KEEP
 
     def _begin(self, time_s: float, heard: Heard) -> None:
@@ -86,11 +88,11 @@ class Formation:
         self._length_s = PEAK_TO_MEAN * farthest / self._table.speed_m_s
 
     def at_figure(self, time_s: float) -> Floats:
-        """The places (N, 3) [m] in the figure last wanted."""
+        """Return the places (N, 3) [m] in the figure last wanted."""
         shape, place = self._to
         return _taken(shape, place, time_s).position
 
 
 def _taken(shape: Shape, place: Ints, time_s: float) -> Motion:
-    """The places of a shape, in the order of the craft that have taken them."""
+    """Return the places of a shape, in the order of the craft that have taken them."""
     return Motion(*(part[place] for part in shape.at(time_s, len(place))))

@@ -24,7 +24,7 @@ from swarm.onboard.guidance.phase import Phase
 
 
 class Knowledge(NamedTuple):
-    """What else C craft know: tracking (C,), whether each has had a pose in the last period; sigma_m (C,), of its
+    """Further knowledge of C craft: tracking (C,), whether each has had a pose in the last period; sigma_m (C,), of its
     position; latched (C,), the switch in its port.
     """
 
@@ -34,8 +34,8 @@ class Knowledge(NamedTuple):
 
 
 class Clearance(NamedTuple):
-    """Who keeps clear of whom: craft (M,) at least distance_m (M,) away from every other craft that it hears, with a
-    braking acceleration of brake_m_s2 (M,).
+    """The craft that keep clear of others: craft (M,) at least distance_m (M,) away from every other craft that it
+    hears, with a braking acceleration of brake_m_s2 (M,).
     """
 
     craft: Ints
@@ -62,17 +62,17 @@ class Guidance:
         self._air = Broadcasts(count, period_s)
         guided = np.array([g is not None for g in gains], dtype=np.bool_)
         self.feedback: Feedback = feedback(count)
-        """Of every craft: the regulator's, of those that are guided."""
+        """The feedback of every craft: the regulator's for those that are guided."""
         for i, own in enumerate(gains):
             if own is not None:
                 self.feedback.stiffness[i], self.feedback.damping[i] = own
         self.phase: Ints = np.where(guided, Phase.KEEP, Phase.NONE).astype(np.int64)
-        """(C,), of `Phase`."""
+        """The phase of every craft, (C,), of `Phase`."""
         self.gave_way: Bools = np.zeros(count, dtype=np.bool_)
-        """(C,), who did not do what it wanted, to keep clear."""
+        """The craft that gave way to keep clear, (C,)."""
 
     def steer(self, time_s: float, believed: State, known: Knowledge) -> Steered:
-        """Where the craft that do not follow a fixed path should be at `time_s` [s]."""
+        """Return where the craft that do not follow a fixed path should be at `time_s` [s]."""
         silent = ~self._speaks[:, None]
         self._air.tell(np.where(silent, np.nan, believed.position), np.where(silent, np.nan, believed.velocity), 0.0)
         craft: list[Ints] = []
@@ -114,7 +114,7 @@ class Guidance:
 
 
 def _stands(docking: Docking, believed: State) -> Closing:
-    """How the craft believes its port to stand to the target's, which is at rest."""
+    """Return how the craft believes its port to stand to the target's, which is at rest."""
     i = docking.craft
     own = placed(docking.own, believed.rotation[i], believed.position[i])
     arm = believed.rotation[i] @ docking.own.position

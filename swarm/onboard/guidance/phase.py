@@ -1,4 +1,4 @@
-"""What a guided craft is doing; the names are `swarm.results.columns.guidance.PHASES`."""
+"""The phases of a guided craft; the names are `swarm.results.columns.guidance.PHASES`."""
 
 from enum import IntEnum
 
