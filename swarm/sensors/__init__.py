@@ -1,1 +1,1 @@
-"""What physics delivers to a craft: which photodiode is lit, and when."""
+"""The sensors: the light, images and scans that physics delivers to a craft."""

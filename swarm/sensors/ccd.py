@@ -63,11 +63,11 @@ class Line(Protocol):
     """The ray cast that `swarm.sensors.visibility.Visibility` has."""
 
     def blocked(self, origin: Floats, point: Floats, position: Floats, quaternion: Floats) -> Bools:
-        """Whether something stands between `origin` (3,) and each `point` (N, 3), craft at the given poses."""
+        """Return whether something stands between `origin` (3,) and each `point` (N, 3), craft at the given poses."""
 
 
 class Motion(Protocol):
-    """What the cameras need of `swarm.world.PeriodTruth`: knots over the period, the epoch in the middle."""
+    """The part of `swarm.world.PeriodTruth` that the cameras need: knots over the period, the epoch in the middle."""
 
     @property
     def time_s(self) -> Floats: ...  # noqa: D102
@@ -89,7 +89,7 @@ class Ccd:
         self._draws = Blocks(BLOCK, self._draw)
 
     def expose(self, truth: Motion, frame: int) -> LightImages:
-        """The images of period `frame`, taken at its epoch."""
+        """Return the images of period `frame`, taken at its epoch."""
         epoch = len(truth.time_s) // 2
         time_s, position, quaternion = float(truth.time_s[epoch]), truth.position[epoch], truth.quaternion[epoch]
         rotation = matrix_from_quaternion(quaternion)
@@ -127,13 +127,13 @@ class Ccd:
         )
 
     def _mounted(self, pair: Pair) -> Cameras:
-        """Where the cameras really are."""
+        """Return the cameras as they really are mounted."""
         draw = random.stream(self._seed, Purpose.CAMERA_MOUNTING, pair.key).standard_normal((2, 2, 3))
         turned = pair.cameras.rotation @ exp(pair.settings.mounting_error_rad * draw[:, 0])
         return Cameras(turned, pair.cameras.position_m + pair.settings.mounting_error_m * draw[:, 1])
 
     def _random_outages(self, pair: Pair, duration_s: float) -> list[Outage]:
-        """Failures as a Poisson process, each of exponential length, for both cameras by themselves."""
+        """Draw failures as a Poisson process, each of exponential length, for each camera by itself."""
         found: list[Outage] = []
         between_s, length_s = pair.table.failure_every_s, pair.table.failure_length_s
         if between_s is None:
@@ -157,7 +157,7 @@ class Ccd:
 
 
 def _in_field(r: Floats, settings: SI) -> Bools:
-    """Which lights (L, 3), in the camera's frame, are in its field and range."""
+    """Return which lights (L, 3), in the camera's frame, are in its field and range."""
     angle = np.abs(np.arctan2(r[:, :2], r[:, 2:])).max(axis=1)
     distance = np.linalg.norm(r, axis=1)
     inside: Bools = (
@@ -167,6 +167,6 @@ def _in_field(r: Floats, settings: SI) -> Bools:
 
 
 def _shines(ray: Floats, normal: Floats, cone_rad: float) -> Bools:
-    """Whether lights with `normal` (L, 3) shine back along the rays (L, 3) from the camera."""
+    """Return whether lights with `normal` (L, 3) shine back along the rays (L, 3) from the camera."""
     shines: Bools = -np.sum(ray * normal, axis=1) >= np.cos(cone_rad) * np.linalg.norm(ray, axis=1)
     return shines

@@ -63,7 +63,7 @@ def ghosts(
     position: Floats,
     quaternion: Floats,
 ) -> Ghost:
-    """What one craft's photodiodes see of the lighthouse by way of other craft, with all craft at these poses.
+    """Return the light that reaches one craft's photodiodes by way of other craft, with all craft at these poses.
 
     position: (C, 3) [m]. quaternion: (C, 4). mirrors: the craft whose faces are considered.
     """

@@ -1,4 +1,4 @@
-"""What faults do to the pulses of one craft, between the light and its timing circuit.
+"""The effects of faults on the pulses of one craft, between the light and its timing circuit.
 
 All functions take and give a `Row`: one craft's pulses in order of rise. A flash is told from a sweep by its length, as
 on board. Instants are seconds after the nominal start of the lighthouse period.
@@ -40,7 +40,7 @@ class Clock(NamedTuple):
         return late.astype(np.int64)
 
     def flash(self, row: Row) -> Bools:
-        """Which pulses (P,) are flashes."""
+        """Return which pulses (P,) are flashes."""
         out: Bools = row.width * self.tick_s >= SYNC_WIDTH_S / 2
         return out
 
@@ -85,7 +85,7 @@ def joined(row: Row, more: Row) -> Row:
 
 
 def of_photodiodes(row: Row, photodiodes: Ints | tuple[int, ...]) -> Bools:
-    """Which pulses (P,) are of one of these."""
+    """Return which pulses (P,) are of one of these."""
     out: Bools = np.isin(row.photodiode, np.asarray(photodiodes, dtype=np.int64))
     return out
 

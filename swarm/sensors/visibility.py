@@ -1,4 +1,4 @@
-"""Which photodiodes the lighthouse's light reaches: field, range, incidence, then a ray against every craft's shape.
+"""The lighthouse's line of sight to every photodiode: field, range, incidence, then a ray against every craft's shape.
 
 Lighthouse frame = MuJoCo's world frame: the light starts at the origin and goes along +z. A photodiode at p with normal
 n is lit when
@@ -100,7 +100,7 @@ class Visibility:
         return craft, photodiodes
 
     def lit(self, position: Floats, quaternion: Floats) -> Bools:
-        """Which photodiodes (C, K) are lit with the craft at `position` (C, 3) [m], `quaternion` (C, 4) wxyz."""
+        """Return which photodiodes (C, K) are lit with the craft at `position` (C, 3) [m], `quaternion` (C, 4) wxyz."""
         lit: Bools = self.state(position, quaternion) == Sight.LIT
         return lit
 
@@ -147,7 +147,7 @@ class Visibility:
 
     @property
     def solids(self) -> Solids:
-        """What can stand in the light, by craft."""
+        """The solids that can stand in the light, by craft."""
         return self._solids
 
     def blocked(
@@ -158,7 +158,7 @@ class Visibility:
         quaternion: Floats,
         through_lighthouse: bool = False,
     ) -> Bools:
-        """Whether something stands between `origin` (3,) [m], a camera, and each of the points (N, 3) [m].
+        """Return whether something stands between `origin` (3,) [m], a camera, and each of the points (N, 3) [m].
 
         The craft are at `position` (C, 3), `quaternion` (C, 4). The camera's own craft blocks too: a pinhole stands
         clear of its surface. through_lighthouse: the lighthouse's own body does not, as for its own light.
@@ -212,7 +212,7 @@ def _likely_planes(solids: Solids, photodiodes: Photodiodes) -> Ints:
 
 
 def _free_joint_address(model: mujoco.MjModel, body: int) -> int:
-    """Where the free joint of `body` starts in qpos: 3 of position, 4 of quaternion."""
+    """Return the start of the free joint of `body` in qpos: 3 of position, 4 of quaternion."""
     joint = model.body_jntadr[body]
     if joint < 0 or model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_FREE:
         raise ValueError(f"body {model.body(body).name!r} has no free joint")
@@ -220,7 +220,7 @@ def _free_joint_address(model: mujoco.MjModel, body: int) -> int:
 
 
 def _is_part_of(model: mujoco.MjModel, body: int, whole: int) -> bool:
-    """Whether `body` hangs below `whole`; parents come before their children, the world is nobody's part."""
+    """Return whether `body` hangs below `whole`; parents come before their children, the world is nobody's part."""
     while body > whole:
         body = int(model.body_parentid[body])
     return body == whole > 0

@@ -1,1 +1,1 @@
-"""Where craft should be: reference motions, and what pushes those that drift."""
+"""The reference motions of the craft, and the random pushes on them."""

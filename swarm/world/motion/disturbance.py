@@ -1,4 +1,4 @@
-"""What pushes a craft beside its own control: white accelerations, constant over each lighthouse period.
+"""Random pushes on a craft beside its own control: white accelerations, constant over each lighthouse period.
 
 They are the filter's own model of motion: with the same sigmas in both, a craft under control is as uncertain as its
 filter believes it to be.
@@ -18,7 +18,7 @@ BLOCK = 256
 
 
 class Disturbance(NamedTuple):
-    """What pushes C craft over one period: acceleration (C, 3) [m/s^2], angular_acceleration (C, 3) [rad/s^2]."""
+    """The pushes on C craft over one period: acceleration (C, 3) [m/s^2], angular_acceleration (C, 3) [rad/s^2]."""
 
     acceleration: Floats
     angular_acceleration: Floats
@@ -41,12 +41,12 @@ class Pushes:
 
     @property
     def pushed(self) -> Bools:
-        """(C,), who is pushed at all."""
+        """The craft that are pushed at all, (C,)."""
         pushed: Bools = np.any(self._sigma, axis=(1, 2))
         return pushed
 
     def at(self, frame: int) -> Disturbance:
-        """The accelerations in lighthouse period `frame`."""
+        """Return the accelerations in lighthouse period `frame`."""
         draws, place = self._draws.at(frame)
         push = self._sigma * draws[place]
         return Disturbance(push[:, 0], push[:, 1])

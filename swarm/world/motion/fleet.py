@@ -1,4 +1,4 @@
-"""Where every craft should be: the courses of a scenario as smooth functions of time.
+"""The references of all craft: the courses of a scenario as smooth functions of time.
 
 Everything is in the lighthouse frame, SI units. The attitude of a craft on its path p(t) is
 
@@ -33,7 +33,9 @@ LEAST_OFF_AXIS_M = 1e-6
 
 
 class Start(NamedTuple):
-    """How C craft start: position (C, 3) [m], quaternion (C, 4) wxyz, velocity (C, 3), angular_rate (C, 3) [rad/s]."""
+    """The start of C craft: position (C, 3) [m], quaternion (C, 4) wxyz, velocity (C, 3), angular_rate (C, 3)
+    [rad/s].
+    """
 
     position: Floats
     quaternion: Floats
@@ -83,7 +85,7 @@ class Fleet:
         )
 
     def start(self) -> Start:
-        """Return how every craft starts: its reference at time 0."""
+        """Return the start of every craft: its reference at time 0."""
         first = self.at(0.0)
         quaternion = rot.quaternion_from_matrix(first.rotation)
         return Start(first.position, quaternion, first.velocity, first.angular_rate)
@@ -94,7 +96,7 @@ class Fleet:
         return self._pushes.pushed
 
     def disturbance(self, frame: int) -> Disturbance:
-        """Return what pushes the drifting craft in lighthouse period `frame`; zero for the others."""
+        """Return the pushes on the drifting craft in lighthouse period `frame`; zero for the others."""
         return self._pushes.at(frame)
 
     def _paths_at(self, time_s: float) -> Motion:
