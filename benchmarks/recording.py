@@ -17,9 +17,11 @@ from period import captured
 from rerun.chunk import RrdReader
 
 from estimators.rotation import xyzw_from_wxyz
+from swarm.flight.scene import scene
 from swarm.results.period import Period
 from swarm.results.recording.recording import Recording
 from swarm.results.records import Errors
+from swarm.scenario import load
 
 PERIODS, BY_LOG = 120, 4
 
@@ -28,6 +30,7 @@ def main() -> None:
     """Measure, show, write."""
     chosen = options(__doc__, craft=(1000, "craft"), repeats=(5, "repetitions"))
     c = captured(chosen.craft)
+    shown = scene(load("swarm1000", [f"swarm.count={chosen.craft}"]), c.flight)
     sight = np.minimum(c.sight[..., 0], c.sight[..., 1])
     errors = Errors(*np.abs(np.random.default_rng(0).standard_normal((7, chosen.craft))))
     turn = xyzw_from_wxyz(c.truth.quaternion)
@@ -36,7 +39,7 @@ def main() -> None:
         file = Path(name) / "recording.rrd"
         for _ in range(chosen.repeats + 1):
             with timed(times["recording"]):
-                recording = Recording(file, c.flight.scene)
+                recording = Recording(file, shown)
                 for frame in range(PERIODS):
                     recording.append(Period(frame, frame / 60, c.truth, sight, c.angles, c.estimate), errors)
                 recording.close()

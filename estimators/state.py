@@ -7,6 +7,8 @@ import numpy as np
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats, Ints
 
+STATES = 12
+"""Components of the error of a state: attitude, angular rate, position and velocity, three each."""
 Vector = tuple[float, float, float]
 """Three numbers along x, y, z."""
 

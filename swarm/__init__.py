@@ -9,7 +9,6 @@ What is named here is imported when it is first used, so that `import swarm` and
 """
 
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -51,10 +50,7 @@ _HOME = {
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
-        try:
-            return version("lighthouse-swarm")
-        except PackageNotFoundError:
-            return "0+unknown"
+        return import_module("swarm.version").VERSION
     if name not in _HOME:
         raise AttributeError(f"module 'swarm' has no attribute {name!r}")
     return getattr(import_module(_HOME[name]), name)

@@ -23,6 +23,7 @@ import numpy as np
 from estimators.arrays import Bools, Floats
 from estimators.kernel import kernel
 from estimators.rotation import exp_into, left_jacobian_into, log_into, multiply_into
+from estimators.state import STATES as STATES
 from estimators.state import State
 
 DEFAULT_ACCELERATION_NOISE_M_S2 = 0.2
@@ -30,7 +31,7 @@ DEFAULT_ACCELERATION_NOISE_M_S2 = 0.2
 DEFAULT_ANGULAR_ACCELERATION_NOISE_RAD_S2 = math.radians(12.0)
 """White angular acceleration [rad/s^2] per axis, constant over a period (docs/filter.md)."""
 
-STATES, POSE = 12, 6
+POSE = 6
 POSE_COLUMNS = np.array([0, 1, 2, 6, 7, 8])
 """Columns of (attitude, position) in the state."""
 RATE_COLUMNS = np.array([3, 4, 5, 9, 10, 11])

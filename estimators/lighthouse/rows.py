@@ -18,11 +18,11 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.arrays import Floats, Ints
-from estimators.filter.error_state import STATES
 from estimators.kernel import kernel
 from estimators.lighthouse.projection import checked
 from estimators.lighthouse.sweep import FAN, LIGHTHOUSE_1, Fan, angle_gradient, kernel_fans, measured_angle
 from estimators.rotation import exp_into, left_jacobian_into
+from estimators.state import STATES
 
 
 class Station(NamedTuple):

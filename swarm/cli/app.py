@@ -78,9 +78,9 @@ def main() -> int:
 
 def _version(wanted: bool) -> None:
     if wanted:
-        from swarm import __version__
+        from swarm.version import VERSION
 
-        typer.echo(f"swarm {__version__}")
+        typer.echo(f"swarm {VERSION}")
         raise typer.Exit
 
 

@@ -23,9 +23,10 @@ def check(scenario: Scenario, overrides: Overrides = None, seed: Seed = None) ->
         builders.check(settings)
         if settings.criteria:
             from swarm.flight.flight import Flight
+            from swarm.flight.scene import scene
             from swarm.results.run_writer import check_criteria
 
-            check_criteria(settings, Flight(settings).scene)
+            check_criteria(settings, scene(settings, Flight(settings)))
         typer.echo(to_toml(settings), nl=False)
         if sys.stdout.isatty():
             typer.echo(

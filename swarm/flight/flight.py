@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarm.flight import builders
-from swarm.flight.scene import scene
 from swarm.hardware import Closing
 from swarm.results.period import Guided, Period
 from swarm.results.records import Truth
@@ -22,8 +21,8 @@ from swarm.world.world import PeriodTruth
 class Flight:
     """World, actuators, sensors, faults and computers of one scenario.
 
-    period_s: length of a lighthouse period [s]. scene: description of the flight for telemetry and recording. believed:
-    layout, fan errors and noise that the craft assume when they measure, for a calibration.
+    period_s: length of a lighthouse period [s]. believed: layout, fan errors and noise that the craft assume when they
+    measure, for a calibration.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -46,7 +45,6 @@ class Flight:
         self._told = builders.start_state(scenario, self.motions)
         self.command = builders.no_command(len(self.world.names))
         self.believed = builders.measured_by(scenario, self.world)
-        self.scene = scene(scenario, self)
 
     def fly(self) -> Iterator[Period]:
         """Fly one lighthouse period after the other, to the end of the scenario."""

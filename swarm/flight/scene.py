@@ -1,18 +1,14 @@
 """The description of a flight that telemetry and recording receive before its first period."""
 
-from typing import TYPE_CHECKING
-
 from swarm.assets import find_model
 from swarm.flight.builders import photodiodes
+from swarm.flight.flight import Flight
 from swarm.results.scene import CcdScene, Scene
 from swarm.scenario import Scenario
 from swarm.world.craft import visuals
 
-if TYPE_CHECKING:
-    from swarm.flight.flight import Flight
 
-
-def scene(scenario: Scenario, flight: "Flight") -> Scene:
+def scene(scenario: Scenario, flight: Flight) -> Scene:
     """Return the scene of a flight, all of whose parts have been built."""
     world, limits, faults = flight.world, scenario.navigation.integrity, flight.faults.names
     pairs = () if flight.sensors.ccd is None else flight.sensors.ccd.pairs

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Protocol
 
 from swarm.flight.flight import Flight
+from swarm.flight.scene import scene
 from swarm.results.period import Period
 from swarm.results.progress import Progress
 from swarm.results.run_folder import Run
@@ -69,7 +70,7 @@ def simulate(
     with writing_run(
         scenario,
         out,
-        flight.scene,
+        scene(scenario, flight),
         force=force,
         duration_s=scenario.duration_s,
         record=record and scenario.recording.enabled,

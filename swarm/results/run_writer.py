@@ -10,7 +10,6 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
-from swarm import __version__
 from swarm.errors import SwarmError
 from swarm.onboard.settings import Status
 from swarm.results.angles import AngleWriter, Believed
@@ -27,6 +26,7 @@ from swarm.results.summary import summarise_run
 from swarm.results.table import TelemetryTable
 from swarm.results.telemetry import Telemetry
 from swarm.scenario import Scenario, to_toml
+from swarm.version import VERSION
 
 VERSIONS = ("mujoco", "numpy", "scipy", "numba", "filterpy", "rerun-sdk")
 """Packages that a run's numbers depend on."""
@@ -175,7 +175,7 @@ def _recorder(folder: RunFolder, scene: Scene, record: bool, live: bool) -> Reco
 def versions() -> list[str]:
     """Return the versions that a run's numbers depend on, a line each."""
     return [
-        f"lighthouse-swarm {__version__}",
+        f"lighthouse-swarm {VERSION}",
         f"Python {platform.python_version()}",
         *(f"{name} {version(name)}" for name in VERSIONS),
     ]

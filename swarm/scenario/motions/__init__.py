@@ -12,7 +12,8 @@ from swarm.scenario.motions.approach import Approach
 from swarm.scenario.motions.base import Attitude, Course, Motion, Place
 from swarm.scenario.motions.dock import Dock
 from swarm.scenario.motions.drift import Drift
-from swarm.scenario.motions.formation import Figure, Formation
+from swarm.scenario.motions.figure import Figure
+from swarm.scenario.motions.formation import Formation
 from swarm.scenario.motions.hold import Hold
 from swarm.scenario.motions.keep import Keep
 from swarm.scenario.motions.ring import Ring

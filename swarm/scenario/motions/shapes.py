@@ -18,7 +18,7 @@ so that seen along the radius (y, z) it is a circle of radius r.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -27,10 +27,8 @@ from estimators.relative_orbit import RelativeOrbit
 from estimators.rotation import exp
 from estimators.state import Motion
 from swarm.errors import SwarmError
+from swarm.scenario.motions.figure import Figure
 from swarm.units import si
-
-if TYPE_CHECKING:
-    from swarm.scenario.motions.formation import Figure
 
 
 class Shape(Protocol):
@@ -44,7 +42,7 @@ class Shape(Protocol):
 class Rigid:
     """A figure that turns about its normal. centre_m: (3,), where the table does not say so itself."""
 
-    figure: "Figure"
+    figure: Figure
     centre_m: Sequence[float]
 
     def at(self, time_s: float, count: int) -> Motion:
@@ -61,7 +59,7 @@ class Rigid:
 class ProjectedCircle:
     """The projected circular orbit (P1) about a centre (3,) [m]."""
 
-    figure: "Figure"
+    figure: Figure
     centre_m: Sequence[float]
     orbit: RelativeOrbit
 
@@ -77,7 +75,7 @@ class ProjectedCircle:
         return Motion(np.array(self.centre_m) + position, velocity, -(n**2) * position)
 
 
-def shape_of(figure: "Figure", centre_m: Sequence[float], orbit: RelativeOrbit | None) -> Shape:
+def shape_of(figure: Figure, centre_m: Sequence[float], orbit: RelativeOrbit | None) -> Shape:
     """Return the shape of a figure.
 
     Args:

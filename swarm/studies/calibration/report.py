@@ -11,11 +11,11 @@ from rich.table import Table
 from estimators.arrays import Floats
 from estimators.calibration.model import gibbous_sigma
 from estimators.lighthouse.sweep import FanErrors
-from swarm import __version__
 from swarm.flight.recordings.calibration_file import calibration_text
 from swarm.flight.recordings.station_calibration import StationCalibration
 from swarm.studies.calibration.calibrate import HELD_OUT_EVERY, Calibrated
 from swarm.tables import table
+from swarm.version import VERSION
 
 LIMIT = 1.1
 """Held-out residuals up to so many times the noise are noise."""
@@ -67,7 +67,7 @@ def file_text(found: Calibrated) -> str:
         name: found.result.point_sigma_m[points]
         for name, points in zip(found.seen.believed.craft, found.points, strict=True)
     }
-    head = [f"Calibration by lighthouse-swarm {__version__}, {now}", *findings(found)]
+    head = [f"Calibration by lighthouse-swarm {VERSION}, {now}", *findings(found)]
     return calibration_text(station, fan_sigmas(found), point_sigma, head)
 
 

@@ -8,7 +8,6 @@ from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from swarm import __version__
 from swarm.results.owned_folder import STOPPED
 from swarm.results.run_writer import versions
 from swarm.studies.campaign import cluster
@@ -16,6 +15,7 @@ from swarm.studies.campaign.plan import PlannedRun, default_folder, plan
 from swarm.studies.campaign.study import Study, study_toml
 from swarm.studies.campaign.study_folder import STUDY, FinishedStudy, Row, StudyFolder, open_study
 from swarm.studies.campaign.task import COMPLETE, FAILED, Flown, Order
+from swarm.version import VERSION
 
 OVERHEAD_CRAFT = 10
 """The fixed cost of a run, in units of the cost of a craft; for the time left."""
@@ -64,7 +64,7 @@ def conduct(
         head = {
             "name": study.name,
             "description": study.description,
-            "version": __version__,
+            "version": VERSION,
             "versions": made_with,
             "command": command,
             "machine": f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores",

@@ -13,10 +13,10 @@ from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import Any, NamedTuple
 
-from swarm import __version__
 from swarm.errors import SwarmError
 from swarm.scenario import Scenario
 from swarm.units import split_unit
+from swarm.version import VERSION
 
 COMPLETE, FAILED, LOST = "complete", "failed", "lost"
 """Status of a row. failed: the run cannot be flown, and never could. lost: it could perhaps be, by another worker."""
@@ -36,7 +36,7 @@ class Order:
     scenario: dict[str, Any]
     measure: tuple[str, ...] = ()
     telemetry: bool = False
-    version: str = __version__
+    version: str = VERSION
 
 
 class Flown(NamedTuple):
@@ -58,8 +58,8 @@ def fly(order: Order) -> Flown:
     telemetry: bytes | None = None
     status, reason = COMPLETE, ""
     try:
-        if order.version != __version__:
-            status, reason = LOST, f"a worker has lighthouse-swarm {__version__}, the study {order.version}"
+        if order.version != VERSION:
+            status, reason = LOST, f"a worker has lighthouse-swarm {VERSION}, the study {order.version}"
         else:
             metrics, telemetry = _fly(order)
     except SwarmError as error:

@@ -18,12 +18,12 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
-from swarm import __version__
 from swarm.figures import save
 from swarm.results.owned_folder import Contents, OwnedFolder
 from swarm.results.parquet import write_table
 from swarm.studies.papers.experiment import Experiment, Limits, Line, Outcome, Request, Value
 from swarm.tables import table
+from swarm.version import VERSION
 
 DATA, COMPARISON, PNG, SVG = "data.parquet", "comparison.json", "figure.png", "figure.svg"
 CONTENTS = Contents("an experiment", COMPARISON, (DATA, PNG, SVG))
@@ -60,7 +60,7 @@ def write(
         for file in (PNG, SVG):
             owned.replace(file, lambda temporary: save(outcome.figure, temporary, salt=name))
         body = {
-            "version": __version__,
+            "version": VERSION,
             "experiment": name,
             "source": experiment.source,
             "figure": experiment.figure,
