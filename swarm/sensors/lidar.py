@@ -1,17 +1,17 @@
-"""A LiDAR that spins: lines of rays, cast through MuJoCo at everything that is there while everything moves.
+"""A spinning LiDAR: lines of rays, cast through MuJoCo at the whole scene while everything moves.
 
 The scanner's frame s sits on the craft (site `lidar`), z along the spin axis. Ray (i, j) of line i and step j has
 
     elevation e_i, evenly over the vertical field      azimuth a_j = a_0 + j da, over the horizontal field about x_s
     direction (cos e cos a, cos e sin a, sin e)        instant t_0 + j / steps * period
 
-and all lines of a step fire at once. The world is looked at in the middle of each physics step, so that a scan takes as
-long as it takes, of the target as of the scanner. A ray is bent by the angular jitter, meets the first surface of any
-craft or of the lighthouse (`mj_multiRay`: meshes by their triangles, the own craft too), and returns with probability
+and all lines of a step fire at once. The world is sampled in the middle of each physics step, so that both target and
+scanner move during a scan. A ray is deflected by the angular jitter, meets the first surface of any craft or of the
+lighthouse (`mj_multiRay`: meshes by their triangles, the own craft too), and returns with probability
 
     (1 - dropout) (1 - (incidence / incidence_max)^8) (1 - (range / range_max)^8)
 
-with a range that carries the noise. Draws go by craft and scan: no other craft changes them.
+with a range that carries the noise. Draws depend on craft and scan: no other craft changes them.
 """
 
 from collections.abc import Sequence
@@ -29,11 +29,16 @@ from swarm.units import si
 from swarm.world.world import PeriodTruth
 
 STEEPNESS = 8
-"""Half of the returns are lost at 0.92 of a limit."""
+"""Exponent of the loss of returns: half of them are lost at 0.92 of a limit."""
 
 
 class Mount(NamedTuple):
-    """A scanner on craft `craft`: rotation (3, 3) R_b_s, position (3,) [m] in its body."""
+    """A scanner on a craft.
+
+    craft: index of the craft.
+    rotation: attitude of the scanner in the body frame, R_b_s, (3, 3).
+    position: position of the scanner in the body frame, (3,) [m].
+    """
 
     craft: int
     rotation: Floats
@@ -41,7 +46,7 @@ class Mount(NamedTuple):
 
 
 class Lidar:
-    """The LiDARs of some craft, all of one kind: casts rays in its own `MjData`; the world's state is not touched."""
+    """The LiDARs of some craft, all of one kind; rays are cast in their own `MjData`, not in the world's state."""
 
     def __init__(
         self,
@@ -52,9 +57,15 @@ class Lidar:
         seed: int,
         keys: Sequence[int],
     ) -> None:
-        """Take the craft's root bodies (C,), each with a free joint, and who carries a scanner where.
+        """Prepare the rays of a scan.
 
-        keys: a number for each mount that its random draws go by.
+        Args:
+            model: compiled model of the world.
+            craft_bodies: root bodies of the craft, (C,), each with a free joint.
+            mounts: scanners and the craft that carry them.
+            table: the scenario's table.
+            seed: seed of the run.
+            keys: one number per mount that names its random draws.
         """
         self._model, self._data = model, mujoco.MjData(model)
         self._address = np.array([model.jnt_qposadr[model.body_jntadr[body]] for body in craft_bodies])
@@ -77,23 +88,24 @@ class Lidar:
         self._scan, self._fired = 0, 0
 
     def pattern(self, mount: int) -> LidarPattern:
-        """What the craft of this mount knows of its LiDAR."""
+        """Return the on-board computer's knowledge of a mount's LiDAR."""
         s, where = self.settings, self.mounts[mount]
         spacing = max(self._line_spacing_rad, s.resolution_rad)
-        # Of a perfect LiDAR, the computer believes a millimetre.
+        # The computer assumes 1 mm of range noise even for a perfect LiDAR.
         return LidarPattern(where.rotation, where.position, spacing, max(s.range_noise_m, 1e-3), 1 / s.rate_hz)
 
     def sweep(self, truth: PeriodTruth) -> list[LidarScan | None]:
-        """Fire what is due in one lighthouse period; for each mount the scan that has become complete, if one has.
+        """Fire the rays that are due in one lighthouse period.
 
-        At most one: of several in one period, the last.
+        Returns:
+            For each mount the scan that was completed in the period, or None; where several were completed, the last.
         """
         out: list[LidarScan | None] = [None] * len(self.mounts)
         for knot in range(len(truth.time_s) - 1):
             end_s = float(truth.time_s[knot + 1])
             pose = _halfway(truth.position[knot : knot + 2], truth.quaternion[knot : knot + 2])
             placed = False
-            # Half a nanosecond of slack, so that rounding never moves a ray into the next step.
+            # Half a nanosecond of margin, so that rounding never moves a ray into the next step.
             while (due := self._due(end_s - 5e-10)) > self._fired:
                 if not placed:
                     self._place(*pose)
@@ -108,14 +120,17 @@ class Lidar:
         return out
 
     def still(self, position: Floats, quaternion: Floats) -> list[LidarScan]:
-        """A whole scan of every mount with all craft at rest at `position` (C, 3) [m], `quaternion` (C, 4) wxyz."""
+        """Return a whole scan of every mount with all craft at rest.
+
+        The craft are at `position` (C, 3) [m] with attitude `quaternion` (C, 4) wxyz.
+        """
         self._place(position, quaternion)
         for i in range(len(self.mounts)):
             self._fire(i, slice(0, len(self._direction)), position, quaternion)
         return [scan for scan in self._complete() if scan is not None]
 
     def _due(self, time_s: float) -> int:
-        """How many rays of the running scan are to be fired before `time_s`."""
+        """Return the number of rays of the running scan that are due before `time_s`."""
         start_s = self._scan / self.settings.rate_hz
         return int(np.searchsorted(self._offset_s, time_s - start_s))
 
@@ -172,7 +187,7 @@ class Lidar:
 
 
 def _halfway(position: Floats, quaternion: Floats) -> tuple[Floats, Floats]:
-    """Poses in the middle of two, (2, C, 3) and (2, C, 4): on the straight line, at constant rate."""
+    """Return the poses midway between two, (2, C, 3) and (2, C, 4): on a straight line, at constant rate."""
     first, second = matrix_from_quaternion(quaternion)
     turn = exp(log(second @ np.swapaxes(first, -1, -2)) / 2)
     return position.mean(axis=0), quaternion_from_matrix(turn @ first)

@@ -1,4 +1,4 @@
-"""The lighthouse: two turning fans and two flashes per period, and the pulses that every craft logs of them.
+"""The lighthouse: two rotating fans and two flashes per period, and the pulses of them that every craft logs.
 
 Lighthouse frame: x right, y down, looking along +z. In the period that starts at t_k = frame / rate, fan X passes its
 zero at t_k and fan Y at t_k + T/2. A photodiode, moving with its craft, is hit by a fan at the instant t that solves
@@ -6,17 +6,17 @@ zero at t_k and fan Y at t_k + T/2. A photodiode, moving with its craft, is hit 
     measured(p(t)) + rotor error + own error = w (t - t_0),    w = 2 pi / T            (1), with (E) of
     estimators.lighthouse.sweep
 
-p(t) interpolated between the physics' knots as MuJoCo moves: a straight line and a turn at constant rate. Errors of
-one standard deviation s per angle: the rotor's part sqrt(rho) s is one draw per fan and sweep for the whole swarm, the
-own part sqrt(1 - rho) s one per photodiode, fan and sweep (19). Jitter shifts the flash, not the rotor.
+with p(t) interpolated between the physics' knots as MuJoCo moves: a straight line and a turn at constant rate. Each
+angle has an error of standard deviation s: the rotor's part sqrt(rho) s is one draw per fan and sweep for the whole
+swarm, the own part sqrt(1 - rho) s one per photodiode, fan and sweep (19). Jitter shifts the flash, not the rotor.
 
-What a craft logs, in ticks of its own clock (an unknown offset, no drift):
-- flash: rises at t_0 + jitter, as long as its fan's code says; seen by every photodiode in that fan's line of sight;
+A craft logs, in ticks of its own clock (an unknown offset, no drift):
+- flash: it rises at t_0 + jitter, and its width encodes the fan; every photodiode in that fan's line of sight sees it;
 - sweep: centred on the crossing, as long as the fan takes to pass the photodiode's face, a disc: diameter times the
   foreshortening along the fan's motion, over the distance from the rotor's axis, over w. The rise is rounded such that
   rise + width / 2 is within half a tick of the crossing. Nearer than 0.25 m the sweep over a 3 mm face is longer than
   half a flash, and a decoder cannot tell it from one.
-Light's travel time (67 ns at 20 m) is left out: it delays flash and sweep alike.
+The light's travel time (67 ns at 20 m) is neglected: it delays flash and sweep alike.
 """
 
 from collections.abc import Sequence
@@ -36,29 +36,33 @@ from swarm.sensors.crossing import cross_into, pack_into
 from swarm.units import si
 
 BLOCK = 64
-"""Frames whose random numbers are drawn at once."""
+"""Number of frames whose random numbers are drawn at once."""
 STRAY_WIDTH_MAX_S = SYNC_WIDTH_S / 10
 """Longest stray pulse [s]."""
 
 
 class Motion(Protocol):
-    """What the lighthouse needs of `swarm.world.PeriodTruth`: knots over the period, in the lighthouse frame."""
+    """The part of `swarm.world.PeriodTruth` that the lighthouse reads: knots over the period, lighthouse frame."""
 
     @property
     def time_s(self) -> Floats:
-        """(n + 1,) [s], from the period's start to its end."""
+        """Times of the knots from the period's start to its end, (n + 1,) [s]."""
 
     @property
     def position(self) -> Floats:
-        """(n + 1, C, 3) [m]."""
+        """Positions of the craft at the knots, (n + 1, C, 3) [m]."""
 
     @property
     def quaternion(self) -> Floats:
-        """(n + 1, C, 4) wxyz."""
+        """Attitudes of the craft at the knots, (n + 1, C, 4) wxyz."""
 
 
 class Rotor(NamedTuple):
-    """How the rotor turns in one period: its speed against the nominal one, and how late its zeros come [s]."""
+    """Motion of the rotor in one period.
+
+    speed: speed relative to the nominal one.
+    phase_s: delay of the rotor's zeros [s].
+    """
 
     speed: float = 1.0
     phase_s: float = 0.0
@@ -77,16 +81,16 @@ class _Draws(NamedTuple):
 
 
 class Lighthouse:
-    """Pulses of every craft, period by period; the same for the same frame, in whatever order frames are asked.
+    """The pulses of every craft, period by period; a frame's pulses do not depend on the order of the calls.
 
-    A draw depends on the seed, its purpose, the craft's key, its number of photodiodes and the frame: not on what is
-    lit, other craft, their number, padding, or the strength of any error.
+    A draw depends only on the seed, its purpose, the craft's key, its number of photodiodes and the frame: not on which
+    photodiodes are lit, on other craft, their number, padding, or the size of any error.
     """
 
     photodiodes: Photodiodes
-    """Where the photodiodes really are: the drawn layout plus the mounting error."""
+    """True positions of the photodiodes: the drawn layout plus the mounting error."""
     clock_offset_tick: Floats
-    """(C,) what each craft's clock shows at time zero [ticks]; a craft never learns it."""
+    """Reading of each craft's clock at time zero, (C,) [ticks]; unknown on board."""
 
     def __init__(
         self,
@@ -100,10 +104,14 @@ class Lighthouse:
 
         Args:
             layout: The photodiodes as drawn.
-            station: The scenario's table.
+            station: The scenario's table of the station.
             seed: The run's seed.
-            craft_keys: Different numbers >= 0, one per craft, that name the craft for good, if they may change places.
+            craft_keys: One number >= 0 per craft, all different, that names its draws; None: the index of the craft.
+                Keys keep a craft's draws the same when the order of the craft changes.
             frame: The station's frame in the world.
+
+        Raises:
+            ValueError: The keys are not as many different numbers as there are craft.
         """
         self.settings = settings = si(station)
         self.fans = fans(station)
@@ -119,16 +127,23 @@ class Lighthouse:
             mounted = seed if settings.mounting_seed is None else settings.mounting_seed
             mounting = random.stream(mounted, Purpose.MOUNTING, key).standard_normal((self._count[i], 3))
             point[i, layout.present[i]] += settings.mounting_error_m * mounting
-            # Up to 20 min of ticks, and never so few that a jitter in frame 0 makes them negative.
+            # Offsets of up to 20 min, and large enough that no jitter in frame 0 makes the ticks negative.
             offset[i] = self._stream(Purpose.CLOCK, key).uniform(1e6, 1e6 + 1200.0 / settings.tick_s)
         self.photodiodes = layout._replace(point_m=point)
         self.clock_offset_tick = offset
         self._draws = Blocks(BLOCK, self._draw)
 
     def sweep(self, truth: Motion, frame: int, lit: Bools, rotor: Rotor | None = None) -> Pulses:
-        """Pulses of the period `frame` with motion `truth`; `lit` (C, K, 2): in line of sight as fan X, Y sweeps.
+        """Return the pulses of one period.
 
-        rotor: how it turns, if not as it should.
+        Args:
+            truth: True motion over the period.
+            frame: Number of the period.
+            lit: Photodiodes in line of sight as fan X and fan Y sweep, (C, K, 2).
+            rotor: Motion of the rotor; None: nominal.
+
+        Raises:
+            ValueError: `lit` or the motion has the wrong shape.
         """
         settings, true = self.settings, self.photodiodes
         shape = (*true.present.shape, 2)
@@ -162,7 +177,7 @@ class Lighthouse:
             instant += turn.phase_s
         flash = turn.phase_s + np.array([0.0, turn_s / 2]) + settings.sync_jitter_s * draws.sync[i]
         flash_width = (SYNC_WIDTH_S + SYNC_WIDTH_STEP_S * np.arange(2)) / settings.tick_s
-        # A stray: which of its photodiodes, which instant of the period, how long.
+        # A stray pulse: index of the photodiode, instant within the period, width.
         scale = np.stack([self._count, np.full(shape[0], period), np.full(shape[0], STRAY_WIDTH_MAX_S)], axis=-1)
         stray = draws.stray[i] * scale[:, None, :]
         most = 4 * shape[1] + stray.shape[1]
@@ -205,7 +220,7 @@ class Lighthouse:
         stray = []
         for i, key in enumerate(self._keys):
             own = (BLOCK, int(self._count[i]), 2)
-            # Photodiodes come before the padding, and a slice is quicker than a mask.
+            # Photodiodes come before the padding, and a slice is faster than a mask.
             which = slice(own[1]) if present[i, : own[1]].all() else present[i]
             angle[:, i, which] = self._stream(Purpose.ANGLE, key, block).standard_normal(own)
             if settings.missed_sync_probability > 0:
