@@ -1,4 +1,4 @@
-"""Tables at a terminal: one look for all of them."""
+"""Tables at a terminal, all in one style."""
 
 from rich import box
 from rich.table import Table
@@ -8,8 +8,8 @@ def table(*heads: str, left: int = 1, tight: bool = False) -> Table:
     """Return an empty table.
 
     Args:
-        *heads: Heads of the columns.
-        left: Number of columns, from the left, that hold words; the others hold numbers, and stay in one line.
+        *heads: Headings of the columns.
+        left: Number of columns, from the left, that hold words; the others hold numbers, and are not wrapped.
         tight: Leave two blanks between columns instead of three.
     """
     made = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, 1, 0, 0) if tight else (0, 1))
