@@ -1,4 +1,4 @@
-"""Tables at a terminal: one look for all of them."""
+"""Tables at a terminal, all in one style."""
 
 from rich import box
 from rich.table import Table
@@ -8,8 +8,8 @@ def table(*heads: str, left: int = 1, tight: bool = False, wrap: bool = False) -
     """Return an empty table.
 
     Args:
-        *heads: Heads of the columns.
-        left: Number of columns, from the left, that hold words; the others hold numbers, and stay in one line.
+        *heads: Headings of the columns.
+        left: Number of columns, from the left, that hold words; the others hold numbers, and are not wrapped.
         tight: Leave two blanks between columns instead of three.
         wrap: Break the columns of numbers where the terminal is narrow, instead of the words.
     """

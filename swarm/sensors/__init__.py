@@ -1,1 +1,1 @@
-"""The sensors: the light, images and scans that physics delivers to a craft."""
+"""The sensors: which photodiodes are lit and when, camera images, and LiDAR scans, from the true motion."""

@@ -1,1 +1,1 @@
-"""The reference motions of the craft, and the random pushes on them."""
+"""Reference motions of the craft, and the disturbances of those that drift."""
