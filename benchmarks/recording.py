@@ -40,7 +40,7 @@ def main() -> None:
                 for frame in range(PERIODS):
                     recording.append(Period(frame, frame / 60, c.truth, sight, c.angles, c.estimate), errors)
                 recording.close()
-            every = recording._every if recording._crowd else 1
+            every = recording.draws_every
             stream = rr.RecordingStream("baseline")
             stream.save(Path(name) / "baseline.rrd")
             with timed(times["log per craft"]):

@@ -21,6 +21,10 @@ class State(NamedTuple):
     velocity: Floats
     angular_rate: Floats
 
+    def of(self, craft: int) -> "State":
+        """Return the state of one craft, without the craft axis."""
+        return State._make(part[craft] for part in self)
+
     def ahead(self, time_s: float) -> "State":
         """Return the state `time_s` later if the rates stay constant."""
         return self._replace(

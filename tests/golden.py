@@ -478,7 +478,7 @@ def _experiment(name: str, folder: Path) -> Values:
     values = Values()
     values.table("data", pq.read_table(folder / "out" / "data.parquet"))
     comparison = json.loads((folder / "out" / "comparison.json").read_text(encoding="utf-8"))
-    values.tree("comparison", comparison, ("program", "version", "versions"))
+    values.tree("comparison", comparison, ("program", "version", "versions", "status"))
     return values
 
 

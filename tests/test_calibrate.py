@@ -301,7 +301,7 @@ def test_the_command_writes_a_file_and_says_what_it_found(command, fly):
     read_calibration("calibration.toml")
     again = command("calibrate", str(fly(*QUICK).folder))
     assert again.code == 2
-    assert "calibration.toml exists already; --force replaces it" in again.err
+    assert "calibration.toml is there already; --force replaces it" in again.err
 
 
 def test_careless_users_get_one_message(command, fly, tmp_path):

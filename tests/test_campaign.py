@@ -22,7 +22,7 @@ from swarm.studies.campaign import cluster, conduct, study_folder
 from swarm.studies.campaign.conduct import StudyProgress
 from swarm.studies.campaign.plan import plan
 from swarm.studies.campaign.study import load_study, study_toml
-from swarm.studies.campaign.study_folder import JOURNAL, ROWS, STATE, FinishedStudy, open_study, table_of
+from swarm.studies.campaign.study_folder import JOURNAL, ROWS, STATE, FinishedStudy, open_study, rows_table
 from swarm.studies.campaign.task import LOST, Order, fly, is_wall_clock
 
 ROOT = Path(__file__).parents[1]
@@ -172,7 +172,7 @@ def test_a_kill_at_any_moment_leaves_what_was_finished(monkeypatch: pytest.Monke
     torn = json.dumps(rows[3])
     (done.folder / ROWS).unlink()
     (done.folder / JOURNAL).write_text("".join(json.dumps(row) + "\n" for row in rows[:3]) + torn[: len(torn) // 2])
-    assert open_study(done.folder).rows.to_pylist() == table_of(rows[:3], done.parameters).to_pylist()
+    assert open_study(done.folder).rows.to_pylist() == rows_table(rows[:3], done.parameters).to_pylist()
 
     flown: list[int] = []
     monkeypatch.setattr(cluster, "fly", lambda order: (flown.append(order.number), fly(order))[1])
@@ -245,7 +245,7 @@ def test_folders_are_never_overwritten_by_accident(monkeypatch: pytest.MonkeyPat
     busy.release()
     Path("mine").mkdir()
     Path("mine/runs.parquet").touch()
-    with pytest.raises(SwarmError, match=r"mine/runs\.parquet is not a study's"):
+    with pytest.raises(SwarmError, match=r"mine/runs\.parquet was not written by lighthouse-swarm, and a study"):
         conduct.conduct(study, out=Path("mine"), serial=True, force=True)
     monkeypatch.setattr(conduct, "versions", lambda: ["lighthouse-swarm 9.9"])
     with pytest.raises(
@@ -378,8 +378,8 @@ def test_numbers_pass_through_the_journal_unchanged(tmp_path: Path) -> None:
     for i, value in enumerate(values):
         folder.add({"run": i, "key": f"{i:016x}", "status": "complete", "reason": None, "seed": 1, "x": value})
     shutil.copytree(tmp_path, tmp_path.with_name("killed"))
-    folder.write_state("running")
+    folder.mark("running")
     (tmp_path / ROWS).unlink(missing_ok=True)
     assert open_study(tmp_path).rows.column("x").to_pylist() == values
-    folder.close()
+    folder.finish({})
     assert open_study(tmp_path).rows.column("x").to_pylist() == values

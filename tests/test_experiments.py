@@ -18,6 +18,7 @@ from swarm import random
 from swarm.errors import SwarmError
 from swarm.figures import Figure
 from swarm.hardware import Photodiodes
+from swarm.results.owned_folder import refuse_taken
 from swarm.scenario import Scenario
 from swarm.sensors.lighthouse import Lighthouse
 from swarm.studies.papers import EXPERIMENTS, find, reproduce, rungs
@@ -25,8 +26,8 @@ from swarm.studies.papers import lighthouse_dynamic as dynamic
 from swarm.studies.papers import lighthouse_error_budget as budget
 from swarm.studies.papers.alignment import align
 from swarm.studies.papers.bench import Bench, Box, Motion
-from swarm.studies.papers.experiment import Experiment, Grid, Line, Outcome, data
-from swarm.studies.papers.results import ResultFolder, print_comparison
+from swarm.studies.papers.experiment import Experiment, Grid, Line, Outcome, Request, data
+from swarm.studies.papers.results import CONTENTS, print_comparison, write
 
 FILES = {"data.parquet", "figure.png", "figure.svg", "comparison.json"}
 BOX = Box((0.0, 0.0, 2.5), (2.0, 1.0, 1.5), 0.5)
@@ -279,9 +280,13 @@ def outcome() -> Outcome:
 EXPERIMENT = Experiment("Someone", "figure 1", "what is seen", {"poses": 1}, lambda request: outcome())
 
 
+def request(seed: int) -> Request:
+    return Request(seed, {"poses": 1}, lambda share, what: None)
+
+
 def test_results_are_written_and_printed(tmp_path, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
-    done = ResultFolder(tmp_path / "x").write("some-name", EXPERIMENT, 3, {"poses": 1}, outcome())
+    done = write(tmp_path / "x", "some-name", EXPERIMENT, request(3), outcome())
     found = json.loads((tmp_path / "x" / "comparison.json").read_text())
     assert [row["met"] for row in found["comparison"]] == [True, False, None]
     assert found["comparison"][1]["ours"] is None
@@ -307,20 +312,20 @@ def test_results_are_written_and_printed(tmp_path, monkeypatch):
 
 
 def test_an_experiment_is_not_overwritten_without_force(tmp_path):
-    ResultFolder(tmp_path).write("some-name", EXPERIMENT, 3, {}, outcome())
+    write(tmp_path, "some-name", EXPERIMENT, request(3), outcome())
     with pytest.raises(SwarmError, match="holds an experiment already; --force "):
-        ResultFolder(tmp_path)
-    ResultFolder(tmp_path, force=True).write("some-name", EXPERIMENT, 4, {}, outcome())
+        write(tmp_path, "some-name", EXPERIMENT, request(3), outcome())
+    write(tmp_path, "some-name", EXPERIMENT, request(4), outcome(), force=True)
     assert json.loads((tmp_path / "comparison.json").read_text())["seed"] == 4
 
 
 def test_files_of_others_are_not_touched(tmp_path):
     (tmp_path / "figure.png").write_bytes(b"mine")
     with pytest.raises(SwarmError, match=r"figure\.png was not written by lighthouse-swarm"):
-        ResultFolder(tmp_path, force=True)
+        refuse_taken(tmp_path, CONTENTS, force=True)
     (tmp_path / "file").write_text("")
     with pytest.raises(SwarmError, match="a file is in its place"):
-        ResultFolder(tmp_path / "file")
+        refuse_taken(tmp_path / "file", CONTENTS, force=False)
 
 
 @pytest.mark.parametrize(

@@ -435,7 +435,10 @@ def test_a_scenario_with_faults_is_written_out_and_read_again(tmp_path):
 @pytest.mark.parametrize(
     ("fault", "message"),
     [
-        ('kind="thruster-stuck", at_s=1, thruster=0', "--set: fault[0].state: missing: How it is stuck."),
+        (
+            'kind="thruster-stuck", at_s=1, thruster=0',
+            "--set: fault[0].state: missing: State in which the thruster is stuck.",
+        ),
         ('kind="restart", at_s=1, crft="a"', "--set: fault[0].crft = \"a\": unknown key; did you mean 'craft'?"),
         ('kind="restart", at_s=-1', "--set: fault[0].at_s = -1: must be at least 0 s"),
         ('kind="restart", at_s=1, craft="nobody"', '--set: fault[0].craft[0] = "nobody": no craft has the name'),

@@ -181,7 +181,7 @@ def test_what_does_not_broadcast_is_not_heard_and_craft_without_guidance_fly_as_
     [
         (("craft[0].motion.target=birth",), "did you mean 'berth'"),
         (("craft[0].motion.target=servicer",), "its own target"),
-        (("craft[1].motion.kind=tumble",), "must hold its place"),
+        (("craft[1].motion.kind=tumble",), "must hold its position"),
         (("craft[0].motion.hold_s=[1.0]",), r"has 1 times for 2 hold_ranges_m"),
         (("craft[0].motion.hold_ranges_m=[0.4, 1.5]",), "must come nearer"),
         (("craft[0].motion.closing_speed_m_s=0.5",), "at most speed_m_s"),

@@ -19,6 +19,7 @@ from swarm.report.page import number, percent
 from swarm.report.rows import Rows
 from swarm.report.scaling_figures import central_line
 from swarm.report.write import write_report
+from swarm.results.owned_folder import Status
 from swarm.scenario import load
 from swarm.studies.campaign.study_folder import StudyFolder, open_study
 
@@ -62,23 +63,24 @@ def row(number: int, craft: int, seed: int) -> dict[str, Any]:
     }
 
 
-def study(folder: Path, rows: list[dict[str, Any]], parameters: list[str], status: str = "complete") -> Path:
+def study(folder: Path, rows: list[dict[str, Any]], parameters: list[str], status: Status = "complete") -> Path:
     made = StudyFolder(folder, parameters, {})
-    folder.mkdir()
     (folder / "study.toml").write_text('base = "cloud"\n')
     for one in rows:
         made.add(one)
-    made.close()
-    made.write_state(
+    made.finish({})
+    made.mark(
         status,
-        name="made-up",
-        description="Made up <b>",
-        command="swarm study made-up",
-        versions=["numpy 1"],
-        wall_s=9.0,
-        where="2 workers",
-        machine="none",
-        planned=len(rows),
+        {
+            "name": "made-up",
+            "description": "Made up <b>",
+            "command": "swarm study made-up",
+            "versions": ["numpy 1"],
+            "wall_s": 9.0,
+            "where": "2 workers",
+            "machine": "none",
+            "planned": len(rows),
+        },
     )
     return folder
 

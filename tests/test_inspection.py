@@ -8,9 +8,10 @@ from lidar_target import NOISE_M, attitudes, crooked, directions, scan_of
 
 from estimators import rotation as rot
 from estimators.arrays import Floats
+from estimators.state import State
 from swarm.messages import LidarPattern, LidarScan
 from swarm.onboard.inspection import LIDAR_SENSOR, Inspection, InspectionSettings, Observer
-from swarm.onboard.lidar import Motion, at_epoch
+from swarm.onboard.lidar import at_epoch
 from swarm.onboard.settings import Status
 from swarm.results.columns.core import SENSORS
 
@@ -155,9 +156,17 @@ def test_one_observer_alone_does_not_overrule_the_others():
 def test_a_scan_is_moved_to_its_epoch():
     """Scanner and target move while the scanner turns: with the true rates, the scan is that of a moment."""
     rng = np.random.default_rng(9)
-    me = Motion(np.eye(3), np.zeros(3), np.radians([0.0, 0.0, 8.0]), np.array([0.0, 0.4, 0.0]))
-    target = Motion(
-        attitudes(1, seed=10)[0], np.array([5.0, 0, 0]), np.radians([5.0, -9.0, 7.0]), np.array([0.3, 0, 0])
+    me = State(
+        rotation=np.eye(3),
+        position=np.zeros(3),
+        velocity=np.array([0.0, 0.4, 0.0]),
+        angular_rate=np.radians([0.0, 0.0, 8.0]),
+    )
+    target = State(
+        rotation=attitudes(1, seed=10)[0],
+        position=np.array([5.0, 0, 0]),
+        velocity=np.array([0.3, 0, 0]),
+        angular_rate=np.radians([5.0, -9.0, 7.0]),
     )
     still = scan_of(crooked(), target.rotation, target.position, rng, noise_m=1e-12)
     tau = np.linspace(-0.1, 0.0, len(still.range_m))

@@ -142,7 +142,7 @@ def test_a_real_spacecraft_is_acquired_from_its_mesh_alone():
     ("changes", "message"),
     [
         (['craft[0].lidar.target="satelite"'], "no craft has this name; did you mean 'satellite'"),
-        (["craft[1].passive=false"], "must be passive: who navigates by itself is not inspected"),
+        (["craft[1].passive=false"], "must be passive: a craft that navigates by itself is not inspected"),
         (["craft[0].lidar.rate_hz=120"], "at most one scan per lighthouse period, 60 Hz"),
         (["craft[0].lidar.range_min_m=80"], "must be below range_max_m = 60.0 m"),
         (["craft[0].lidar.lines=0"], "must be at least 1"),

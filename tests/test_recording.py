@@ -22,7 +22,10 @@ from swarm.hardware import pad
 from swarm.results.columns.peer import PEER
 from swarm.results.recording import drawing, plots, viewer
 from swarm.results.recording import scene as recorder
-from swarm.results.recording.recording import ENLARGED, FAN_TURN_S, Recording
+from swarm.results.recording.batch import kept
+from swarm.results.recording.estimates import ENLARGED
+from swarm.results.recording.lighthouse import FAN_TURN_S
+from swarm.results.recording.recording import Recording
 from swarm.results.recording.scene import NullRecording, Scene
 from swarm.results.records import Errors, Peer, Truth
 from swarm.results.telemetry import Telemetry
@@ -259,8 +262,8 @@ def test_values_are_kept_though_the_run_reuses_its_arrays():
     estimate = estimate_of(truth, np.random.default_rng(0))
     errors, shown = Errors(*np.zeros((7, 2))), np.zeros((2, 0))
     now = period_of(0.0, 0, truth, estimate, sight=np.zeros((2, 6), dtype=np.int8))
-    kept = plots.kept(now, errors, truth.quaternion, shown)
-    for values in kept:
+    copies = kept(now, errors, shown)
+    for values in (*copies.errors, *(getattr(copies, n) for n in copies._fields if n not in ("errors", "clouds"))):
         assert not any(np.shares_memory(values, given) for given in (*truth, *estimate[4:]))
 
 

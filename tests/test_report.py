@@ -13,7 +13,8 @@ from rich.cells import cell_len
 from rich.console import Console
 
 from swarm.cli.progress import COMPILING, ProgressDisplay
-from swarm.report.run_table import findings, print_report, warnings
+from swarm.report.findings import findings, warnings
+from swarm.report.run_table import print_report
 from swarm.results.progress import Progress
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -35,8 +35,9 @@ from estimators.lidar.acquisition import Verdict, acquire
 from estimators.lidar.scan import Scan
 from estimators.lidar.shape import Shape
 from estimators.lidar.tracking import track
+from estimators.state import State
 from swarm.messages import LidarPattern, LidarScan
-from swarm.onboard.lidar import Motion, at_epoch, scanner
+from swarm.onboard.lidar import at_epoch, scanner
 from swarm.onboard.navigation import Estimate
 from swarm.onboard.settings import Status
 
@@ -198,10 +199,10 @@ class Inspection:
     def _observe(self, i: int, scan: LidarScan, own: Estimate, epoch_s: float) -> LidarFix:
         o, bank = self.observers[i], self._filter
         fused = len(self.observers) + self.targets.index(o.target)
-        me = Motion(own.rotation[o.craft], own.position[o.craft], own.angular_rate[o.craft], own.velocity[o.craft])
+        me = own.state.of(o.craft)
         if not np.isfinite(me.rotation).all():
             return self._fix(i, None, None, None, np.zeros((0, 3)), "no own fix")
-        known = self._motion(i) if bank.active[i] else None
+        known = bank.state.of(i) if bank.active[i] else None
         seen = at_epoch(scan, o.pattern, me, known, epoch_s)
         turn, place = scanner(me, o.pattern)
         found = self._found(i, seen, o, known, turn, place)
@@ -216,7 +217,7 @@ class Inspection:
         self._take_in(i, fused, found, rotation, position, covariance, age)
         return self._fix(i, found, (rotation, position), covariance, cloud)
 
-    def _found(self, i: int, seen: Scan, o: Observer, known: Motion | None, turn: Floats, place: Floats) -> _Pose:
+    def _found(self, i: int, seen: Scan, o: Observer, known: State | None, turn: Floats, place: Floats) -> _Pose:
         """Track from the prediction, or acquire."""
         s = self.settings
         if known is not None and self._failures[i] < s.lost_after:
@@ -279,10 +280,6 @@ class Inspection:
                     continue
             bank.start(only, turns, places, covariances, UNKNOWN_RATE, couplings)
             self._since_s[row] = 0.0
-
-    def _motion(self, row: int) -> Motion:
-        bank = self._filter
-        return Motion(bank.rotation[row], bank.position[row], bank.angular_rate[row], bank.velocity[row])
 
     def _covariance(self, own: Floats, of_scan: Floats, turn: Floats, arm: Floats, o: Observer) -> Floats:
         a, b = np.eye(6), np.zeros((6, 6))

@@ -9,28 +9,16 @@ so that the target looks as it would have looked from here at once. A ray that d
 passed at the target's distance.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 from estimators import rotation as rot
 from estimators.arrays import Floats
 from estimators.lidar.scan import Scan
+from estimators.state import State
 from swarm.messages import LidarPattern, LidarScan
 
 TYPICAL_M = 10.0
 """Where a ray is taken to pass while nothing is known of the target."""
-
-
-class Motion(NamedTuple):
-    """A pose at the epoch in the lighthouse frame, and how it changes: rotation (3, 3), position (3,) [m],
-    angular_rate (3,) [rad/s], velocity (3,) [m/s].
-    """
-
-    rotation: Floats
-    position: Floats
-    angular_rate: Floats
-    velocity: Floats
 
 
 def rays(scan: LidarScan, pattern: LidarPattern) -> Scan:
@@ -38,12 +26,12 @@ def rays(scan: LidarScan, pattern: LidarPattern) -> Scan:
     return Scan(scan.direction, scan.range_m, pattern.spacing_rad, pattern.noise_m, scan.line, scan.step)
 
 
-def scanner(own: Motion, pattern: LidarPattern) -> tuple[Floats, Floats]:
+def scanner(own: State, pattern: LidarPattern) -> tuple[Floats, Floats]:
     """The scanner in the lighthouse frame at the epoch: rotation (3, 3) R_l_s and position (3,) [m]."""
     return own.rotation @ pattern.rotation, own.position + own.rotation @ pattern.position
 
 
-def at_epoch(scan: LidarScan, pattern: LidarPattern, own: Motion, target: Motion | None, epoch_s: float) -> Scan:
+def at_epoch(scan: LidarScan, pattern: LidarPattern, own: State, target: State | None, epoch_s: float) -> Scan:
     """The scan in the scanner's frame at the epoch `epoch_s` [s]. target: None while nothing is known of it."""
     instant, which = np.unique(scan.time_s, return_inverse=True)
     tau = (instant - epoch_s)[:, None]

@@ -17,6 +17,7 @@ from estimators.lighthouse.dop import Dilution, dilution
 from estimators.lighthouse.integrity import Sweeps
 from estimators.lighthouse.pnp import refine
 from estimators.lighthouse.sweep import correct
+from estimators.state import State
 from swarm.onboard.acquisition import NONE, Hypotheses, Sighting, advance, search
 from swarm.onboard.decoder import SweepAngles
 from swarm.onboard.integrity import Integrity, Monitor, Screened
@@ -71,12 +72,12 @@ class LighthouseFix:
 
     def find(self, angles: SweepAngles, tracks: Tracks) -> tuple[Light, PoseFix]:
         """Return what every craft makes of its angles, starting from the filters' predictions."""
-        s, bank = self.settings, tracks.bank
-        active = bank.active
+        s, active = self.settings, tracks.bank.active
+        predicted = s.station.state_into(tracks.bank.state)
         theta, lit = self._ideal(angles)
         visible = np.count_nonzero(lit, axis=1)
         enough = visible >= MIN_LIT
-        start = self._acquire(theta, lit, angles.offset_s, enough, tracks)
+        start = self._acquire(theta, lit, angles.offset_s, enough, predicted, tracks)
         known = enough & (active | start.found)
         # The motion within the period, as each craft believes it; a craft that has only just found itself knows none.
         moves = active[:, None] & s.motion_compensation
@@ -85,8 +86,8 @@ class LighthouseFix:
             lit=lit & known[:, None],
             point_m=self._point_m,
             offset_s=angles.offset_s,
-            angular_rate=np.where(moves, bank.angular_rate, 0.0),
-            velocity=np.where(moves, bank.velocity, 0.0),
+            angular_rate=np.where(moves, predicted.angular_rate, 0.0),
+            velocity=np.where(moves, predicted.velocity, 0.0),
         )
         screened = self._solve(sweeps, known, visible, start, tracks)
         precision = dilution(
@@ -100,6 +101,8 @@ class LighthouseFix:
             s.rotor_correlation,
             screened.solution.solved,
         )
+        rotation, position = s.station.pose_out(screened.solution.rotation, screened.solution.position)
+        screened = screened._replace(solution=screened.solution._replace(rotation=rotation, position=position))
         return Light(visible, screened, precision), self._fix(screened, precision)
 
     def levels(self, light: Light, taken: Taken, after: Filtered) -> Integrity:
@@ -133,22 +136,23 @@ class LighthouseFix:
     def _fix(self, screened: Screened, precision: Dilution) -> PoseFix:
         """Return the poses with the covariance s^2 H of (18)."""
         s, pnp = self.settings, screened.solution
-        coupling = precision.rate_coupling
+        coupling = s.station.matrix_out(precision.rate_coupling)
         return PoseFix(
             known=pnp.solved & np.isfinite(precision.pdop_m_per_rad),
             rotation=pnp.rotation,
             position=pnp.position,
-            covariance=s.angle_noise_rad**2 * precision.covariance,
+            covariance=s.station.matrix_out(s.angle_noise_rad**2 * precision.covariance),
             coupling=coupling if s.motion_compensation else np.zeros_like(coupling),
             start_coupling=coupling,
             sensor=np.full(len(pnp.solved), Sensor.LIGHTHOUSE, dtype=np.int64),
         )
 
-    def _acquire(self, theta: Floats, lit: Bools, offset_s: Floats, enough: Bools, tracks: Tracks) -> _Start:
+    def _acquire(
+        self, theta: Floats, lit: Bools, offset_s: Floats, enough: Bools, predicted: State, tracks: Tracks
+    ) -> _Start:
         """Return start poses for LM: the prediction, or for a craft without one what a search decided on."""
-        bank = tracks.bank
-        active = bank.active
-        start = _Start(np.zeros(len(enough), dtype=np.bool_), bank.rotation, bank.position)
+        active = tracks.bank.active
+        start = _Start(np.zeros(len(enough), dtype=np.bool_), predicted.rotation, predicted.position)
         lost = active & (tracks.since_update_s > self.settings.search_again_s)
         who = np.flatnonzero(enough & (lost | ~active))
         before = [self._hypotheses[i] for i in who]

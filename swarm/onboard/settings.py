@@ -7,6 +7,7 @@ from estimators.filter.error_state import (
     DEFAULT_ACCELERATION_NOISE_M_S2,
     DEFAULT_ANGULAR_ACCELERATION_NOISE_RAD_S2,
 )
+from estimators.frame import WORLD, Frame
 from estimators.lighthouse.sweep import FanErrors
 from estimators.relative_orbit import RelativeOrbit
 from swarm.onboard.integrity import IntegritySettings
@@ -41,7 +42,7 @@ class NavigationSettings:
     angle_noise_rad and rotor_correlation are s and rho of (18), (19). residual_limit_rad: a worse fit is not a pose.
     rejections_limit: so many poses in a row refused by the gate mean that the filter is wrong, not they. filter:
     "filterpy", "compiled", which has the same numbers sooner, or "auto", which goes by the number of craft. orbit: the
-    lighthouse's, None in weightless space.
+    lighthouse's, None in weightless space. station: the lighthouse's frame in the world.
     """
 
     frame_s: float
@@ -60,3 +61,4 @@ class NavigationSettings:
     fan_y: FanErrors = field(default_factory=FanErrors)
     integrity: IntegritySettings = field(default_factory=IntegritySettings)
     orbit: RelativeOrbit | None = None
+    station: Frame = WORLD

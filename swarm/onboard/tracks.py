@@ -141,9 +141,7 @@ class Tracks:
 
     def filtered(self) -> Filtered:
         """Return the filters as they are now."""
-        b = self.bank
-        state = State(rotation=b.rotation, position=b.position, velocity=b.velocity, angular_rate=b.angular_rate)
-        return Filtered(b.active, state, b.covariance)
+        return Filtered(self.bank.active, self.bank.state, self.bank.covariance)
 
     def rate_covariance(self, craft: int) -> Floats:
         """Return the covariance (6, 6) of a craft's rates (angular, linear): predicted, or a wide prior."""

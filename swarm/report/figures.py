@@ -8,6 +8,7 @@ import numpy as np
 
 from estimators.arrays import Floats
 from swarm.figures import Axes, Figure, rendered
+from swarm.report.rows import Spread
 from swarm.results.disk import writing
 
 BLUE, ORANGE, GREEN, RED, PURPLE, GREY = "#1f6fb4", "#d9772b", "#2f8f5b", "#c0392b", "#7b5ea7", "#7d8a97"
@@ -71,23 +72,19 @@ def picture(name: str, caption: str, paint: Callable[[Figure], None], height_in:
     return Picture(name, caption, *rendered(paint, _LOOK, WIDTH_IN, height_in))
 
 
-def band(
-    axes: Axes, x: Floats, low: Floats, middle: Floats, high: Floats, label: str, colour: str, **style: Any
-) -> None:
-    """Draw a line with the range of its values behind it; a missing value leaves a gap.
+def band(axes: Axes, x: Floats, spread: Spread, label: str, colour: str, **style: Any) -> None:
+    """Draw means as a line with their range behind it; a missing value leaves a gap.
 
     Args:
         axes: Where to draw.
         x: Abscissas (n,).
-        low: Lower ends of the range (n,).
-        middle: Values of the line (n,).
-        high: Upper ends of the range (n,).
+        spread: Means and ranges (n,).
         label: Label in the legend.
         colour: Colour of line and range.
         **style: More of the line's properties.
     """
-    axes.fill_between(x, low, high, color=colour, alpha=0.16, linewidth=0)
-    axes.plot(x, middle, color=colour, label=label, **style)
+    axes.fill_between(x, spread.low, spread.high, color=colour, alpha=0.16, linewidth=0)
+    axes.plot(x, spread.mean, color=colour, label=label, **style)
 
 
 def thin(x: Floats, y: Floats, peaks: bool = False) -> tuple[Floats, Floats]:

@@ -1,4 +1,4 @@
-"""The page: what a report consists of, and the template that turns it into one HTML file that needs no network.
+"""The page of a report: its parts, and the template that turns it into one HTML file that needs no network.
 
 The only file that knows jinja2. Figures are embedded as SVG in data URIs, the style stands in the page's head.
 """
@@ -73,12 +73,12 @@ class Page:
 
 
 def html(page: Page) -> str:
-    """The whole page as HTML."""
+    """Return the whole page as HTML."""
     return _environment(autoescape=True).get_template("report.html.j2").render(page=page)
 
 
 def prose(template: str, block: str, **values: Any) -> list[str]:
-    """The paragraphs of one block of a template of plain text."""
+    """Return the paragraphs of one block of a template of plain text, filled with `values`."""
     found = _environment(autoescape=False).get_template(template)
     text = "".join(found.blocks[block](found.new_context(values)))
     return [" ".join(paragraph.split()) for paragraph in text.split("\n\n") if paragraph.strip()]
@@ -97,17 +97,23 @@ def _environment(autoescape: bool) -> Environment:
 
 
 def percent(value: float) -> str:
-    """A share that is in percent already."""
+    """Return the text of a share that is in percent already."""
     return "< 0.001 %" if abs(value) < 0.001 else f"{number(value, 2)} %"
 
 
 def count(value: float) -> str:
-    """A whole number, thousands apart."""
+    """Return the text of a whole number, thousands apart."""
     return f"{value:,.0f}".replace(",", "\u202f")
 
 
 def number(value: float | np.floating[Any] | None, digits: int = 3, scale: float = 1.0) -> str:
-    """A figure with so many significant digits and no exponent within reason; a dash where there is none."""
+    """Return the text of a figure, without an exponent within reason; a dash where there is none.
+
+    Args:
+        value: The figure.
+        digits: Number of significant digits.
+        scale: Factor that is applied first.
+    """
     if value is None or not math.isfinite(value):
         return NOTHING
     value = float(value) * scale

@@ -30,27 +30,27 @@ class Rows:
 
     @classmethod
     def of(cls, study: FinishedStudy, parameter: str) -> "Rows":
-        """The finished runs of a study, by the values of one numeric parameter."""
+        """Return the finished runs of a study, by the values of one numeric parameter."""
         columns = finished(study)
         value = as_floats(columns.get(parameter, []))
         points = np.unique(value[np.isfinite(value)])
         return cls(columns, parameter, points, [value == point for point in points])
 
     def has(self, name: str) -> bool:
-        """Whether any run knows this figure."""
+        """Tell whether any run knows this figure."""
         return any(value is not None for value in self.columns.get(name, ()))
 
     def column(self, name: str) -> Floats:
-        """One figure of all runs, NaN where unknown."""
+        """Return one figure of all runs, NaN where unknown."""
         return as_floats(self.columns[name]) if name in self.columns else np.full(self.count, np.nan)
 
     @property
     def count(self) -> int:
-        """How many runs."""
+        """The number of runs."""
         return len(self.columns["run"])
 
     def spread(self, name: str, scale: float = 1.0) -> Spread:
-        """A figure against the parameter, over the runs of each point."""
+        """Return a figure against the parameter, over the runs of each point."""
         value = scale * self.column(name)
         known = [value[chosen & np.isfinite(value)] for chosen in self.members]
         ends = [(v.mean(), v.min(), v.max()) if v.size else (np.nan,) * 3 for v in known]
@@ -59,12 +59,12 @@ class Rows:
 
 
 def finished(study: FinishedStudy) -> dict[str, list[Any]]:
-    """The columns of the runs that were flown."""
+    """Return the columns of the runs that were flown."""
     rows = [row for row in study.rows.to_pylist() if row["status"] == COMPLETE]
     return {name: [row[name] for row in rows] for name in study.rows.column_names}
 
 
 def as_floats(values: Sequence[Any]) -> Floats:
-    """Numbers as an array, NaN for what is none."""
+    """Return numbers as an array, NaN for what is none."""
     out: Floats = np.array([v if isinstance(v, int | float) else np.nan for v in values], dtype=np.float64)
     return out

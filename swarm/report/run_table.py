@@ -1,4 +1,4 @@
-"""A run's summary for the reader at a terminal: a table per craft and for the swarm, and what the figures mean.
+"""The summary of a run at a terminal: a table with a row per craft and one for the swarm, then sentences and files.
 
 Columns are dropped, the least important first, until the table fits the terminal; a figure that nobody has (errors
 against the truth, in a replay) has no column. Errors are the filter's unless the head says PnP.
@@ -10,10 +10,12 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rich import box
 from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
+
+from swarm.report.findings import colour, findings, inspections, names, warnings
+from swarm.tables import table
 
 Figures = Mapping[str, Any]
 RECORDING = "recording.rrd"
@@ -25,19 +27,13 @@ HEAD, NAME_WIDTH = "craft", 16
 GAP = 2
 """Blanks between two columns."""
 NOTHING = "–"
-FEWEST_SAMPLES = 20
-"""Fewer independent samples than this say nothing about a filter."""
-REFUSED_MUCH = 0.01
-"""A larger share of refused poses than this is worth a line: the gate itself lets 0.99999 of good ones pass."""
-BIAS_SIGMAS = 4.0
-"""A slope of the motion bias below so many of its sigmas is not worth a line: chance reaches it once in 16 000."""
 
 
 Value = Callable[[Figures], float | None]
 
 
 class Column(NamedTuple):
-    """One or two figures side by side: columns of high `rank` are dropped first; `head` is two lines."""
+    """One or two figures side by side. Columns of high `rank` are dropped first; `head` is two lines."""
 
     rank: int
     head: str
@@ -107,30 +103,32 @@ def print_report(console: Console, summary: Mapping[str, Any], folder: Path) -> 
 
 
 def criteria_table(verdicts: Sequence[Mapping[str, Any]]) -> Table:
-    """Which criteria held: name, value, limits, and whose value it is."""
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, GAP - 1, 0, 0))
-    for head, side in (("criterion", "left"), ("", "left"), ("value", "right"), ("limits", "left"), ("craft", "left")):
-        table.add_column(head, justify="right" if side == "right" else "left", no_wrap=head == "")
+    """Return the table of criteria: name, outcome, value, limits, and whose value it is."""
+    made = table("criterion", "", "value", left=2, tight=True)
+    made.columns[1].no_wrap = True
+    made.columns[2].no_wrap = False
+    made.add_column("limits")
+    made.add_column("craft")
     for v in verdicts:
         held = Text(outcome(v), {True: "green", False: "bold red", None: "yellow"}[v["held"]])
         value = NOTHING if v["value"] is None else f"{v['value']:.4g}"
-        table.add_row(Text(v["name"]), held, value, limits(v), Text(about(v)))
-    return table
+        made.add_row(Text(v["name"]), held, value, limits(v), Text(about(v)))
+    return made
 
 
 def outcome(verdict: Mapping[str, Any]) -> str:
-    """Whether a criterion held."""
+    """Return in words whether a criterion held."""
     return {True: "held", False: "MISSED", None: "not judged: after the end"}[verdict["held"]]
 
 
 def about(verdict: Mapping[str, Any]) -> str:
-    """Whose value it is, or which craft it is about."""
+    """Return whose value it is, or which craft it is about."""
     named = list(verdict.get("about") or ())
-    return verdict["craft"] or (_names(named) if named else "all")
+    return verdict["craft"] or (names(named) if named else "all")
 
 
 def limits(verdict: Mapping[str, Any]) -> str:
-    """What a criterion allows."""
+    """Return the limits of a criterion in words."""
     least, most = verdict["min"], verdict["max"]
     if least is None:
         return f"≤ {most:g}"
@@ -138,7 +136,7 @@ def limits(verdict: Mapping[str, Any]) -> str:
 
 
 def results(summary: Mapping[str, Any], width: int) -> RenderableType:
-    """The table and the sentences below it, for a terminal of so many columns."""
+    """Return the table and the sentences below it, for a terminal of `width` columns."""
     swarm = summary.get("swarm")
     if not swarm:
         return Text("Not one lighthouse period was recorded.")
@@ -149,98 +147,11 @@ def results(summary: Mapping[str, Any], width: int) -> RenderableType:
     if len(craft) < len(navigating):
         lines.append(Text(f"The {len(craft)} worst of {len(navigating)} craft; summary.json has them all.", "dim"))
     sentences = [*findings(swarm), *inspections(summary.get("lidar") or {}), *warnings(summary["craft"])]
-    return Group(*lines, Text(), *(Text(sentence, style) for sentence, style in sentences))
-
-
-def findings(figures: Figures) -> list[tuple[str, str]]:
-    """What the figures say, in sentences with a style each."""
-    out = []
-    for key, name in (("nees", "NEES"), ("nis", "NIS")):
-        f = figures.get(key)
-        if f and f["effective_samples"] >= FEWEST_SAMPLES:
-            side = "inside" if f["inside_band"] else "below" if f["mean"] < f["band_low"] else "above"
-            meaning = {
-                "inside": "as the filter promises",
-                "below": "errors smaller than the filter promises, as in smooth motion",
-                "above": "errors larger than the filter promises",
-            }[side]
-            band = f"6 is exact, {f['band_low']:.2f} to {f['band_high']:.2f} is chance"
-            if side == "above" and (hit := figures.get("contact_periods")):
-                meaning += f"; there were {hit} periods in contact, whose blow no filter can know of"
-            out.append((f"{name} {f['mean']:.2f}: {meaning} ({band})", _colour(f)))
-    position, attitude = figures.get("ekf_to_pnp_position_ratio"), figures.get("ekf_to_pnp_attitude_ratio")
-    if position is not None and attitude is not None:
-        out.append((f"Filter error over raw PnP error: {position:.2f} in position, {attitude:.2f} in attitude", ""))
-    if delta_v := figures.get("delta_v_m_s"):
-        out.append((f"Delta-v: {delta_v:.3g} m/s a craft", ""))
-    if ccd := figures.get("ccd"):
-        shares = f"stereo {ccd['stereo_share']:.0%}, the main camera alone {ccd['camera_share']:.0%} of the images"
-        out.append((f"Cameras: {shares}; the sensor in use changed {ccd['sensor_switches']} times", ""))
-    bias = figures.get("pnp_motion_bias") or {}
-    for name, size, unit in (("position", "position_rms_m", "mm"), ("attitude", "attitude_rms_deg", "°")):
-        slopes, sigmas = bias.get(f"{name}_slope_s", ()), bias.get(f"{name}_slope_sigma_s", ())
-        if figures["samples"] >= FEWEST_SAMPLES and any(
-            b is not None and abs(b) > BIAS_SIGMAS * s for b, s in zip(slopes, sigmas, strict=True)
-        ):
-            rms = (bias[size] or 0.0) * (1000 if unit == "mm" else 1)
-            axes = ", ".join(f"{a} {b * 1000:+.2f} ms" for a, b in zip("xyz", slopes, strict=True) if b is not None)
-            out.append((f"Motion biases PnP's {name}: {rms:.2g} {unit} RMS ({axes})", "yellow"))
-    return out
-
-
-def inspections(lidar: Mapping[str, Figures]) -> list[tuple[str, str]]:
-    """What every LiDAR made of its target."""
-    return [
-        (
-            f"{name}'s LiDAR: {f['target']} tracked in {f['tracked_share']:.1%} of {f['scans']} scans, acquired "
-            + ("once" if f["acquisitions"] == 1 else f"{f['acquisitions']} times")
-            + (
-                f"; attitude error of a scan {f['measured_attitude_mean_deg']:.2f}° on average, "
-                f"{f['measured_attitude_max_deg']:.2f}° at most"
-                if f["measured_attitude_mean_deg"] is not None
-                else ""
-            ),
-            "",
-        )
-        for name, f in lidar.items()
-    ]
-
-
-def warnings(craft: Mapping[str, Figures]) -> list[tuple[str, str]]:
-    """What is wrong with single craft that the swarm's figures hide, and what to do about it."""
-    craft = {name: f for name, f in craft.items() if f.get("navigates", True)}
-    dark = [name for name, f in craft.items() if not (f["mean_visible"] or f.get("ccd") or f.get("observed"))]
-    refused = {name: f["refused_share"] or 0.0 for name, f in craft.items() if f.get("refused_share")}
-    refused = {name: share for name, share in refused.items() if share > REFUSED_MUCH}
-    vain = [
-        name
-        for name, f in craft.items()
-        if (nees := f.get("nees")) and nees["effective_samples"] >= FEWEST_SAMPLES and nees["mean"] > nees["band_high"]
-    ]
-    out = []
-    if dark:
-        out.append(
-            f"{_names(dark)} never saw light: outside the field or range, turned away, or every photodiode covered"
-        )
-    if refused:
-        worst = max(refused, key=lambda name: refused[name])
-        out.append(
-            f"The filter refused {100 * refused[worst]:.0f} % of {worst}'s poses"
-            + (f" (and of {len(refused) - 1} more craft)" if len(refused) > 1 else "")
-            + ": it moves more sharply than navigation.acceleration_noise_m_s2 and"
-            " angular_acceleration_noise_deg_s2 expect, or its errors are not noise (docs/filter.md)"
-        )
-    if vain and len(craft) > 1:
-        out.append(f"NEES above its band: {_names(vain)}")
-    return [(sentence, "yellow") for sentence in out]
-
-
-def _names(craft: list[str]) -> str:
-    return ", ".join(craft[:4]) + (f" and {len(craft) - 4} more" if len(craft) > 4 else "")
+    return Group(*lines, Text(), *(Text(sentence.text, sentence.style) for sentence in sentences))
 
 
 def written(folder: Path) -> list[tuple[str, str]]:
-    """The files of a run that exist, and what each is."""
+    """Return the files of a run that exist, and what each is."""
     files = (
         ("telemetry.parquet", "a row per craft and period"),
         ("angles.parquet", "every sweep angle, for swarm calibrate"),
@@ -253,7 +164,7 @@ def written(folder: Path) -> list[tuple[str, str]]:
 
 
 def _chosen(craft: Mapping[str, Figures]) -> dict[str, Figures]:
-    """All craft, or the worst of many: those that tracked least, then those with the largest error."""
+    """Return all craft, or the worst of many: those that tracked least, then those with the largest error."""
     if len(craft) <= MOST_ROWS:
         return dict(craft)
 
@@ -272,21 +183,20 @@ def _table(rows: list[tuple[str, Figures]], width: int) -> Table:
     while columns and sum(GAP + _width(c, cells) for c, cells in columns) > room:
         columns.remove(max(columns, key=lambda pair: pair[0].rank))
 
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, GAP - 1, 0, 0))
-    table.add_column(HEAD, no_wrap=True, max_width=NAME_WIDTH, overflow="ellipsis")
-    for column, _ in columns:
-        table.add_column(column.head, justify="right", no_wrap=True)
+    made = table(HEAD, *(column.head for column, _ in columns), tight=True)
+    name_column = made.columns[0]
+    name_column.no_wrap, name_column.max_width, name_column.overflow = True, NAME_WIDTH, "ellipsis"
     for i, (name, figures) in enumerate(rows):
         is_swarm = i == len(rows) - 1 > 0
         if is_swarm:
-            table.add_section()
-        cells = (Text(texts[i], _colour(figures.get("nees")) if c is NEES else "") for c, texts in columns)
-        table.add_row(Text(name), *cells, style="bold" if is_swarm else "")
-    return table
+            made.add_section()
+        cells = (Text(texts[i], colour(figures.get("nees")) if c is NEES else "") for c, texts in columns)
+        made.add_row(Text(name), *cells, style="bold" if is_swarm else "")
+    return made
 
 
 def _cells(column: Column, rows: list[tuple[str, Figures]]) -> list[str]:
-    """One column, each of its figures with as many decimals as give the largest three significant digits."""
+    """Return the texts of a column; the largest of each figure has three significant digits."""
     parts = []
     for value in column.values:
         numbers = [value(figures) for _, figures in rows]
@@ -301,7 +211,3 @@ def _cells(column: Column, rows: list[tuple[str, Figures]]) -> list[str]:
 
 def _width(column: Column, cells: list[str]) -> int:
     return max(len(text) for text in (*column.head.split("\n"), *cells))
-
-
-def _colour(consistency: Figures | None) -> str:
-    return "" if not consistency else "green" if consistency["inside_band"] else "yellow"

@@ -1,4 +1,4 @@
-"""What a study of swarm.count answers: precision, visibility and cost against the number of craft; a central solver."""
+"""The page of a study of swarm.count: precision, visibility and cost against the number of craft; a central solver."""
 
 import numpy as np
 
@@ -12,13 +12,13 @@ PROSE = "scaling.txt.j2"
 
 
 def is_scaling(study: FinishedStudy) -> bool:
-    """Whether the study varies the number of craft, and measured what that costs."""
+    """Tell whether the study varies the number of craft, and measured what that costs."""
     rows = Rows.of(study, COUNT)
     return len(rows.points) >= 2 and (rows.has("onboard_alone_us") or rows.has("central_solve_us"))
 
 
 def facts(rows: Rows) -> list[Fact]:
-    """The answers, in a few figures."""
+    """Return the answers in a few figures."""
     out, few, many = [], rows.points[0], rows.points[-1]
     if rows.has("onboard_alone_us"):
         time = rows.spread("onboard_alone_us").mean
@@ -59,7 +59,7 @@ def facts(rows: Rows) -> list[Fact]:
 
 
 def sections(rows: Rows) -> list[Section]:
-    """The study's story, a section per question."""
+    """Return the sections of the page, one per question."""
     out = []
     if rows.has("onboard_alone_us"):
         out.append(Section("What a craft computes", _onboard(rows), [onboard(rows)]))

@@ -1,13 +1,12 @@
-"""What `swarm study` prints at its end: a table of the points, what failed, and where the rest is."""
+"""The end of `swarm study` at the terminal: a table of the points, what failed, and where the rest is."""
 
-from rich import box
 from rich.console import Console
-from rich.table import Table as RichTable
 from rich.text import Text
 
 from swarm.report.sweep import point_table
 from swarm.studies.campaign.study_folder import ROWS, FinishedStudy
 from swarm.studies.campaign.task import COMPLETE, LOST
+from swarm.tables import table
 
 MOST_ROWS = 20
 
@@ -18,12 +17,12 @@ def print_study(console: Console, study: FinishedStudy) -> None:
     failed = [row for row in rows if row["status"] != COMPLETE]
     if len(failed) < len(rows):
         points = point_table(study)
-        table = RichTable(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
-        for column in points.columns:
-            table.add_column(f"{column.name}\n{column.unit}", justify="right")
+        printed = table(*(f"{column.name}\n{column.unit}" for column in points.columns), left=0)
+        for column in printed.columns:
+            column.no_wrap = False
         for cells in points.rows[:MOST_ROWS]:
-            table.add_row(*cells)
-        console.print(table)
+            printed.add_row(*cells)
+        console.print(printed)
         if len(points.rows) > MOST_ROWS:
             console.print(Text(f"The first {MOST_ROWS} points; {ROWS} has every run.", "dim"))
     for row in failed[:3]:

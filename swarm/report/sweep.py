@@ -1,4 +1,4 @@
-"""What any study shows: the usual figures of merit against each key that it varied, and a table of its points."""
+"""The page of any study: the usual figures of merit against each key that it varied, and a table of its points."""
 
 from collections.abc import Sequence
 
@@ -22,7 +22,7 @@ MOST_FIGURES, MOST_ROWS = 4, 60
 
 
 def sections(study: FinishedStudy) -> list[Section]:
-    """A figure per key that was varied, then the table, then what failed."""
+    """Return a figure per key that was varied, then the table of points."""
     rows = [(key, Rows.of(study, key)) for key in study.parameters]
     varied = [(key, r) for key, r in rows if len(r.points) >= 2]
     pictures = [_against(key, r) for key, r in varied[:MOST_FIGURES]]
@@ -32,7 +32,7 @@ def sections(study: FinishedStudy) -> list[Section]:
 
 
 def failures(study: FinishedStudy) -> list[Section]:
-    """The runs that could not be flown, with their reasons; nothing where there are none."""
+    """Return the section of the runs that could not be flown, with their reasons; none where there are none."""
     rows = [row for row in study.rows.to_pylist() if row["status"] != COMPLETE]
     if not rows:
         return []
@@ -78,7 +78,7 @@ def _against(key: str, rows: Rows) -> Picture:
 
 
 def point_table(study: FinishedStudy) -> Table:
-    """One row per point: means over its seeds, with the standard deviation of a run."""
+    """Return a table with a row per point: means over its seeds, with the standard deviation of a run."""
     columns = finished(study)
     keys = study.parameters
     groups: dict[tuple[str, ...], list[int]] = {}

@@ -18,9 +18,10 @@ REPRODUCE = (
 
 
 def write_report(path: str | Path, out: Path | None = None) -> tuple[Path, list[Path]]:
-    """The page (default `report.html` in the folder) and the files of its figures.
+    """Write the page of the run or the study at `path` to `out`, by default `report.html` in its folder.
 
-    Raises SwarmError where `path` is neither a run nor a study, or where nothing can be written.
+    Returns the page's file and the files of its figures. Raises SwarmError where `path` is neither a run nor a study,
+    or where nothing can be written.
     """
     if is_study(path):
         study = open_study(path)
@@ -39,7 +40,7 @@ def write_report(path: str | Path, out: Path | None = None) -> tuple[Path, list[
 
 
 def study_page(study: FinishedStudy) -> Page:
-    """The page of a study."""
+    """Return the page of a study."""
     state = study.state
     flown = sum(status == COMPLETE for status in study.rows.column("status").to_pylist())
     facts, sections = [], []
@@ -71,7 +72,7 @@ def study_page(study: FinishedStudy) -> Page:
 
 
 def run_page(run: Run) -> Page:
-    """The page of one run."""
+    """Return the page of one run."""
     scenario = run.scenario or ""
     head = [line.removeprefix("# ") for line in scenario.splitlines() if line.startswith("# ")]
     versions = [line for line in head if len(line.split()) == 2 and line.split()[1][:1].isdigit()]

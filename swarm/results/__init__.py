@@ -1,1 +1,1 @@
-"""What a run leaves behind: telemetry, a recording, a summary."""
+"""Results of a run: telemetry, a recording, a summary."""

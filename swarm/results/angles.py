@@ -2,10 +2,8 @@
 
 One row per lighthouse period, craft and photodiode that at least one fan has hit: `theta_x_rad`, `theta_y_rad`, the
 angles since the fan's own flash as measured, before anything is taken off; `offset_x_s`, `offset_y_s`, each angle's
-instant after the epoch; null where that fan was not seen. What a craft believed while it measured is in the schema's
-metadata, `survey`, as JSON: see `Believed`.
-
-The file grows under another name and is renamed when it is complete: a run that was killed has none.
+instant after the epoch; null where that fan was not seen. The beliefs of the craft are in the schema's metadata,
+`survey`, as JSON: see `Believed`.
 """
 
 import json
@@ -31,9 +29,10 @@ _VALUES = ("theta_x_rad", "theta_y_rad", "offset_x_s", "offset_y_s")
 
 
 class Believed(NamedTuple):
-    """What the craft went by: fans, taken off their angles; point_m, per craft (k, 3) [m], where its photodiodes are.
+    """Beliefs of the craft while they measured.
 
-    noise: of one angle.
+    craft: their names. point_m: places of each craft's photodiodes, (k, 3) [m]. fans: errors that were taken off the
+    angles. noise: of one angle.
     """
 
     craft: tuple[str, ...]
@@ -54,7 +53,14 @@ class AngleTable(NamedTuple):
 
 
 def believed(craft: Sequence[str], layout: Photodiodes, fans: FanPair, noise: Noise) -> Believed:
-    """`Believed` from the craft's layout."""
+    """Return the beliefs of craft.
+
+    Args:
+        craft: Their names.
+        layout: Their photodiodes.
+        fans: Errors of the fans that they take off the angles.
+        noise: Noise of one angle.
+    """
     points = tuple(layout.point_m[i][layout.present[i]] for i in range(layout.craft_count))
     return Believed(tuple(craft), points, fans, noise)
 
@@ -114,7 +120,7 @@ class AngleWriter:
 
 
 def read_angles(folder: Path) -> AngleTable:
-    """The angles of the run in `folder`. Raises SwarmError where it has none, or they are damaged."""
+    """Return the angles of the run in `folder`. Raises SwarmError where it has none, or they are damaged."""
     file = folder / ANGLES
     if not file.exists():
         raise SwarmError(

@@ -1,4 +1,4 @@
-"""Whether a run has held the criteria of its scenario, judged on its telemetry.
+"""Judgement of a run by the criteria of its scenario, on its telemetry.
 
 A criterion's value is a statistic of one column over the rows of its craft and its time, or one of the named measures:
 
@@ -29,8 +29,9 @@ PAIRS_AT_A_TIME = 1_000_000
 
 
 class Verdict(NamedTuple):
-    """One criterion judged. value: None where there is none; craft: whose value it is, where it is one craft's; about:
-    the craft that it names, none for all. held: None where it is not judged, its time being after the end of the run.
+    """One criterion judged. value: None where there is none; craft: the craft with that value, if it is one craft's;
+    about: the craft that the criterion names, none for all. held: None where it is not judged, its time being after the
+    end of the run.
     """
 
     name: str
@@ -43,7 +44,16 @@ class Verdict(NamedTuple):
 
 
 def check_measures(criteria: Sequence[Criterion], schema: pa.Schema, scenario: str) -> None:
-    """Raises SwarmError where a criterion is about no named measure, nor about a column of numbers of `schema`."""
+    """Refuse criteria about what a run does not measure.
+
+    Args:
+        criteria: The criteria.
+        schema: The run's columns.
+        scenario: Name of the scenario, for the message.
+
+    Raises:
+        SwarmError: A criterion is about neither a named measure nor a column of numbers.
+    """
 
     def counts(kind: pa.DataType) -> bool:
         return bool(pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_boolean(kind))
@@ -63,7 +73,7 @@ def judge(criteria: Sequence[Criterion], rows: TelemetryTable) -> list[Verdict]:
 
 
 def summary_of(verdicts: Sequence[Verdict]) -> dict[str, Any]:
-    """What summary.json says of them; nothing where there is none."""
+    """Return the entries of summary.json, none without criteria."""
     if not verdicts:
         return {}
     return {
@@ -110,7 +120,7 @@ def _judge(criterion: Criterion, rows: TelemetryTable) -> Verdict:
 
 
 def _margin(criterion: Criterion, value: float | None) -> float:
-    """How far within its limits a value is; below zero, outside."""
+    """Return the distance of a value from the nearer limit; it is negative outside."""
     if value is None:
         return -np.inf
     below = np.inf if criterion.max is None else criterion.max - value
@@ -119,7 +129,7 @@ def _margin(criterion: Criterion, value: float | None) -> float:
 
 
 def _single(criterion: Criterion, rows: TelemetryTable, own: Ints) -> float | None:
-    """One craft's last value, or its last one before its first contact."""
+    """Return one craft's last value, or its last one before its first contact."""
     if criterion.statistic == "at_contact":
         touching = np.flatnonzero(rows.column("contact")[own] == 1)
         if not len(touching):

@@ -28,10 +28,10 @@ _ADVICE = {
 
 
 class FolderLock:
-    """Says that a run is being written to a folder; the operating system takes it back from a process that dies."""
+    """Lock of a folder that is being written to; the operating system takes it back from a process that dies."""
 
     def __init__(self, folder: Path) -> None:
-        """Raises SwarmError where somebody else is writing to `folder`."""
+        """Take the lock. Raises SwarmError where somebody else is writing to `folder`."""
         self._file: int | None = None
         if fcntl is None:
             return
@@ -44,7 +44,7 @@ class FolderLock:
             raise SwarmError(f"{folder}: a run is being written there now; choose another --out") from None
 
     def release(self) -> None:
-        """The folder is free again."""
+        """Give the lock back."""
         if self._file is not None:
             os.close(self._file)
             self._file = None
@@ -70,3 +70,12 @@ def write_text(path: Path, text: str) -> None:
         except OSError:
             temporary.unlink(missing_ok=True)
             raise
+
+
+def refuse_existing(*files: Path, force: bool) -> None:
+    """Raise SwarmError where a folder is in the place of one of the files, or, unless `force`, a file."""
+    for file in files:
+        if file.is_dir():
+            raise SwarmError(f"cannot write {file}: it is a folder; choose another --out")
+        if file.exists() and not force:
+            raise SwarmError(f"{file} is there already; --force replaces it, --out writes elsewhere")

@@ -1,10 +1,8 @@
-"""scans.parquet: one row per finished LiDAR scan and observer, of a run with LiDARs; and what the rows say in sum.
+"""scans.parquet: one row per finished LiDAR scan and observer, of a run with LiDARs.
 
 The pose is the target's in the lighthouse frame at the epoch of the row's lighthouse period. `measured` is what this
 one scan gave, through the observer's own fix; `ekf` the observer's own filter afterwards. The fused estimate of all
 observers is in telemetry.parquet, as the target's own row. What is not known is null.
-
-The file grows under another name and is renamed when it is complete: a run that was killed has none.
 """
 
 from collections.abc import Sequence
@@ -20,10 +18,11 @@ from swarm.onboard.inspection import LidarFix
 from swarm.results.columns.column import Column
 from swarm.results.files import SCANS
 from swarm.results.parquet import GrowingParquet
+from swarm.results.period import Period
 from swarm.results.records import Truth
 
 ROWS = 512
-
+"""Scans that wait in memory."""
 
 COLUMNS = (
     Column("time_s", "s", "the epoch that everything refers to"),
@@ -50,27 +49,26 @@ COLUMNS = (
 )
 
 
-def schema() -> pa.Schema:
-    """Return the columns, each with its `unit` and `meaning` as field metadata."""
-    return pa.schema([column.field for column in COLUMNS])
+SCHEMA = pa.schema([column.field for column in COLUMNS])
 
 
 class ScanWriter:
     """Writes the scans of one run into its folder: `append` every period, `close` at the end."""
 
     def __init__(self, folder: Path, craft: Sequence[str]) -> None:
-        self._craft, self._schema = list(craft), schema()
+        self._craft = list(craft)
         self._rows: list[dict[str, Any]] = []
-        self._file = GrowingParquet(folder / SCANS, self._schema)
+        self._file = GrowingParquet(folder / SCANS, SCHEMA)
 
-    def append(self, time_s: float, frame: int, fixes: Sequence[LidarFix], truth: Truth) -> None:
+    def append(self, period: Period) -> None:
         """Take what became of the scans of one period. Raises SwarmError on a full disk."""
-        self._rows += [_row(time_s, frame, self._craft, fix, truth) for fix in fixes]
+        if period.truth is not None:
+            self._rows += [_row(period.time_s, period.frame, self._craft, fix, period.truth) for fix in period.scans]
         if len(self._rows) >= ROWS:
             self._flush()
 
     def _flush(self) -> None:
-        self._file.write(pa.Table.from_pylist(self._rows, schema=self._schema))
+        self._file.write(pa.Table.from_pylist(self._rows, schema=SCHEMA))
         self._rows = []
 
     def close(self) -> None:
@@ -84,8 +82,6 @@ def _row(time_s: float, frame: int, craft: Sequence[str], fix: LidarFix, truth: 
     true_position, rotation = truth.position[fix.target], matrix_from_quaternion(truth.quaternion[fix.target])
     known = bool(np.isfinite(fix.position).all())
     turn = quaternion_from_matrix(fix.rotation) if known else np.full(4, np.nan)
-    measured = _errors(rotation, true_position, fix.rotation, fix.position, fix.covariance)
-    ekf = _errors(rotation, true_position, fix.ekf_rotation, fix.ekf_position, fix.ekf_covariance)
     row = {
         "time_s": time_s,
         "frame": frame,
@@ -101,21 +97,26 @@ def _row(time_s: float, frame: int, craft: Sequence[str], fix: LidarFix, truth: 
         "confidence": fix.confidence,
         **{f"measured_p{a}_m": float(v) for a, v in zip("xyz", fix.position, strict=True)},
         **{f"measured_q{a}": float(v) for a, v in zip("wxyz", turn, strict=True)},
-        **dict(
-            zip(("measured_position_error_m", "measured_attitude_error_deg", "measured_nees"), measured, strict=True)
-        ),
+        **_errors("measured", rotation, true_position, fix.rotation, fix.position, fix.covariance),
         "nis": fix.nis,
-        **dict(zip(("ekf_position_error_m", "ekf_attitude_error_deg", "ekf_nees"), ekf, strict=True)),
+        **_errors("ekf", rotation, true_position, fix.ekf_rotation, fix.ekf_position, fix.ekf_covariance),
     }
     return {key: None if isinstance(value, float) and not np.isfinite(value) else value for key, value in row.items()}
 
 
 def _errors(
-    true_rotation: Floats, true_position: Floats, rotation: Floats, position: Floats, covariance: Floats
-) -> tuple[float, float, float]:
-    """Distance [m], angle [deg] and NEES."""
+    prefix: str,
+    true_rotation: Floats,
+    true_position: Floats,
+    rotation: Floats,
+    position: Floats,
+    covariance: Floats,
+) -> dict[str, float]:
     if not (np.isfinite(rotation).all() and np.isfinite(position).all() and np.isfinite(covariance).all()):
-        return float("nan"), float("nan"), float("nan")
+        return {}
     error = np.concatenate([log(true_rotation @ rotation.T), true_position - position])
-    nees = float(error @ np.linalg.solve(covariance, error))
-    return float(np.linalg.norm(error[3:])), float(np.degrees(angle_between(true_rotation, rotation))), nees
+    return {
+        f"{prefix}_position_error_m": float(np.linalg.norm(error[3:])),
+        f"{prefix}_attitude_error_deg": float(np.degrees(angle_between(true_rotation, rotation))),
+        f"{prefix}_nees": float(error @ np.linalg.solve(covariance, error)),
+    }

@@ -31,11 +31,11 @@ STOPPED = "stopped by the user"
 
 
 class Contents(NamedTuple):
-    """What belongs to one kind of result.
+    """The files of one kind of result.
 
     what: the kind, with its article. marker: name of the JSON file that marks it. files: names of the other files.
-    folders: names of folders, with the patterns of the files in them. instead: what the user can do where there is such
-    a result already.
+    folders: names of folders, with the patterns of the files in them. instead: advice where there is such a result
+    already.
     """
 
     what: str
@@ -78,6 +78,31 @@ def find(path: str | Path, contents: Contents) -> tuple[Path, dict[str, Any]]:
     return folder, marker
 
 
+def refuse_taken(path: Path, contents: Contents, force: bool) -> None:
+    """Look whether a result may be written to a folder, without touching it.
+
+    Args:
+        path: The folder; it need not exist.
+        contents: What belongs to the result.
+        force: An earlier result may be replaced.
+
+    Raises:
+        SwarmError: There is a result already, or files stand in the way.
+    """
+    if path.exists() and not path.is_dir():
+        raise SwarmError(f"cannot write {path}: a file is in its place; choose another --out")
+    if marker_in(path, contents) is not None:
+        if not force:
+            raise SwarmError(f"{path} holds {contents.what} already; {contents.instead}")
+        return
+    for name in (contents.marker, *contents.files, *contents.folders):
+        if (path / name).exists():
+            raise SwarmError(
+                f"{path / name} was not written by {PROGRAM}, and {contents.what} would replace it; "
+                "move it away or choose another --out"
+            )
+
+
 class OwnedFolder:
     """A claimed folder. As a context manager it marks the work as interrupted if the block fails.
 
@@ -89,7 +114,7 @@ class OwnedFolder:
 
         Args:
             path: The folder; it may hold other files, which stay.
-            contents: What belongs to the result.
+            contents: The files of the result.
             force: Replace an earlier result.
             keep: Go on with an earlier result: its files and its marker stay.
 
@@ -111,18 +136,9 @@ class OwnedFolder:
             raise
 
     def _claim(self, force: bool, keep: bool) -> None:
-        contents = self.contents
-        if marker_in(self.path, contents) is None:
-            for name in (contents.marker, *contents.files, *contents.folders):
-                if (self.path / name).exists():
-                    raise SwarmError(
-                        f"{self.path / name} was not written by {PROGRAM}, and {contents.what} would replace it; "
-                        "move it away or choose another --out"
-                    )
-        elif keep:
+        if keep and marker_in(self.path, self.contents) is not None:
             return
-        elif not force:
-            raise SwarmError(f"{self.path} holds {contents.what} already; {contents.instead}")
+        refuse_taken(self.path, self.contents, force)
         self.mark("running")
         self._empty()
 

@@ -16,11 +16,11 @@ from swarm.world.actuators import ActuatorWork
 
 
 class Guided(NamedTuple):
-    """What the guidance of C craft does at the epoch.
+    """Guidance of C craft at the epoch.
 
     phase: (C,), of `swarm.onboard.guidance.phase.Phase`. reference_m: (C, 3) [m], where guidance wants each craft.
-    gave_way: (C,), whether a craft flew otherwise than it wanted, to keep clear of another. docking: who docks, by
-    index, and how its port truly stands to its target's.
+    gave_way: (C,), whether a craft flew otherwise than it wanted, to keep clear of another. docking: craft that
+    dock, by index, with the true state of their ports to their targets'.
     """
 
     phase: Ints
@@ -33,7 +33,7 @@ class Period(NamedTuple):
     """One lighthouse period of C craft at its epoch, in the lighthouse frame; NaN where unknown.
 
     frame: number of the period. time_s: the epoch [s]. truth: None in a replay. sight: (C, K), what every photodiode
-    saw, of `swarm.results.recording.scene`'s OUTSIDE, BLOCKED, LIT. angles: what every craft's decoder made of the
+    saw, of `swarm.sensors.sight.Sight`. angles: what every craft's decoder made of the
     light. estimate: what every craft knows. peer: the pose that came with a recording, in a replay. scans: what became
     of the LiDAR scans that were completed. work: of the actuators; None in a replay. guided: None without guided craft.
     fault: (C,), index into the fault schedule's names; None without faults.

@@ -1,10 +1,8 @@
-"""One period of telemetry, all craft at once: poses as quaternions, errors, sigmas and NEES, as one kernel.
+"""Errors of C craft at one epoch, all at once: quaternions, distances and angles, sigmas and NEES, as kernels.
 
 The errors are active and left, R_true = Exp([d]x) R_est and p_true = p_est + dp, and with the 6x6 pose part P of the
 EKF's covariance NEES = e^T P^-1 e, e = (d, dp). Quaternions are wxyz, w >= 0. What is missing is NaN.
 """
-
-from typing import NamedTuple
 
 import numpy as np
 
@@ -12,20 +10,6 @@ from estimators.arrays import Floats
 from estimators.kernel import kernel
 from estimators.linear import cholesky_into
 from estimators.rotation import quaternion_between, quaternion_from_matrix_into
-
-
-class Rows(NamedTuple):
-    """Rows of a block at which the columns of one quantity begin: a pose has seven, the errors seven, rates six.
-
-    They are an argument, not globals: the compiled kernel in the cache on disk would keep old globals.
-    """
-
-    true: int
-    pnp: int
-    ekf: int
-    errors: int
-    true_rates: int
-    ekf_rates: int
 
 
 @kernel
@@ -44,7 +28,13 @@ def _error_into(a: Floats, true_position: Floats, b: Floats, position: Floats, o
 
 @kernel
 def attitude_errors_into(truth: Floats, estimate: Floats, out: Floats) -> None:
-    """Write d (n, 3) [rad], R_est = Exp([d]x) R_true, of quaternions (n, 4) into `out`."""
+    """Write d, R_est = Exp([d]x) R_true, into `out`.
+
+    Args:
+        truth: (n, 4).
+        estimate: (n, 4).
+        out: (n, 3) [rad].
+    """
     nowhere, e = np.zeros(3), np.empty(6)
     for i in range(len(out)):
         _error_into(truth[i], nowhere, estimate[i], nowhere, e)
@@ -53,68 +43,61 @@ def attitude_errors_into(truth: Floats, estimate: Floats, out: Floats) -> None:
 
 
 @kernel
-def _pose_into(position: Floats, quaternion: Floats, out: Floats, row: int, column: int) -> None:
-    """Write a pose into seven rows of a block, with w >= 0."""
-    sign = -1.0 if quaternion[0] < 0 else 1.0
-    for i in range(3):
-        out[row + i, column] = position[i]
-    for i in range(4):
-        out[row + 3 + i, column] = sign * quaternion[i]
+def quaternions_into(rotation: Floats, out: Floats) -> None:
+    """Write the quaternions (C, 4), w >= 0, of rotations (C, 3, 3) into `out`."""
+    for c in range(len(out)):
+        quaternion_from_matrix_into(rotation[c], out[c])
 
 
 @kernel
-def rows_into(
-    rows: Rows,
+def pose_errors_into(
+    true_position: Floats, true_quaternion: Floats, position: Floats, quaternion: Floats, out: Floats
+) -> None:
+    """Write distance [m] and angle [deg] of poses from the truth into `out`.
+
+    Args:
+        true_position: (C, 3) [m].
+        true_quaternion: (C, 4).
+        position: (C, 3) [m].
+        quaternion: (C, 4).
+        out: (2, C).
+    """
+    e = np.empty(6)
+    for c in range(out.shape[1]):
+        distance, angle = _error_into(true_quaternion[c], true_position[c], quaternion[c], position[c], e)
+        out[0, c], out[1, c] = distance, np.degrees(angle)
+
+
+@kernel
+def estimate_errors_into(
     true_position: Floats,
     true_quaternion: Floats,
-    true_velocity: Floats,
-    true_rate: Floats,
-    pnp_rotation: Floats,
-    pnp_position: Floats,
-    rotation: Floats,
     position: Floats,
-    velocity: Floats,
-    rate: Floats,
+    quaternion: Floats,
     covariance: Floats,
     out: Floats,
 ) -> None:
-    """Write poses, errors and rates of C craft into the rows of `out` (columns, C).
+    """Write distance [m] and angle [deg] of estimates from the truth, their sigmas [m], [deg] and NEES into `out`.
 
     Args:
-        rows: Where they go.
-        true_position: (C, 3) [m]; with true_quaternion (C, 4), true_velocity (C, 3) [m/s], true_rate (C, 3) [rad/s].
-        true_quaternion: See above.
-        true_velocity: See above.
-        true_rate: See above.
-        pnp_rotation: (C, 3, 3), with pnp_position (C, 3) [m]: the solution of PnP.
-        pnp_position: See above.
-        rotation: (C, 3, 3), with position, velocity, rate (C, 3) and covariance (C, 12, 12): the filter's estimate.
-        position: See above.
-        velocity: See above.
-        rate: See above.
-        covariance: See above.
-        out: Filled; the errors are in the order of `swarm.results.records.Errors`.
+        true_position: (C, 3) [m].
+        true_quaternion: (C, 4).
+        position: (C, 3) [m].
+        quaternion: (C, 4).
+        covariance: (C, 12, 12) of attitude, angular rate, position, velocity.
+        out: (5, C).
     """
-    pose, lower = np.empty((6, 6)), np.empty((6, 6))
-    e, q, errors = np.empty(6), np.empty(4), np.empty(7)
+    pose, lower, e = np.empty((6, 6)), np.empty((6, 6)), np.empty(6)
     for c in range(out.shape[1]):
-        _pose_into(true_position[c], true_quaternion[c], out, rows.true, c)
-        quaternion_from_matrix_into(pnp_rotation[c], q)
-        _pose_into(pnp_position[c], q, out, rows.pnp, c)
-        distance, angle = _error_into(true_quaternion[c], true_position[c], q, pnp_position[c], e)
-        errors[0], errors[1] = distance, np.degrees(angle)
-
-        quaternion_from_matrix_into(rotation[c], q)
-        _pose_into(position[c], q, out, rows.ekf, c)
-        distance, angle = _error_into(true_quaternion[c], true_position[c], q, position[c], e)
-        errors[2], errors[3] = distance, np.degrees(angle)
+        distance, angle = _error_into(true_quaternion[c], true_position[c], quaternion[c], position[c], e)
+        out[0, c], out[1, c] = distance, np.degrees(angle)
         p = covariance[c]
-        errors[4] = np.sqrt(p[6, 6] + p[7, 7] + p[8, 8])
-        errors[5] = np.degrees(np.sqrt(p[0, 0] + p[1, 1] + p[2, 2]))
+        out[2, c] = np.sqrt(p[6, 6] + p[7, 7] + p[8, 8])
+        out[3, c] = np.degrees(np.sqrt(p[0, 0] + p[1, 1] + p[2, 2]))
         for i in range(6):
             for j in range(i + 1):
                 pose[i, j] = p[i if i < 3 else i + 3, j if j < 3 else j + 3]
-        errors[6] = np.nan
+        out[4, c] = np.nan
         if np.isfinite(e[0] + e[5]) and cholesky_into(pose, lower):
             nees = 0.0
             for i in range(6):
@@ -122,10 +105,4 @@ def rows_into(
                     e[i] -= lower[i, j] * e[j]
                 e[i] /= lower[i, i]
                 nees += e[i] * e[i]
-            errors[6] = nees
-
-        for i in range(7):
-            out[rows.errors + i, c] = errors[i]
-        for i in range(3):
-            out[rows.true_rates + i, c], out[rows.true_rates + 3 + i, c] = true_velocity[c, i], true_rate[c, i]
-            out[rows.ekf_rates + i, c], out[rows.ekf_rates + 3 + i, c] = velocity[c, i], rate[c, i]
+            out[4, c] = nees

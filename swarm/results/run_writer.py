@@ -1,11 +1,12 @@
-"""Everything that a run writes, behind one `append` per period: folder, scenario, telemetry, recording, summary."""
+"""One door for all that a run writes: folder, scenario, telemetry, recording, summary; one `append` per period."""
 
 import platform
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from importlib.metadata import version
 from pathlib import Path
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from swarm.results.columns.groups import groups_of
 from swarm.results.columns.schema import schema
 from swarm.results.criteria import check_measures, judge, summary_of
 from swarm.results.lidar_scans import ScanWriter
+from swarm.results.owned_folder import STOPPED
 from swarm.results.period import Period
 from swarm.results.progress import Progress
 from swarm.results.recording.scene import NullRecording, Recorder, Scene
@@ -27,7 +29,15 @@ from swarm.results.telemetry import Telemetry
 from swarm.scenario import Scenario, to_toml
 
 VERSIONS = ("mujoco", "numpy", "scipy", "numba", "filterpy", "rerun-sdk")
-"""What a run's numbers depend on."""
+"""Packages that a run's numbers depend on."""
+W = TypeVar("W", bound="Closes")
+
+
+class Closes(Protocol):
+    """Anything that is completed at the end of a run."""
+
+    def close(self) -> None:
+        """Write what is left. Raises SwarmError on a full disk."""
 
 
 class RunWriter:
@@ -44,6 +54,16 @@ class RunWriter:
         angles: AngleWriter | None = None,
         scans: ScanWriter | None = None,
     ) -> None:
+        """Take the open writers.
+
+        Args:
+            telemetry: Writes the telemetry.
+            recording: Draws the run.
+            craft_count: Craft that navigate, for the progress.
+            duration_s: Length of the run [s].
+            angles: Writes the sweep angles, if they are wanted.
+            scans: Writes the LiDARs' scans, if there are LiDARs.
+        """
         self.notice = recording.notice
         self._telemetry, self._recording, self._angles, self._scans = telemetry, recording, angles, scans
         self._craft_count, self._duration_s = craft_count, duration_s
@@ -55,14 +75,14 @@ class RunWriter:
         self._recording.append(period, self._telemetry.append(period))
         if self._angles is not None:
             self._angles.append(period.frame, period.angles)
-        if self._scans is not None and period.truth is not None:
-            self._scans.append(period.time_s, period.frame, period.scans, period.truth)
+        if self._scans is not None:
+            self._scans.append(period)
         self._time_s = period.time_s
         self._tracking = int(np.count_nonzero(period.estimate.status == Status.TRACKING))
 
     @property
     def progress(self) -> Progress:
-        """How far the run is."""
+        """The state of the run."""
         wall_s = time.perf_counter() - self._started_s
         return Progress(
             self._time_s, self._duration_s, self._time_s / wall_s, self._tracking, self._craft_count, self.notice
@@ -70,7 +90,7 @@ class RunWriter:
 
 
 def check_criteria(scenario: Scenario, scene: Scene) -> None:
-    """Raises SwarmError where a criterion is about nothing that a run of this scene measures."""
+    """Raise SwarmError where a criterion is about nothing that a run of this scene measures."""
     check_measures(scenario.criteria, schema(groups_of(scene)), scenario.name)
 
 
@@ -86,61 +106,74 @@ def writing_run(
     live: bool = False,
     angles: Believed | None = None,
 ) -> Iterator[RunWriter]:
-    """A run's folder, `runs/<scenario>-<seed>` or `out`, open for the block; closed however the block ends.
+    """Open a run's folder for the block; it is closed however the block ends.
 
-    force: replace a run that is there. record: write recording.rrd of `scene`; live: show it meanwhile. angles: what
-    the craft believe, for a run that writes their sweep angles. A run that is stopped, by Ctrl-C or an error, is
-    summarised as far as it went and marked as interrupted, and what stopped it is raised on; the scenario's criteria
-    are judged at the end. Raises SwarmError where nothing can be written, or where a criterion measures what this run
-    does not.
+    A run that is stopped, by Ctrl-C or an error, is summarised as far as it went and marked as interrupted, and what
+    stopped it is raised on. At the end of a complete run the scenario's criteria are judged.
+
+    Args:
+        scenario: What is flown.
+        out: The folder; None: `runs/<scenario>-<seed>`.
+        scene: What does not change during the run.
+        force: Replace a run that is there.
+        duration_s: Length of the run [s].
+        record: Write recording.rrd.
+        live: Show the recording meanwhile.
+        angles: What the craft believe, for a run that writes their sweep angles.
+
+    Raises:
+        SwarmError: Nothing can be written, or a criterion measures what this run does not.
     """
     check_criteria(scenario, scene)
     with RunFolder.create(scenario.name, scenario.seed, None if out is None else Path(out), force) as folder:
         folder.write_scenario(to_toml(scenario, versions()))
-        telemetry = Telemetry(folder.path, scene.craft, groups_of(scene), scene.without_sensors)
-        recording: Recorder = NullRecording()
-        if (record and scenario.recording.enabled) or live:
-            # rerun takes most of a second to import: only who records pays for it.
-            from swarm.results.recording.recording import Recording
-
-            recording = Recording(folder.recording, scene, live=live)
-        angle_writer = AngleWriter(folder.path, angles) if angles is not None else None
-        scan_writer = ScanWriter(folder.path, scene.craft) if scene.lidar else None
-        navigating = len(scene.craft) - len(scene.without_sensors)
-        writer = RunWriter(telemetry, recording, navigating, duration_s, angle_writer, scan_writer)
         try:
-            yield writer
+            with ExitStack() as stack:
+                scans = stack.enter_context(_closing(ScanWriter(folder.path, scene.craft))) if scene.lidar else None
+                beliefs = stack.enter_context(_closing(AngleWriter(folder.path, angles))) if angles else None
+                telemetry = Telemetry(folder.path, scene.craft, groups_of(scene), scene.without_sensors)
+                stack.enter_context(_closing(telemetry))
+                recording = _recorder(folder, scene, (record and scenario.recording.enabled) or live, live)
+                stack.enter_context(_closing(recording))
+                navigating = len(scene.craft) - len(scene.without_sensors)
+                writer = RunWriter(telemetry, recording, navigating, duration_s, beliefs, scans)
+                yield writer
         except BaseException as stop:
-            # A second failure (the disk is still full) must not hide the first, nor keep the rest from closing.
-            with suppress(SwarmError):
-                recording.close()
-            with suppress(SwarmError):
-                telemetry.close()
-            if angle_writer is not None:
-                with suppress(SwarmError):
-                    angle_writer.close()
-            if scan_writer is not None:
-                with suppress(SwarmError):
-                    scan_writer.close()
+            # A second failure (the disk is still full) must not hide the first.
             summary = None
             with suppress(SwarmError):
                 summary = summarise_run(folder.path)
             with suppress(SwarmError):
                 folder.interrupt(_reason(stop), summary)
             raise
-        recording.close()
-        telemetry.close()
-        if angle_writer is not None:
-            angle_writer.close()
-        if scan_writer is not None:
-            scan_writer.close()
         verdicts = judge(scenario.criteria, TelemetryTable.of_run(folder.path))
         folder.finish({**summarise_run(folder.path), **summary_of(verdicts)})
         writer.run = open_run(folder.path)
 
 
+@contextmanager
+def _closing(writer: W) -> Iterator[W]:
+    """Close the writer after the block; if the block has failed, a failure to close does not hide why."""
+    try:
+        yield writer
+    except BaseException:
+        with suppress(SwarmError):
+            writer.close()
+        raise
+    writer.close()
+
+
+def _recorder(folder: RunFolder, scene: Scene, record: bool, live: bool) -> Recorder:
+    if not record:
+        return NullRecording()
+    # rerun takes most of a second to import: only who records pays for it.
+    from swarm.results.recording.recording import Recording
+
+    return Recording(folder.recording, scene, live=live)
+
+
 def versions() -> list[str]:
-    """The versions that a run's numbers depend on, a line each."""
+    """Return the versions that a run's numbers depend on, a line each."""
     return [
         f"lighthouse-swarm {__version__}",
         f"Python {platform.python_version()}",
@@ -149,4 +182,4 @@ def versions() -> list[str]:
 
 
 def _reason(stop: BaseException) -> str:
-    return "stopped by the user" if isinstance(stop, KeyboardInterrupt) else str(stop) or type(stop).__name__
+    return STOPPED if isinstance(stop, KeyboardInterrupt) else str(stop) or type(stop).__name__

@@ -1,4 +1,4 @@
-"""The scenario: what a run's file may say, loading it with every mistake named, and writing it out again."""
+"""The scenario: the tables of a run's file, loading them with a message for every mistake, and writing them."""
 
 from swarm.scenario.cameras import Ccd, Outage
 from swarm.scenario.criteria import Criterion

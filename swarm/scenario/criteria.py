@@ -1,4 +1,4 @@
-"""The `[[criteria]]` tables of a scenario: what must hold for its run to have succeeded. See docs/criteria.md."""
+"""The `[[criteria]]` tables of a scenario: conditions for the success of its run. See docs/criteria.md."""
 
 from collections.abc import Iterator
 from typing import Annotated, Literal
@@ -12,33 +12,36 @@ Statistic = Literal["rms", "mean", "max", "min", "sum", "last", "at_contact"]
 
 
 class Criterion(Table):
-    """A figure of the run, judged on its telemetry, and the limits that it must lie within, ends included."""
+    """A figure of the run, computed from its telemetry, must lie within limits, ends included."""
 
     measure: str = Field(
-        description="A column of numbers or of true and false of the telemetry, or contacts, tracking_share, "
-        "longest_blind_s, separation_m."
+        description="Measured quantity: a column of the telemetry with numbers or with true and false, or contacts, "
+        "tracking_share, longest_blind_s, separation_m."
     )
     statistic: Statistic = Field(
         default="max",
-        description="What of the column: over all its values, or each craft's last one, or its last before contact.",
+        description="Statistic of the column: over all its values, or each craft's last value, or its last value "
+        "before contact.",
     )
-    min: float | None = Field(default=None, ge=-1e9, le=1e9, description="It must not be below. Unset: no limit.")
-    max: float | None = Field(default=None, ge=-1e9, le=1e9, description="It must not be above. Unset: no limit.")
+    min: float | None = Field(default=None, ge=-1e9, le=1e9, description="Lower limit. Unset: none.")
+    max: float | None = Field(default=None, ge=-1e9, le=1e9, description="Upper limit. Unset: none.")
     craft: Annotated[tuple[str, ...], Strict(False)] = Field(
-        default=(), description="Names of the craft that it is about. Empty: all."
+        default=(), description="Names of the craft that the criterion is about. Empty: all."
     )
-    from_s: float = Field(default=0.0, ge=0, le=86400, description="From this time on.")
-    to_s: float | None = Field(default=None, gt=0, le=86400, description="Until this time. Unset: the end.")
+    from_s: float = Field(default=0.0, ge=0, le=86400, description="Time from which the telemetry counts.")
+    to_s: float | None = Field(
+        default=None, gt=0, le=86400, description="Time until which the telemetry counts. Unset: the end."
+    )
     name: str | None = Field(
         default=None,
         pattern=r"^[A-Za-z0-9][A-Za-z0-9_]*$",
         max_length=64,
-        description="What it is called in reports and studies. Unset: measure and statistic.",
+        description="Name of the criterion in reports and studies. Unset: measure and statistic.",
     )
 
     @property
     def label(self) -> str:
-        """Its name, the unit last."""
+        """The name of the criterion, the unit last."""
         if self.name is not None:
             return self.name
         if self.measure in NAMED or self.statistic == "max":
@@ -47,7 +50,7 @@ class Criterion(Table):
         return f"{stem}_{self.statistic}{self.measure.removeprefix(stem)}"
 
     def between_keys(self) -> Iterator[Mistake]:
-        """There is a limit, and something within the limits."""
+        """Require a limit, and limits with something between them."""
         if self.min is None and self.max is None:
             yield "needs a limit: set max, or min, or both", "max", "min"
         elif self.min is not None and self.max is not None and self.min > self.max:

@@ -1,7 +1,4 @@
-"""The tables of a scenario that say what moves the craft beside their control: `[orbit]` and `[craft.actuation]`.
-
-`swarm.flight.builders` turns them into `estimators.relative_orbit` and `swarm.onboard.actuation`.
-"""
+"""The tables of a scenario for the forces on the craft: `[orbit]` and `[craft.actuation]`."""
 
 from typing import Literal
 
@@ -11,28 +8,35 @@ from swarm.scenario.table import Table
 
 
 class Orbit(Table):
-    """The lighthouse's circular orbit around the Earth: craft beside it move by the Clohessy-Wiltshire equations, and
-    every craft's computer knows it. Without this table there is weightless space. See docs/orbit.md.
+    """The lighthouse is on a circular orbit around the Earth. Craft near it move by the Clohessy-Wiltshire equations,
+    and the computer of every craft knows the orbit. Without this table there is weightless space. See docs/orbit.md.
     """
 
-    altitude_km: float = Field(ge=120, le=100000, description="Above the equator's radius, 6378.137 km.")
+    altitude_km: float = Field(ge=120, le=100000, description="Altitude above the radius of the equator, 6378.137 km.")
     boresight: Literal["v-bar", "-v-bar", "r-bar", "-r-bar", "h-bar", "-h-bar"] = Field(
         default="-v-bar",
-        description="What the lighthouse looks along: v-bar is its velocity, r-bar points to the Earth, h-bar against "
-        "the orbit's angular momentum. Its y axis (down) is r-bar, or where it looks along that, -v-bar.",
+        description="Direction in which the lighthouse looks: v-bar is along its velocity, r-bar points to the Earth, "
+        "h-bar is against the orbit's angular momentum. The y axis (down) of the lighthouse is r-bar, or -v-bar where "
+        "it looks along r-bar.",
     )
 
 
 class Actuation(Table):
-    """How a craft's orders are carried out: by the thrusters (sites `thruster...`) and reaction wheels (`wheel...`) of
-    its model. A model without thrusters gets exactly the force that it orders, one without either the torque too.
-    See docs/actuation.md.
+    """The thrusters (sites `thruster...`) and reaction wheels (`wheel...`) of the craft's model carry out its orders. A
+    model without thrusters gets exactly the force that it orders; one without either gets exactly the torque too. See
+    docs/actuation.md.
     """
 
-    ideal: bool = Field(default=False, description="Exactly what is ordered, whatever the model has.")
+    ideal: bool = Field(
+        default=False,
+        description="Whether the craft gets exactly the force and torque that it orders, whatever its model has.",
+    )
     thrust_error_percent: float = Field(
-        default=0.0, ge=0, le=50, description="Error of a thruster's force, 1 sigma, drawn once per thruster."
+        default=0.0, ge=0, le=50, description="Standard deviation of a thruster's force, drawn once per thruster."
     )
     thrust_direction_error_deg: float = Field(
-        default=0.0, ge=0, le=30, description="Tilt of a thruster about each axis, 1 sigma, drawn once per thruster."
+        default=0.0,
+        ge=0,
+        le=30,
+        description="Standard deviation of a thruster's tilt about each axis, drawn once per thruster.",
     )

@@ -1,6 +1,6 @@
-"""From a file or a shipped name, and `--set key=value`, to a validated scenario with every path made absolute.
+"""Load a scenario: from a file or a shipped name, and `--set key=value`, to validated tables with absolute paths.
 
-All mistakes are collected and told at once, in one `SwarmError`: a line each with file, key, value and limit.
+All mistakes are reported together, in one `SwarmError`: one line each with file, key, value and limit.
 """
 
 import re
@@ -14,37 +14,43 @@ from pydantic import ValidationError
 
 from swarm.assets import find_model, find_scenario, lighthouses, models
 from swarm.errors import SwarmError
-from swarm.scenario import mistakes, schema
+from swarm.scenario import mistakes
 from swarm.scenario.cameras import Ccd
-from swarm.scenario.dynamics import Actuation
 from swarm.scenario.lidar import Lidar
 from swarm.scenario.mistakes import Problem, dotted, parse_path
-from swarm.scenario.motions import AnyMotion
-from swarm.scenario.schema import Disturbance, Scatter, Scenario
+from swarm.scenario.schema import Scenario, SingleCraft, Swarm
 from swarm.scenario.text import toml_value
 
 
 @dataclass(frozen=True)
 class Craft:
-    """One craft of a scenario. index, count: its place among the craft that share its motion."""
+    """One craft of a scenario: its table, and its model's file.
+
+    index, count: its place among the craft that share its table.
+    """
 
     name: str
     model: Path
-    feedback: str
-    motion: AnyMotion
-    index: int
-    count: int
-    lighthouse: bool
-    disturbance: Disturbance
-    actuation: Actuation
-    ccd: Ccd | None
-    scatter: Scatter
-    passive: bool = False
-    lidar: Lidar | None = None
+    table: Swarm | SingleCraft
+    index: int = 0
+    count: int = 1
+
+    @property
+    def ccd(self) -> Ccd | None:
+        """The table of its cameras."""
+        return self.table.ccd if isinstance(self.table, SingleCraft) else None
+
+    @property
+    def lidar(self) -> Lidar | None:
+        """The table of its LiDAR."""
+        return self.table.lidar if isinstance(self.table, SingleCraft) else None
 
 
 class Override(NamedTuple):
-    """One changed value: a dotted key, the value as TOML gives it, and for messages where and how it was said."""
+    """One changed value.
+
+    key: dotted. value: as TOML gives it. source, text: for messages, where and how the change was given.
+    """
 
     key: str
     value: Any
@@ -53,10 +59,16 @@ class Override(NamedTuple):
 
 
 def load(name_or_path: str | Path, overrides: Iterable[str | Override] = (), seed: int | None = None) -> Scenario:
-    """The validated scenario of a file, or of a shipped one by its name.
+    """Load and validate a scenario.
 
-    overrides: "key=value" with a dotted key and a value as TOML writes it, quotes around plain words left out:
-    "swarm.count=16", "craft[1].motion.from_m=[0, 0, 8]"; or `Override`s. seed: replaces the file's. Raises SwarmError.
+    Args:
+        name_or_path: The name of a shipped scenario, or the path of a TOML file.
+        overrides: "key=value" with a dotted key and a value as TOML writes it, quotes around plain words left out:
+            "swarm.count=16", "craft[1].motion.from_m=[0, 0, 8]"; or `Override`s.
+        seed: Replaces the seed of the file.
+
+    Raises:
+        SwarmError: The file cannot be read, or a value is wrong.
     """
     path = find_scenario(str(name_or_path))
     data = {"name": safe_name(path.stem), **read_toml(path)}
@@ -66,7 +78,18 @@ def load(name_or_path: str | Path, overrides: Iterable[str | Override] = (), see
 def validate(
     data: dict[str, Any], overrides: Iterable[str | Override] = (), seed: int | None = None, *, file: str, folder: Path
 ) -> Scenario:
-    """The scenario that `data` (as TOML gives it) says. file: its name in messages; folder: where its paths begin."""
+    """Validate a scenario.
+
+    Args:
+        data: The tables, as TOML gives them; changed by the overrides.
+        overrides: As in `load`.
+        seed: Replaces the seed of the data.
+        file: The name of the data in messages.
+        folder: The folder that relative paths begin at.
+
+    Raises:
+        SwarmError: A value is wrong.
+    """
     sources: dict[mistakes.Path, str] = {}
     for override in overrides:
         said = parse_override(override) if isinstance(override, str) else override
@@ -85,9 +108,15 @@ def validate(
 
 
 def for_replay(recording: Path, overrides: Iterable[str] = (), seed: int | None = None) -> Scenario:
-    """The settings of a replay of `recording`: only name, seed, [navigation] and [recording] mean something.
+    """Return the settings of a replay, of which only name, seed, [navigation] and [recording] mean something.
 
-    overrides, seed: as in `load`. Raises SwarmError, also for a key that a replay would ignore.
+    Args:
+        recording: The file that is replayed.
+        overrides: As in `load`.
+        seed: As in `load`.
+
+    Raises:
+        SwarmError: A value is wrong, or a replay would ignore the key.
     """
     overrides = list(overrides)
     for override in overrides:
@@ -106,7 +135,7 @@ def for_replay(recording: Path, overrides: Iterable[str] = (), seed: int | None 
 
 
 def parse_override(text: str) -> Override:
-    """The override that "key=value" says. Raises SwarmError where it says none."""
+    """Parse "key=value". Raises SwarmError where the text is not of this form."""
     key, equals, value = text.partition("=")
     if not equals or not parse_path(key.strip()):
         raise SwarmError(f"--set: {text!r} is not key=value, such as swarm.count=16")
@@ -114,40 +143,17 @@ def parse_override(text: str) -> Override:
 
 
 def craft(scenario: Scenario) -> list[Craft]:
-    """Every craft, the swarm's first, with its model's file."""
-    swarm = scenario.swarm
-    names = scenario.craft_names
-    here = Path()
-    model = find_model(swarm.model, here) if swarm.count else here
-    group: list[tuple[str, Path, schema.Craft, int, int, Ccd | None, Lidar | None]] = [
-        (names[i], model, swarm, i, swarm.count, None, None) for i in range(swarm.count)
-    ]
-    group += [
-        (name, find_model(single.model, here), single, 0, 1, single.ccd, single.lidar)
-        for name, single in zip(names[swarm.count :], scenario.craft, strict=True)
-    ]
-    return [
-        Craft(
-            name,
-            file,
-            of.feedback,
-            of.motion,
-            index,
-            count,
-            of.lighthouse,
-            of.disturbance,
-            of.actuation,
-            ccd,
-            of.scatter,
-            of.passive,
-            lidar,
-        )
-        for name, file, of, index, count, ccd, lidar in group
+    """Return every craft, those of the swarm first."""
+    swarm, names = scenario.swarm, scenario.craft_names
+    of_swarm, single = names[: swarm.count], names[swarm.count :]
+    model = find_model(swarm.model, Path()) if swarm.count else Path()
+    return [Craft(name, model, swarm, i, swarm.count) for i, name in enumerate(of_swarm)] + [
+        Craft(name, find_model(table.model, Path()), table) for name, table in zip(single, scenario.craft, strict=True)
     ]
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """What a TOML file says. Raises SwarmError, with the place in the file, where it is none or cannot be read."""
+    """Read a TOML file. Raises SwarmError, with the place in the file, where it cannot be read or is not TOML."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except tomllib.TOMLDecodeError as error:
@@ -162,7 +168,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def _put(data: dict[str, Any], override: Override) -> mistakes.Path:
-    """Put the override into `data`; returns where."""
+    """Put the override into `data`, and return its path."""
     path = parse_path(override.key)
     if not path:
         raise SwarmError(f"{override.source}: {override.key!r} is not a key, such as swarm.count")
@@ -189,7 +195,7 @@ def _put(data: dict[str, Any], override: Override) -> mistakes.Path:
 
 
 def _by_number(entries: list[Any], path: mistakes.Path, depth: int) -> str:
-    """The key `path` with the number of an entry of the list in it, of the one that `path[depth]` names if any does."""
+    """Return the key `path` with the number of the list's entry that `path[depth]` names, else of the first one."""
     named = [i for i, entry in enumerate(entries) if isinstance(entry, dict) and entry.get("name") == path[depth]]
     return dotted((*path[:depth], named[0] if named else 0, *path[depth + bool(named) :]))
 
@@ -206,7 +212,7 @@ def _value(override: str, text: str) -> Any:
 def _resolve_paths(data: dict[str, Any], folder: Path, sources: Mapping[mistakes.Path, str]) -> Iterator[Problem]:
     """Make the paths of files in `data` absolute, so that a copy of the scenario elsewhere means the same.
 
-    They begin at the scenario's folder; those given with `--set`, where the user types, at the working directory.
+    They begin at the scenario's folder; those given with `--set` begin at the working directory.
     """
     single = data.get("craft")
     indices = range(len(single)) if isinstance(single, list) else ()
@@ -230,12 +236,12 @@ def _resolve_paths(data: dict[str, Any], folder: Path, sources: Mapping[mistakes
 
 
 def safe_name(stem: str) -> str:
-    """A file's name as the name of a run: what a folder's or an entity's name may not have becomes a hyphen."""
+    """Turn a file's name into the name of a run: characters that no folder may have become hyphens."""
     return re.sub(r"[^A-Za-z0-9_.-]+", "-", stem).lstrip("_.-")[:64] or "scenario"
 
 
 def shown(path: Path) -> str:
-    """The path as its user would type it: relative where it lies below the working directory."""
+    """Return the path as its user would type it: relative where it lies below the working directory."""
     try:
         return str(path.resolve().relative_to(Path.cwd()))
     except ValueError:

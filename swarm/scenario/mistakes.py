@@ -1,6 +1,6 @@
-"""What is wrong in a scenario, one line per mistake: where, which key, which value, the limit, the nearest right name.
+"""Messages about the mistakes in a scenario: one line each, with file, key, value, limit and the nearest right name.
 
-pydantic finds the mistakes; here they are worded for somebody who wrote the file and has never heard of pydantic.
+pydantic finds the mistakes; the messages are for a user who wrote the file and does not know pydantic.
 """
 
 import re
@@ -18,7 +18,7 @@ from swarm.scenario.text import toml_value
 from swarm.units import split_unit, written_unit
 
 Path = tuple[str | int, ...]
-"""Where a value sits: ("craft", 1, "motion", "from_m", 0) is craft[1].motion.from_m[0]."""
+"""The path of a value: ("craft", 1, "motion", "from_m", 0) is craft[1].motion.from_m[0]."""
 
 TYPES = {"float": "a number", "int": "a whole number", "bool": "true or false", "string": "a string", "tuple": "a list"}
 LIMITS = {
@@ -32,7 +32,7 @@ LIMITS = {
 
 
 class Problem(NamedTuple):
-    """One mistake. keys: the place, and other places that could be changed instead."""
+    """One mistake. rank: orders the messages. keys: the place, and other places that could be changed instead."""
 
     rank: int
     keys: tuple[Path, ...]
@@ -47,39 +47,39 @@ class Place(NamedTuple):
 
 
 def dotted(path: Path) -> str:
-    """`craft[1].motion.from_m`, as `--set` and the messages write it."""
+    """Write a path as `--set` and the messages do: `craft[1].motion.from_m`."""
     return "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in path).removeprefix(".")
 
 
 def parse_path(key: str) -> Path:
-    """The path that `dotted` writes; `craft.1.motion` is understood too. Empty if `key` is no key."""
+    """Parse what `dotted` writes; `craft.1.motion` is understood too. The path is empty if `key` is not a key."""
     if not re.fullmatch(r"[\w-]+(\[\d+\]|\.[\w-]+)*", key):
         return ()
     return tuple(int(part) if part.isdecimal() else part for part in re.findall(r"[\w-]+", key))
 
 
 def tables_of(annotation: Any) -> tuple[type[Table], ...]:
-    """The tables that a field may hold: one, several kinds, or none if it is a value."""
+    """Return the tables that a field may hold: one, several kinds, or none if it holds a value."""
     if isinstance(annotation, type) and issubclass(annotation, Table):
         return (annotation,)
     return tuple(table for part in get_args(annotation) for table in tables_of(part))
 
 
 def kind_of(table: type[Table]) -> str:
-    """The `kind` of a motion, empty for any other table."""
+    """Return the `kind` that a table stands for, empty for a table without kinds."""
     kind = table.model_fields.get("kind")
     return str(get_args(kind.annotation)[0]) if kind else ""
 
 
 def _choices(annotation: Any) -> tuple[Any, ...]:
-    """What a field with a fixed choice may say, perhaps inside of a list."""
+    """Return the values that a field with a fixed choice may have, also inside a list."""
     if get_origin(annotation) is Literal:
         return get_args(annotation)
     return tuple(choice for part in get_args(annotation) for choice in _choices(part))
 
 
 def value_at(data: Any, path: Path) -> Any:
-    """What the file says there, or None."""
+    """Return the value at `path` in the data, None where there is none."""
     for part in path:
         if isinstance(data, str):
             # One word where a list of words may stand.
@@ -92,7 +92,14 @@ def value_at(data: Any, path: Path) -> Any:
 
 
 def report(problems: Iterable[Problem], data: Mapping[str, Any], sources: Mapping[Path, str], file: str) -> str:
-    """One line per mistake, the most telling first. sources: who else than `file` set a path (`--set`)."""
+    """Return one line per mistake, the most specific first.
+
+    Args:
+        problems: The mistakes.
+        data: The tables with the mistakes.
+        sources: The source (`--set`) of every path that `file` did not set.
+        file: The name of the file.
+    """
     lines = []
     for _, keys, text in sorted(problems, key=lambda p: p.rank):
         changed = {key: _source(key, sources) for key in keys}
@@ -106,9 +113,13 @@ def report(problems: Iterable[Problem], data: Mapping[str, Any], sources: Mappin
 def problems_of(
     error: ValidationError, data: Mapping[str, Any], root: type[Table] = Scenario, kinds_set: Iterable[Path] = ()
 ) -> list[Problem]:
-    """Every mistake that pydantic found in `data`, worded. root: the table that the whole file is.
+    """Return every mistake that pydantic found, with its message.
 
-    kinds_set: tables whose `kind` alone was changed: what no longer fits to the kind is one mistake.
+    Args:
+        error: The error of pydantic.
+        data: The tables with the mistakes.
+        root: The class of the whole file.
+        kinds_set: Tables whose `kind` alone was changed: all keys that do not fit the new kind are one mistake.
     """
     problems = [p for detail in error.errors(include_url=False) for p in _problems(detail, root)]
     for table in kinds_set:
@@ -119,7 +130,7 @@ def problems_of(
 
 
 def _of_another_kind(problems: list[Problem], table: Path, kind: Any) -> Iterator[Problem]:
-    """The problems, with those of missing and unknown keys in `table`, whose kind was changed, made one."""
+    """Merge the problems of missing and unknown keys in `table`, whose kind was changed, into one."""
     here = [p for p in problems if p.rank in (0, 1) and p.keys[0][:-1] == table]
     yield from (p for p in problems if p not in here)
     if here:
@@ -163,7 +174,7 @@ def _problems(detail: ErrorDetails, root: type[Table]) -> Iterator[Problem]:
 
 
 def _expected(detail: ErrorDetails, place: Place, unit: str) -> str:
-    """What should stand there instead of a value of the wrong type."""
+    """Return what is expected instead of a value of the wrong type."""
     value, kind, context = detail["input"], detail["type"], detail.get("ctx", {})
     of_unit = f" in {unit}" if unit else ""
     if kind == "missing" or (kind in ("too_long", "too_short") and context.get("max_length") == 3):
@@ -190,7 +201,7 @@ def _expected(detail: ErrorDetails, place: Place, unit: str) -> str:
 
 
 def _meant(key: str, table: type[Table], root: type[Table]) -> str:
-    """A question with the right key: the same name with another unit, a key of another table, or a near name."""
+    """Return a question with the right key: the same name with another unit, another table, or a near name."""
     fields = table.model_fields
     stem = split_unit(key)[0]
     same = [k for k in fields if split_unit(k)[0] == stem] or [k for k in fields if k.startswith(f"{stem}_")]
@@ -205,7 +216,7 @@ def _meant(key: str, table: type[Table], root: type[Table]) -> str:
 
 
 def _owners(key: str, root: type[Table]) -> list[str]:
-    """The tables that have this key."""
+    """Return the tables that have this key."""
     found: list[str] = []
     waiting: list[tuple[str, type[Table]]] = [("", root)]
     while waiting:
@@ -219,7 +230,7 @@ def _owners(key: str, root: type[Table]) -> list[str]:
 
 
 def _place(loc: Path, root: type[Table]) -> Place:
-    """Walk down the schema along `loc`, and leave out the tags that pydantic adds for kinds of motion."""
+    """Walk down the schema along `loc`, and leave out the tags that pydantic adds for kinds."""
     table: type[Table] = root
     inner: tuple[type[Table], ...] = (root,)
     path: list[str | int] = []
@@ -245,5 +256,5 @@ def _type_name(value: Any) -> str:
 
 
 def short(text: str) -> str:
-    """The text, cut to what a message has room for."""
+    """Cut a text to the room that a message has."""
     return text if len(text) <= 60 else f"{text[:57]}..."

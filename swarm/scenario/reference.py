@@ -46,12 +46,12 @@ VECTOR = get_args(Vector)[0]
 
 
 def json_schema() -> dict[str, Any]:
-    """The JSON schema (draft 2020-12) of a scenario file."""
+    """Return the JSON schema (draft 2020-12) of a scenario file."""
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **Scenario.model_json_schema()}
 
 
 def markdown_reference() -> str:
-    """The page of every table and key: unit or type, default, limits, meaning."""
+    """Return the page of every table and key: unit or type, default, limits, meaning."""
     return "\n".join([HEAD, *_sections()]).rstrip() + "\n"
 
 
@@ -70,11 +70,11 @@ def _sections() -> Iterator[str]:
                     for name, least in part.model_fields.items():
                         for entry in tables_of(least.annotation):
                             yield from _section(f"`[[{key}.{inner}.{name}]]`", key, entry)
-    yield "## `[[fault]]`\n\nWhat goes wrong, and when ([how](faults.md)); its `kind` says which of these it is.\n"
+    yield "## `[[fault]]`\n\nA fault and its time ([details](faults.md)); `kind` selects one of the tables below.\n"
     for table in tables_of(Scenario.model_fields["fault"].annotation):
         yield from _section(f'`kind = "{kind_of(table)}"`', "fault", table, level="###")
     motions = tables_of(Scenario.model_fields["craft"].annotation)[0].model_fields["motion"]
-    yield "## `motion`\n\nA table of `[swarm]` and of every `[[craft]]`; its `kind` says which of these it is.\n"
+    yield "## `motion`\n\nA table of `[swarm]` and of every `[[craft]]`; `kind` selects one of the tables below.\n"
     for table in tables_of(motions.annotation):
         yield from _section(f'`kind = "{kind_of(table)}"`', "motion", table, level="###")
         for key, field in table.model_fields.items():

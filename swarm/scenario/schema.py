@@ -1,8 +1,7 @@
-"""What a scenario file may say: one frozen pydantic model per table, extra keys forbidden.
+"""The tables of a scenario file, but for those of motions, faults, sensors and criteria.
 
-A key carries its unit as a suffix. The description of every field is what the scenario reference, the JSON schema
-for editors and the error messages say about it. Nothing here computes: `swarm.flight.builders` turns it into SI
-settings.
+The scenario reference, the JSON schema for editors and the error messages show the description of every field. Nothing
+here computes; `swarm.units.si` gives a table in SI units.
 """
 
 from collections.abc import Iterator
@@ -24,55 +23,71 @@ NAME_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_.-]*$"
 
 
 class Disturbance(Table):
-    """What pushes a craft beside its own control: white, constant over each lighthouse period."""
+    """Random accelerations push the craft beside its own control: white, constant over each lighthouse period."""
 
-    acceleration_m_s2: float = Field(default=0.0, ge=0, le=100, description="1 sigma per axis.")
-    angular_acceleration_deg_s2: float = Field(default=0.0, ge=0, le=36000, description="1 sigma per axis.")
+    acceleration_m_s2: float = Field(
+        default=0.0, ge=0, le=100, description="Standard deviation of the acceleration per axis."
+    )
+    angular_acceleration_deg_s2: float = Field(
+        default=0.0, ge=0, le=36000, description="Standard deviation of the angular acceleration per axis."
+    )
 
 
 class Scatter(Table):
-    """How far from its motion's beginning a craft starts: drawn once per craft from the seed, 1 sigma per axis."""
+    """A craft starts at random about the beginning of its motion: drawn once per craft from the seed and its name."""
 
-    position_m: float = Field(default=0.0, ge=0, le=100, description="Of its place.")
-    velocity_m_s: float = Field(default=0.0, ge=0, le=100, description="Of its velocity.")
-    attitude_deg: float = Field(default=0.0, ge=0, le=180, description="Of its attitude.")
-    angular_rate_deg_s: float = Field(default=0.0, ge=0, le=3600, description="Of its angular rate.")
+    position_m: float = Field(
+        default=0.0, ge=0, le=100, description="Standard deviation of the start position per axis."
+    )
+    velocity_m_s: float = Field(
+        default=0.0, ge=0, le=100, description="Standard deviation of the start velocity per axis."
+    )
+    attitude_deg: float = Field(
+        default=0.0, ge=0, le=180, description="Standard deviation of the start attitude per axis."
+    )
+    angular_rate_deg_s: float = Field(
+        default=0.0, ge=0, le=3600, description="Standard deviation of the start angular rate per axis."
+    )
 
 
 class Craft(Table):
-    """A craft, or what all craft of the swarm share."""
+    """A craft, or all craft of the swarm."""
 
-    model: str = Field(default="mockup", description="A model's name (`swarm list`), or the path of an MJCF file.")
+    model: str = Field(default="mockup", description="Name of a model (`swarm list`), or path of an MJCF file.")
     feedback: Literal["truth", "estimate"] = Field(
-        default="truth", description="What the controller steers by: the true pose, or the craft's own estimate."
+        default="truth", description="Pose that the controller steers by: the true one, or the craft's own estimate."
     )
-    motion: AnyMotion = Field(default=Hold(kind="hold"), description="How it moves: a table with a `kind`.")
-    lighthouse: bool = Field(default=True, description="Whether it carries photodiodes for the lighthouse on board.")
+    motion: AnyMotion = Field(default=Hold(kind="hold"), description="Motion of the craft: a table with a `kind`.")
+    lighthouse: bool = Field(default=True, description="Whether the photodiodes for the lighthouse are on board.")
     passive: bool = Field(
         default=False,
-        description="A craft that does not cooperate: no photodiodes needed, nothing is computed on board.",
+        description="Whether the craft does not cooperate: it needs no photodiodes, and computes nothing on board.",
     )
-    disturbance: Disturbance = Field(default=Disturbance(), description="What pushes it beside its own control.")
-    actuation: Actuation = Field(default=Actuation(), description="How its orders are carried out.")
-    scatter: Scatter = Field(default=Scatter(), description="How far from its motion's beginning it starts.")
+    disturbance: Disturbance = Field(
+        default=Disturbance(), description="Random accelerations beside the craft's own control."
+    )
+    actuation: Actuation = Field(
+        default=Actuation(), description="Thrusters and reaction wheels that carry out the craft's orders."
+    )
+    scatter: Scatter = Field(default=Scatter(), description="Random start about the beginning of the motion.")
 
     def between_keys(self) -> Iterator[Mistake]:
-        """Who computes nothing on board cannot steer by it."""
+        """Require that a craft that steers by its estimate computes one."""
         if self.passive and self.feedback == "estimate":
             yield "a passive craft has no estimate", "feedback", "passive"
 
 
 class Swarm(Craft):
-    """Equal craft that share one motion, named craft-0, craft-1, ..."""
+    """Equal craft share one motion; they are named craft-0, craft-1, ..."""
 
-    count: int = Field(default=0, ge=0, le=10000, description="How many craft.")
+    count: int = Field(default=0, ge=0, le=10000, description="Number of craft.")
 
     def between_keys(self) -> Iterator[Mistake]:
-        """No motion that would put all craft at one place."""
+        """Refuse a motion that would put all craft at one position."""
         yield from super().between_keys()
         if self.count > 1 and self.motion.kind in ("waypoints", "approach", "dock"):
             yield (
-                f'must be 0 or 1 where motion.kind = "{self.motion.kind}", which would put all craft at one place; '
+                f'must be 0 or 1 where motion.kind = "{self.motion.kind}", which would put all craft at one position; '
                 "give each its own [[craft]] entry",
                 "count",
                 "motion.kind",
@@ -80,16 +95,19 @@ class Swarm(Craft):
 
 
 class SingleCraft(Craft):
-    """One craft with its own name and motion, beside the swarm."""
+    """One craft has its own name and motion, beside the swarm."""
 
     name: str | None = Field(
-        default=None, pattern=NAME_PATTERN, max_length=64, description="Unset: craft-N, counted after the swarm."
+        default=None,
+        pattern=NAME_PATTERN,
+        max_length=64,
+        description="Name of the craft. Unset: craft-N, counted after the swarm.",
     )
-    ccd: Ccd | None = Field(default=None, description="A pair of cameras that looks at another craft. Unset: none.")
-    lidar: Lidar | None = Field(default=None, description="A LiDAR that inspects a passive craft. Unset: none.")
+    ccd: Ccd | None = Field(default=None, description="Pair of cameras that looks at another craft. Unset: none.")
+    lidar: Lidar | None = Field(default=None, description="LiDAR that inspects a passive craft. Unset: none.")
 
     def between_keys(self) -> Iterator[Mistake]:
-        """A craft that does nothing on board has nothing on board."""
+        """Refuse sensors on a craft that computes nothing."""
         yield from super().between_keys()
         if self.passive and self.lidar is not None:
             yield "a passive craft has no LiDAR", "lidar", "passive"
@@ -98,75 +116,97 @@ class SingleCraft(Craft):
 
 
 class Physics(Table):
-    """The simulation of the craft's bodies."""
+    """MuJoCo simulates the bodies of the craft."""
 
     steps_per_period: int = Field(
-        default=8, ge=4, le=256, multiple_of=4, description="MuJoCo steps per lighthouse period; a multiple of 4."
+        default=8,
+        ge=4,
+        le=256,
+        multiple_of=4,
+        description="Number of MuJoCo steps per lighthouse period, a multiple of 4.",
     )
 
 
 class Fan(Table):
-    """Systematic errors of one fan, all zero for a perfect one: equation (E) of `estimators.lighthouse.sweep` has the
-    signs.
+    """Systematic errors of one fan, all zero for a perfect fan; equation (E) of `estimators.lighthouse.sweep` defines
+    their signs.
     """
 
-    phase_rad: float = Field(default=0.0, ge=-0.5, le=0.5, description="Constant error; positive lowers the angle.")
+    phase_rad: float = Field(
+        default=0.0, ge=-0.5, le=0.5, description="Constant error; a positive one lowers the angle."
+    )
     tilt_rad: float = Field(
         default=0.0,
         ge=-0.5,
         le=0.5,
-        description="Skew of the fan; positive lowers the angle where the other coordinate is > 0.",
+        description="Skew of the fan; a positive one lowers the angle where the other coordinate is > 0.",
     )
     curve: float = Field(
-        default=0.0, ge=-0.5, le=0.5, description="Bend; positive raises the angle at both ends of the fan."
+        default=0.0,
+        ge=-0.5,
+        le=0.5,
+        description="Bend of the fan; a positive one raises the angle at both ends of the fan.",
     )
     gibbous_phase_rad: float = Field(default=0.0, ge=-6.3, le=6.3, description="Phase of the once-per-turn error.")
-    gibbous_magnitude: float = Field(default=0.0, ge=-0.5, le=0.5, description="Size of the once-per-turn error.")
+    gibbous_magnitude: float = Field(default=0.0, ge=-0.5, le=0.5, description="Amplitude of the once-per-turn error.")
 
 
 class Lighthouse(Table):
-    """The emitter, and how the photodiodes and timing circuits see it."""
+    """The lighthouse, and the photodiodes and timing circuits that receive its light."""
 
     model: str = Field(
-        default="lighthouse", description="The model that is drawn: a name, or the path of an MJCF file."
+        default="lighthouse", description="Model of the lighthouse that is drawn: a name, or the path of an MJCF file."
     )
     rate_hz: float = Field(
-        default=60.0, gt=0, le=1000, description="Turns per second: one period is one sweep of each fan."
+        default=60.0, gt=0, le=1000, description="Turns per second; one period is one sweep of each fan."
     )
-    angle_noise_arcsec: float = Field(
-        default=8.8, ge=0, le=3600, description="Random error of one sweep angle, 1 sigma."
-    )
+    angle_noise_arcsec: float = Field(default=8.8, ge=0, le=3600, description="Standard deviation of one sweep angle.")
     rotor_correlation: float = Field(
         default=0.8717,
         ge=0,
         le=1,
-        description="Share of the noise's variance that comes from the rotor: common to all photodiodes of a sweep.",
+        description="Share of the noise's variance that comes from the rotor and is common to all photodiodes of a "
+        "sweep.",
     )
     sync_jitter_ns: float = Field(
-        default=0.0, ge=0, le=1e5, description="Jitter of the flash that announces a sweep, 1 sigma."
+        default=0.0, ge=0, le=1e5, description="Standard deviation of the instant of the flash that announces a sweep."
     )
-    tick_ns: float = Field(default=20.0, gt=0, le=1e4, description="Resolution of the craft's timing circuit.")
-    field_deg: float = Field(default=120.0, gt=0, le=170, description="Full width of the field in each axis.")
-    range_min_m: float = Field(default=0.3, ge=0, le=1000, description="Photodiodes nearer than this see nothing.")
-    range_max_m: float = Field(default=20.0, gt=0, le=1000, description="Photodiodes farther than this see nothing.")
+    tick_ns: float = Field(default=20.0, gt=0, le=1e4, description="Resolution of the timing circuit of a craft.")
+    field_deg: float = Field(default=120.0, gt=0, le=170, description="Full width of the field of view in each axis.")
+    range_min_m: float = Field(
+        default=0.3, ge=0, le=1000, description="Least range at which a photodiode receives light."
+    )
+    range_max_m: float = Field(
+        default=20.0, gt=0, le=1000, description="Largest range at which a photodiode receives light."
+    )
     incidence_max_deg: float = Field(
-        default=80.0, gt=0, le=90, description="Largest angle between a photodiode's normal and the light."
+        default=80.0, gt=0, le=90, description="Largest angle between the normal of a photodiode and the light."
     )
-    photodiode_diameter_mm: float = Field(default=3.0, gt=0, le=50, description="Sets the width of the sweep pulses.")
+    photodiode_diameter_mm: float = Field(
+        default=3.0, gt=0, le=50, description="Diameter of a photodiode, which sets the width of the sweep pulses."
+    )
     mounting_error_mm: float = Field(
-        default=0.0, ge=0, le=50, description="Photodiodes off their place, 1 sigma per axis, drawn once."
+        default=0.0,
+        ge=0,
+        le=50,
+        description="Standard deviation of a photodiode's mounting position per axis, drawn once.",
     )
     mounting_seed: int | None = Field(
         default=None,
         ge=0,
         lt=10**18,
-        description="Draws the mounting errors: the same hardware in runs of different seeds. Unset: the run's seed.",
+        description="Seed of the mounting errors, for the same hardware in runs of different seeds. Unset: the run's "
+        "seed.",
     )
-    missed_sync_probability: float = Field(default=0.0, ge=0, le=1, description="A craft misses a flash, per flash.")
+    missed_sync_probability: float = Field(
+        default=0.0, ge=0, le=1, description="Probability that a craft misses a flash."
+    )
     lost_pulse_probability: float = Field(
-        default=0.0, ge=0, le=1, description="A photodiode misses a sweep, per sweep."
+        default=0.0, ge=0, le=1, description="Probability that a photodiode misses a sweep."
     )
-    stray_pulse_rate_hz: float = Field(default=0.0, ge=0, le=1e5, description="Pulses out of nowhere, per craft.")
+    stray_pulse_rate_hz: float = Field(
+        default=0.0, ge=0, le=1e5, description="Rate of random pulses from elsewhere, per craft."
+    )
     fan_x: Fan = Field(
         default=Fan(), description="Systematic errors of the fan that turns about the y axis (measures x/z)."
     )
@@ -175,7 +215,7 @@ class Lighthouse(Table):
     )
 
     def between_keys(self) -> Iterator[Mistake]:
-        """The range is not empty."""
+        """Require a range that is not empty."""
         if self.range_min_m >= self.range_max_m:
             yield (
                 f"range_min_m ({self.range_min_m} m) must be below range_max_m ({self.range_max_m} m)",
@@ -185,126 +225,139 @@ class Lighthouse(Table):
 
 
 class Integrity(Table):
-    """How far a craft trusts its own pose: docs/integrity.md."""
+    """Every craft tests its own pose, and computes how far off it may be. See docs/integrity.md."""
 
     residual_test: bool | None = Field(
         default=None,
-        description="Test the residuals of every pose, and drop photodiodes that disagree. Unset: where the angle "
-        "noise accounts for every error, that is, with motion compensation, and with a calibration where fans or "
-        "mountings have errors.",
+        description="Whether the residuals of every pose are tested, and photodiodes that disagree are left out. "
+        "Unset: true where the angle noise accounts for every error, that is, with motion compensation, and with a "
+        "calibration where fans or mountings have errors.",
     )
     false_alarm_probability: float = Field(
-        default=1e-7, gt=0, lt=0.5, description="Of the residual test, per honest pose."
+        default=1e-7, gt=0, lt=0.5, description="Probability that the residual test rejects a pose without fault."
     )
     missed_detection_probability: float = Field(
-        default=1e-4, gt=0, lt=0.5, description="Of a fault as large as the protection level allows for."
+        default=1e-4,
+        gt=0,
+        lt=0.5,
+        description="Probability that a fault as large as the protection level allows for is not detected.",
     )
     integrity_risk: float = Field(
-        default=1e-7, gt=0, lt=0.2, description="That an error exceeds its protection level, per estimate."
+        default=1e-7, gt=0, lt=0.2, description="Probability that an error exceeds its protection level, per estimate."
     )
     alert_position_mm: float | None = Field(
-        default=None, gt=0, le=1e6, description="Alert where the position's protection level is above. Unset: never."
+        default=None,
+        gt=0,
+        le=1e6,
+        description="Protection level of the position above which the craft raises an alert. Unset: never.",
     )
     alert_attitude_deg: float | None = Field(
-        default=None, gt=0, le=180, description="Alert where the attitude's protection level is above. Unset: never."
+        default=None,
+        gt=0,
+        le=180,
+        description="Protection level of the attitude above which the craft raises an alert. Unset: never.",
     )
 
 
 class Navigation(Table):
-    """What every craft computes on board."""
+    """Every craft computes its pose on board."""
 
     filter: Literal["auto", "filterpy", "compiled"] = Field(
         default="auto",
-        description="The extended Kalman filter that runs: filterpy's, or one compiled for large swarms with the same "
-        "numbers; auto: filterpy up to 64 craft, compiled beyond.",
+        description="Extended Kalman filter: that of filterpy, or one compiled for large swarms, with the same "
+        "numbers. auto: filterpy up to 64 craft, compiled beyond.",
     )
     motion_compensation: bool = Field(
         default=True,
-        description="Refer every angle to its own instant; false: one period is one instant, as the paper does.",
+        description="Whether every angle is referred to its own instant; false: one period is one instant, as in the "
+        "paper.",
     )
     angle_noise_arcsec: float | None = Field(
         default=None,
         gt=0,
         le=3600,
-        description="What the craft believe; never less than their ticks' rounding. Unset: the lighthouse's.",
+        description="Standard deviation of a sweep angle that the craft assume, never less than the rounding of their "
+        "ticks. Unset: that of the lighthouse.",
     )
     rotor_correlation: float | None = Field(
-        default=None, ge=0, le=1, description="What the craft believe. Unset: the lighthouse's."
+        default=None, ge=0, le=1, description="Rotor correlation that the craft assume. Unset: that of the lighthouse."
     )
     acceleration_noise_m_s2: float = Field(
-        default=0.2, gt=0, le=100, description="Process noise: white acceleration, 1 sigma per axis and period."
+        default=0.2,
+        gt=0,
+        le=100,
+        description="Process noise: white acceleration, standard deviation per axis and period.",
     )
     angular_acceleration_noise_deg_s2: float = Field(
         default=12.0,
         gt=0,
         le=36000,
-        description="Process noise: white angular acceleration, 1 sigma per axis and period.",
+        description="Process noise: white angular acceleration, standard deviation per axis and period.",
     )
     gate_probability: float = Field(
         default=0.99999, gt=0.5, lt=1, description="Share of good measurements that the innovation gate lets pass."
     )
     coast_limit_s: float = Field(
-        default=2.0, ge=0, le=3600, description="How long a craft predicts without light before it searches again."
+        default=2.0,
+        ge=0,
+        le=3600,
+        description="Time for which a craft predicts without light before it searches again.",
     )
     calibration: str | None = Field(
         default=None,
-        description="File with the fans' systematic errors and the photodiodes' places that the craft go by, as "
-        "`swarm calibrate` writes it; relative to this file. Unset: none.",
+        description="File with the systematic errors of the fans and the positions of the photodiodes that the craft "
+        "use, as `swarm calibrate` writes it; its path is relative to this file. Unset: none.",
     )
-    integrity: Integrity = Field(default=Integrity(), description="How far a craft trusts its own pose.")
+    integrity: Integrity = Field(default=Integrity(), description="Integrity of the pose.")
 
 
 class Recording(Table):
-    """The recording for the viewer."""
+    """The run leaves a recording for the viewer."""
 
     enabled: bool = Field(default=True, description="Whether a recording is written.")
     angles: bool = Field(
-        default=False, description="Whether every sweep angle is written to angles.parquet, for `swarm calibrate`."
+        default=False, description="Whether every sweep angle is written to angles.parquet for `swarm calibrate`."
     )
     detail: Annotated[tuple[str, ...], Strict(False)] = Field(
-        default=(), description="Craft drawn in full detail in a large swarm, by name. Empty: the first."
+        default=(), description="Names of the craft that are drawn in full detail in a large swarm. Empty: the first."
     )
 
 
 class Scenario(Table):
-    """One run: the craft, how they move, the lighthouse that they see, and what they compute on board."""
+    """One run: the craft and their motions, the lighthouse that they see, and the navigation on board."""
 
     name: str = Field(
         default="scenario",
         pattern=NAME_PATTERN,
         max_length=64,
-        description="Names the run's folder. Unset: the file's name.",
+        description="Name of the run and its folder. Unset: the file's name.",
     )
-    description: str = Field(default="", max_length=200, description="One line; `swarm list` shows it.")
+    description: str = Field(default="", max_length=200, description="One line that `swarm list` shows.")
     duration_s: float = Field(default=30.0, gt=0, le=86400, description="Simulated time.")
-    seed: int = Field(default=0, ge=0, lt=10**18, description="Every random draw follows from it.")
-    physics: Physics = Field(default=Physics(), description="The simulation of the bodies.")
-    orbit: Orbit | None = Field(default=None, description="The lighthouse's orbit. Unset: weightless space.")
-    lighthouse: Lighthouse = Field(
-        default=Lighthouse(), description="The emitter, and what photodiodes make of its light."
-    )
-    navigation: Navigation = Field(default=Navigation(), description="What every craft computes on board.")
+    seed: int = Field(default=0, ge=0, lt=10**18, description="Seed of every random draw.")
+    physics: Physics = Field(default=Physics(), description="Simulation of the bodies.")
+    orbit: Orbit | None = Field(default=None, description="Orbit of the lighthouse. Unset: weightless space.")
+    lighthouse: Lighthouse = Field(default=Lighthouse(), description="Lighthouse, and the reception of its light.")
+    navigation: Navigation = Field(default=Navigation(), description="Navigation on board every craft.")
     swarm: Swarm = Field(default=Swarm(), description="Equal craft that share one motion.")
     craft: Annotated[tuple[SingleCraft, ...], Strict(False)] = Field(
         default=(), description="Single craft beside the swarm, one [[craft]] each."
     )
-    fault: Annotated[tuple[AnyFault, ...], Strict(False)] = Field(
-        default=(), description="What goes wrong, one [[fault]] each."
-    )
+    fault: Annotated[tuple[AnyFault, ...], Strict(False)] = Field(default=(), description="Faults, one [[fault]] each.")
     criteria: Annotated[tuple[Criterion, ...], Strict(False)] = Field(
-        default=(), description="What must hold for the run to have succeeded, one [[criteria]] each."
+        default=(), description="Conditions for the success of the run, one [[criteria]] each."
     )
-    recording: Recording = Field(default=Recording(), description="The recording for the viewer.")
+    recording: Recording = Field(default=Recording(), description="Recording for the viewer.")
 
     @property
     def craft_names(self) -> tuple[str, ...]:
-        """All names: the swarm's first, then those of [[craft]]."""
+        """All names: those of the swarm first, then those of [[craft]]."""
         swarm = self.swarm.count
         single = (c.name or f"craft-{i}" for i, c in enumerate(self.craft, start=swarm))
         return tuple(chain((f"craft-{i}" for i in range(swarm)), single))
 
     def between_keys(self) -> Iterator[Mistake]:
-        """There is a craft, names are distinct, named craft exist, and waypoints begin before the run ends."""
+        """Require a craft, distinct names, craft that exist where named, and waypoints that begin within the run."""
         names = self.craft_names
         if not names:
             yield "there is no craft at all: set swarm.count, or add a [[craft]] entry", "swarm.count"
@@ -337,7 +390,7 @@ class Scenario(Table):
                 )
 
     def _ccd_mistakes(self, names: tuple[str, ...]) -> Iterator[Mistake]:
-        """The cameras' target exists, is another craft, and stays where the craft knows it to be."""
+        """Require that the cameras' target exists, is another craft, and stays where the craft knows it to be."""
         for i, craft in enumerate(self.craft):
             if craft.ccd is not None:
                 yield from self._station_mistakes(
@@ -345,14 +398,14 @@ class Scenario(Table):
                 )
 
     def _dock_mistakes(self, names: tuple[str, ...]) -> Iterator[Mistake]:
-        """The same of the ports that craft dock to."""
+        """Require the same of the ports that craft dock to."""
         groups = [("swarm", self.swarm)] * self.swarm.count
         for i, (key, group) in enumerate([*groups, *((f"craft[{k}]", c) for k, c in enumerate(self.craft))]):
             if group.motion.kind == "dock":
                 yield from self._station_mistakes(names, i, group.motion.target, f"{key}.motion.target")
 
     def _station_mistakes(self, names: tuple[str, ...], craft: int, target: str, key: str) -> Iterator[Mistake]:
-        """A craft's target exists, is another one, and stays where the craft knows it to be."""
+        """Require that a craft's target exists, is another craft, and stays where the craft knows it to be."""
         if target not in names:
             yield f"no craft has this name{did_you_mean(target, names)}", key
             return
@@ -362,12 +415,12 @@ class Scenario(Table):
         if of == craft:
             yield "a craft cannot be its own target", key
         elif group.motion.kind != "hold" or group.motion.attitude.spin_deg_s:
-            yield "must hold its place without spin: its station is known on board", key, f"{table}.motion.kind"
+            yield "must hold its position without spin: its pose is known on board", key, f"{table}.motion.kind"
         elif group.feedback != "truth":
-            yield 'must hold its place exactly: feedback = "truth"', key, f"{table}.feedback"
+            yield 'must hold its position exactly: feedback = "truth"', key, f"{table}.feedback"
 
     def _criteria_mistakes(self, names: tuple[str, ...]) -> Iterator[Mistake]:
-        """Criteria are about craft that exist, and have a name each."""
+        """Require criteria about craft that exist, with a name each."""
         labels = [criterion.label for criterion in self.criteria]
         for i, criterion in enumerate(self.criteria):
             for k, name in enumerate(criterion.craft):
@@ -377,7 +430,7 @@ class Scenario(Table):
                 yield f"another criterion is called {labels[i]} too: give one of them a name", f"criteria[{i}].name"
 
     def _lidar_mistakes(self, names: tuple[str, ...]) -> Iterator[Mistake]:
-        """What a LiDAR inspects exists and is passive; no scan is shorter than a lighthouse period."""
+        """Require that the target of a LiDAR exists and is passive, and that no scan is shorter than a period."""
         groups = [self.swarm] * self.swarm.count + list(self.craft)
         for i, craft in enumerate(self.craft):
             if craft.lidar is None:
@@ -389,6 +442,10 @@ class Scenario(Table):
             of = names.index(target)
             if not groups[of].passive:
                 table = "swarm" if of < self.swarm.count else f"craft[{of - self.swarm.count}]"
-                yield "must be passive: who navigates by itself is not inspected", f"{key}.target", f"{table}.passive"
+                yield (
+                    "must be passive: a craft that navigates by itself is not inspected",
+                    f"{key}.target",
+                    f"{table}.passive",
+                )
             if craft.lidar.rate_hz > self.lighthouse.rate_hz:
                 yield f"at most one scan per lighthouse period, {self.lighthouse.rate_hz:g} Hz", f"{key}.rate_hz"

@@ -1,4 +1,4 @@
-"""A scenario as TOML text, every default written out, that loads again to an equal scenario."""
+"""Write a scenario as TOML text with every default, which loads again to an equal scenario."""
 
 import json
 from collections.abc import Iterable, Iterator, Mapping
@@ -10,7 +10,7 @@ from swarm.scenario.schema import Scenario
 
 
 def toml_value(value: Any) -> str:
-    """A value as TOML writes it, tables inline."""
+    """Write a value as TOML does, tables inline."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
@@ -24,7 +24,7 @@ def toml_value(value: Any) -> str:
 
 
 def to_toml(scenario: Scenario, comments: Iterable[str] = ()) -> str:
-    """The scenario with every default written out; what is unset stands as a comment.
+    """Write the scenario with every default; keys that are unset become comments.
 
     comments: lines for the head of the file, such as versions. `load` of the text gives an equal scenario.
     """

@@ -25,6 +25,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
+from estimators.frame import WORLD, Frame
 from estimators.lighthouse.sweep import FanErrors, FanPair, kernel_fans, lighthouse_1
 from swarm import random
 from swarm.hardware import Photodiodes
@@ -88,7 +89,12 @@ class Lighthouse:
     """(C,) what each craft's clock shows at time zero [ticks]; a craft never learns it."""
 
     def __init__(
-        self, layout: Photodiodes, station: Station, seed: int, craft_keys: Sequence[int] | None = None
+        self,
+        layout: Photodiodes,
+        station: Station,
+        seed: int,
+        craft_keys: Sequence[int] | None = None,
+        frame: Frame = WORLD,
     ) -> None:
         """Prepare the draws.
 
@@ -97,10 +103,11 @@ class Lighthouse:
             station: The scenario's table.
             seed: The run's seed.
             craft_keys: Different numbers >= 0, one per craft, that name the craft for good, if they may change places.
+            frame: The station's frame in the world.
         """
         self.settings = settings = si(station)
         self.fans = fans(station)
-        self._seed = seed
+        self._seed, self._frame = seed, frame
         self._keys = list(range(layout.craft_count)) if craft_keys is None else [int(key) for key in craft_keys]
         if len(set(self._keys)) != layout.craft_count:
             raise ValueError(f"{layout.craft_count} different craft keys needed, not {self._keys}")
@@ -129,6 +136,7 @@ class Lighthouse:
             raise ValueError(f"lit must have shape {shape}, not {lit.shape}")
         if truth.position.shape[1:] != (true.craft_count, 3) or truth.quaternion.shape[1:] != (true.craft_count, 4):
             raise ValueError(f"motion of {true.craft_count} craft needed, not {truth.position.shape}")
+        position, quaternion = self._frame.poses_into(truth.position, truth.quaternion)
         draws, i = self._draws.at(frame)
         period, turn = 1 / settings.rate_hz, rotor or Rotor()
         turn_s = period / turn.speed
@@ -138,8 +146,8 @@ class Lighthouse:
         instant, width = np.empty(shape), np.empty(shape)
         cross_into(
             np.ascontiguousarray(truth.time_s - truth.time_s[0] - turn.phase_s),
-            np.ascontiguousarray(truth.position),
-            np.ascontiguousarray(truth.quaternion),
+            np.ascontiguousarray(position),
+            np.ascontiguousarray(quaternion),
             true.point_m,
             true.normal,
             lit,

@@ -23,6 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.arrays import Bools, Floats, Ints
+from estimators.frame import WORLD, Frame
+from estimators.rotation import matrix_from_quaternion
 from swarm.hardware import Photodiodes
 from swarm.scenario import Lighthouse
 from swarm.sensors.broad_phase import MOST_CELLS, Placed, place_into, sort_into_cells
@@ -53,16 +55,26 @@ class Visibility:
         craft_bodies: Sequence[int] | Ints,
         lighthouse_body: int,
         station: Lighthouse,
+        frame: Frame = WORLD,
     ) -> None:
-        """Take the craft's root bodies (C,), each with a free joint, in the order of `photodiodes`.
+        """Prepare the shapes that can stand in the light.
 
-        Raises ValueError where a root body has no free joint, the numbers of craft differ, or the lighthouse carries
-        geoms on bodies below its own (a ray leaves out one body only).
+        Args:
+            model: The model of the world.
+            photodiodes: Their layout as drawn.
+            craft_bodies: The craft's root bodies (C,), each with a free joint, in the order of `photodiodes`.
+            lighthouse_body: The station's body, which does not shade its own light.
+            station: The scenario's table.
+            frame: The station's frame in the world.
+
+        Raises:
+            ValueError: A root body has no free joint, the numbers of craft differ, or the lighthouse carries geoms on
+                bodies below its own (a ray leaves out one body only).
         """
         self._model = model
         self._photodiodes = photodiodes
         self._lighthouse_body = lighthouse_body
-        self._limits = si(station)
+        self._limits, self._frame = si(station), frame
         self._address = np.array([_free_joint_address(model, int(body)) for body in craft_bodies], dtype=np.int64)
         craft = len(self._address)
         if craft != photodiodes.craft_count:
@@ -72,8 +84,11 @@ class Visibility:
                 raise ValueError(f"body {model.body(body).name!r} would shade the lighthouse that it belongs to")
         self._solids, self._geoms = read_solids(model, craft_bodies, lighthouse_body)
         self._likely = _likely_planes(self._solids, photodiodes)
-        # The scene, owner number C, never moves.
+        # The scene, owner number C, never moves: its body frame is the world's.
         self._placed = Placed(np.tile(np.eye(3), (craft + 1, 1, 1)), *(np.zeros((craft + 1, 3)) for _ in range(3)))
+        if not frame.is_world:
+            self._placed.rotation[craft] = frame.rotation.T
+            self._placed.position[craft] = -frame.position @ frame.rotation
         self._side = min(4 * int(np.ceil(np.sqrt(craft))) + 4, MOST_CELLS)
         self._unsure = np.empty((64, 3), dtype=np.int64)
         self._data: mujoco.MjData | None = None
@@ -95,7 +110,8 @@ class Visibility:
         if position.shape != (craft, 3) or quaternion.shape != (craft, 4):
             raise ValueError(f"poses of {craft} craft needed, not {position.shape}, {quaternion.shape}")
         limits, solids, placed = self._limits, self._solids, self._placed
-        pose = np.ascontiguousarray(position), np.ascontiguousarray(quaternion)
+        local = self._frame.poses_into(position, quaternion)
+        pose = np.ascontiguousarray(local[0]), np.ascontiguousarray(local[1])
         place_into(*pose, solids.shape, solids.shape_centre, placed)
         half_width = float(np.tan(min(limits.field_rad / 2, WIDEST_HALF_FIELD_RAD)))
         grid = sort_into_cells(placed, solids.shape, solids.shape_radius, self._side, half_width)
@@ -112,11 +128,12 @@ class Visibility:
 
     def _ask_mujoco(self, position: Floats, quaternion: Floats, unsure: Ints, out: NDArray[np.int8]) -> None:
         """Let MuJoCo's rays decide of the rays (craft, photodiode) that may meet a geom, (n, 3), that is not convex."""
-        model, data, start = self._model, self._placed_data(position, quaternion), np.zeros(3)
+        model, data, start = self._model, self._placed_data(position, quaternion), self._frame.position
+        rotation = matrix_from_quaternion(quaternion)
         for c, k, number in unsure:
             if out[c, k] == Sight.BLOCKED:
                 continue
-            point = self._placed.rotation[c] @ self._photodiodes.point_m[c, k] + position[c]
+            point = rotation[c] @ self._photodiodes.point_m[c, k] + position[c] - start
             distance = float(np.linalg.norm(point))
             geom, ray = int(self._geoms[number]), point / distance
             if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:

@@ -1,6 +1,6 @@
-"""From a validated scenario to what flies: user's units to SI, tables to the records of motion, world and navigation.
+"""Build what flies from a validated scenario and the models of its craft.
 
-Everything that a scenario alone cannot show is wrong, a craft inside another one or a model without photodiodes, is
+Mistakes that the scenario alone cannot show, such as a craft inside another one or a model without photodiodes, are
 found here, before anything is written.
 """
 
@@ -59,7 +59,7 @@ __all__ = [
 
 
 def check(settings: Scenario) -> None:
-    """Build everything once. Raises SwarmError as `fleet`, `world`, `believed_layout`, `cameras`, `lidars` do."""
+    """Build everything once. Raises SwarmError as the builders do."""
     motions = fleet(settings)
     made = world(settings, motions)
     believed_layout(settings, made.photodiodes)

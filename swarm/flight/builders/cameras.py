@@ -1,4 +1,4 @@
-"""From a scenario's `[craft.ccd]` tables to the cameras that fly, and to what their craft know of them, in SI units."""
+"""The pairs of cameras on board, and what their craft know of them."""
 
 import math
 from math import sqrt
@@ -14,9 +14,15 @@ from swarm.world.world import World
 
 
 def cameras(settings: Scenario, world: World, station: Reference) -> list[tuple[Pair, CcdCalibration]]:
-    """Every pair of cameras, as it is and as its craft knows it. station: where every craft is at time 0.
+    """Return every pair of cameras, as it is and as its craft knows it.
 
-    Raises SwarmError, naming scenario, key and value, where a model lacks the cameras or the lights.
+    Args:
+        settings: The scenario.
+        world: The world, for the cameras and lights of the models.
+        station: The reference of every craft at time 0.
+
+    Raises:
+        SwarmError: A model lacks the cameras or the lights; the message names scenario, key and value.
     """
     craft, names = scenario.craft(settings), list(settings.craft_names)
     found = []

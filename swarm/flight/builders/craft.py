@@ -1,4 +1,4 @@
-"""The craft of a scenario, in SI units: how they move, the world they start in, what is on board, what pushes them."""
+"""The craft of a scenario: their motions, the world that they start in, their photodiodes, the pushes on them."""
 
 import re
 from collections.abc import Iterator
@@ -35,7 +35,7 @@ def fleet(settings: Scenario) -> Fleet:
     with _blame(settings, craft):
         for c, place in zip(craft, places(settings, craft), strict=True):
             with _named(c):
-                courses.append(c.motion.course(place))
+                courses.append(c.table.motion.course(place))
     for pair in matings(settings):
         turn = facing_port(pair, Fleet([courses[pair.target]]).at(0.0))
         courses[pair.craft] = courses[pair.craft]._replace(turn_rad=turn)
@@ -62,15 +62,15 @@ def places(settings: Scenario, craft: list[Craft]) -> list[Place]:
 
 
 def steers_by_estimate(settings: Scenario) -> Bools:
-    """(C,): the craft whose controller gets their own estimate, not the truth."""
-    return np.array([craft.feedback == "estimate" for craft in scenario.craft(settings)], dtype=np.bool_)
+    """Return the craft whose controller gets their own estimate, not the truth, (C,)."""
+    return np.array([craft.table.feedback == "estimate" for craft in scenario.craft(settings)], dtype=np.bool_)
 
 
 def start(settings: Scenario, motions: Fleet) -> Start:
-    """How every craft starts; its scatter is drawn from the seed and its name alone."""
+    """Return how every craft starts; its scatter is drawn from the seed and its name alone."""
     first = motions.start()
     craft = scenario.craft(settings)
-    scatter = [si(c.scatter) for c in craft]
+    scatter = [si(c.table.scatter) for c in craft]
     sigma = np.array([(s.position_m, s.velocity_m_s, s.attitude_rad, s.angular_rate_rad_s) for s in scatter])
     sigma = sigma.reshape(-1, 4, 1)
     if not sigma.any():
@@ -88,7 +88,7 @@ def start(settings: Scenario, motions: Fleet) -> Start:
 
 
 def world(settings: Scenario, motions: Fleet) -> World:
-    """The world with every craft where its motion starts.
+    """Return the world with every craft where its motion starts.
 
     Raises SwarmError, naming scenario, key and value: a model that cannot fly, or a craft inside another one.
     """
@@ -102,7 +102,7 @@ def world(settings: Scenario, motions: Fleet) -> World:
             first.quaternion[i],
             first.velocity[i],
             first.angular_rate[i],
-            c.passive,
+            c.table.passive,
         )
         for i, c in enumerate(craft)
     ]
@@ -119,14 +119,14 @@ def world(settings: Scenario, motions: Fleet) -> World:
 
 
 def photodiodes(settings: Scenario, world: World) -> Photodiodes:
-    """The photodiodes that are on board: none of a craft with `lighthouse = false`."""
-    on_board = np.array([c.lighthouse for c in scenario.craft(settings)], dtype=np.bool_)
+    """Return the photodiodes on board: none of a craft with `lighthouse = false`."""
+    on_board = np.array([c.table.lighthouse for c in scenario.craft(settings)], dtype=np.bool_)
     return world.photodiodes._replace(present=world.photodiodes.present & on_board[:, None])
 
 
 def pushes(settings: Scenario) -> Pushes:
-    """What pushes the craft beside their control."""
-    tables = [si(c.disturbance) for c in scenario.craft(settings)]
+    """Return the random pushes on the craft beside their control."""
+    tables = [si(c.table.disturbance) for c in scenario.craft(settings)]
     sigma = np.array([(t.acceleration_m_s2, t.angular_acceleration_rad_s2) for t in tables], dtype=np.float64)
     return Pushes(sigma, random.keys(settings.craft_names), settings.seed)
 
@@ -142,7 +142,7 @@ def _named(craft: Craft) -> Iterator[None]:
 
 @contextmanager
 def _blame(settings: Scenario, craft: list[Craft]) -> Iterator[None]:
-    """Say which keys of the scenario a mistake comes from, where its message names a craft or a model's file."""
+    """Name the keys of the scenario that a mistake comes from, where its message names a craft or a model's file."""
     try:
         yield
     except SwarmError as error:
@@ -153,10 +153,9 @@ def _blame(settings: Scenario, craft: list[Craft]) -> Iterator[None]:
             single = i - settings.swarm.count
             table = f"craft[{single}]" if single >= 0 else "swarm"
             if str(c.model) in text:
-                group = settings.craft[single] if single >= 0 else settings.swarm
-                keys.append(f"{table}.model = {toml_value(group.model)}")
+                keys.append(f"{table}.model = {toml_value(c.table.model)}")
             elif c.name in named:
-                place = c.motion.start_key(c.count)
-                keys.append(f"{table}.motion.{place} = {toml_value(getattr(c.motion, place))}")
+                place = c.table.motion.start_key(c.count)
+                keys.append(f"{table}.motion.{place} = {toml_value(getattr(c.table.motion, place))}")
         where = ", ".join(dict.fromkeys(keys))
         raise SwarmError(f"scenario {settings.name}: {where}{': ' if where else ''}{text}") from None

@@ -1,4 +1,4 @@
-"""From a scenario's `[orbit]` and actuation tables, and the models, to the orbit and the actuators that fly."""
+"""The lighthouse's orbit, and the actuators of the craft."""
 
 from estimators.relative_orbit import RelativeOrbit, circular
 from swarm import random, scenario
@@ -10,7 +10,7 @@ from swarm.world.world import World
 
 
 def orbit(settings: Scenario) -> RelativeOrbit | None:
-    """The lighthouse's orbit; None in weightless space."""
+    """Return the lighthouse's orbit, None in weightless space."""
     table = settings.orbit
     return None if table is None else circular(si(table).altitude_m, table.boresight)
 
@@ -19,7 +19,7 @@ def fitted(settings: Scenario, world: World) -> list[Fitted]:
     """Return the thrusters and wheels of every craft; an ideal craft has none."""
     out = []
     for i, (craft, key) in enumerate(zip(scenario.craft(settings), random.keys(settings.craft_names), strict=True)):
-        table, thrusters, wheels = si(craft.actuation), world.thrusters[i], world.wheels[i]
+        table, thrusters, wheels = si(craft.table.actuation), world.thrusters[i], world.wheels[i]
         if table.ideal:
             thrusters, wheels = thrusters.none(), wheels.none()
         errors = table.thrust_error, table.thrust_direction_error_rad

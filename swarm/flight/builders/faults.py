@@ -1,16 +1,27 @@
-"""From a scenario's `[[fault]]` tables to what goes wrong in its run."""
+"""The faults of a run, from the scenario's `[[fault]]` tables."""
+
+from itertools import product
 
 from swarm import random
 from swarm.errors import SwarmError
 from swarm.flight.faults.injection import Faults, NoFaults
 from swarm.scenario import Scenario
-from swarm.scenario.faults import OfCraft, PhotodiodeDead, PhotodiodeStuck, ThrusterStuck
+from swarm.scenario.faults import OfCraft
 from swarm.sensors.suite import Sensors
 from swarm.world.world import World
 
 
 def faults(settings: Scenario, world: World, sensors: Sensors) -> NoFaults:
-    """Return everything that goes wrong, or a null object. Raises SwarmError as `check_faults`."""
+    """Return all faults of the run, or a null object.
+
+    Args:
+        settings: The scenario.
+        world: The world, for the craft's photodiodes and thrusters.
+        sensors: The sensors, whose light and pulses the faults change.
+
+    Raises:
+        SwarmError: As `check_faults`.
+    """
     if not settings.fault:
         return NoFaults(len(settings.craft_names))
     check_faults(settings, world)
@@ -19,22 +30,19 @@ def faults(settings: Scenario, world: World, sensors: Sensors) -> NoFaults:
 
 
 def check_faults(settings: Scenario, world: World) -> None:
-    """Raises SwarmError, naming scenario, key and value, where a craft has no such photodiode or thruster."""
+    """Raise SwarmError, naming scenario, key and value, where a craft has no such photodiode or thruster."""
     names = settings.craft_names
-    for i, fault in enumerate(settings.fault):
+    fitted = {
+        "photodiodes": world.photodiodes.present.sum(axis=1).tolist(),
+        "thruster": [len(thrusters.force_n) for thrusters in world.thrusters],
+    }
+    for (i, fault), (key, counts) in product(enumerate(settings.fault), fitted.items()):
+        numbers = getattr(fault, key, ())
+        number = numbers if isinstance(numbers, int) else max(numbers, default=-1)
         for craft in fault.craft or names if isinstance(fault, OfCraft) else ():
-            c = names.index(craft)
-            match fault:
-                case PhotodiodeDead() | PhotodiodeStuck():
-                    key, what, number = "photodiodes", "photodiodes", max(fault.photodiodes)
-                    count = int(world.photodiodes.present[c].sum())
-                case ThrusterStuck():
-                    key, what, number = "thruster", "thrusters", fault.thruster
-                    count = len(world.thrusters[c].force_n)
-                case _:
-                    continue
+            count = counts[names.index(craft)]
             if number >= count:
                 raise SwarmError(
                     f"scenario {settings.name}: fault[{i}].{key}: there is no number {number}: craft {craft!r} has "
-                    f"{count} {what}, counted from 0"
+                    f"{count} {key.removesuffix('s')}s, counted from 0"
                 )

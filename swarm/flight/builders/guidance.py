@@ -29,12 +29,13 @@ def matings(settings: Scenario) -> list[Mating]:
     craft, names = scenario.craft(settings), settings.craft_names
     found = []
     for i, c in enumerate(craft):
-        if not isinstance(c.motion, Dock):
+        dock = c.table.motion
+        if not isinstance(dock, Dock):
             continue
-        target = names.index(c.motion.target)
-        where = f"scenario {settings.name}: craft {c.name!r}: motion.target = {c.motion.target!r}"
+        target = names.index(dock.target)
+        where = f"scenario {settings.name}: craft {c.name!r}: motion.target = {dock.target!r}"
         own, at = (_port(craft[k], where) for k in (i, target))
-        found.append(Mating(i, target, own, at, c.motion.latch_radius_m, si(c.motion).latch_rad))
+        found.append(Mating(i, target, own, at, dock.latch_radius_m, si(dock).latch_rad))
     return found
 
 
@@ -62,20 +63,20 @@ def guidance(settings: Scenario, pairs: Sequence[Mating], station: Reference) ->
         station: The reference of every craft at time 0.
     """
     craft, period_s = scenario.craft(settings), 1 / settings.lighthouse.rate_hz
-    tables = [c.motion if isinstance(c.motion, Guided) else None for c in craft]
+    tables = [c.table.motion if isinstance(c.table.motion, Guided) else None for c in craft]
     if not any(tables):
         return None
     gains = [None if t is None else regulator(t.deviation_m, t.effort_m_s2, period_s) for t in tables]
     dockings = []
     for pair in pairs:
         port = placed(pair.at, station.rotation[pair.target], station.position[pair.target])
-        table = craft[pair.craft].motion
+        table = tables[pair.craft]
         assert isinstance(table, Dock)
         dockings.append(Docking(pair.craft, pair.own, port, table, period_s))
     formations = [
-        Formation(np.arange(i, i + c.count), c.motion, orbit(settings))
-        for i, c in enumerate(craft)
-        if isinstance(c.motion, scenario.Formation) and c.index == 0
+        Formation(np.arange(i, i + c.count), table, orbit(settings))
+        for i, (c, table) in enumerate(zip(craft, tables, strict=True))
+        if isinstance(table, scenario.Formation) and c.index == 0
     ]
     watching = {i: t for i, t in enumerate(tables) if isinstance(t, Clear) and t.separation_m > 0}
     clearance = Clearance(
@@ -83,5 +84,5 @@ def guidance(settings: Scenario, pairs: Sequence[Mating], station: Reference) ->
         np.array([t.separation_m for t in watching.values()], dtype=np.float64),
         np.array([t.brake_m_s2 for t in watching.values()], dtype=np.float64),
     )
-    speaks = np.array([c.lighthouse and not c.passive for c in craft], dtype=np.bool_)
+    speaks = np.array([c.table.lighthouse and not c.table.passive for c in craft], dtype=np.bool_)
     return Guidance(period_s, gains, dockings, formations, clearance, speaks)

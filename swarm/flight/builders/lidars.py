@@ -1,19 +1,19 @@
-"""From a scenario's `[craft.lidar]` tables to the LiDARs that fly, and to the computers that use them, in SI units."""
+"""The LiDARs on board, and the computers that use them."""
 
 from collections.abc import Sequence
-from math import radians
 
 from swarm import random, scenario
 from swarm.errors import SwarmError
 from swarm.onboard.inspection import Inspection, InspectionSettings, Observer
 from swarm.scenario import Scenario
 from swarm.sensors.lidar import Lidar, Mount
+from swarm.units import si
 from swarm.world.surface import known_shape
 from swarm.world.world import World
 
 
 def lidars(settings: Scenario, world: World) -> list[Lidar]:
-    """Every LiDAR, in the order of its craft.
+    """Return every LiDAR, in the order of its craft.
 
     Raises SwarmError, naming scenario, key and value, where a model has no place for one.
     """
@@ -47,13 +47,12 @@ def inspection(settings: Scenario, sensors: Sequence[Lidar]) -> Inspection:
         )
         for sensor, table in zip(sensors, tables, strict=True)
     ]
-    loosest = max(tables, key=lambda t: t.target_angular_acceleration_deg_s2)
     return Inspection(
         observers,
         InspectionSettings(
             frame_s=1 / settings.lighthouse.rate_hz,
-            acceleration_noise_m_s2=max(t.target_acceleration_m_s2 for t in tables),
-            angular_acceleration_noise_rad_s2=radians(loosest.target_angular_acceleration_deg_s2),
+            acceleration_noise_m_s2=max(si(t).target_acceleration_m_s2 for t in tables),
+            angular_acceleration_noise_rad_s2=max(si(t).target_angular_acceleration_rad_s2 for t in tables),
             gate_probability=settings.navigation.gate_probability,
             coast_limit_s=settings.navigation.coast_limit_s,
         ),

@@ -1,4 +1,4 @@
-"""What every craft's computer is configured with and believes, in SI units."""
+"""The settings of every craft's computer, and the layout that it assumes."""
 
 from dataclasses import replace
 from math import inf, pi, sqrt
@@ -18,7 +18,7 @@ SPEED_TOLERANCE = 20e-6
 
 
 def navigation(settings: Scenario) -> NavigationSettings:
-    """What every craft's computer is configured with, in SI units.
+    """Return the settings of every craft's computer.
 
     Raises SwarmError where the calibration file cannot be read.
     """
@@ -67,7 +67,7 @@ def _integrity(settings: Scenario) -> IntegritySettings:
 
 
 def believed_layout(settings: Scenario, drawn: Photodiodes) -> Photodiodes:
-    """Where every craft believes its photodiodes to be: as drawn, or as its calibration has found them.
+    """Return the photodiodes as every craft assumes them: as drawn, or as its calibration has found them.
 
     A calibration's [photodiodes.NAME] is for the craft or the model of that name, the craft's going first. Raises
     SwarmError where it fits no craft, or has another number of photodiodes.

@@ -1,4 +1,4 @@
-"""The lighthouse of a scenario and the craft's timing circuits, in SI units."""
+"""The timing circuits of the craft, and the noise of a sweep angle."""
 
 from math import pi, sqrt
 
@@ -9,20 +9,20 @@ from swarm.scenario import Scenario
 from swarm.units import si
 
 FAN_ERROR_MAX_RAD = 0.1
-"""What a fan's systematic errors can add to a sweep angle at most; the decoder believes angles so far outside."""
+"""Largest systematic error of a sweep angle; the decoder accepts angles so far outside of the field."""
 WIDEST_HALF_FIELD_RAD = 1.57
-"""Just below pi/2: no fan can be seen from behind."""
+"""Just below pi/2: no fan is visible from behind."""
 
 
 def decoder(settings: Scenario, present: Bools) -> PulseDecoder:
-    """The timing circuits of craft with the photodiodes `present` (C, K)."""
+    """Return the timing circuits of craft with the photodiodes `present` (C, K)."""
     station = si(settings.lighthouse)
     half = min(station.field_rad / 2 + FAN_ERROR_MAX_RAD, WIDEST_HALF_FIELD_RAD)
     return PulseDecoder(present, station.tick_s, rate_hz=station.rate_hz, field_half_angle_rad=half)
 
 
 def angle_noise(settings: Scenario) -> Noise:
-    """The random error of one sweep angle, its own and the sweep's, as the lighthouse and the circuits make it (19)."""
+    """Return the random error of one sweep angle, its own part and the sweep's, of lighthouse and circuits (19)."""
     station = si(settings.lighthouse)
     w = 2 * pi * station.rate_hz
     rho, variance = station.rotor_correlation, station.angle_noise_rad**2

@@ -11,7 +11,7 @@ from estimators.calibration.problem import PARTS
 from estimators.lighthouse.sweep import FanErrors
 from swarm.errors import SwarmError, did_you_mean
 from swarm.flight.recordings.station_calibration import StationCalibration
-from swarm.results.disk import write_text
+from swarm.results.disk import refuse_existing, write_text
 from swarm.scenario.text import toml_value
 
 
@@ -42,10 +42,7 @@ def place_for(file: Path, *, force: bool) -> Path:
     """`file`, if it can be written there. Raises SwarmError where something is in the way, before any work is done."""
     if not file.parent.is_dir():
         raise SwarmError(f"cannot write {file}: there is no folder {file.parent}")
-    if file.is_dir():
-        raise SwarmError(f"cannot write {file}: it is a folder; choose another --out")
-    if file.exists() and not force:
-        raise SwarmError(f"{file} exists already; --force replaces it, --out writes elsewhere")
+    refuse_existing(file, force=force)
     return file
 
 

@@ -81,6 +81,12 @@ def pose_columns(prefix: str, whose: str) -> list[Column]:
 
 
 def fill_pose(position: Floats, quaternion: Floats, out: Floats) -> None:
-    """Write poses, position (C, 3) [m] and quaternion (C, 4), into the rows of `pose_columns`, out (7, C)."""
+    """Write poses into the rows of `pose_columns`.
+
+    Args:
+        position: (C, 3) [m].
+        quaternion: (C, 4), of either sign.
+        out: (7, C).
+    """
     out[:3] = position.T
     out[3:] = np.where(quaternion[:, 0] < 0, -1.0, 1.0) * quaternion.T

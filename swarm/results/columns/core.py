@@ -8,10 +8,10 @@ import numpy as np
 from estimators.arrays import Floats, Ints
 from swarm.onboard.inspection import LIDAR_SENSOR
 from swarm.onboard.settings import Sensor, Status
-from swarm.results.columns.column import Column, Group, pose_columns
+from swarm.results.columns.column import Column, Group, fill_pose, pose_columns
 from swarm.results.period import Period
 from swarm.results.records import Errors, Truth
-from swarm.results.rows import Rows, rows_into
+from swarm.results.rows import estimate_errors_into, pose_errors_into, quaternions_into
 
 STATUS = tuple(status.name.lower() for status in Status)
 """Names of the status codes."""
@@ -59,15 +59,6 @@ COLUMNS = (
     *_rates("ekf", "filter's estimate"),
 )
 _ROW = {column.name: row for row, column in enumerate(COLUMNS)}
-_ROWS = Rows(
-    true=_ROW["true_px_m"],
-    pnp=_ROW["pnp_px_m"],
-    ekf=_ROW["ekf_px_m"],
-    errors=_ROW["pnp_position_error_m"],
-    true_rates=_ROW["true_vx_m_s"],
-    ekf_rates=_ROW["ekf_vx_m_s"],
-)
-_ERROR_ROWS = [_ROW[name] for name in Errors._fields]
 
 
 def core(craft: Sequence[str]) -> Group:
@@ -79,27 +70,27 @@ def core(craft: Sequence[str]) -> Group:
 
 def errors_in(block: Floats) -> Errors:
     """Return copies of the errors in a filled block of the group, (columns, C)."""
-    return Errors(*(block[row].copy() for row in _ERROR_ROWS))
+    return Errors(*(block[_ROW[name]].copy() for name in Errors._fields))
+
+
+def _rows(first: str, count: int) -> slice:
+    return slice(_ROW[first], _ROW[first] + count)
 
 
 def _fill(craft: Ints, no_truth: Truth, period: Period, out: Floats) -> None:
     truth, estimate = no_truth if period.truth is None else period.truth, period.estimate
     pnp, flat = estimate.pnp, np.ascontiguousarray
-    rows_into(
-        _ROWS,
-        flat(truth.position),
-        flat(truth.quaternion),
-        flat(truth.velocity),
-        flat(truth.angular_rate),
-        flat(pnp.rotation),
-        flat(pnp.position),
-        flat(estimate.rotation),
-        flat(estimate.position),
-        flat(estimate.velocity),
-        flat(estimate.angular_rate),
-        flat(estimate.covariance),
-        out,
-    )
+    place, turn = flat(truth.position), flat(truth.quaternion)
+    fill_pose(place, turn, out[_rows("true_px_m", 7)])
+    position, quaternion = _pose(pnp.rotation, pnp.position)
+    fill_pose(position, quaternion, out[_rows("pnp_px_m", 7)])
+    pose_errors_into(place, turn, position, quaternion, out[_rows("pnp_position_error_m", 2)])
+    position, quaternion = _pose(estimate.rotation, estimate.position)
+    fill_pose(position, quaternion, out[_rows("ekf_px_m", 7)])
+    covariance = flat(estimate.covariance)
+    estimate_errors_into(place, turn, position, quaternion, covariance, out[_rows("position_error_m", 5)])
+    out[_rows("true_vx_m_s", 3)], out[_rows("true_wx_rad_s", 3)] = truth.velocity.T, truth.angular_rate.T
+    out[_rows("ekf_vx_m_s", 3)], out[_rows("ekf_wx_rad_s", 3)] = estimate.velocity.T, estimate.angular_rate.T
     for name, value in (
         ("time_s", period.time_s),
         ("frame", period.frame),
@@ -117,6 +108,13 @@ def _fill(craft: Ints, no_truth: Truth, period: Period, out: Floats) -> None:
         ("contact", np.nan if period.truth is None else truth.contact),
     ):
         out[_ROW[name]] = value
+
+
+def _pose(rotation: Floats, position: Floats) -> tuple[Floats, Floats]:
+    """Return positions (C, 3) [m] and quaternions (C, 4)."""
+    quaternion = np.empty((len(position), 4))
+    quaternions_into(np.ascontiguousarray(rotation), quaternion)
+    return np.ascontiguousarray(position), quaternion
 
 
 def _no_truth(craft: int) -> Truth:

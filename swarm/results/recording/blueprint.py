@@ -1,7 +1,4 @@
-"""How the viewer lays the recording out: the scene large on the left, plots on the right, what is what behind a tab.
-
-Imports rerun like `recording`, which alone uses it.
-"""
+"""Layout of the viewer: the scene large on the left, plots on the right, a legend behind a tab."""
 
 from collections.abc import Mapping, Sequence
 
@@ -19,12 +16,12 @@ NOT_TO_POINT_AT = ("world/rays", "world/names", "world/trails", "world/lighthous
 
 def _view(plot: Plot) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(
-        origin=plot.entity, name=plot.title, plot_legend=rrb.PlotLegend(corner="RightTop", visible=len(plot.names) < 4)
+        origin=plot.entity, name=plot.title, plot_legend=rrb.PlotLegend(corner="RightTop", visible=len(plot.lines) < 4)
     )
 
 
 def _column(plots: Sequence[Plot], name: str) -> rrb.Vertical:
-    """Plots below each other; ADOP and PDOP side by side."""
+    """Put plots below each other; ADOP and PDOP side by side."""
     views: list[rrb.Container | rrb.View] = []
     shares: list[float] = []
     for plot in plots:
@@ -37,7 +34,7 @@ def _column(plots: Sequence[Plot], name: str) -> rrb.Vertical:
 
 
 def _eye(position: Floats) -> rrb.EyeControls3D:
-    """From the right, above and behind the lighthouse: it is on the left of the picture, the craft (n, 3) [m] right."""
+    """Look from the right, above and behind the lighthouse: it is on the left, the craft (n, 3) [m] on the right."""
     points = np.concatenate([np.zeros((1, 3)), position])
     centre = (points.min(axis=0) + points.max(axis=0)) / 2
     radius = max(0.5, float(np.linalg.norm(points - centre, axis=1).max()))
@@ -53,7 +50,15 @@ def _eye(position: Floats) -> rrb.EyeControls3D:
 def blueprint(
     swarm: Sequence[Plot], single: Mapping[str, Sequence[Plot]], position: Floats, lanes: int, live: bool
 ) -> rrb.Blueprint:
-    """The layout. position: (n, 3) [m] of the craft at the start, to aim the camera. lanes: craft with a status."""
+    """Return the layout.
+
+    Args:
+        swarm: Plots of all craft.
+        single: Plots of single craft, by name.
+        position: Places of the craft at the start, (n, 3) [m], at which the camera is aimed.
+        lanes: Number of lanes of states.
+        live: The viewer follows a run that goes on.
+    """
     low = 1.0 + (float(position[:, 1].max()) if len(position) else 0.0)
     scene = rrb.Spatial3DView(
         origin="world",

@@ -27,7 +27,7 @@ class Solid(NamedTuple):
 
 
 def solid(visuals: Sequence[Visual]) -> Solid | None:
-    """All parts of a thing as one mesh; None where it has no visible part."""
+    """Return all parts of a thing as one mesh; None where it has no visible part."""
     vertex: list[Floats] = []
     colour: list[Colours] = []
     for mesh, rgba in visuals:
@@ -45,7 +45,7 @@ def solid(visuals: Sequence[Visual]) -> Solid | None:
 
 
 def outline(visuals: Sequence[Visual]) -> Floats:
-    """Edges (E, 2, 3) [m] where the surface is open or bends by more than 25 degrees."""
+    """Return edges (E, 2, 3) [m] where the surface is open or bends by more than 25 degrees."""
     edges: list[Floats] = []
     for mesh, _ in visuals:
         point, index = np.unique(np.round(mesh.vertex, 6), axis=0, return_inverse=True)
@@ -70,7 +70,7 @@ def outline(visuals: Sequence[Visual]) -> Floats:
 
 
 def ellipsoids(covariance: Floats, sigmas: float) -> tuple[Floats, Floats]:
-    """Half axes (..., 3) [m] and quaternions (..., 4) wxyz of the `sigmas` ellipsoids of covariances (..., 3, 3)."""
+    """Return half axes (..., 3) [m] and quaternions (..., 4) of the `sigmas` ellipsoids of covariances (..., 3, 3)."""
     variance, axes = np.linalg.eigh(covariance)
     # A reflection describes the same ellipsoid, but is not a rotation.
     axes[..., 2] *= np.linalg.det(axes)[..., None]
@@ -78,13 +78,13 @@ def ellipsoids(covariance: Floats, sigmas: float) -> tuple[Floats, Floats]:
 
 
 def palette(count: int) -> Colours:
-    """`count` colours (count, 4) that tell craft apart on a dark ground."""
+    """Return colours (count, 4) that tell craft apart on a dark ground."""
     named = np.array([[*bytes.fromhex(code), 255] for code in _BRIGHT], dtype=np.uint8)
     return named[np.arange(count) % len(named)]
 
 
 def fan(field_rad: float, reach_m: float) -> tuple[Floats, Ints]:
-    """A fan's sector in the plane x = 0, vertices (V, 3) [m] and faces (F, 3)."""
+    """Return a fan's sector in the plane x = 0, vertices (V, 3) [m] and faces (F, 3)."""
     angle = np.linspace(-field_rad / 2, field_rad / 2, 25)
     arc = reach_m * np.stack([np.zeros_like(angle), np.sin(angle), np.cos(angle)], axis=1)
     k = np.arange(1, len(angle))
@@ -92,7 +92,7 @@ def fan(field_rad: float, reach_m: float) -> tuple[Floats, Ints]:
 
 
 def field(field_rad: float, depth_m: float) -> list[Floats]:
-    """The field's pyramid down to the plane z = depth: its four edges and its far rim, as strips [m]."""
+    """Return the field's pyramid down to the plane z = depth: its four edges and its far rim, as strips [m]."""
     half = depth_m * np.tan(field_rad / 2)
     rim = np.array([[x, y, depth_m] for x, y in ((-half, -half), (half, -half), (half, half), (-half, half))])
     return [np.stack([np.zeros(3), corner]) for corner in rim] + [rim[[0, 1, 2, 3, 0]]]

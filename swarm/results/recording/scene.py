@@ -1,4 +1,4 @@
-"""What a run needs of a recording: the scene once, every period as it comes, and a null object for runs without one.
+"""The scene of a run, which does not change, and the interface of a recording, with a null object.
 
 `swarm.results.recording.recording` draws it with rerun, which is imported only by those who record.
 """
@@ -32,7 +32,7 @@ class CcdScene(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """What does not change during a run.
+    """Everything of a run that does not change.
 
     craft: names of the C craft. visuals: parts of each craft in its body frame (none: only its photodiodes are drawn).
     photodiodes: their layout. lighthouse: parts in the lighthouse frame. field_deg: full width of its field [deg].
@@ -67,7 +67,7 @@ class Scene(NamedTuple):
 
 
 class Recorder(Protocol):
-    """Takes a run's periods in order. notice: what the user should know of it, for instance why there is no viewer."""
+    """Takes a run's periods in order. notice: a message for the user, for instance why there is no viewer."""
 
     notice: str | None
 

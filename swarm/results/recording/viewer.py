@@ -13,7 +13,7 @@ from swarm.errors import SwarmError
 HOST = "127.0.0.1"
 START_LIMIT_S = 20.0
 MAGIC = b"RRF2"
-"""What a recording begins with."""
+"""First bytes of a recording."""
 
 
 def _command(*arguments: str) -> list[str]:
@@ -27,7 +27,7 @@ def _free_port() -> int:
 
 
 def has_display() -> bool:
-    """Whether a window can be opened here."""
+    """Return whether a window can be opened here."""
     return not sys.platform.startswith("linux") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 

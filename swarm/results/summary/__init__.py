@@ -1,4 +1,4 @@
-"""What a run has shown: figures per craft and for the swarm, from its telemetry."""
+"""The summary of a run: figures per craft and for the swarm, from its telemetry."""
 
 from swarm.results.summary.chi_square import autocorrelation_time, consistency
 from swarm.results.summary.summarise import summarise, summarise_run

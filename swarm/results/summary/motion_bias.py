@@ -32,7 +32,13 @@ class _Slope:
         self._rows = 0
 
     def add(self, frame: Ints, error: Floats, rate: Floats) -> None:
-        """Add rows: frame (n,) from zero, error (n, 3), rate (n, 3)."""
+        """Add rows.
+
+        Args:
+            frame: Their periods, from zero, (n,).
+            error: (n, 3).
+            rate: (n, 3).
+        """
         for axis in range(3):
             v = rate[:, axis]
             self._product[:, axis] += np.bincount(frame, error[:, axis] * v, len(self._product))

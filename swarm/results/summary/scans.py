@@ -1,4 +1,4 @@
-"""The LiDARs' part of a summary: what every observer made of its scans."""
+"""The LiDARs' part of a summary, per observer."""
 
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ _FIGURES = {
     "ekf_position_mean_m": ("ekf_position_error_m", mean),
     "ekf_nees_mean": ("ekf_nees", mean),
 }
-"""Per figure: the column of scans.parquet, and what is taken of it."""
+"""Per figure: the column of scans.parquet, and its statistic."""
 
 
 def scans(folder: Path) -> dict[str, Any]:

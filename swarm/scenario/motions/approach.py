@@ -1,19 +1,19 @@
 """The motion `approach`."""
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
 from swarm.scenario.motions.base import Place, Turned
+from swarm.scenario.motions.paths import Path, corridor
 from swarm.scenario.table import Mistake, Vector
-
-if TYPE_CHECKING:
-    from swarm.scenario.motions.paths import Path
 
 
 class Approach(Turned):
     """The craft flies a straight corridor with a smooth start and stop, as in a docking."""
+
+    starts_at: ClassVar[str] = "from_m"
 
     kind: Literal["approach"] = Field(description="The craft flies a straight corridor from one point to another.")
     from_m: Vector = Field(description="Point where the craft waits and starts.")
@@ -26,12 +26,6 @@ class Approach(Turned):
         if self.from_m == self.to_m:
             yield "must differ from from_m, where the approach starts", "to_m", "from_m"
 
-    def path(self, place: Place) -> "Path":
+    def path(self, place: Place) -> Path:
         """Return the corridor."""
-        from swarm.scenario.motions.paths import corridor
-
         return corridor(self.from_m, self.to_m, self.start_s, self.speed_m_s)
-
-    def start_key(self, count: int) -> str:
-        """Return the key that says where `count` craft start."""
-        return "from_m"

@@ -1,20 +1,17 @@
-"""The base of every kind of motion: from a table to the course of one craft.
-
-Paths are described with numpy, which a kind imports where it needs it: loading a scenario does without.
-"""
+"""The base of every kind of motion: from a table to the course of one craft."""
 
 from dataclasses import dataclass
 from math import ceil, sqrt
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 from pydantic import Field
 
+from swarm.scenario.motions.paths import Path
 from swarm.scenario.table import Box, Table, Vector
 from swarm.units import si
 
 if TYPE_CHECKING:
     from estimators.relative_orbit import RelativeOrbit
-    from swarm.scenario.motions.paths import Path
 
 FILL = 1.2207440846057596
 """The real root of g^4 = g + 1."""
@@ -47,7 +44,7 @@ class Course(NamedTuple):
     acceleration [m/s^2] and angular acceleration [rad/s^2], constant over each period. key: names its random draws.
     """
 
-    path: "Path"
+    path: Path
     facing: bool = True
     turn_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
     spin_rad_s: float = 0.0
@@ -58,9 +55,11 @@ class Course(NamedTuple):
 
 
 class Motion(Table):
-    """A kind of motion."""
+    """A kind of motion. starts_at: the key that says where the craft start."""
 
-    def path(self, place: Place) -> "Path":
+    starts_at: ClassVar[str]
+
+    def path(self, place: Place) -> Path:
         """Return the path of one craft. Raises SwarmError where there is no such path."""
         raise NotImplementedError
 
@@ -70,7 +69,7 @@ class Motion(Table):
 
     def start_key(self, count: int) -> str:
         """Return the key that says where `count` craft start."""
-        raise NotImplementedError
+        return self.starts_at
 
 
 class Attitude(Table):

@@ -2,22 +2,22 @@
 
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, Strict
 
 from swarm.scenario.motions.base import Course, Place
 from swarm.scenario.motions.guided import Guided
+from swarm.scenario.motions.paths import Path, line
 from swarm.scenario.table import Length, Mistake, Time, Vector
-
-if TYPE_CHECKING:
-    from swarm.scenario.motions.paths import Path
 
 
 class Dock(Guided):
     """The craft flies to a docking port by hold points on its axis, retreats where it must, and closes softly to
     contact.
     """
+
+    starts_at: ClassVar[str] = "from_m"
 
     kind: Literal["dock"] = Field(
         description="The craft flies an approach to another craft's docking port, to contact."
@@ -91,16 +91,10 @@ class Dock(Guided):
         if self.closing_speed_m_s > self.speed_m_s:
             yield f"must be at most speed_m_s = {self.speed_m_s}", "closing_speed_m_s", "speed_m_s"
 
-    def path(self, place: Place) -> "Path":
+    def path(self, place: Place) -> Path:
         """Return a point at rest."""
-        from swarm.scenario.motions.paths import line
-
-        return line(self.from_m, (0.0, 0.0, 0.0))
+        return line(self.from_m)
 
     def course(self, place: Place) -> Course:
         """Return the course of a craft that waits; only the ports' models say how it is turned."""
         return super().course(place)._replace(facing=False)
-
-    def start_key(self, count: int) -> str:
-        """Return the key that says where `count` craft start."""
-        return "from_m"

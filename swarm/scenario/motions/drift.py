@@ -1,15 +1,13 @@
 """The motion `drift`."""
 
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from pydantic import Field
 
 from swarm.scenario.motions.base import Course, Place, Spread
+from swarm.scenario.motions.paths import Path, line
 from swarm.scenario.table import Vector
 from swarm.units import si
-
-if TYPE_CHECKING:
-    from swarm.scenario.motions.paths import Path
 
 
 class Drift(Spread):
@@ -29,14 +27,12 @@ class Drift(Spread):
         default=None,
         ge=0,
         le=36000,
-        description="Standard deviation of the angular acceleration per axis. Unset: the navigation filter's "
-        "process noise.",
+        description="Standard deviation of the angular acceleration per axis. Unset: the navigation filter's process "
+        "noise.",
     )
 
-    def path(self, place: Place) -> "Path":
+    def path(self, place: Place) -> Path:
         """Return the straight line that the craft would fly without pushes."""
-        from swarm.scenario.motions.paths import line
-
         return line(self.where(place), self.velocity_m_s)
 
     def course(self, place: Place) -> Course:

@@ -2,16 +2,14 @@
 
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, Strict
 
 from swarm.scenario.motions.base import Place, Turned
 from swarm.scenario.motions.guided import Clear
+from swarm.scenario.motions.paths import Path, line
 from swarm.scenario.table import Mistake, Table, Vector
-
-if TYPE_CHECKING:
-    from swarm.scenario.motions.paths import Path
 
 
 class Figure(Table):
@@ -51,6 +49,8 @@ class Figure(Table):
 class Formation(Turned, Clear):
     """A swarm flies from figure to figure; every craft goes by its own estimate and by what the others broadcast."""
 
+    starts_at: ClassVar[str] = "figures"
+
     kind: Literal["formation"] = Field(description="A swarm flies from one figure to the next.")
     centre_m: Vector = Field(default=(0.0, 0.0, 4.0), description="Centre of the figures.")
     figures: Annotated[tuple[Figure, ...], Strict(False)] = Field(
@@ -68,14 +68,9 @@ class Formation(Turned, Clear):
             if after.at_s <= before.at_s:
                 yield f"must be later than the figure before it, at {before.at_s} s", f"figures[{i}].at_s"
 
-    def path(self, place: Place) -> "Path":
+    def path(self, place: Place) -> Path:
         """Return the line on which the craft starts in the first figure."""
-        from swarm.scenario.motions.paths import line
         from swarm.scenario.motions.shapes import shape_of
 
         first = shape_of(self.figures[0], self.centre_m, place.orbit).at(0.0, place.count)
         return line(tuple(first.position[place.index].tolist()), tuple(first.velocity[place.index].tolist()))
-
-    def start_key(self, count: int) -> str:
-        """Return the key that says where `count` craft start."""
-        return "figures"

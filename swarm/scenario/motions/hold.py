@@ -1,13 +1,11 @@
 """The motion `hold`."""
 
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from pydantic import Field
 
 from swarm.scenario.motions.base import Place, Spread
-
-if TYPE_CHECKING:
-    from swarm.scenario.motions.paths import Path
+from swarm.scenario.motions.paths import Path, line
 
 
 class Hold(Spread):
@@ -15,8 +13,6 @@ class Hold(Spread):
 
     kind: Literal["hold"] = Field(description="The craft stays at one position.")
 
-    def path(self, place: Place) -> "Path":
+    def path(self, place: Place) -> Path:
         """Return a point at rest."""
-        from swarm.scenario.motions.paths import line
-
-        return line(self.where(place), (0.0, 0.0, 0.0))
+        return line(self.where(place))

@@ -1,14 +1,12 @@
 """The motion `keep`."""
 
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from pydantic import Field
 
 from swarm.scenario.motions.base import Grid, Place
 from swarm.scenario.motions.guided import Clear
-
-if TYPE_CHECKING:
-    from swarm.scenario.motions.paths import Path
+from swarm.scenario.motions.paths import Path, line
 
 
 class Keep(Grid, Clear):
@@ -16,8 +14,6 @@ class Keep(Grid, Clear):
 
     kind: Literal["keep"] = Field(description="The craft keeps its station by its regulator, clear of other craft.")
 
-    def path(self, place: Place) -> "Path":
+    def path(self, place: Place) -> Path:
         """Return a point at rest."""
-        from swarm.scenario.motions.paths import line
-
-        return line(self.where(place), (0.0, 0.0, 0.0))
+        return line(self.where(place))

@@ -1,5 +1,7 @@
 """Paths of one craft as functions of time, described by a few numbers; `swarm.world.motion.paths` evaluates them.
 
+Nothing here imports numpy before a path needs it: loading a scenario does without.
+
 Three kinds serve every motion: a circle with centre c, unit vectors e1, e2 in its plane, phase a and rate w,
 
     p = c + r (cos(a + w t) e1 + sin(a + w t) e2)
@@ -9,12 +11,11 @@ of random tones (`swarm.scenario.motions.tones`).
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
-
-from estimators.arrays import Floats
-from swarm.scenario.motions.tones import Tones
+if TYPE_CHECKING:
+    from estimators.arrays import Floats
+    from swarm.scenario.motions.tones import Tones
 
 Vector = tuple[float, float, float]
 DEGREE = 5
@@ -23,58 +24,57 @@ RAMP_SHARE = 0.25
 
 
 class Circle(NamedTuple):
-    """One circle: centre (3,) [m], first and second (3,) unit vectors of its plane, radius [m], phase [rad], rate."""
+    """A circle that turns right-handed about its axis, the z axis turned about the x axis by `tilt` [rad].
 
-    centre: Floats
-    first: Floats
-    second: Floats
+    centre [m], radius [m], rate [rad/s]. phase [rad]: from the x axis, at time 0.
+    """
+
+    centre: Vector
     radius: float
-    phase: float
     rate: float
+    tilt: float
+    phase: float
 
 
 class Pieces(NamedTuple):
-    """One piecewise polynomial: start (N,) [s], coefficient (N, 6, 3), ascending, of the time since `start`."""
+    """A piecewise polynomial. start: N times [s]. coefficient: per piece up to 6 vectors, ascending in the time since
+    its start; those that are left out are zero.
+    """
 
-    start: Floats
-    coefficient: Floats
+    start: Sequence[float]
+    coefficient: "Sequence[Sequence[Vector | Floats]]"
 
 
 class Wandering(NamedTuple):
-    """One craft that wanders about its centre (3,) [m] by three signals [m], and turns by three more [rad]."""
+    """A random motion about a centre (3,) [m] by three signals [m], and a turn by three more [rad]."""
 
-    centre: Floats
-    offset: Tones
-    turn: Tones
+    centre: Vector
+    offset: "Tones"
+    turn: "Tones"
 
 
 Path = Circle | Pieces | Wandering
 """Every kind of path."""
 
 
-def line(origin: Vector, velocity: Vector) -> Pieces:
-    """A point [m] at time 0 that moves steadily [m/s]."""
-    return Pieces(np.zeros(1), _coefficients([[origin, velocity]]))
+def line(origin: Vector, velocity: Vector = (0.0, 0.0, 0.0)) -> Pieces:
+    """Return the path of a point that is at `origin` [m] at time 0 and moves steadily [m/s]."""
+    return Pieces([0.0], [[origin, velocity]])
 
 
-def circle(centre: Vector, radius: float, rate: float, tilt: float, phase: float) -> Circle:
-    """A circle [m], right-handed at `rate` [rad/s] about z turned by `tilt` [rad] about x; at `phase` [rad] from x."""
-    second = np.array([0.0, np.cos(tilt), np.sin(tilt)])
-    return Circle(np.array(centre), np.array([1.0, 0.0, 0.0]), second, radius, phase, rate)
-
-
-def smooth_through(points: tuple[Vector, ...], times: tuple[float, ...]) -> Pieces:
-    """Through points [m] at increasing times [s], at rest before the first and after the last.
+def smooth_through(points: Sequence[Vector], times: Sequence[float]) -> Pieces:
+    """Return the path through points [m] at increasing times [s], at rest before the first and after the last.
 
     Quintic Hermite pieces with zero acceleration at every point, hence continuous acceleration. The velocity at an
     inner point is, per coordinate, the harmonic mean of the mean velocities before and after it, and zero where they
     differ in sign. It is at most twice the smaller of them, which keeps every coordinate monotone between neighbouring
     points: nothing is overshot. Through two points it is the minimum-jerk motion.
     """
-    knot, value = np.array(times, dtype=np.float64), np.array(points, dtype=np.float64)
-    still = _coefficients([[value[0]], [value[-1]]])
+    import numpy as np
+
     if len(points) == 1:
-        return Pieces(np.zeros(1), still[:1])
+        return Pieces([0.0], [[points[0]]])
+    knot, value = np.array(times, dtype=np.float64), np.array(points, dtype=np.float64)
     length, way = np.diff(knot)[:, None], np.diff(value, axis=0)
     mean = way / length
     before, after = mean[:-1], mean[1:]
@@ -91,16 +91,23 @@ def smooth_through(points: tuple[Vector, ...], times: tuple[float, ...]) -> Piec
         6 * way - 3 * (v0 + v1),
     ]
     moving = np.stack([c / length**n for n, c in enumerate(unscaled)], axis=1)
-    start = np.concatenate([[knot[0] - 1.0], knot])
-    return Pieces(start, np.concatenate([still[:1], moving, still[1:]]))
+    return Pieces([knot[0] - 1.0, *knot], [[value[0]], *moving, [value[-1]]])
 
 
 def corridor(origin: Vector, target: Vector, start_s: float, speed: float) -> Pieces:
-    """Straight from `origin` to `target` [m], starting at `start_s` [s], cruising at `speed` [m/s].
+    """Return a straight path with a smooth start and stop.
 
     The speed rises and falls as 3 s^2 - 2 s^3 over a quarter of length / speed each, so that the acceleration is
     continuous; the whole takes 1.25 length / speed.
+
+    Args:
+        origin: The point of the start [m].
+        target: The point of the stop [m].
+        start_s: The time of the start [s].
+        speed: The cruising speed [m/s].
     """
+    import numpy as np
+
     a, b = np.array(origin, dtype=np.float64), np.array(target, dtype=np.float64)
     length = float(np.linalg.norm(b - a))
     v = speed * (b - a) / length
@@ -111,11 +118,4 @@ def corridor(origin: Vector, target: Vector, start_s: float, speed: float) -> Pi
     down = [zero, v, zero, -v / ramp**2, v / (2 * ramp**3)]
     starts = start_s + np.array([-1.0, 0.0, ramp, ramp + cruise, 2 * ramp + cruise])
     pieces = [[a], [a + up[0], *up[1:]], [a + v * ramp / 2, v], [b - v * ramp / 2, *down[1:]], [b]]
-    return Pieces(starts, _coefficients(pieces))
-
-
-def _coefficients(pieces: Sequence[Sequence[Vector | Floats]]) -> Floats:
-    out = np.zeros((len(pieces), DEGREE + 1, 3))
-    for i, piece in enumerate(pieces):
-        out[i, : len(piece)] = piece
-    return out
+    return Pieces(starts.tolist(), pieces)

@@ -1,20 +1,20 @@
 """The motion `ring`."""
 
 from math import pi
-from typing import TYPE_CHECKING, Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
 from swarm.scenario.motions.base import Place, Turned
+from swarm.scenario.motions.paths import Circle, Path
 from swarm.scenario.table import Vector
 from swarm.units import si
-
-if TYPE_CHECKING:
-    from swarm.scenario.motions.paths import Path
 
 
 class Ring(Turned):
     """The craft moves on a circle, right-handed about the circle's axis; a swarm is spread evenly over the circle."""
+
+    starts_at: ClassVar[str] = "radius_m"
 
     kind: Literal["ring"] = Field(description="The craft move on a turning circle, evenly spread.")
     centre_m: Vector = Field(default=(0.0, 0.0, 3.0), description="Centre of the circle.")
@@ -27,13 +27,7 @@ class Ring(Turned):
         description="Tilt of the circle's axis from the lighthouse's z axis, about the x axis.",
     )
 
-    def path(self, place: Place) -> "Path":
+    def path(self, place: Place) -> Path:
         """Return the circle, with the craft's phase on it."""
-        from swarm.scenario.motions.paths import circle
-
         own = si(self)
-        return circle(self.centre_m, self.radius_m, own.rate_rad_s, own.tilt_rad, 2 * pi * place.index / place.count)
-
-    def start_key(self, count: int) -> str:
-        """Return the key that says where `count` craft start."""
-        return "radius_m"
+        return Circle(self.centre_m, self.radius_m, own.rate_rad_s, own.tilt_rad, 2 * pi * place.index / place.count)

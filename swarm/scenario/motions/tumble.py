@@ -1,15 +1,13 @@
 """The motion `tumble`."""
 
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from pydantic import Field
 
 from swarm.scenario.motions.base import Course, Place, Spread
+from swarm.scenario.motions.paths import Path, line
 from swarm.scenario.table import Vector
 from swarm.units import si
-
-if TYPE_CHECKING:
-    from swarm.scenario.motions.paths import Path
 
 
 class Tumble(Spread):
@@ -21,10 +19,8 @@ class Tumble(Spread):
         default=(0.0, 0.0, 0.0), description="Angular rate at the start, in the lighthouse frame."
     )
 
-    def path(self, place: Place) -> "Path":
+    def path(self, place: Place) -> Path:
         """Return a straight line."""
-        from swarm.scenario.motions.paths import line
-
         return line(self.where(place), self.velocity_m_s)
 
     def course(self, place: Place) -> Course:

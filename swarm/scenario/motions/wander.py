@@ -1,19 +1,19 @@
 """The motion `wander`: smooth random motion, band-limited, that never leaves its bounds (`motions.tones`)."""
 
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, Strict
 
 from swarm.scenario.motions.base import Place, Turned
+from swarm.scenario.motions.paths import Path, Wandering
 from swarm.scenario.table import Extent, Vector
 from swarm.units import si
-
-if TYPE_CHECKING:
-    from swarm.scenario.motions.paths import Path
 
 
 class Wander(Turned):
     """The craft moves at random as if by hand: smoothly, within a box, without any frequency above its bandwidth."""
+
+    starts_at: ClassVar[str] = "centre_m"
 
     kind: Literal["wander"] = Field(description="The craft moves at random as if by hand.")
     centre_m: Vector = Field(default=(0.0, 0.0, 3.0), description="Centre of the box that the craft never leaves.")
@@ -29,12 +29,11 @@ class Wander(Turned):
     turn_rate_deg_s: float = Field(default=30.0, ge=0, le=3600, description="RMS angular rate of the random turn.")
     bandwidth_hz: float = Field(default=1.0, gt=0, le=30, description="Highest frequency of the motion.")
 
-    def path(self, place: Place) -> "Path":
+    def path(self, place: Place) -> Path:
         """Return random tones for the position, and for the turn, of which each axis has the same share of the rate."""
         import numpy as np
 
         from swarm.random import Purpose, stream
-        from swarm.scenario.motions.paths import Wandering
         from swarm.scenario.motions.tones import tones
 
         own, rng = si(self), stream(place.seed, Purpose.WANDER, place.key)
@@ -43,8 +42,4 @@ class Wander(Turned):
         offset = tones(size / 2, speed, self.bandwidth_hz, rng)
         rate = np.full(3, own.turn_rate_rad_s / np.sqrt(3))
         turn = tones(np.full(3, own.turn_rad), rate, self.bandwidth_hz, rng)
-        return Wandering(np.array(self.centre_m), offset, turn)
-
-    def start_key(self, count: int) -> str:
-        """Return the key that says where `count` craft start."""
-        return "centre_m"
+        return Wandering(self.centre_m, offset, turn)

@@ -2,19 +2,19 @@
 
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, Strict
 
 from swarm.scenario.motions.base import Place, Turned
+from swarm.scenario.motions.paths import Path, smooth_through
 from swarm.scenario.table import Mistake, Time, Vector
-
-if TYPE_CHECKING:
-    from swarm.scenario.motions.paths import Path
 
 
 class Waypoints(Turned):
     """The craft passes smoothly through points at given times, from rest to rest, and stays at the last point."""
+
+    starts_at: ClassVar[str] = "points_m"
 
     kind: Literal["waypoints"] = Field(description="The craft passes through points at given times.")
     points_m: Annotated[tuple[Vector, ...], Strict(False)] = Field(min_length=1, description="Points, in order.")
@@ -30,12 +30,6 @@ class Waypoints(Turned):
             if after <= before:
                 yield f"must increase strictly: times_s[{i}] = {after} follows {before}", "times_s"
 
-    def path(self, place: Place) -> "Path":
+    def path(self, place: Place) -> Path:
         """Return the smooth way through the points."""
-        from swarm.scenario.motions.paths import smooth_through
-
         return smooth_through(self.points_m, self.times_s)
-
-    def start_key(self, count: int) -> str:
-        """Return the key that says where `count` craft start."""
-        return "points_m"

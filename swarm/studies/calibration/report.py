@@ -5,7 +5,6 @@ from math import hypot
 from pathlib import Path
 
 import numpy as np
-from rich import box
 from rich.console import Console
 from rich.table import Table
 
@@ -16,6 +15,7 @@ from swarm import __version__
 from swarm.flight.recordings.calibration_file import calibration_text
 from swarm.flight.recordings.station_calibration import StationCalibration
 from swarm.studies.calibration.calibrate import HELD_OUT_EVERY, Calibrated
+from swarm.tables import table
 
 LIMIT = 1.1
 """Held-out residuals up to so many times the noise are noise."""
@@ -85,16 +85,13 @@ def print_calibration(console: Console, found: Calibrated, file: Path) -> None:
 
 
 def _fans(station: StationCalibration, sigmas: tuple[FanErrors, FanErrors]) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
-    table.add_column("")
-    for name in ("fan X", "fan Y"):
-        table.add_column(name, justify="right", no_wrap=True)
+    made = table("", "fan X", "fan Y")
     for i, key in enumerate(FanErrors._fields):
         pairs = ((station.fan_x[i], sigmas[0][i]), (station.fan_y[i], sigmas[1][i]))
-        table.add_row(
+        made.add_row(
             key, *(f"{value:.6f} ± {sigma:.6f}" if sigma > 0 else f"{value:.6f}  (held)" for value, sigma in pairs)
         )
-    return table
+    return made
 
 
 def _places(name: str, found: Calibrated, points: slice) -> str:

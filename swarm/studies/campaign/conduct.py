@@ -4,12 +4,12 @@ import os
 import platform
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from swarm import __version__
-from swarm.results.disk import write_text
+from swarm.results.owned_folder import STOPPED
 from swarm.results.run_writer import versions
 from swarm.studies.campaign import cluster
 from swarm.studies.campaign.plan import PlannedRun, default_folder, plan
@@ -22,7 +22,7 @@ OVERHEAD_CRAFT = 10
 
 
 class StudyProgress(NamedTuple):
-    """How far a study is. done, failed: of `total` runs, earlier starts included. share_left: of this start's work."""
+    """The state of a study: done and failed of `total` runs, earlier starts included; share_left of the work."""
 
     done: int
     failed: int
@@ -41,67 +41,59 @@ def conduct(
     command: str = "",
     progress: Callable[[StudyProgress], None] | None = None,
 ) -> FinishedStudy:
-    """Fly a study into the folder `out` (default `runs/<study>`), and open it.
+    """Fly a study, and open its folder.
 
-    force: replace what is there. resume: keep what is finished there. scheduler: a dask scheduler's address; without,
-    this machine's cores, or one run after the other in this process where `serial`. command: told in study.json.
-    Raises SwarmError: a wrong study, a folder in the way, no scheduler; KeyboardInterrupt leaves a study that resumes.
+    Args:
+        study: The study.
+        out: Folder of the results; default `runs/<study>`.
+        force: Replace what is there.
+        resume: Keep the runs that are finished there.
+        scheduler: Address of a dask scheduler; without it the runs are flown on this machine.
+        serial: Fly one run after the other in this process, instead of on all cores.
+        command: The command line, for study.json.
+        progress: Is told how far the study is.
+
+    Raises:
+        SwarmError: The study is wrong, a folder is in the way, or no scheduler answers.
+        KeyboardInterrupt: It was stopped; the study resumes.
     """
-    runs = plan(study)
-    made_with = versions()
-    folder = StudyFolder.open(out or default_folder(study), runs, made_with, force=force, resume=resume)
-    try:
-        return _conduct(study, runs, folder, made_with, scheduler, serial, command, progress)
-    finally:
-        folder.release()
+    runs, made_with = plan(study), versions()
+    with StudyFolder.open(out or default_folder(study), runs, made_with, force=force, resume=resume) as folder:
+        folder.write_text(STUDY, study_toml(study, made_with))
+        began, earlier_s = time.monotonic(), _earlier_s(folder)
+        head = {
+            "name": study.name,
+            "description": study.description,
+            "version": __version__,
+            "versions": made_with,
+            "command": command,
+            "machine": f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores",
+            "where": scheduler or ("one process" if serial else _workers(study.workers or cluster.cores())),
+            "planned": len(runs),
+        }
 
+        def state() -> dict[str, Any]:
+            rows = folder.rows.values()
+            counts = {"finished": sum(row["status"] == COMPLETE for row in rows), "rows": len(rows)}
+            return {**head, **counts, "wall_s": earlier_s + time.monotonic() - began}
 
-def _conduct(
-    study: Study,
-    runs: list[PlannedRun],
-    folder: StudyFolder,
-    made_with: list[str],
-    scheduler: str | None,
-    serial: bool,
-    command: str,
-    progress: Callable[[StudyProgress], None] | None,
-) -> FinishedStudy:
-    write_text(folder.path / STUDY, study_toml(study, made_with))
-    began, earlier_s = time.monotonic(), _earlier_s(folder)
-    head = {
-        "name": study.name,
-        "description": study.description,
-        "version": __version__,
-        "versions": made_with,
-        "command": command,
-        "machine": f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores",
-        "where": scheduler or ("one process" if serial else _workers(study.workers or cluster.cores())),
-        "planned": len(runs),
-    }
-
-    def state(status: str) -> None:
-        rows = folder.rows.values()
-        counts = {"finished": sum(r["status"] == COMPLETE for r in rows), "rows": len(rows)}
-        folder.write_state(status, **head, **counts, wall_s=earlier_s + time.monotonic() - began)
-
-    state("running")
-    try:
-        _fly_missing(study, runs, folder, scheduler, serial, progress)
-    except BaseException:
-        folder.pause()
-        state("interrupted")
-        raise
-    folder.close()
-    state("complete")
-    return open_study(folder.path)
+        folder.mark("running", state())
+        try:
+            _fly_missing(study, runs, folder, _fleet(scheduler, serial, study.workers), progress)
+        except BaseException as stop:
+            folder.pause()
+            reason = STOPPED if isinstance(stop, KeyboardInterrupt) else f"{type(stop).__name__}: {stop}"
+            folder.interrupt(reason, state())
+            raise
+        folder.finish(state())
+        return open_study(folder.path)
 
 
 def _fly_missing(
     study: Study,
     runs: list[PlannedRun],
     folder: StudyFolder,
-    scheduler: str | None,
-    serial: bool,
+    fleet: AbstractContextManager[cluster.Fleet],
     progress: Callable[[StudyProgress], None] | None,
 ) -> None:
     missing = {run.number: run for run in runs if run.key not in folder.rows}
@@ -120,16 +112,15 @@ def _fly_missing(
             folder.add(_row(run, Flown(run.number, run.key, FAILED, run.problem, 0.0, {})))
             left -= work[run.number]
         else:
-            orders.append(
-                Order(run.number, run.key, run.scenario.model_dump(mode="json"), study.measure, study.telemetry)
-            )
+            scenario = run.scenario.model_dump(mode="json")
+            orders.append(Order(run.number, run.key, scenario, study.measure, study.telemetry))
     tell()
-    if not orders:
-        return
     # The longest first, so that no worker begins one when the others have nothing left to do.
     orders.sort(key=lambda order: -work[order.number])
-    with _fleet(scheduler, serial, study.workers) as fleet:
-        for flown in fleet(orders):
+    if not orders:
+        return
+    with fleet as fly:
+        for flown in fly(orders):
             folder.add(_row(missing[flown.number], flown), flown.telemetry)
             left -= work[flown.number]
             tell()
@@ -138,14 +129,10 @@ def _fly_missing(
 @contextmanager
 def _fleet(scheduler: str | None, serial: bool, workers: int | None) -> Iterator[cluster.Fleet]:
     if serial:
-        with nullcontext(cluster.in_this_process) as here:
-            yield here
-    elif scheduler:
-        with cluster.on_cluster(scheduler) as there:
-            yield there
-    else:
-        with cluster.on_this_machine(workers) as local:
-            yield local
+        yield cluster.in_this_process
+        return
+    with cluster.on_cluster(scheduler) if scheduler else cluster.on_this_machine(workers) as fleet:
+        yield fleet
 
 
 def _row(run: PlannedRun, flown: Flown) -> Row:

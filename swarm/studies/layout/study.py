@@ -13,7 +13,7 @@ import numpy as np
 
 from swarm.errors import SwarmError
 from swarm.figures import save
-from swarm.results.disk import write_text, writing
+from swarm.results.disk import refuse_existing, write_text, writing
 from swarm.studies.layout import judgement
 from swarm.studies.layout.even import even_spreads
 from swarm.studies.layout.figure import draw
@@ -91,9 +91,7 @@ def _check_target(out: Path, model: Path, files: tuple[Path, ...], force: bool) 
         raise SwarmError(f"--out {out}: the model's file must end in .xml")
     if out.resolve() == model.resolve():
         raise SwarmError(f"--out {out}: this is the model that the layout is designed for; choose another file")
-    there = [path for path in files if path.exists()]
-    if there and not force:
-        raise SwarmError(f"{there[0]} is there already; --force replaces it")
+    refuse_existing(*files, force=force)
 
 
 def _write(

@@ -74,12 +74,14 @@ def reproduce(
         if value < 1:
             raise SwarmError(f"--{size}: {value}: must be at least 1")
         chosen[size] = value
+    from swarm.results.owned_folder import refuse_taken
     from swarm.studies.papers.experiment import Request
-    from swarm.studies.papers.results import ResultFolder
+    from swarm.studies.papers.results import CONTENTS, write
 
     seed = experiment.seed if seed is None else seed
     if seed < 0:
         raise SwarmError(f"--seed: {seed}: must be at least 0")
-    folder = ResultFolder(Path(out) if out is not None else RUNS / f"{name}-{seed}", force)
-    outcome = experiment.run(Request(seed, chosen, progress or (lambda share, what: None)))
-    return folder.write(name, experiment, seed, chosen, outcome)
+    folder = Path(out) if out is not None else RUNS / f"{name}-{seed}"
+    refuse_taken(folder, CONTENTS, force)
+    request = Request(seed, chosen, progress or (lambda share, what: None))
+    return write(folder, name, experiment, request, experiment.run(request), force)

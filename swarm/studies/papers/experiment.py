@@ -5,11 +5,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-import pyarrow as pa
 
 from estimators.arrays import Floats
 from swarm.errors import SwarmError
 from swarm.figures import Figure
+from swarm.results.parquet import Table, column, table_of
 from swarm.units import written_unit
 
 LIGHTHOUSE = "Chen et al., lighthouse"
@@ -72,7 +72,7 @@ class Outcome(NamedTuple):
     """What an experiment found. notes: sentences printed below the comparison. grids: printed above it."""
 
     comparison: list[Line]
-    data: pa.Table
+    data: Table
     figure: Figure
     notes: tuple[str, ...] = ()
     grids: tuple[Grid, ...] = ()
@@ -123,14 +123,14 @@ class Experiment(NamedTuple):
     seed: int = 1
 
 
-def data(columns: Columns) -> pa.Table:
+def data(columns: Columns) -> Table:
     """Return the table of an experiment's data; NaN becomes null, and every column tells its unit and meaning.
 
     Args:
         columns: Values and meaning by the column's name, whose suffix is the unit. With a `*` in both, values (n, 3) or
             (n, 4) become one column per component, x to z or w to z.
     """
-    fields, arrays = [], []
+    made = []
     for name, (values, meaning) in columns.items():
         parts = {"": values}
         if "*" in name:
@@ -138,17 +138,14 @@ def data(columns: Columns) -> pa.Table:
             letters = "xyz" if values.shape[1] == 3 else "wxyz"
             parts = {letter: values[:, i] for i, letter in enumerate(letters)}
         for letter, part in parts.items():
-            array = pa.array(part, from_pandas=True)
-            metadata = {"unit": _unit(name, array.type), "meaning": meaning.replace("*", letter)}
-            fields.append(pa.field(name.replace("*", letter), array.type, metadata=metadata))
-            arrays.append(array)
-    return pa.table(arrays, schema=pa.schema(fields))
+            made.append(column(name.replace("*", letter), part, _unit(name, part), meaning.replace("*", letter)))
+    return table_of(made)
 
 
-def _unit(name: str, kind: pa.DataType) -> str:
+def _unit(name: str, values: Any) -> str:
     over, _, under = name.rpartition("_per_")
     unit = f"{written_unit(over)}/{under}" if over else written_unit(name)
-    return unit or ("" if pa.types.is_string(kind) or pa.types.is_boolean(kind) else "1")
+    return unit or ("" if np.asarray(values).dtype.kind in "USb" else "1")
 
 
 def span(values: Any) -> tuple[float, float]:

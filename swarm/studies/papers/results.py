@@ -4,32 +4,29 @@
     figure.png, .svg   the figure
     comparison.json    every line of the comparison, with seed, sizes, versions
 
-Nothing is written before the experiment is done; `comparison.json` comes last, and is the licence to replace the others
-under --force.
+Nothing is written before the experiment is done. `comparison.json` is the folder's marker.
 """
 
-import json
 import math
 import platform
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import pyarrow.parquet as pq
 from rich.console import Console
 from rich.text import Text
 
 from swarm import __version__
-from swarm.errors import SwarmError
 from swarm.figures import save
-from swarm.results.disk import write_text, writing
-from swarm.results.run_folder import PROGRAM
-from swarm.studies.papers.experiment import Experiment, Limits, Line, Outcome, Value
+from swarm.results.owned_folder import Contents, OwnedFolder
+from swarm.results.parquet import write_table
+from swarm.studies.papers.experiment import Experiment, Limits, Line, Outcome, Request, Value
 from swarm.tables import table
 
 DATA, COMPARISON, PNG, SVG = "data.parquet", "comparison.json", "figure.png", "figure.svg"
+CONTENTS = Contents("an experiment", COMPARISON, (DATA, PNG, SVG))
 VERSIONS = ("mujoco", "numpy", "scipy", "numba", "filterpy")
 
 
@@ -42,63 +39,40 @@ class Reproduction:
     outcome: Outcome
 
 
-class ResultFolder:
-    """The folder that an experiment's results go to."""
+def write(
+    folder: Path, name: str, experiment: Experiment, request: Request, outcome: Outcome, force: bool = False
+) -> Reproduction:
+    """Write all files.
 
-    def __init__(self, path: Path, force: bool = False) -> None:
-        """Check that `path` is free, or holds an earlier experiment that `force` replaces. Raises SwarmError."""
-        self.path = path
-        if path.exists() and not path.is_dir():
-            raise SwarmError(f"cannot write {path}: a file is in its place; choose another --out")
-        ours = _is_ours(path / COMPARISON)
-        if ours and not force:
-            raise SwarmError(
-                f"{path} holds an experiment already; --force (force=True) replaces it, --out (out=...) writes "
-                "elsewhere"
-            )
-        for name in () if ours else (DATA, COMPARISON, PNG, SVG):
-            if (path / name).exists():
-                raise SwarmError(
-                    f"{path / name} was not written by {PROGRAM}, and an experiment would replace it; move it away or "
-                    "choose another --out"
-                )
+    Args:
+        folder: Where to write.
+        name: Name of the experiment.
+        experiment: Its entry.
+        request: The seed and the sizes that it ran with.
+        outcome: What it found.
+        force: Replace an earlier experiment.
 
-    def write(
-        self, name: str, experiment: Experiment, seed: int, sizes: Mapping[str, int], outcome: Outcome
-    ) -> Reproduction:
-        """Write all files.
-
-        Args:
-            name: Name of the experiment.
-            experiment: Its entry.
-            seed: Seed that it ran with.
-            sizes: Sizes that it ran with, by name.
-            outcome: What it found.
-
-        Raises:
-            SwarmError: The folder cannot be written.
-        """
-        with writing(self.path):
-            self.path.mkdir(parents=True, exist_ok=True)
-            (self.path / COMPARISON).unlink(missing_ok=True)
-            _replace(self.path / DATA, lambda file: pq.write_table(outcome.data, file))
-            for file in (PNG, SVG):
-                _replace(self.path / file, lambda temporary: save(outcome.figure, temporary, salt=name))
+    Raises:
+        SwarmError: There is an earlier experiment, or the folder cannot be written.
+    """
+    with OwnedFolder(folder, CONTENTS, force=force) as owned:
+        owned.replace(DATA, lambda file: write_table(outcome.data, file))
+        for file in (PNG, SVG):
+            owned.replace(file, lambda temporary: save(outcome.figure, temporary, salt=name))
         body = {
-            "program": PROGRAM,
             "version": __version__,
             "experiment": name,
             "source": experiment.source,
             "figure": experiment.figure,
-            "seed": seed,
-            "sizes": dict(sizes),
+            "seed": request.seed,
+            "sizes": dict(request.sizes),
             "versions": {"python": platform.python_version(), **{package: version(package) for package in VERSIONS}},
             "comparison": [{**line._asdict(), "met": line.met} for line in outcome.comparison],
             "tables": [{**grid._asdict(), "rows": dict(grid.rows)} for grid in outcome.grids],
             "notes": outcome.notes,
         }
-        write_text(self.path / COMPARISON, json.dumps(_without_nan(body), indent=2, allow_nan=False) + "\n")
-        return Reproduction(self.path, experiment, outcome)
+        owned.finish(_without_nan(body))
+    return Reproduction(folder, experiment, outcome)
 
 
 def print_comparison(console: Console, done: Reproduction) -> None:
@@ -135,24 +109,6 @@ def _print_lines(console: Console, lines: list[Line]) -> None:
         verdict = (_target(line.target), mark) if judged else ()
         printed.add_row(quantity, _text(line.paper), _text(line.ours), *verdict)
     console.print(printed)
-
-
-def _is_ours(file: Path) -> bool:
-    try:
-        content = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return False
-    return isinstance(content, dict) and content.get("program") == PROGRAM and "experiment" in content
-
-
-def _replace(file: Path, write: Callable[[Path], Any]) -> None:
-    """Write `file` under another name first: a kill leaves the old one or the new one."""
-    temporary = file.with_name(file.name + ".tmp")
-    try:
-        write(temporary)
-        temporary.replace(file)
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def _without_nan(value: Any) -> Any:

@@ -41,6 +41,10 @@ class Poses(NamedTuple):
         """Return the chosen poses."""
         return Poses(self.distance_m[chosen], self.rotation[chosen], self.position[chosen])
 
+    def repeat(self, count: int) -> "Poses":
+        """Return every pose `count` times, one after the other."""
+        return self.rows(np.repeat(np.arange(len(self.distance_m)), count))
+
     def lights(self, marker_m: Floats) -> Floats:
         """Return where the lights (K, 3) [m] of a marker are at every pose, (N, K, 3) [m]."""
         out: Floats = np.einsum("nij,kj->nki", self.rotation, marker_m) + self.position[:, None]

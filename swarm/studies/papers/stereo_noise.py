@@ -70,7 +70,7 @@ EXPERIMENT = Experiment(
 def _measure(poses: stereo.Poses, draws: int, rig: Rig, rng: np.random.Generator) -> Table:
     """Return the measured and propagated errors of one metre, (2, 3) or (2, 6) by way of solving."""
     exact = stereo.images(poses, stereo.MARKER_M, rig)
-    every = poses.rows(np.repeat(np.arange(len(exact)), draws))
+    every = poses.repeat(draws)
     uv = np.repeat(exact, draws, axis=0)
     uv += NOISE * rng.standard_normal(uv.shape)
     true = every.lights(stereo.MARKER_M)

@@ -21,9 +21,10 @@ class Paths(Protocol):
 class Circles:
     """Circles of C craft."""
 
-    def __init__(self, singles: list[Circle]) -> None:
+    def __init__(self, singles: Sequence[Circle]) -> None:
         self._centre = np.array([single.centre for single in singles])
-        self._first, self._second = np.array([(single.first, single.second) for single in singles]).swapaxes(0, 1)
+        self._first = np.array([1.0, 0.0, 0.0])
+        self._second = np.array([[0.0, np.cos(single.tilt), np.sin(single.tilt)] for single in singles])
         self._radius = np.array([[single.radius] for single in singles])
         self._phase = np.array([[single.phase] for single in singles])
         self._rate = np.array([[single.rate] for single in singles])
@@ -40,13 +41,14 @@ class Circles:
 class Polynomials:
     """Piecewise polynomials of C craft, padded to the largest number of pieces."""
 
-    def __init__(self, singles: list[Pieces]) -> None:
+    def __init__(self, singles: Sequence[Pieces]) -> None:
         most = max(len(single.start) for single in singles)
         self._start = np.full((len(singles), most), np.inf)
         self._coefficient = np.zeros((len(singles), most, DEGREE + 1, 3))
         for i, single in enumerate(singles):
             self._start[i, : len(single.start)] = single.start
-            self._coefficient[i, : len(single.start)] = single.coefficient
+            for n, piece in enumerate(single.coefficient):
+                self._coefficient[i, n, : len(piece)] = piece
 
     def at(self, time_s: float) -> Motion:
         """Return where the craft are at `time_s` [s]."""

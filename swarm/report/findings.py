@@ -1,0 +1,118 @@
+"""Sentences about a run's figures: what they mean, and what is wrong with single craft."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+Figures = Mapping[str, Any]
+FEWEST_SAMPLES = 20
+"""Fewer independent samples than this say nothing about a filter."""
+REFUSED_MUCH = 0.01
+"""A larger share of refused poses than this is worth a line: the gate itself lets 0.99999 of good ones pass."""
+BIAS_SIGMAS = 4.0
+"""A slope of the motion bias below so many of its sigmas is not worth a line: chance reaches it once in 16 000."""
+MEANINGS = {
+    "inside": "as the filter promises",
+    "below": "errors smaller than the filter promises, as in smooth motion",
+    "above": "errors larger than the filter promises",
+}
+
+
+class Finding(NamedTuple):
+    """A sentence, and the style in which it is printed."""
+
+    text: str
+    style: str = ""
+
+
+def findings(figures: Figures) -> list[Finding]:
+    """Return what the figures of a swarm or a craft say."""
+    out = [_consistency(figures, key) for key in ("nees", "nis")]
+    position, attitude = figures.get("ekf_to_pnp_position_ratio"), figures.get("ekf_to_pnp_attitude_ratio")
+    if position is not None and attitude is not None:
+        out.append(Finding(f"Filter error over raw PnP error: {position:.2f} in position, {attitude:.2f} in attitude"))
+    if delta_v := figures.get("delta_v_m_s"):
+        out.append(Finding(f"Delta-v: {delta_v:.3g} m/s per craft"))
+    if ccd := figures.get("ccd"):
+        shares = f"stereo {ccd['stereo_share']:.0%}, the main camera alone {ccd['camera_share']:.0%} of the images"
+        out.append(Finding(f"Cameras: {shares}; the sensor in use changed {ccd['sensor_switches']} times"))
+    out += [_motion_bias(figures, *size) for size in (("position", "m", "mm"), ("attitude", "deg", "°"))]
+    return [finding for finding in out if finding is not None]
+
+
+def _consistency(figures: Figures, key: str) -> Finding | None:
+    f = figures.get(key)
+    if not f or f["effective_samples"] < FEWEST_SAMPLES:
+        return None
+    side = "inside" if f["inside_band"] else "below" if f["mean"] < f["band_low"] else "above"
+    meaning = MEANINGS[side]
+    if side == "above" and (hit := figures.get("contact_periods")):
+        meaning += f"; there were {hit} periods in contact, whose blow no filter can know of"
+    band = f"6 is exact, {f['band_low']:.2f} to {f['band_high']:.2f} is chance"
+    return Finding(f"{key.upper()} {f['mean']:.2f}: {meaning} ({band})", colour(f))
+
+
+def _motion_bias(figures: Figures, name: str, unit: str, shown: str) -> Finding | None:
+    bias = figures.get("pnp_motion_bias") or {}
+    slopes, sigmas = bias.get(f"{name}_slope_s", ()), bias.get(f"{name}_slope_sigma_s", ())
+    pairs = zip(slopes, sigmas, strict=True)
+    if figures["samples"] < FEWEST_SAMPLES or not any(
+        slope is not None and abs(slope) > BIAS_SIGMAS * sigma for slope, sigma in pairs
+    ):
+        return None
+    rms = (bias[f"{name}_rms_{unit}"] or 0.0) * (1000 if shown == "mm" else 1)
+    axes = ", ".join(f"{a} {b * 1000:+.2f} ms" for a, b in zip("xyz", slopes, strict=True) if b is not None)
+    return Finding(f"Motion biases PnP's {name}: {rms:.2g} {shown} RMS ({axes})", "yellow")
+
+
+def inspections(lidar: Mapping[str, Figures]) -> list[Finding]:
+    """Return what every LiDAR made of its target."""
+    out = []
+    for name, f in lidar.items():
+        times = "once" if f["acquisitions"] == 1 else f"{f['acquisitions']} times"
+        text = (
+            f"{name}'s LiDAR: {f['target']} tracked in {f['tracked_share']:.1%} of {f['scans']} scans, acquired {times}"
+        )
+        if f["measured_attitude_mean_deg"] is not None:
+            text += f"; attitude error of a scan {f['measured_attitude_mean_deg']:.2f}° on average"
+            text += f", {f['measured_attitude_max_deg']:.2f}° at most"
+        out.append(Finding(text))
+    return out
+
+
+def warnings(craft: Mapping[str, Figures]) -> list[Finding]:
+    """Return what is wrong with single craft that the swarm's figures hide, and what to do about it."""
+    craft = {name: f for name, f in craft.items() if f.get("navigates", True)}
+    dark = [name for name, f in craft.items() if not (f["mean_visible"] or f.get("ccd") or f.get("observed"))]
+    refused = {name: f["refused_share"] or 0.0 for name, f in craft.items() if f.get("refused_share")}
+    refused = {name: share for name, share in refused.items() if share > REFUSED_MUCH}
+    vain = [
+        name
+        for name, f in craft.items()
+        if (nees := f.get("nees")) and nees["effective_samples"] >= FEWEST_SAMPLES and nees["mean"] > nees["band_high"]
+    ]
+    out = []
+    if dark:
+        out.append(
+            f"{names(dark)} never saw light: outside the field or range, turned away, or every photodiode covered"
+        )
+    if refused:
+        worst = max(refused, key=lambda name: refused[name])
+        out.append(
+            f"The filter refused {100 * refused[worst]:.0f} % of {worst}'s poses"
+            + (f" (and of {len(refused) - 1} more craft)" if len(refused) > 1 else "")
+            + ": it moves more sharply than navigation.acceleration_noise_m_s2 and"
+            " angular_acceleration_noise_deg_s2 expect, or its errors are not noise (docs/filter.md)"
+        )
+    if vain and len(craft) > 1:
+        out.append(f"NEES above its band: {names(vain)}")
+    return [Finding(sentence, "yellow") for sentence in out]
+
+
+def names(craft: list[str]) -> str:
+    """Return the names of some craft, of many the first four."""
+    return ", ".join(craft[:4]) + (f" and {len(craft) - 4} more" if len(craft) > 4 else "")
+
+
+def colour(consistency: Figures | None) -> str:
+    """Return the style of a consistency figure: green inside its band."""
+    return "" if not consistency else "green" if consistency["inside_band"] else "yellow"

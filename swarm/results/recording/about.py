@@ -1,0 +1,45 @@
+"""The text behind the recording's tab *What is what*."""
+
+from swarm.results.recording.craft import TRAIL_POINTS, TRAIL_STEP_S
+from swarm.results.recording.estimates import ENLARGED
+from swarm.results.recording.lighthouse import FAN_TURN_S, REAL_FAN_TURN_S
+from swarm.results.recording.scene import Scene
+
+LIDARS = """| bright points | the last scan of a LiDAR, where its craft believes the returns to be |
+"""
+CAMERAS = """| blue, yellow line | from the main and the backup camera to a light that it sees |
+| pyramids on a craft | the fields of its cameras |
+"""
+ABOUT = """# What is drawn
+
+| | |
+|---|---|
+| solid craft | {craft} |
+| outline | where its filter believes it is |
+| ellipsoid | the filter's 3 sigma of position, **enlarged {enlarged} times**, to half a metre at most |
+| green ray, point | photodiode lit by the lighthouse |
+| red ray, point | photodiode in reach, but something stands in between |
+| grey point | photodiode outside field or range, or turned away |
+| two translucent fans | the lighthouse's lasers, **slowed down {slowed:.0f} times** |
+{cameras}| thin trail | where the craft was in the last {trail:.0f} s |
+
+The axes are those of the lighthouse: x right (red), y down (green), z forward (blue).
+
+# Plots
+
+*Errors* are distances and angles from the truth; below the *3σ* line the filter deserves its confidence.
+*NEES* is the squared error over the filter's own covariance: 6 on average if it is consistent; the band holds 95 % of
+the values of independent craft. *ADOP* and *PDOP* say how much attitude and position suffer from angle noise. A
+*protection level* is what the craft says its error is below, false photodiodes included.
+"""
+
+
+def about(scene: Scene) -> str:
+    """Return the text for a scene, as Markdown."""
+    return ABOUT.format(
+        craft="the craft at its estimate: the truth is not known" if scene.replay else "the craft where it truly is",
+        enlarged=ENLARGED,
+        slowed=FAN_TURN_S / REAL_FAN_TURN_S,
+        trail=TRAIL_POINTS * TRAIL_STEP_S,
+        cameras=(CAMERAS if scene.ccd else "") + (LIDARS if scene.lidar else ""),
+    )
