@@ -89,7 +89,7 @@ class Loop:
         self.stages.wrap(flight.sensors.visibility, "state", "visibility")
         self.stages.wrap(flight.sensors.lighthouse, "sweep", "crossing times")
         self.stages.wrap(flight.computer.decoder, "decode", "decode")
-        for name in ("predict", "update", "start", "stop"):
+        for name in ("predict", "update_pose", "start", "stop"):
             self.stages.wrap(flight.computer.navigator.tracks.bank, name, "filter")
         self.stages.wrap(flight.computer.navigator, "step", "navigation, all of it")
         self.stages.wrap(writer._telemetry, "append", "telemetry")

@@ -3,7 +3,8 @@
 With T_w_f = (R, t), p_w = R p_f + t. The world's own frame changes nothing, bit for bit.
 """
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -14,13 +15,14 @@ from estimators.state import State
 _CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 
 
-class Frame(NamedTuple):
+@dataclass(frozen=True)
+class Frame:
     """A frame f in the world w: rotation (3, 3) R_w_f and position (3,) [m] of its origin."""
 
     rotation: Floats
     position: Floats
 
-    @property
+    @cached_property
     def is_world(self) -> bool:
         """Whether the frame is the world's own."""
         return bool(np.array_equal(self.rotation, np.eye(3)) and not self.position.any())

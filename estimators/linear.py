@@ -34,10 +34,15 @@ def cholesky_into(a: Floats, out: Floats) -> bool:
 
 @kernel
 def solve_spd(a: Floats, lower: Floats, b: Floats) -> bool:
-    """Solve A x = b (n,) in place, `b` becomes x; False, with `b` spoilt, where `a` (n, n) is singular.
+    """Solve A x = b in place; return False, with `b` spoilt, where A is singular.
 
-    lower: scratch (n, n). Only the lower triangle of `a` is read. As `cholesky_into` and `solve_cholesky`, with the
-    reciprocals of the pivots on L's diagonal: a division takes as long as a dozen products.
+    As `cholesky_into` and `solve_cholesky`, with the reciprocals of the pivots on L's diagonal: a division takes as
+    long as a dozen products.
+
+    Args:
+        a: (n, n), of which only the lower triangle is read.
+        lower: (n, n), workspace.
+        b: (n,), becomes x.
     """
     n = a.shape[0]
     for j in range(n):

@@ -35,13 +35,13 @@ BORESIGHTS = {
     "h-bar": np.stack([-_V, _R, _H]),
     "-h-bar": np.stack([_V, _R, -_H]),
 }
-"""By what the lighthouse looks along: its axes x, y, z as rows (3, 3) in (V, H, R). Down, its y, is towards the Earth;
-against the flight where it looks up or down itself."""
+"""Attitudes of the lighthouse by the axis that it looks along: its axes x, y, z as rows (3, 3) in (V, H, R). Down, its
+y, is towards the Earth; against the flight where it looks up or down itself."""
 
 
 class RelativeOrbit(NamedTuple):
-    """A station's circular orbit. mean_motion_rad_s: n. axes: (3, 3), V-bar, H-bar, R-bar as rows in the lighthouse
-    frame, so that p_orbit = axes p.
+    """A circular orbit of the station. mean_motion_rad_s: n. axes: (3, 3), V-bar, H-bar, R-bar as rows in the
+    lighthouse frame, so that p_orbit = axes p.
     """
 
     mean_motion_rad_s: float
@@ -54,14 +54,20 @@ class RelativeOrbit(NamedTuple):
 
 
 def circular(altitude_m: float, boresight: str = "-v-bar") -> RelativeOrbit:
-    """The orbit at `altitude_m` [m] above the equator's radius. Raises ValueError for an unknown boresight."""
+    """Return the orbit at `altitude_m` [m] above the equator's radius. Raises ValueError for an unknown boresight."""
     if boresight not in BORESIGHTS:
         raise ValueError(f"boresight: {boresight!r} is not one of {', '.join(BORESIGHTS)}")
     return RelativeOrbit(sqrt(EARTH_MU_M3_S2 / (EARTH_RADIUS_M + altitude_m) ** 3), BORESIGHTS[boresight].T.copy())
 
 
 def acceleration(orbit: RelativeOrbit, position: Floats, velocity: Floats) -> Floats:
-    """(CW) of craft at `position` (..., 3) [m] with `velocity` (..., 3) [m/s]: (..., 3) [m/s^2]."""
+    """Return the acceleration (CW) of craft, (..., 3) [m/s^2].
+
+    Args:
+        orbit: the station's.
+        position: (..., 3) [m].
+        velocity: (..., 3) [m/s].
+    """
     n = orbit.mean_motion_rad_s
     place, speed = position @ orbit.axes.T, velocity @ orbit.axes.T
     along = 2 * n * speed[..., 2]
@@ -72,7 +78,8 @@ def acceleration(orbit: RelativeOrbit, position: Floats, velocity: Floats) -> Fl
 
 
 def transition(orbit: RelativeOrbit, time_s: float) -> Floats:
-    """(6, 6): (position [m], velocity [m/s]) after free motion over `time_s`, also backwards, from those before.
+    """Return the matrix (6, 6) from (position [m], velocity [m/s]) to those after free motion over `time_s`, also
+    backwards.
 
     Fehse, (3.22) to (3.25), without thrust.
     """
@@ -93,7 +100,13 @@ def transition(orbit: RelativeOrbit, time_s: float) -> Floats:
 
 
 def integral(orbit: RelativeOrbit, position: Floats, velocity: Floats) -> Floats:
-    """v^2/2 - 3/2 n^2 z^2 + 1/2 n^2 y^2 (...,) [m^2/s^2] of craft at `position` (..., 3) with `velocity` (..., 3)."""
+    """Return v^2/2 - 3/2 n^2 z^2 + 1/2 n^2 y^2 of craft, (...,) [m^2/s^2].
+
+    Args:
+        orbit: the station's.
+        position: (..., 3) [m].
+        velocity: (..., 3) [m/s].
+    """
     place = position @ orbit.axes.T
     square = orbit.mean_motion_rad_s**2
     out: Floats = np.sum(velocity**2, axis=-1) / 2 + square / 2 * (place[..., 1] ** 2 - 3 * place[..., 2] ** 2)

@@ -1,4 +1,4 @@
-"""Where bodies are, where they should be, and how they move: records that physics, guidance and estimation share."""
+"""Records of states, motions and references that physics, guidance and estimation share."""
 
 from typing import NamedTuple
 
@@ -58,7 +58,7 @@ class Motion(NamedTuple):
 
 
 class Reference(NamedTuple):
-    """Where C craft should be at one instant, lighthouse frame.
+    """Reference state of C craft at one instant, lighthouse frame.
 
     position, velocity, acceleration: (C, 3) [m, m/s, m/s^2]. rotation: (C, 3, 3) R_l_b. angular_rate,
     angular_acceleration: (C, 3) [rad/s, rad/s^2]. holds_position, holds_attitude: (C,), False where the craft is free.
@@ -75,7 +75,7 @@ class Reference(NamedTuple):
 
 
 class Steered(NamedTuple):
-    """Where guidance wants some craft to be now: craft (G,), motion (G, 3) each, free (G,): do not hold it."""
+    """Motion that guidance asks of some craft now: craft (G,), motion (G, 3) each, free (G,): not held."""
 
     craft: Ints
     motion: Motion

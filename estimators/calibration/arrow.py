@@ -30,9 +30,15 @@ class Arrow(NamedTuple):
 
 
 def arrow(problem: Problem, jacobian: sparse.csr_array, weight: Floats) -> Arrow:
-    """The arrow of J^T diag(weight^2) J, `weight` (rows,), with the shared unknowns along `problem.basis`.
+    """Return the arrow of J^T diag(weight^2) J, with the shared unknowns along `problem.basis`.
 
-    What no used angle depends on has zero rows: there D gets a one on its diagonal, and the unknown stays as it is.
+    Unknowns that no used angle depends on have zero rows: there D gets a one on its diagonal, and they stay as they
+    are.
+
+    Args:
+        problem: the calibration.
+        jacobian: J, (rows, unknowns).
+        weight: (rows,), of the residuals.
     """
     weighted = sparse.diags_array(weight) @ jacobian
     own, shared = weighted[:, : problem.local].tocsr(), weighted[:, problem.local :].tocsr() @ problem.basis
@@ -51,7 +57,9 @@ def arrow(problem: Problem, jacobian: sparse.csr_array, weight: Floats) -> Arrow
 
 
 class Whitening:
-    """x - x_0 = T y with T = U^-1, so that J T is nearly orthonormal. Raises LinAlgError if S is singular."""
+    """Coordinates y with x - x_0 = T y, T = U^-1, so that J T is nearly orthonormal. Raises LinAlgError if S is
+    singular.
+    """
 
     def __init__(self, problem: Problem, normal: Arrow) -> None:
         self.shape = (problem.size, problem.local + problem.basis.shape[1])
@@ -62,20 +70,20 @@ class Whitening:
         self._basis = problem.basis
 
     def forward(self, y: Floats) -> Floats:
-        """T y: (size,)."""
+        """Return T y, (size,)."""
         shared = self._shared_inverse.T @ y[self._local :]
         rest = (y[: self._local] - self._border @ shared).reshape(*self._inverse.shape[:2], 1)
         own = np.swapaxes(self._inverse, 1, 2) @ rest
         return np.concatenate([own.ravel(), self._basis @ shared])
 
     def backward(self, x: Floats) -> Floats:
-        """T^T x."""
+        """Return T^T x."""
         own = (self._inverse @ x[: self._local].reshape(*self._inverse.shape[:2], 1)).ravel()
         shared = self._shared_inverse @ (self._basis.T @ x[self._local :] - self._border.T @ own)
         return np.concatenate([own, shared])
 
     def of(self, jacobian: sparse.csr_array) -> LinearOperator:
-        """J T."""
+        """Return J T."""
         transposed = jacobian.T.tocsr()
         return LinearOperator(
             shape=(jacobian.shape[0], self.shape[1]),

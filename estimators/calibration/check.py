@@ -1,4 +1,4 @@
-"""Does a calibration hold where it was not made: residuals of poses solved with it, against what noise alone leaves.
+"""Check of a calibration where it was not made: residuals of poses solved with it, against what noise alone leaves.
 
 A pose is solved from its angles, which takes six degrees of freedom out of them, and with them nearly all of the
 rotor's error: what a whole fan has in common looks like a motion. With r the residuals, P = J (J^T J)^-1 J^T over a
@@ -22,7 +22,7 @@ from estimators.lighthouse.sweep import correct
 
 
 class Sightings(NamedTuple):
-    """What N poses see and how they move, each with its own row of up to K photodiodes.
+    """Angles and motion of N poses, each with its own row of up to K photodiodes.
 
     theta (N, K, 2) [rad] as measured, lit (N, K), offset_s (N, K, 2), angular_rate (N, 3), velocity (N, 3).
     """
@@ -42,14 +42,14 @@ class Fit(NamedTuple):
 
     @property
     def ratio(self) -> float:
-        """Root of the sum of |r|^2 over the sum of what was expected, over the poses solved; NaN without one."""
+        """The root of the sum of |r|^2 over the expected sum, over the poses solved; NaN without one."""
         good = self.pose.solved & (self.expected > 0)
         total = float(self.expected[good].sum())
         return float(np.sqrt(self.pose.cost[good].sum() / total)) if total > 0 else float("nan")
 
     @property
     def median_ratio(self) -> float:
-        """The same of the median pose: a few wrong angles do not move it. For good ones a little below `ratio`."""
+        """The same ratio of the median pose, which a few wrong angles do not move; a little below `ratio`."""
         good = self.pose.solved & (self.expected > 0)
         return float(np.sqrt(np.median(self.pose.cost[good] / self.expected[good]))) if good.any() else float("nan")
 
@@ -57,10 +57,18 @@ class Fit(NamedTuple):
 def solve_poses(
     seen: Sightings, fans: Floats, point_m: Floats, rotation: Floats, position: Floats, noise: Noise
 ) -> Fit:
-    """Solve every pose as on board, with the fans (2, 5) taken off its angles and photodiodes at point_m (N, K, 3).
+    """Solve every pose as on board, with the calibrated fans and photodiodes.
 
-    rotation (N, 3, 3), position (N, 3): where to start; a pose that starts with NaN is not solved. Raises ValueError as
-    `refine` does.
+    Args:
+        seen: the angles of N poses.
+        fans: (2, 5), the fans' numbers, taken off the angles.
+        point_m: (N, K, 3) [m], photodiodes in the body frame.
+        rotation: (N, 3, 3), start R_l_b.
+        position: (N, 3) [m], start; a pose that starts with NaN is not solved.
+        noise: of one angle.
+
+    Raises:
+        ValueError: as `refine` does.
     """
     theta = correct(seen.theta, fan_errors(fans))
     start: Bools = np.isfinite(position.sum(axis=1) + seen.velocity.sum(axis=1))

@@ -1,5 +1,4 @@
-"""What a calibration fits: the measured angle (E) of `estimators.lighthouse.sweep` with its derivatives, for many
-angles at once.
+"""The model that a calibration fits: the measured angle (E) of `estimators.lighthouse.sweep` with its derivatives.
 
 Photodiode w_p of a craft with pose R = R_l_b, t at the epoch is at p = Exp([w]x tau) R w_p + t + v tau at its angle's
 own instant tau, lighthouse frame. The gibbous term is written linearly, so that it has a slope where it vanishes:
@@ -34,7 +33,7 @@ class Slopes(NamedTuple):
 
 
 def linear_fans(errors: FanPair) -> Floats:
-    """(2, 5) numbers of fans X and Y from their systematic errors."""
+    """Return the numbers (2, 5) of fans X and Y from their systematic errors."""
     return np.array(
         [
             (
@@ -50,7 +49,7 @@ def linear_fans(errors: FanPair) -> Floats:
 
 
 def fan_errors(fans: Floats) -> FanPair:
-    """Systematic errors of both fans from their numbers (2, 5); the gibbous magnitude is not negative."""
+    """Return the systematic errors of both fans from their numbers (2, 5); the gibbous magnitude is not negative."""
     x, y = (
         FanErrors(float(f[0]), float(f[1]), float(f[2]), float(np.arctan2(f[4], f[3])), float(np.hypot(f[3], f[4])))
         for f in fans
@@ -59,9 +58,14 @@ def fan_errors(fans: Floats) -> FanPair:
 
 
 def gibbous_sigma(sine: float, cosine: float, covariance: Floats) -> tuple[float, float]:
-    """Standard deviations of the gibbous phase [rad] and magnitude from the (2, 2) covariance of s and c.
+    """Return the standard deviations of the gibbous phase [rad] and magnitude, to first order.
 
-    To first order; a phase that is not known at all has pi / sqrt(3), that of a uniform one.
+    A phase that is not known at all has pi / sqrt(3), the deviation of a uniform one.
+
+    Args:
+        sine: s.
+        cosine: c.
+        covariance: (2, 2), of s and c.
     """
     magnitude = np.hypot(sine, cosine)
     if magnitude == 0:
@@ -73,9 +77,12 @@ def gibbous_sigma(sine: float, cosine: float, covariance: Floats) -> tuple[float
 
 
 def predict(point: Floats, fan: Ints, fans: Floats) -> Slopes:
-    """The angles that the fans (M,) measure of points (M, 3) [m], with slopes; NaN where a fan never gets there.
+    """Return the angles that fans measure of points, with slopes; NaN where a fan never gets there.
 
-    fans: (2, 5), of both. A point must be in front (z > 0).
+    Args:
+        point: (M, 3) [m], in front (z > 0).
+        fan: (M,), 0 for X and 1 for Y.
+        fans: (2, 5), the numbers of both fans.
     """
     row = np.arange(len(point))
     along, other, z = point[row, fan], point[row, 1 - fan], np.where(point[:, 2] > 0, point[:, 2], np.nan)
@@ -114,7 +121,16 @@ def place(
     velocity: Floats,
     offset_s: Floats,
 ) -> tuple[Floats, Floats, Floats]:
-    """Where photodiodes are at their angles' instants: p (M, 3), Exp([w]x tau) (M, 3, 3), and the arm R w_p (M, 3)."""
+    """Return the photodiodes at their angles' instants, p (M, 3), Exp([w]x tau) (M, 3, 3) and the arms R w_p (M, 3).
+
+    Args:
+        point_m: (M, 3) [m], photodiodes in the body frame.
+        rotation: (M, 3, 3) R_l_b at the epoch.
+        position: (M, 3) [m].
+        angular_rate: (M, 3) [rad/s].
+        velocity: (M, 3) [m/s].
+        offset_s: (M,) [s], tau.
+    """
     turn = rot.exp(angular_rate * offset_s[:, None])
     arm = np.einsum("mij,mj->mi", rotation, point_m)
     return np.einsum("mij,mj->mi", turn, arm) + position + velocity * offset_s[:, None], turn, arm

@@ -14,16 +14,24 @@ from estimators import rotation as rot
 from estimators.arrays import Bools, Floats
 
 REACH_S = 0.105
-"""How far neighbours count [s]: six periods of a Lighthouse 1.0 on either side, the times' rounding allowed for."""
+"""Largest distance of a neighbour [s]: six periods of a Lighthouse 1.0 on either side, and rounding."""
 FEWEST = 3
 """Poses that a rate needs."""
 
 
 def pose_rates(time_s: Floats, rotation: Floats, position: Floats, reach_s: float = REACH_S) -> tuple[Floats, Floats]:
-    """Angular rates (N, 3) [rad/s] and velocities (N, 3) [m/s] of one craft, lighthouse frame.
+    """Return the angular rates (N, 3) [rad/s] and velocities (N, 3) [m/s] of one craft, lighthouse frame.
 
-    time_s: (N,), increasing. rotation: (N, 3, 3) R_l_b. position: (N, 3) [m]. A pose that is NaN is no neighbour; NaN
-    where there are fewer than `FEWEST`. Raises ValueError where the times do not increase or shapes do not fit.
+    A pose that is NaN is no neighbour. Rates are NaN where there are fewer than `FEWEST` poses.
+
+    Args:
+        time_s: (N,) [s], increasing.
+        rotation: (N, 3, 3) R_l_b.
+        position: (N, 3) [m].
+        reach_s: largest distance of a neighbour [s].
+
+    Raises:
+        ValueError: the times do not increase, or shapes do not fit.
     """
     count = len(time_s)
     if rotation.shape != (count, 3, 3) or position.shape != (count, 3):

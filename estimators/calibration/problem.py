@@ -32,7 +32,7 @@ from estimators.arrays import Bools, Floats, Ints
 from estimators.calibration.model import place, predict
 
 PARTS = ("phase", "tilt", "curve", "gibbous", "photodiodes")
-"""What can be held."""
+"""Parts that can be held."""
 _COLUMNS = {"phase": (0,), "tilt": (1,), "curve": (2,), "gibbous": (3, 4)}
 
 
@@ -70,7 +70,16 @@ class Noise(NamedTuple):
 
 
 def check(survey: Survey, noise: Noise, hold: Sequence[str]) -> None:
-    """Raise ValueError, naming the argument, where shapes, indices or values do not fit together."""
+    """Check that a survey fits together.
+
+    Args:
+        survey: the angles and poses.
+        noise: of one angle.
+        hold: names of `PARTS`.
+
+    Raises:
+        ValueError: a shape, an index or a value is wrong; the message names the argument.
+    """
     angles, poses, photodiodes = len(survey.theta), len(survey.rotation), len(survey.point_m)
     wanted = {
         "theta": (angles,),
@@ -116,7 +125,9 @@ class Problem:
     def __init__(
         self, survey: Survey, noise: Noise, *, poses_known: bool, hold: Sequence[str] = (), seen: Bools | None = None
     ) -> None:
-        """seen: (P,), photodiodes to be placed; the others stay where they are. Raises ValueError as `check` does."""
+        """Take a survey. seen: (P,), photodiodes to be placed; the others stay where they are. Raises ValueError as
+        `check` does.
+        """
         check(survey, noise, hold)
         self.survey, self.noise, self.poses_known = survey, noise, poses_known
         periods, self._block = np.unique(survey.period, return_inverse=True)
@@ -136,7 +147,7 @@ class Problem:
         self._columns = self._pattern()
 
     def start(self) -> Floats:
-        """x that the survey gives."""
+        """Return the x that the survey gives."""
         x = np.zeros(self.size)
         x[self.local :] = np.concatenate([self.survey.fans.ravel(), self.survey.point_m.ravel()])
         return x
@@ -151,7 +162,7 @@ class Problem:
         return rot.exp(step[:, :3]) @ self.survey.rotation, self.survey.position + step[:, 3:]
 
     def residuals(self, x: Floats) -> Floats:
-        """(M + 2 blocks,): angles, zero where not used, then the rotor's u."""
+        """Return the residuals (M + 2 blocks,): angles, zero where not used, then the rotor's u."""
         return self._evaluate(x, slopes=False)[0]
 
     def jacobian(self, x: Floats) -> sparse.csr_array:
@@ -159,7 +170,7 @@ class Problem:
         return self._evaluate(x, slopes=True)[1]
 
     def _steps(self, x: Floats) -> Floats:
-        """(d, dt) of every pose, (N, 6)."""
+        """Return (d, dt) of every pose, (N, 6)."""
         if self.poses_known:
             return np.zeros((len(self._slot), 6))
         start = self._block * self.width + 2 + 6 * self._slot
@@ -221,7 +232,7 @@ class Problem:
 
 
 def to_gauge(point_m: Floats, reference_m: Floats) -> Floats:
-    """A craft's photodiodes (K, 3) turned, shifted and scaled into the gauge of `reference_m` (K, 3)."""
+    """Return the photodiodes (K, 3) of a craft turned, shifted and scaled into the gauge of `reference_m` (K, 3)."""
     centre, c0 = point_m - point_m.mean(axis=0), reference_m - reference_m.mean(axis=0)
     u, _, vt = np.linalg.svd(c0.T @ centre)
     turned = centre @ (u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt).T
@@ -230,7 +241,7 @@ def to_gauge(point_m: Floats, reference_m: Floats) -> Floats:
 
 
 def _basis(survey: Survey, poses_known: bool, hold: Sequence[str], seen: Bools) -> Floats:
-    """The directions in which the shared unknowns may move, orthonormal columns (10 + 3 P, shared)."""
+    """Return the directions in which the shared unknowns may move, orthonormal columns (10 + 3 P, shared)."""
     fans = [5 * fan + c for fan in (0, 1) for part, columns in _COLUMNS.items() if part not in hold for c in columns]
     columns = [np.eye(10 + survey.point_m.size)[:, sorted(fans)]]
     if "photodiodes" not in hold:
@@ -244,7 +255,7 @@ def _basis(survey: Survey, poses_known: bool, hold: Sequence[str], seen: Bools) 
 
 
 def _shape_only(point_m: Floats) -> Floats:
-    """Orthonormal moves (3 K, 3 K - 7) of points (K, 3) without shift, turn or scale about their centroid."""
+    """Return orthonormal moves (3 K, 3 K - 7) of points (K, 3) without shift, turn or scale about their centroid."""
     if len(point_m) < 3:
         return np.empty((point_m.size, 0))
     centre = point_m - point_m.mean(axis=0)

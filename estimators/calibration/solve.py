@@ -25,7 +25,7 @@ from estimators.calibration.model import FAN_PARAMETERS
 from estimators.calibration.problem import Noise, Problem, Survey
 
 HUBER = 2.0
-"""Where Huber's loss turns from square to straight [standard deviations]: 99 % efficient for normal errors."""
+"""Residual at which Huber's loss turns from square to straight [standard deviations]: 99 % efficient if normal."""
 REJECT = 5.0
 """An angle further off than this [standard deviations] is not one: of a million good ones half a one is."""
 FEWEST_ANGLES = 8
@@ -39,14 +39,14 @@ TYPICAL = np.array([0.05, 0.01, 0.002, 0.01, 0.01])
 TYPICAL_MOUNTING_M = 1e-3
 """Size of a mounting error per axis [m]."""
 _REJECTIONS = 3
-"""How often angles are dropped and looked at again."""
+"""Rounds of dropping angles and solving again."""
 _ROUNDS = 30
 _SETTLED = 0.01
 """Largest change of a shared unknown [standard deviations] that ends the rounds."""
 
 
 class Unobservable(ValueError):
-    """The survey is too poor. parameters: what it does not tell. missing: how many directions."""
+    """A survey that is too poor. parameters: those it leaves open. missing: the number of open directions."""
 
     def __init__(self, parameters: Sequence[str], missing: int, total: int) -> None:
         self.parameters, self.missing, self.total = tuple(parameters), missing, total
@@ -57,13 +57,13 @@ class Unobservable(ValueError):
 
 
 class Calibration(NamedTuple):
-    """What a survey has told.
+    """The result of a survey.
 
-    fans: (2, 5), numbers of `calibration_model`. point_m: (P, 3) [m]. covariance: (10 + 3 P, 10 + 3 P) of both, in the
+    fans: (2, 5), numbers of `calibration.model`. point_m: (P, 3) [m]. covariance: (10 + 3 P, 10 + 3 P) of both, in the
     gauge; zero where held. rotation (N, 3, 3), position (N, 3) [m]: the poses, as known or as found. residual: RMS of
-    the residuals over what their number lets expect: 1 where the noise is as it was said. condition: of the shared
-    parameters in units of their typical sizes, largest over smallest standard deviation. placed: (P,), photodiodes
-    that were estimated. used: (M,), angles that were. evaluations: of the residuals.
+    the residuals over its expected value: 1 where the noise is as stated. condition: largest over smallest standard
+    deviation of the shared parameters, in units of their typical sizes. placed: (P,), photodiodes that were estimated.
+    used: (M,), angles that were used. evaluations: number of evaluations of the residuals.
     """
 
     fans: Floats
@@ -79,23 +79,29 @@ class Calibration(NamedTuple):
 
     @property
     def fan_sigma(self) -> Floats:
-        """(2, 5) standard deviations of `fans`."""
+        """The standard deviations (2, 5) of `fans`."""
         out: Floats = np.sqrt(np.diagonal(self.covariance)[:10]).reshape(2, 5)
         return out
 
     @property
     def point_sigma_m(self) -> Floats:
-        """(P, 3) standard deviations of `point_m` [m]."""
+        """The standard deviations (P, 3) of `point_m` [m]."""
         out: Floats = np.sqrt(np.diagonal(self.covariance)[10:]).reshape(-1, 3)
         return out
 
 
 def calibrate(survey: Survey, noise: Noise, *, poses_known: bool, hold: Sequence[str] = ()) -> Calibration:
-    """Fans and photodiodes from a survey; see the module.
+    """Estimate fans and photodiodes from a survey, as the module describes.
 
-    noise: of one angle. poses_known: whether the survey's poses are the truth, or only a start. hold: of
-    `calibration_problem.PARTS`, what stays as the survey believes it. Raises Unobservable (a ValueError) where the
-    survey is too poor, ValueError where its arrays do not fit together.
+    Args:
+        survey: the angles and poses.
+        noise: of one angle.
+        poses_known: True where the survey's poses are the truth, False where they are only a start.
+        hold: names of `calibration.problem.PARTS` that stay as the survey believes them.
+
+    Raises:
+        Unobservable: the survey is too poor.
+        ValueError: the survey's arrays do not fit together, or everything is held.
     """
     seen = np.bincount(survey.photodiode, minlength=len(survey.point_m)) >= FEWEST_PER_PHOTODIODE
     problem = Problem(survey, noise, poses_known=poses_known, hold=hold, seen=seen)
@@ -123,12 +129,12 @@ def calibrate(survey: Survey, noise: Noise, *, poses_known: bool, hold: Sequence
 
 
 def _spread(residual: Floats) -> float:
-    """Robust standard deviation of residuals."""
+    """Return a robust standard deviation of residuals."""
     return float(1.4826 * np.median(np.abs(residual)))
 
 
 def _good(problem: Problem, x: Floats) -> Bools:
-    """The angles that fit. A pose that had to adapt to wrong ones is lost with all of its: see the module."""
+    """Return the angles that fit; a pose that had to adapt to wrong ones loses all of its angles (see the module)."""
     survey, before = problem.survey, problem.used
     problem.used = np.ones_like(before)
     error = problem.residuals(x)[: len(before)]
@@ -146,7 +152,7 @@ def _good(problem: Problem, x: Floats) -> Bools:
 
 
 def _huber(angles: int, limit: float) -> Callable[[Floats], Floats]:
-    """Loss for `least_squares`: Huber's with `limit` for the first `angles` residuals, none for the rotor's u."""
+    """Return the loss for `least_squares`: Huber's with `limit` for the first `angles` residuals, none for the rest."""
 
     def loss(square: Floats) -> Floats:
         out = np.stack([square, np.ones_like(square), np.zeros_like(square)])
@@ -159,7 +165,7 @@ def _huber(angles: int, limit: float) -> Callable[[Floats], Floats]:
 
 
 def _solve(problem: Problem, x: Floats) -> tuple[Floats, int]:
-    """x at the minimum of Huber's loss; how often the residuals were evaluated."""
+    """Return x at the minimum of Huber's loss, and the number of evaluations of the residuals."""
     angles, evaluations = len(problem.survey.theta), 0
     for _ in range(_ROUNDS):
         residual = problem.residuals(x)
@@ -189,7 +195,7 @@ def _solve(problem: Problem, x: Floats) -> tuple[Floats, int]:
 
 
 def _observe(problem: Problem, x: Floats) -> tuple[Arrow, float]:
-    """The unweighted arrow at x, and the condition number. Raises Unobservable."""
+    """Return the unweighted arrow at x and the condition number. Raises Unobservable."""
     normal = arrow(problem, problem.jacobian(x), np.ones(len(problem.used) + 2 * problem.blocks))
     typical = np.concatenate([TYPICAL, TYPICAL, np.full(problem.survey.point_m.size, TYPICAL_MOUNTING_M)])
     # Every column of the basis is in units of one kind: fans one by one, photodiodes all alike.
@@ -203,7 +209,7 @@ def _observe(problem: Problem, x: Floats) -> tuple[Arrow, float]:
 
 
 def _names(problem: Problem, share: Floats) -> list[str]:
-    """Parameters with a noticeable share in unobservable directions, the photodiodes by their number."""
+    """Return the parameters with a noticeable share in unobservable directions, the photodiodes by their number."""
     names = []
     for fan in (0, 1):
         for i, name in enumerate(FAN_PARAMETERS):

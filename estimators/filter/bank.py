@@ -1,4 +1,4 @@
-"""C independent pose filters behind one batch interface: what it checks and holds, whichever filter runs inside.
+"""C independent pose filters behind one batch interface, which checks and holds the arrays of either filter.
 
 Two banks stand behind it, of the same equations (`estimators.filter.error_state`): `estimators.filter.filterpy_bank`
 runs filterpy, one object per craft; `estimators.filter.compiled` one compiled loop over all craft.
@@ -95,7 +95,7 @@ class FilterBank(ABC):
 
     @property
     def active(self) -> Bools:
-        """Which craft (C,) have a state."""
+        """The craft (C,) that have a state."""
         return self._active.copy()
 
     @property
@@ -336,7 +336,7 @@ class FilterBank(ABC):
 
 @kernel
 def _finite(array: Floats, mask: Bools) -> bool:
-    """Whether all of `array` (C, n) is finite for the craft of the mask."""
+    """Return whether all of `array` (C, n) is finite for the craft of the mask."""
     for c in range(len(mask)):
         if mask[c]:
             for i in range(array.shape[1]):
@@ -347,7 +347,7 @@ def _finite(array: Floats, mask: Bools) -> bool:
 
 @kernel
 def _positive_diagonal(matrix: Floats, mask: Bools) -> bool:
-    """Whether the diagonals of `matrix` (C, n, n) are positive for the craft of the mask."""
+    """Return whether the diagonals of `matrix` (C, n, n) are positive for the craft of the mask."""
     for c in range(len(mask)):
         if mask[c]:
             for i in range(matrix.shape[1]):

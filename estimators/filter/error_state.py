@@ -32,14 +32,20 @@ DEFAULT_ANGULAR_ACCELERATION_NOISE_RAD_S2 = math.radians(12.0)
 
 STATES, POSE = 12, 6
 POSE_COLUMNS = np.array([0, 1, 2, 6, 7, 8])
-"""Where (attitude, position) sit in the state."""
+"""Columns of (attitude, position) in the state."""
 RATE_COLUMNS = np.array([3, 4, 5, 9, 10, 11])
-"""Where (angular rate, velocity) sit in the state."""
+"""Columns of (angular rate, velocity) in the state."""
 
 
 @kernel
 def transition_into(angular_rate: Floats, dt: float, out: Floats) -> None:
-    """Write F (12, 12) for one step `dt` [s] at `angular_rate` (3,) [rad/s] into `out`."""
+    """Write F for one step.
+
+    Args:
+        angular_rate: (3,) [rad/s].
+        dt: the step [s].
+        out: (12, 12), receives F.
+    """
     v = angular_rate * dt
     out[:] = 0.0
     for i in range(STATES):
@@ -54,7 +60,14 @@ def transition_into(angular_rate: Floats, dt: float, out: Floats) -> None:
 
 @kernel
 def process_noise_into(dt: float, acceleration: float, angular_acceleration: float, out: Floats) -> None:
-    """Write Q (12, 12) into `out`: sigmas [m/s^2], [rad/s^2] per axis, white, constant over `dt` [s]."""
+    """Write Q for one step with white accelerations that are constant over it.
+
+    Args:
+        dt: the step [s].
+        acceleration: sigma per axis [m/s^2].
+        angular_acceleration: sigma per axis [rad/s^2].
+        out: (12, 12), receives Q.
+    """
     out[:] = 0.0
     for i in range(STATES):
         sigma = angular_acceleration if i < 6 else acceleration
@@ -67,7 +80,15 @@ def process_noise_into(dt: float, acceleration: float, angular_acceleration: flo
 
 @kernel
 def propagate(rotation: Floats, angular_rate: Floats, position: Floats, velocity: Floats, dt: float) -> None:
-    """Move one craft's pose on by `dt` [s] at constant rates, in place."""
+    """Move the pose of one craft on at constant rates, in place.
+
+    Args:
+        rotation: (3, 3).
+        angular_rate: (3,) [rad/s].
+        position: (3,) [m].
+        velocity: (3,) [m/s].
+        dt: the step [s].
+    """
     turn, turned = np.empty((3, 3)), np.empty((3, 3))
     exp_into(angular_rate * dt, turn)
     multiply_into(turn, rotation, turned)
@@ -139,7 +160,15 @@ def innovations_into(
 
 @kernel
 def correct(rotation: Floats, angular_rate: Floats, position: Floats, velocity: Floats, x: Floats) -> None:
-    """Move the estimated error `x` (12, 1) into one craft's pose and rates, and leave it zero."""
+    """Move the estimated error into the pose and rates of one craft, and leave it zero.
+
+    Args:
+        rotation: (3, 3).
+        angular_rate: (3,) [rad/s].
+        position: (3,) [m].
+        velocity: (3,) [m/s].
+        x: (12, 1), the error state.
+    """
     turn, turned = np.empty((3, 3)), np.empty((3, 3))
     exp_into(x[:3, 0], turn)
     multiply_into(turn, rotation, turned)

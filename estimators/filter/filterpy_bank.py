@@ -25,7 +25,7 @@ class PoseFilterBank(FilterBank):
     """A bank of filterpy's filters: the reference, and slow, for it takes a Python loop over the craft."""
 
     def __init__(self, craft_count: int, **options: float) -> None:
-        """As of any `FilterBank`."""
+        """Take the options of any `FilterBank`."""
         super().__init__(craft_count, **options)
         self._filter: dict[int, ExtendedKalmanFilter] = {}
 

@@ -1,4 +1,4 @@
-"""Which of many candidate places N photodiodes should take: coverage first, then precision, by exchange.
+"""Design of a layout: the places of N photodiodes among many candidates, by coverage, then precision.
 
 The objective, over many poses, with unsolvable ones counted as worse than any error:
 
@@ -28,13 +28,13 @@ from estimators.lighthouse.pnp import FEWEST_LIT
 TAIL = 0.2
 """Width of the tail below the percentile."""
 MARGIN = 0.96
-"""Of the share of poses that the percentile forgives, the search uses so much: it sees a sample of the poses only."""
+"""Share of the poses forgiven by the percentile that the search uses: it sees a sample of the poses only."""
 EXCESS = 1e5
 """Weight of the share of unsolvable poses: one pose of thousands outweighs any gain in the tail."""
 SHORT = 1e-3
 """Among unsolvable poses, one that lacks fewer photodiodes is better by this much of a pose."""
 BEST_TAIL = -21.0
-"""ln of an error that is 1e-9 of the wanted one: no tail is lighter."""
+"""Logarithm of an error that is 1e-9 of the wanted one: no tail is lighter."""
 SMALL = 1e-9
 """A gain below this is rounding."""
 SWEEPS = 20
@@ -44,13 +44,13 @@ FINALISTS = 12
 KEPT = 4
 """Designs that are kept, and thrown again, after every round."""
 THROWS = 2
-"""How often each of them is thrown in a round."""
+"""Throws of each of them in a round."""
 ROUNDS = 2
 WORKERS_MAX = 8
 
 
 class Design(NamedTuple):
-    """chosen: (n,) indices of candidates, ascending. objective: its value, smaller is better; see `objective`."""
+    """A set of candidates. chosen: (n,) indices, ascending. objective: its value, smaller is better."""
 
     chosen: Ints
     objective: float
@@ -58,7 +58,7 @@ class Design(NamedTuple):
 
 @kernel
 def _excess(seen: Ints, reached: Bools, share: float) -> float:
-    """The weighted share of unsolvable poses beyond the forgiven one, where `reached` (Q,) see one more than `seen`."""
+    """Return the weighted excess of unsolvable poses over the forgiven share; `reached` (Q,): see one more."""
     total = 0.0
     for p in range(len(seen)):
         lacking = FEWEST_LIT - seen[p] - reached[p]
@@ -69,7 +69,7 @@ def _excess(seen: Ints, reached: Bools, share: float) -> float:
 
 @kernel
 def _tail(error: Floats, share: float) -> float:
-    """Mean logarithm of the errors (P,) between the percentiles; sorts them."""
+    """Return the mean logarithm of the errors (P,) between the percentiles; sorts them."""
     error.sort()
     last = max(int(share * len(error)), 1)
     first = min(max(int((share - TAIL) * len(error)), 0), last - 1)
@@ -81,7 +81,7 @@ def _tail(error: Floats, share: float) -> float:
 
 @kernel
 def _weighed(error: float, seen: int) -> float:
-    """A pose's error as the search counts it: finite, and raised where photodiodes are lacking."""
+    """Return the error of a pose as the search counts it: finite, and raised where photodiodes are lacking."""
     if seen < FEWEST_LIT:
         error = WORST
     return min(error, WORST) * (1 + LACKING * max(0, WANTED_LIT - seen))
@@ -89,7 +89,7 @@ def _weighed(error: float, seen: int) -> float:
 
 @kernel
 def _count(reached: Bools, chosen: Ints, without: int, seen: Ints) -> None:
-    """How many of `chosen`, but for slot `without`, are lit at every pose (Q,)."""
+    """Write the number of `chosen`, without slot `without`, that are lit at every pose (Q,) into `seen`."""
     seen[:] = 0
     for slot in range(len(chosen)):
         if slot != without:
@@ -99,7 +99,7 @@ def _count(reached: Bools, chosen: Ints, without: int, seen: Ints) -> None:
 
 @kernel
 def _free(candidates: int, chosen: Ints) -> Bools:
-    """Which candidates (N,) are not chosen."""
+    """Return which candidates (N,) are not chosen."""
     free = np.ones(candidates, dtype=np.bool_)
     for k in chosen:
         free[k] = False
@@ -179,7 +179,13 @@ def _exchange(row: Floats, lit: Bools, reached: Bools, rho: float, chosen: Ints,
 
 
 def objective(candidates: Sightings, chosen: Ints, share: float) -> float:
-    """The value that the search lowers: excess of unsolvable poses, heavily weighted, and the tail of ln e."""
+    """Return the value that the search lowers: the weighted excess of unsolvable poses, and the tail of ln e.
+
+    Args:
+        candidates: what they measure.
+        chosen: (n,), indices of candidates.
+        share: q of the percentile.
+    """
     poses = len(candidates.lit)
     chosen = np.ascontiguousarray(chosen, dtype=np.int64)
     normal, fan_sum, seen = np.empty((poses, 6, 6)), np.empty((poses, 2, 6)), np.empty(poses, dtype=np.int64)
@@ -193,7 +199,15 @@ def objective(candidates: Sightings, chosen: Ints, share: float) -> float:
 
 
 def cover(reached: Bools, count: int, share: float, starts: int = STARTS, seed: int = 0) -> list[Design]:
-    """Sets of `count` candidates by how few poses of `reached` (Q, N) they leave unsolvable, best first, none twice."""
+    """Return sets of candidates by how few poses they leave unsolvable, best first, none twice.
+
+    Args:
+        reached: (Q, N), candidates lit at every pose.
+        count: photodiodes of a set.
+        share: q of the percentile.
+        starts: number of random sets.
+        seed: of the random sets.
+    """
     rng = np.random.default_rng(seed)
     columns = np.asfortranarray(reached, dtype=np.bool_)
 
@@ -207,7 +221,13 @@ def cover(reached: Bools, count: int, share: float, starts: int = STARTS, seed: 
 
 
 def refine_design(candidates: Sightings, starts: Iterable[Ints], share: float) -> list[Design]:
-    """Each start (n,) exchanged until no exchange lowers the objective; best first, none twice."""
+    """Exchange every start until no exchange lowers the objective; return the results, best first, none twice.
+
+    Args:
+        candidates: what they measure.
+        starts: sets (n,) of indices.
+        share: q of the percentile.
+    """
     columns = np.asfortranarray(candidates.reached, dtype=np.bool_)
 
     def refined(start: Ints) -> Design:
@@ -229,10 +249,19 @@ def design(
     rounds: int = ROUNDS,
     seed: int = 0,
 ) -> list[Design]:
-    """The best sets of `count` candidates that were found, at most KEPT, best first.
+    """Return the best sets of candidates that were found, at most KEPT, best first.
 
-    share: q of the percentile. starts, finalists, rounds: random sets, those that are refined, and rounds of throws.
-    Raises ValueError where there are fewer candidates than photodiodes, or fewer than four photodiodes.
+    Args:
+        candidates: what they measure.
+        count: photodiodes of a set.
+        share: q of the percentile.
+        starts: number of random sets.
+        finalists: number of sets that are refined.
+        rounds: rounds of throws.
+        seed: of the random sets and throws.
+
+    Raises:
+        ValueError: there are fewer candidates than photodiodes, or fewer than four photodiodes.
     """
     places = candidates.lit.shape[1]
     if not FEWEST_LIT <= count <= places:
@@ -251,13 +280,13 @@ def _workers() -> int:
 
 
 def _best(designs: Iterable[Design]) -> list[Design]:
-    """Best first, none twice."""
+    """Return the designs best first, none twice."""
     found = {tuple(design.chosen.tolist()): design for design in designs}
     return sorted(found.values(), key=lambda design: design.objective)
 
 
 def _thrown(chosen: Ints, places: int, rng: np.random.Generator) -> Ints:
-    """`chosen` with a quarter of its photodiodes, two at least, moved to places drawn at random."""
+    """Return `chosen` with a quarter of its photodiodes, two at least, moved to places drawn at random."""
     out = chosen.copy()
     free = np.setdiff1d(np.arange(places), out)
     many = min(max(2, len(out) // 4), len(free))

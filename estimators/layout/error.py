@@ -1,4 +1,4 @@
-"""What a set of photodiodes would measure poses with: source 1 (14) to (22) for many poses and any choice at once.
+"""Predicted error of poses measured by a set of photodiodes: source 1 (14) to (22) for many poses and choices.
 
 At pose p photodiode k adds its two rows of J (14), derivatives of its angles by the pose error (attitude, position,
 lighthouse frame, at rest), and they add up over the chosen ones that are lit:
@@ -33,7 +33,7 @@ WORST = 1e3
 
 
 class Mix(NamedTuple):
-    """What counts as an error of one, attitude_rad and position_m, under this angle noise."""
+    """The errors that count as one, attitude_rad and position_m, and the angle noise."""
 
     attitude_rad: float
     position_m: float
@@ -42,7 +42,7 @@ class Mix(NamedTuple):
 
 
 class Sightings(NamedTuple):
-    """What N candidates see. row: (P, N, 2, 6), scaled rows of J, and lit: (P, N), at the poses where errors are
+    """Measurements of N candidates. row: (P, N, 2, 6), scaled rows of J, and lit: (P, N), at the poses where errors are
     predicted. reached: (Q, N), lit at more poses, by which the unsolvable ones are counted.
     """
 
@@ -53,10 +53,18 @@ class Sightings(NamedTuple):
 
 
 def sightings(rotation: Floats, position: Floats, lit: Bools, point_m: Floats, mix: Mix, every: int = 1) -> Sightings:
-    """What candidates at `point_m` (N, 3) [m], body frame, measure at Q poses at rest; errors at `every` n-th of them.
+    """Return what candidates measure at Q poses at rest.
 
-    rotation: (Q, 3, 3) R_l_b. position: (Q, 3) [m], lighthouse frame. lit: (Q, N), in the light of both fans.
-    Raises ValueError where shapes do not fit `lit`.
+    Args:
+        rotation: (Q, 3, 3) R_l_b.
+        position: (Q, 3) [m], lighthouse frame.
+        lit: (Q, N), in the light of both fans.
+        point_m: (N, 3) [m], candidates in the body frame.
+        mix: the errors that count as one.
+        every: errors are predicted at every n-th pose.
+
+    Raises:
+        ValueError: shapes do not fit `lit`.
     """
     reached = checked_lit(lit)
     poses, count = reached.shape
@@ -79,9 +87,15 @@ def sightings(rotation: Floats, position: Floats, lit: Bools, point_m: Floats, m
 
 @kernel
 def mixed_error(normal: Floats, fan_sum: Floats, rho: float, lower: Floats, inverse: Floats) -> float:
-    """e from N (6, 6) and s (2, 6), inf where N is singular. lower, inverse: (6, 6) workspace.
+    """Return e, inf where N is singular.
 
     tr N^-1 = |L^-1|^2 and |N^-1 s|^2 = |L^-T L^-1 s|^2 with N = L L^T.
+
+    Args:
+        normal: (6, 6), N.
+        fan_sum: (2, 6), s.
+        rho: of (19).
+        lower, inverse: (6, 6), workspace.
     """
     if not cholesky_into(normal, lower):
         return np.inf
@@ -110,7 +124,17 @@ def mixed_error(normal: Floats, fan_sum: Floats, rho: float, lower: Floats, inve
 
 @kernel
 def add_up(row: Floats, lit: Bools, chosen: Ints, without: int, normal: Floats, fan_sum: Floats, seen: Ints) -> None:
-    """N (P, 6, 6), s (P, 2, 6) and the number lit (P,) of the chosen candidates but for slot `without`."""
+    """Write the sums over the chosen candidates that are lit.
+
+    Args:
+        row: (P, N, 2, 6), of `Sightings`.
+        lit: (P, N).
+        chosen: (n,), indices of candidates.
+        without: slot of `chosen` that is left out; -1: none.
+        normal: (P, 6, 6), receives N.
+        fan_sum: (P, 2, 6), receives s.
+        seen: (P,), receives the number lit.
+    """
     normal[:], fan_sum[:], seen[:] = 0.0, 0.0, 0
     for p in range(lit.shape[0]):
         for slot in range(len(chosen)):
@@ -137,7 +161,7 @@ def _errors_into(normal: Floats, fan_sum: Floats, seen: Ints, rho: float, out: F
 
 
 def mixed_errors(candidates: Sightings, chosen: Ints) -> Floats:
-    """The predicted error e (P,) at every pose with the chosen candidates (n,); inf where not solvable."""
+    """Return the predicted error e (P,) at every pose with the chosen candidates (n,); inf where not solvable."""
     poses = len(candidates.lit)
     normal, fan_sum, seen = np.empty((poses, 6, 6)), np.empty((poses, 2, 6)), np.empty(poses, dtype=np.int64)
     chosen = np.ascontiguousarray(chosen, dtype=np.int64)
@@ -148,6 +172,6 @@ def mixed_errors(candidates: Sightings, chosen: Ints) -> Floats:
 
 
 def percentile(error: Floats, share: float) -> float:
-    """The smallest error that at least this share of the poses (P,) does not exceed; unsolvable ones, inf, count."""
+    """Return the smallest error that at least this share of the poses (P,) does not exceed; inf counts."""
     rank = int(np.ceil(share * len(error) - 1e-9)) - 1
     return float(np.sort(error)[max(rank, 0)])

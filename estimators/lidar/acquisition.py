@@ -26,19 +26,19 @@ from estimators.lidar.scan import Scan, checked, clusters
 from estimators.lidar.shape import Shape
 
 ROUGH_ITERATIONS = 20
-"""Of a candidate's first registration; what is not there by then is not the best one."""
+"""Iterations of a candidate's first registration; what is not there by then is not the best one."""
 LINKS = (0.6, 0.3, 0.1)
 """Returns nearer than this, against the shape's radius, belong to one object; the wider links first."""
 
 
 class Verdict(Enum):
-    """What a scan is good for."""
+    """The usefulness of a scan."""
 
     FOUND = "found"
     AMBIGUOUS = "ambiguous"
     """Another pose agrees with the scan nearly as well."""
     UNDETERMINED = "undetermined"
-    """What is seen leaves a direction free: a single plane, for instance."""
+    """The visible surface leaves a direction free: a single plane, for instance."""
     NOT_RECOGNISED = "not recognised"
     """No pose agrees with the scan: another object, or too much of it missing."""
     TOO_FEW = "too few returns"
@@ -46,7 +46,8 @@ class Verdict(Enum):
 
 @dataclass(frozen=True)
 class AcquisitionSettings:
-    """starts: rotations tried. candidates: of them refined and compared. apart_rad: poses nearer than this are one.
+    """Settings of the acquisition. starts: rotations tried. candidates: of them refined and compared. apart_rad: poses
+    nearer than this are one.
 
     fewest: returns without which nothing is tried. overlap_least: share of the rays that must agree. margin: cost that
     the runner-up must have more, against the best's own. size_slack: an object may be this much larger than the shape.
@@ -82,7 +83,7 @@ class Acquisition(NamedTuple):
 
     @property
     def found(self) -> bool:
-        """Whether the pose can be believed."""
+        """True where the pose can be believed."""
         return self.verdict is Verdict.FOUND
 
 
@@ -93,7 +94,16 @@ class _Candidate(NamedTuple):
 
 
 def acquire(scan: Scan, shape: Shape, settings: AcquisitionSettings | None = None) -> Acquisition:
-    """The pose of the target `shape` from one `scan` of it. Raises ValueError where the scan is none (`checked`)."""
+    """Return the pose of the target from one scan of it.
+
+    Args:
+        scan: of the target and its surroundings.
+        shape: of the target.
+        settings: None: the usual ones.
+
+    Raises:
+        ValueError: the scan is none (`checked`).
+    """
     s = settings or AcquisitionSettings()
     best, tried = nothing(0), set[tuple[int, int, int]]()
     # Parts of the target may stand apart where what joins them was not hit; other things may stand near it.
@@ -112,7 +122,7 @@ def acquire(scan: Scan, shape: Shape, settings: AcquisitionSettings | None = Non
 
 
 def nothing(points: int) -> Acquisition:
-    """No pose: too few returns."""
+    """Return no pose: too few returns."""
     unknown = np.full((3, 3), np.nan)
     return Acquisition(
         unknown, unknown[0], np.full((6, 6), np.nan), Verdict.TOO_FEW, 0.0, np.nan, np.nan, unknown, np.nan, points
@@ -120,7 +130,7 @@ def nothing(points: int) -> Acquisition:
 
 
 def _extent(point: Floats) -> float:
-    """At least the largest distance between two of these points, less 2 %."""
+    """Return at least the largest distance between two of these points, less 2 %."""
     centred = point - point.mean(axis=0)
     axes = np.linalg.svd(centred, full_matrices=False)[2]
     turned = centred @ axes.T
@@ -129,7 +139,7 @@ def _extent(point: Floats) -> float:
 
 
 def _alone(scan: Scan, members: np.ndarray, own: Floats, shape: Shape) -> Scan:
-    """The rays towards one object, those beside it included; what other objects returned is left out."""
+    """Return the rays towards one object, those beside it included, without what other objects returned."""
     other = scan.returned
     other[members] = False
     rest = scan.rays(~other)

@@ -1,4 +1,4 @@
-"""How well a scan agrees with a pose of a known shape: every ray's range against the one that the pose predicts.
+"""Agreement of a scan with a pose of a known shape: every ray's range against the one that the pose predicts.
 
 The shape is looked at along the scan's own rays (`estimators.lidar.ray_cast`). With the measured range r, the predicted
 one g, incidence i and a tolerance c from noise and ray spacing, a ray
@@ -21,13 +21,14 @@ from estimators.lidar.scan import Scan
 from estimators.lidar.shape import Shape
 
 RELIABLE_COSINE = 0.35
-"""Of the incidence (70 degrees): a ray that comes in flatter may well not return."""
+"""Cosine of the incidence (70 degrees): a ray that comes in flatter may well not return."""
 WORST = 16.0
-"""What a ray that disagrees costs, in squared sigmas."""
+"""Cost of a ray that disagrees, in squared sigmas."""
 
 
 class Agreement(NamedTuple):
-    """overlap: 0 to 1, NaN where no ray says anything. cost: sum over rays of squared sigmas, each at most `WORST`.
+    """Agreement of a scan with a pose. overlap: 0 to 1, NaN where no ray says anything. cost: sum over rays of squared
+    sigmas, each at most `WORST`.
 
     rays: how many say something. conflict: (N,), the rays of the scan that disagree.
     """
@@ -39,7 +40,14 @@ class Agreement(NamedTuple):
 
 
 def agreement(scan: Scan, shape: Shape, rotation: Floats, position: Floats) -> Agreement:
-    """Compare `scan` (the target and its surroundings) with the target at rotation (3, 3), position (3,) [m]."""
+    """Compare a scan with the target at a pose.
+
+    Args:
+        scan: of the target and its surroundings.
+        shape: of the target.
+        rotation: (3, 3), target to scanner.
+        position: (3,) [m], likewise.
+    """
     viewpoint = -rotation.T @ position
     direction = scan.direction @ rotation
     hits = cast(shape.mesh, viewpoint, direction)

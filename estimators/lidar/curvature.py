@@ -24,8 +24,8 @@ FEWEST_NEIGHBOURS = 8
 
 
 class Curvature(NamedTuple):
-    """gaussian (n,) [1/m^2], mean (n,) [1/m], principal (n, 2) [1/m], the larger magnitude first; normal (n, 3),
-    without a side. NaN where a point has too few neighbours.
+    """Curvature at n points. gaussian (n,) [1/m^2], mean (n,) [1/m], principal (n, 2) [1/m], the larger magnitude
+    first; normal (n, 3), without a side. NaN where a point has too few neighbours.
     """
 
     gaussian: Floats
@@ -35,7 +35,7 @@ class Curvature(NamedTuple):
 
 
 def curvature(point: Floats, radius_m: float) -> Curvature:
-    """The curvature at every one of the points (n, 3) [m], from its neighbours within `radius_m`.
+    """Return the curvature at every one of the points (n, 3) [m], from its neighbours within `radius_m`.
 
     Raises ValueError where the points are not (n, 3) or not finite.
     """
@@ -70,10 +70,19 @@ def curvature(point: Floats, radius_m: float) -> Curvature:
 
 
 def grow(point: Floats, value: Floats, seed_least: float, join_least: float, radius_m: float) -> list[Ints]:
-    """Regions of points with a large `value` (n,): indices of each, the largest region first.
+    """Return regions of points with a large value: indices of each, the largest region first.
 
-    Seeds are taken from the largest value down to `seed_least`; a region grows over neighbours within `radius_m` whose
-    value is at least `join_least`. NaN joins nothing. Raises ValueError as `curvature`.
+    Seeds are taken from the largest value downwards; a region grows over neighbours.
+
+    Args:
+        point: (n, 3) [m].
+        value: (n,); NaN joins nothing.
+        seed_least: least value of a seed.
+        join_least: least value of a point that joins.
+        radius_m: distance of neighbours [m].
+
+    Raises:
+        ValueError: as `curvature`.
     """
     point = checked(point, 0)
     known = np.where(np.isnan(value), -np.inf, value)

@@ -33,8 +33,8 @@ FEWEST = 12
 
 @dataclass(frozen=True)
 class SegmentationSettings:
-    """tolerance_m: of the panels' plane. radius_m: of the quadric fits and of growing. curved_per_m: a point of the
-    antenna is at least so curved (largest principal curvature). draws: of RANSAC. seed: of its draws.
+    """Settings of the segmentation. tolerance_m: of the panels' plane. radius_m: of the quadric fits and of growing.
+    curved_per_m: least curvature of the antenna (largest principal curvature). draws: of RANSAC. seed: of its draws.
     """
 
     tolerance_m: float = 0.03
@@ -53,7 +53,7 @@ class Features(NamedTuple):
 
 
 class TemplateMatch(NamedTuple):
-    """What the paper's acquisition finds. feature: the one that was matched. confidence: of the three, in the order of
+    """Result of the paper's acquisition. feature: the one that was matched. confidence: of the three, in the order of
     `Features`. start_rotation (3, 3), start_position (3,): R0, T0, of the best template. fit: the registration.
     """
 
@@ -65,13 +65,13 @@ class TemplateMatch(NamedTuple):
 
 
 def right_angles() -> Floats:
-    """The paper's 64 rotations (64, 3, 3): R = Rz(k 90) Ry(j 90) Rx(i 90), i, j, k = 0 to 3 (1)."""
+    """Return the paper's 64 rotations (64, 3, 3): R = Rz(k 90) Ry(j 90) Rx(i 90), i, j, k = 0 to 3 (1)."""
     x, y, z = (rot.exp(np.arange(4)[:, None] * np.pi / 2 * np.eye(3)[axis]) for axis in range(3))
     return np.array([c @ b @ a for c in z for b in y for a in x])
 
 
 def angles_zyx(rotation: Floats) -> Floats:
-    """(roll, pitch, yaw) [rad], (..., 3), of R = Rz(yaw) Ry(pitch) Rx(roll) (2), (3)."""
+    """Return (roll, pitch, yaw) [rad], (..., 3), of R = Rz(yaw) Ry(pitch) Rx(roll) (2), (3)."""
     r = rotation
     roll = np.arctan2(r[..., 2, 1], r[..., 2, 2])
     pitch = np.arctan2(-r[..., 2, 0], np.hypot(r[..., 0, 0], r[..., 1, 0]))
@@ -80,14 +80,14 @@ def angles_zyx(rotation: Floats) -> Floats:
 
 
 def from_angles_zyx(angles: Floats) -> Floats:
-    """R = Rz(yaw) Ry(pitch) Rx(roll), (..., 3, 3), of (roll, pitch, yaw) [rad] (..., 3) (1)."""
+    """Return R = Rz(yaw) Ry(pitch) Rx(roll), (..., 3, 3), of (roll, pitch, yaw) [rad] (..., 3) (1)."""
     x, y, z = (rot.exp(angles[..., axis, None] * np.eye(3)[axis]) for axis in range(3))
     out: Floats = z @ y @ x
     return out
 
 
 def segment(point: Floats, settings: SegmentationSettings | None = None) -> Features:
-    """The three features of a cloud (n, 3) [m]; a feature can be empty. Raises ValueError as `point_cloud.checked`."""
+    """Return the three features of a cloud (n, 3) [m]; a feature can be empty. Raises ValueError as `checked`."""
     s = settings or SegmentationSettings()
     point = checked(point)
     plane = ransac_plane(point, s.tolerance_m, np.random.default_rng(s.seed), s.draws)
@@ -102,7 +102,9 @@ class Templates:
     """The reference cloud of a target, segmented once, in every one of the 64 attitudes."""
 
     def __init__(self, point: Floats, settings: SegmentationSettings | None = None) -> None:
-        """point: (n, 3) [m], the whole target, in its own frame, at the density of a scan times the number of views."""
+        """Segment the reference. point: (n, 3) [m], the whole target, in its own frame, at the density of a scan times
+        the number of views.
+        """
         self.settings = settings or SegmentationSettings()
         self.features = segment(point, self.settings)
         self._whole = np.asarray(point, dtype=np.float64)
@@ -110,10 +112,18 @@ class Templates:
         self.rotation = right_angles()
 
     def acquire(self, point: Floats, shape: Shape, noise_m: float, *, compare_whole: bool = False) -> TemplateMatch:
-        """The pose of a scanned cloud (n, 3) [m]. Raises ValueError as `segment`, and where no feature is there.
+        """Return the pose of a scanned cloud.
 
-        compare_whole: the template in whose attitude the *whole* cloud lies nearest to the whole reference wins,
-        since a feature may look the same in several; the paper compares the feature alone.
+        Args:
+            point: (n, 3) [m].
+            shape: of the target.
+            noise_m: 1 sigma of a range.
+            compare_whole: let the template win in whose attitude the *whole* cloud lies nearest to the whole reference,
+                since
+                a feature may look the same in several; the paper compares the feature alone.
+
+        Raises:
+            ValueError: as `segment`, and where no feature is there.
         """
         found = segment(point, self.settings)
         usable = np.array([len(a) >= FEWEST and len(b) >= FEWEST for a, b in zip(found, self.features, strict=True)])

@@ -26,12 +26,12 @@ KEPT = 8
 APART_RAD = np.radians(25.0)
 """Turns nearer than this to each other, or to none at all, are one: a registration leads from one to the other."""
 WIDTH = 0.1
-"""Of the shape's radius: w."""
+"""The cut-off w, against the shape's radius."""
 
 
 @lru_cache(maxsize=16)
 def likenesses(shape: Shape) -> Floats:
-    """The turns (k, 3, 3), k at most `KEPT`, the most alike first. About a second, once per shape."""
+    """Return the turns (k, 3, 3), k at most `KEPT`, the most alike first; takes about a second, once per shape."""
     centre = shape.point.mean(axis=0)
     some = shape.point[:: max(1, len(shape.point) // POINTS)] - centre
     turns = rotations(TURNS)
@@ -50,7 +50,13 @@ def likenesses(shape: Shape) -> Floats:
 
 
 def mistaken(shape: Shape, rotation: Floats, position: Floats) -> Poses:
-    """The poses for which (3, 3), (3,) [m] would most likely be taken, or which would be taken for it."""
+    """Return the poses for which a pose would most likely be taken, or which would be taken for it.
+
+    Args:
+        shape: of the target.
+        rotation: (3, 3).
+        position: (3,) [m].
+    """
     centre, turns = shape.point.mean(axis=0), likenesses(shape)
     where = position + (centre - turns @ centre) @ rotation.T
     return Poses(rotation @ turns, where, np.zeros(len(turns)))

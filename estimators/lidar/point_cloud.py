@@ -22,11 +22,11 @@ from estimators import rotation as rot
 from estimators.arrays import Bools, Floats
 
 LEAST_RATIO = 1.3
-"""Of neighbouring eigenvalues: below it their axes turn with the noise."""
+"""Least ratio of neighbouring eigenvalues: below it their axes turn with the noise."""
 
 
 class Plane(NamedTuple):
-    """n . x = offset_m. normal: (3,) unit. inlier: (n,), points within the tolerance."""
+    """A plane n . x = offset_m. normal: (3,) unit. inlier: (n,), points within the tolerance."""
 
     normal: Floats
     offset_m: float
@@ -34,7 +34,9 @@ class Plane(NamedTuple):
 
 
 class Principal(NamedTuple):
-    """centroid: (3,) [m]. axes: (3, 3), eigenvectors as columns, right-handed. variance: (3,) [m^2], falling."""
+    """Principal components. centroid: (3,) [m]. axes: (3, 3), eigenvectors as columns, right-handed. variance: (3,)
+    [m^2], falling.
+    """
 
     centroid: Floats
     axes: Floats
@@ -42,13 +44,13 @@ class Principal(NamedTuple):
 
     @property
     def distinct(self) -> bool:
-        """Whether the axes mean something."""
+        """True where the axes mean something."""
         large, middle, small = self.variance
         return bool(large > LEAST_RATIO * middle > LEAST_RATIO**2 * small and small >= 0)
 
 
 class Alignment(NamedTuple):
-    """b = R a + T. rotation: (3, 3), translation: (3,) [m]; NaN where not `determined`."""
+    """Rotation (3, 3) and translation (3,) [m] with b = R a + T; NaN where not `determined`."""
 
     rotation: Floats
     translation: Floats
@@ -56,7 +58,10 @@ class Alignment(NamedTuple):
 
 
 def checked(point: Floats, least: int = 3) -> Floats:
-    """The points (n, 3) as floats. Raises ValueError where they are not, are fewer than `least`, or not finite."""
+    """Return the points (n, 3) as floats.
+
+    Raises ValueError where they are not (n, 3), are fewer than `least`, or not finite.
+    """
     out = np.asarray(point, dtype=np.float64)
     if out.ndim != 2 or out.shape[1] != 3:
         raise ValueError(f"point: expected (n, 3), got {out.shape}")
@@ -68,10 +73,18 @@ def checked(point: Floats, least: int = 3) -> Floats:
 
 
 def ransac_plane(point: Floats, tolerance_m: float, rng: np.random.Generator, draws: int = 200) -> Plane:
-    """The plane with the most points (n, 3) within `tolerance_m`, of `draws` planes through three points (4), (5).
+    """Return the plane with the most points within a tolerance, of planes through three points (4), (5).
 
-    It is then fitted to its inliers by least squares. Raises ValueError as `checked`, and where all points are on one
-    line.
+    It is then fitted to its inliers by least squares.
+
+    Args:
+        point: (n, 3) [m].
+        tolerance_m: largest distance of an inlier [m].
+        rng: of the draws.
+        draws: number of planes.
+
+    Raises:
+        ValueError: as `checked`, and where all points are on one line.
     """
     point = checked(point)
     corner = point[rng.integers(0, len(point), (draws, 3))]
@@ -90,7 +103,7 @@ def ransac_plane(point: Floats, tolerance_m: float, rng: np.random.Generator, dr
 
 
 def principal(point: Floats) -> Principal:
-    """Centroid (15), covariance (16) and principal axes by SVD (17). Raises ValueError as `checked`."""
+    """Return the centroid (15), covariance (16) and principal axes by SVD (17). Raises ValueError as `checked`."""
     point = checked(point)
     centroid = point.mean(axis=0)
     centred = point - centroid
@@ -100,9 +113,15 @@ def principal(point: Floats) -> Principal:
 
 
 def align_principal(a: Floats, b: Floats, nearest_to: Floats) -> Alignment:
-    """The rotation and translation that take the principal axes of cloud a (n, 3) to those of b (m, 3), (18), (19).
+    """Return the rotation and translation that take the principal axes of one cloud to those of another, (18), (19).
 
-    nearest_to: (3, 3), the rotation that tells the four combinations of signs apart. Raises ValueError as `checked`.
+    Args:
+        a: (n, 3) [m].
+        b: (m, 3) [m].
+        nearest_to: (3, 3), the rotation that tells the four combinations of signs apart.
+
+    Raises:
+        ValueError: as `checked`.
     """
     of_a, of_b = principal(a), principal(b)
     if not (of_a.distinct and of_b.distinct):

@@ -34,7 +34,7 @@ STARTS = 3000
 SEARCH_POINTS = 160
 """Returns of the scan that the search looks at."""
 WIDTH = 0.12
-"""Of the shape's radius: points further from the surface than this are as wrong as can be."""
+"""Distance from the surface, against the shape's radius, beyond which a point is as wrong as can be."""
 CELLS = 128
 TRANSLATIONS, STEPS = 2, 8
 GOLDEN = 1.533751168755204288118041
@@ -50,7 +50,7 @@ class Poses(NamedTuple):
 
 
 class _RayImage(NamedTuple):
-    """Which ray looks where: frame (3, 3), its z towards the target. ray: (A, A), -1 where no ray is near. half:
+    """The rays by direction: frame (3, 3), its z towards the target. ray: (A, A), -1 where no ray is near. half:
     tangent of the half width.
     """
 
@@ -60,7 +60,7 @@ class _RayImage(NamedTuple):
 
 
 def rotations(count: int = STARTS) -> Floats:
-    """`count` rotations (count, 3, 3), spread evenly over SO(3)."""
+    """Return `count` rotations (count, 3, 3), spread evenly over SO(3)."""
     s = np.arange(count) + 0.5
     inner, outer = np.sqrt(s / count), np.sqrt(1 - s / count)
     a, b = 2 * np.pi * s / np.sqrt(2), 2 * np.pi * s / GOLDEN
@@ -70,7 +70,13 @@ def rotations(count: int = STARTS) -> Floats:
 
 
 def search(scan: Scan, shape: Shape, starts: Floats) -> Poses:
-    """Every start (M, 3, 3) refined and scored, best first. `scan`: the target's rays and those around it."""
+    """Refine and score every start; return the poses, best first.
+
+    Args:
+        scan: the target's rays and those around it.
+        shape: of the target.
+        starts: (M, 3, 3), rotations.
+    """
     point = scan.point
     stride = max(1, -(-len(point) // SEARCH_POINTS))
     some = np.ascontiguousarray(point[np.argsort(_shuffled(len(point)))[::stride]])
@@ -101,7 +107,13 @@ def search(scan: Scan, shape: Shape, starts: Floats) -> Poses:
 
 
 def distinct(poses: Poses, apart_rad: float, most: int) -> Poses:
-    """The best `most` poses of which no two are turned against each other by less than `apart_rad`."""
+    """Return the best poses that differ.
+
+    Args:
+        poses: best first.
+        apart_rad: least turn between two of them.
+        most: number at most.
+    """
     kept: list[int] = []
     for i in range(len(poses.score)):
         if np.isfinite(poses.score[i]) and (
@@ -114,12 +126,12 @@ def distinct(poses: Poses, apart_rad: float, most: int) -> Poses:
 
 
 def _shuffled(count: int) -> Floats:
-    """Numbers that order points at random, the same way every time."""
+    """Return numbers that order points at random, the same way every time."""
     return np.random.default_rng(0).random(count)
 
 
 def _ray_image(scan: Scan, centroid: Floats, shape: Shape) -> _RayImage:
-    """The scan's rays by direction, as wide as the target may be."""
+    """Return the scan's rays by direction, as wide as the target may be."""
     distance = float(np.linalg.norm(centroid))
     z = centroid / distance
     x = np.cross([0.0, 1.0, 0.0] if abs(z[1]) < 0.9 else [1.0, 0.0, 0.0], z)
@@ -136,7 +148,7 @@ def _ray_image(scan: Scan, centroid: Floats, shape: Shape) -> _RayImage:
 
 @kernel
 def _nearest(own: Floats, nearest: NDArray[np.int32], low: Floats, cell: float) -> int:
-    """Index of the surface point nearest to `own` (3,), by the grid; from outside, that of the nearest cell."""
+    """Return the index of the surface point nearest to `own` (3,), by the grid; outside it, by the nearest cell."""
     i = min(max(int((own[0] - low[0]) / cell), 0), nearest.shape[0] - 1)
     j = min(max(int((own[1] - low[1]) / cell), 0), nearest.shape[1] - 1)
     k = min(max(int((own[2] - low[2]) / cell), 0), nearest.shape[2] - 1)

@@ -41,7 +41,9 @@ class Triangles(NamedTuple):
 
 
 class Hits(NamedTuple):
-    """distance: (N,) [m] along unit directions, inf where nothing is hit. triangle: (N,) its index, -1."""
+    """First hits of N rays. distance: (N,) [m] along unit directions, inf where nothing is hit. triangle: (N,) its
+    index, -1.
+    """
 
     distance: Floats
     triangle: Ints
@@ -97,7 +99,13 @@ def triangles(vertex: Floats, face: NDArray[np.integer]) -> Triangles:
 
 
 def cast(mesh: Triangles, origin: Floats, direction: Floats) -> Hits:
-    """First hits of rays from `origin` (3,) or (N, 3) [m] along unit directions (N, 3)."""
+    """Return the first hits of rays.
+
+    Args:
+        mesh: of `triangles`.
+        origin: (3,) or (N, 3) [m].
+        direction: (N, 3), unit.
+    """
     direction = np.ascontiguousarray(direction, dtype=np.float64)
     start = np.ascontiguousarray(np.broadcast_to(origin, direction.shape), dtype=np.float64)
     distance, triangle = np.full(len(direction), np.inf), np.full(len(direction), -1, dtype=np.int64)
@@ -107,7 +115,7 @@ def cast(mesh: Triangles, origin: Floats, direction: Floats) -> Hits:
 
 @kernel
 def _entry(mesh: Triangles, box: int, o: Floats, inverse: Floats) -> float:
-    """How far along the ray it enters the box [m]; inf where it passes by."""
+    """Return how far along the ray it enters the box [m]; inf where it passes by."""
     near, far = 0.0, np.inf
     for k in range(3):
         one, two = (mesh.low[box, k] - o[k]) * inverse[k], (mesh.high[box, k] - o[k]) * inverse[k]

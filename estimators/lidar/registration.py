@@ -36,7 +36,7 @@ from estimators.lidar.shape import Shape
 FEWEST_POINTS = 12
 """Matched points without which there is no answer."""
 FLOOR = 0.3
-"""Of the noise: what no incidence takes away, of jitter and of the known shape itself."""
+"""Part of the noise that no incidence takes away, of jitter and of the known shape itself."""
 GRAZING = 0.12
 """Cosine of the incidence (83 degrees) beyond which a return is not used."""
 NEIGHBOURS = 4
@@ -44,11 +44,11 @@ NEIGHBOURS = 4
 WEAK_ATTITUDE_RAD, WEAK_POSITION = 0.05, 0.05
 """A direction whose sigma is larger (position: against the shape's radius) is not determined."""
 EDGE_GATE = (0.025, 4.0)
-"""How far a scanned edge may be from the known one: at first, against the radius; at last, in sigmas."""
+"""Largest distance of a scanned edge from the known one: at first, against the radius; at last, in sigmas."""
 JUMP = 0.1
 """A range that jumps by this, against the radius, is an edge."""
 EDGE_FLOOR = 0.7
-"""Of the noise: an edge is not known better than this, however fine the steps."""
+"""Part of the noise better than which an edge is not known, however fine the steps."""
 CLEAR = 0.4
 """Sine of the least angle between an edge and the line of sight, and between it and the scan's line."""
 POLISH_RAD = 3e-3
@@ -77,7 +77,7 @@ class Registration(NamedTuple):
 
 
 def failed(rotation: Floats, position: Floats) -> Registration:
-    """No answer, with the pose that it started from."""
+    """Return no answer, with the pose that it started from."""
     return Registration(rotation, position, np.full((6, 6), np.nan), False, 0, np.nan, 0.0, True)
 
 
@@ -94,42 +94,57 @@ def register(
 ) -> Registration:
     """Refine the target's pose from a start near it.
 
-    point: (n, 3) [m] in s. rotation (3, 3), position (3,): the start. noise_m: 1 sigma of a range. edges: where the
-    scan's lines leave the target. reach_m: how far points may lie from the surface at the start. Raises ValueError
-    where an argument is not finite.
+    Args:
+        point: (n, 3) [m] in s.
+        shape: of the target.
+        rotation: (3, 3), start.
+        position: (3,) [m], start.
+        noise_m: 1 sigma of a range.
+        edges: where the scan's lines leave the target.
+        reach_m: how far points may lie from the surface at the start.
+        iterations: at most.
+
+    Raises:
+        ValueError: an argument is not finite.
     """
     if not (np.isfinite(point).all() and np.isfinite(rotation).all() and np.isfinite(position).all()):
         raise ValueError("point, rotation, position: not finite")
     if len(point) < FEWEST_POINTS:
         return failed(rotation, position)
+    return _iterated(point, shape, rotation, position, noise_m, edges, reach_m, iterations)
+
+
+def _iterated(
+    point: Floats,
+    shape: Shape,
+    rotation: Floats,
+    position: Floats,
+    noise_m: float,
+    edges: Edges | None,
+    reach_m: float,
+    iterations: int,
+) -> Registration:
+    """Match and step until the steps are small, as `register`."""
     least = 3.5 * float(np.hypot(noise_m, 0.15 * shape.spacing_m))
-    width, seen_from = max(reach_m, least), np.full(3, np.inf)
-    visible = edge_seen = np.zeros(0, dtype=np.int64)
-    gate = EDGE_GATE[0] * shape.radius_m
-    tree = edge_tree = None
-    converged, polishing = False, False
-    number = 0
+    width, gate = max(reach_m, least), EDGE_GATE[0] * shape.radius_m
+    converged, polishing, number, seen = False, False, 0, None
     while number < iterations:
         number += 1
         viewpoint = -rotation.T @ position
         # What is visible changes with the pose: looked at again when the view has turned by more than 3 degrees.
-        if tree is None or np.linalg.norm(viewpoint - seen_from) > 0.05 * np.linalg.norm(viewpoint):
-            seen_from, visible = viewpoint, np.flatnonzero(shape.visible_from(viewpoint))
-            if len(visible) < FEWEST_POINTS:
+        if seen is None or np.linalg.norm(viewpoint - seen.viewpoint) > 0.05 * np.linalg.norm(viewpoint):
+            seen = _visible(shape, viewpoint, edges is not None)
+            if len(seen.surface) < FEWEST_POINTS:
                 return failed(rotation, position)
-            tree = cKDTree(shape.point[visible])
-            edge_seen = np.flatnonzero(shape.edges_from(viewpoint)) if edges is not None else visible
-            edge_tree = cKDTree(shape.edge.point[edge_seen] if edges is not None else shape.point[visible])
         if polishing:
             matched = _along_rays(point, shape, rotation, position)
         else:
-            matched = _closest(point, shape, visible, tree, rotation, position, width)
+            matched = _closest(point, shape, seen, rotation, position, width)
         error, jacobian, weight, bisquare = _linearised(point, *matched, rotation, position, width, noise_m)
         normal, right = jacobian.T @ (weight[:, None] * jacobian), jacobian.T @ (weight * error)
         if polishing and edges is not None and len(edges.point):
             gate = max(0.75 * gate, EDGE_GATE[1] * float(np.max(edges.sigma_m)))
-            sigma = np.hypot(edges.sigma_m, EDGE_FLOOR * noise_m)
-            own_normal, own_right = _of_edges(edges, sigma, shape, edge_seen, edge_tree, rotation, position, gate)
+            own_normal, own_right = _of_edges(edges, noise_m, shape, seen, rotation, position, gate)
             normal, right = normal + own_normal, right + own_right
         used = weight > 0
         if np.count_nonzero(used) < FEWEST_POINTS:
@@ -151,13 +166,30 @@ def register(
     return Registration(rotation, position, covariance, converged, number, residual, float(np.mean(used)), degenerate)
 
 
+class _Visible(NamedTuple):
+    """Surface and edges of the shape that are seen from viewpoint (3,) [m]: their indices, and trees of them."""
+
+    viewpoint: Floats
+    surface: Ints
+    tree: cKDTree
+    edge: Ints
+    edge_tree: cKDTree
+
+
+def _visible(shape: Shape, viewpoint: Floats, with_edges: bool) -> _Visible:
+    """Return what is seen of the shape; no edges without `with_edges`."""
+    surface = np.flatnonzero(shape.visible_from(viewpoint))
+    edge = np.flatnonzero(shape.edges_from(viewpoint)) if with_edges else np.zeros(0, dtype=np.int64)
+    return _Visible(viewpoint, surface, cKDTree(shape.point[surface]), edge, cKDTree(shape.edge.point[edge]))
+
+
 def _closest(
-    point: Floats, shape: Shape, visible: Ints, tree: cKDTree, rotation: Floats, position: Floats, width: float
+    point: Floats, shape: Shape, seen: _Visible, rotation: Floats, position: Floats, width: float
 ) -> tuple[Floats, Floats, Bools]:
-    """The closest surface points (n, 3), their normals (n, 3), both in t, and where there is one within reach (n,)."""
+    """Return the closest surface points (n, 3), their normals (n, 3), both in t, and which are within reach (n,)."""
     own = (point - position) @ rotation
-    distance, index = tree.query(own, k=NEIGHBOURS, distance_upper_bound=width + 2 * shape.spacing_m)
-    near = visible[np.where(np.isfinite(distance), index, 0)]
+    distance, index = seen.tree.query(own, k=NEIGHBOURS, distance_upper_bound=width + 2 * shape.spacing_m)
+    near = seen.surface[np.where(np.isfinite(distance), index, 0)]
     offset = own[:, None] - shape.point[near]
     along = np.einsum("nkj,nkj->nk", shape.normal[near], offset)
     # A surface point stands for a disc around it: beside an edge, the nearest one may be that of the wrong face.
@@ -169,7 +201,9 @@ def _closest(
 
 
 def _along_rays(point: Floats, shape: Shape, rotation: Floats, position: Floats) -> tuple[Floats, Floats, Bools]:
-    """Where the points' own rays meet the exact surface (n, 3), the normals there (n, 3), in t, and which do (n,)."""
+    """Return where the points' own rays meet the exact surface (n, 3), the normals there (n, 3), in t, and which do
+    (n,).
+    """
     direction = point @ rotation
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     viewpoint = -rotation.T @ position
@@ -183,7 +217,7 @@ def _along_rays(point: Floats, shape: Shape, rotation: Floats, position: Floats)
 def _linearised(
     point: Floats, m: Floats, n: Floats, found: Bools, rotation: Floats, position: Floats, width: float, noise_m: float
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Errors (n,), Jacobians (n, 6), weights (n,) and their Tukey part (n,) of points matched with `m`, `n`."""
+    """Return errors (n,), Jacobians (n, 6), weights (n,) and their Tukey part (n,) of points matched with `m`, `n`."""
     error = np.sum(n * ((point - position) @ rotation - m), axis=1)
     ratio = np.where(found, error / width, 1.0)
     bisquare = np.where(np.abs(ratio) < 1, (1 - ratio**2) ** 2, 0.0)
@@ -197,19 +231,19 @@ def _linearised(
 
 def _of_edges(
     edges: Edges,
-    sigma: Floats,
+    noise_m: float,
     shape: Shape,
-    seen: Ints,
-    tree: cKDTree,
+    seen: _Visible,
     rotation: Floats,
     position: Floats,
     gate: float,
 ) -> tuple[Floats, Floats]:
-    """What the scan's edges, known to `sigma` (k,) [m], add: the normal matrix (6, 6) and its right side (6,)."""
+    """Return the normal matrix (6, 6) and the right side (6,) of the scan's edges."""
+    sigma = np.hypot(edges.sigma_m, EDGE_FLOOR * noise_m)
     own = (edges.point - position) @ rotation
-    distance, index = tree.query(own, distance_upper_bound=gate)
+    distance, index = seen.edge_tree.query(own, distance_upper_bound=gate)
     found = np.isfinite(distance)
-    chosen = seen[index[found]]
+    chosen = seen.edge[index[found]]
     x, m = edges.point[found], shape.edge.point[chosen]
     # An edge is seen across itself, and by a line that crosses it: one that runs along it does not end there.
     across = np.cross(x, shape.edge.tangent[chosen] @ rotation.T)
@@ -225,7 +259,7 @@ def _of_edges(
 
 
 def _solve(normal: Floats, right: Floats, sigma: float, radius_m: float) -> tuple[Floats, Floats]:
-    """The step (6,) within the directions that are determined, and the covariance (6, 6) for errors of `sigma`."""
+    """Return the step (6,) within the determined directions, and the covariance (6, 6) for errors of `sigma`."""
     # In units in which both parts of a direction weigh the same.
     unit = np.array([WEAK_ATTITUDE_RAD] * 3 + [WEAK_POSITION * radius_m] * 3)
     value, vector = np.linalg.eigh(normal * unit[:, None] * unit)

@@ -18,8 +18,8 @@ LINKS = 2.2
 
 
 class Edges(NamedTuple):
-    """Where a line of the scan leaves the target: point (k, 3) [m], along (k, 3), the line's direction, sigma_m (k,)
-    in that direction.
+    """The ends of the scan's lines on the target: point (k, 3) [m], along (k, 3), the line's direction, sigma_m (k,) in
+    that direction.
     """
 
     point: Floats
@@ -42,18 +42,18 @@ class Scan(NamedTuple):
 
     @property
     def returned(self) -> Bools:
-        """(N,): which rays came back."""
+        """The rays that came back, (N,)."""
         return np.isfinite(self.range_m)
 
     @property
     def point(self) -> Floats:
-        """(n, 3) [m] of the rays that came back."""
+        """The points (n, 3) [m] of the rays that came back."""
         hit = self.returned
         out: Floats = self.direction[hit] * self.range_m[hit, None]
         return out
 
     def rays(self, which: Bools | Ints) -> "Scan":
-        """Some of the rays."""
+        """Return the scan with some of the rays."""
         return self._replace(
             direction=self.direction[which],
             range_m=self.range_m[which],
@@ -62,8 +62,10 @@ class Scan(NamedTuple):
         )
 
     def around(self, position: Floats, radius_m: float) -> "Scan":
-        """The rays that pass within `radius_m` of `position` (3,); returns from elsewhere count as none, unless they
-        come from in front: what stands there hides the target, and the ray says nothing of it.
+        """Return the rays that pass within `radius_m` of `position` (3,).
+
+        Returns from elsewhere count as none, unless they come from in front: what stands there hides the target, and
+        the ray says nothing of it.
         """
         along = self.direction @ position
         near = (along > 0) & (np.sum(position**2) - along**2 < radius_m**2)
@@ -77,7 +79,7 @@ class Scan(NamedTuple):
         return part._replace(range_m=np.where(outside, np.nan, part.range_m))
 
     def edges(self, jump_m: float) -> Edges:
-        """Where, along a line, a return is followed by none, or by one that is further away by `jump_m`.
+        """Return the edges: where, along a line, a return is followed by none, or by one further away by `jump_m`.
 
         The edge is taken to be midway between the two rays, at the nearer range: off by at most half a step.
         """
@@ -97,7 +99,7 @@ class Scan(NamedTuple):
 
 
 def checked(scan: Scan) -> Scan:
-    """The scan itself. Raises ValueError, naming what is wrong, where it cannot be one."""
+    """Return the scan itself. Raises ValueError, naming what is wrong, where it cannot be one."""
     direction, depth = scan.direction, scan.range_m
     if direction.ndim != 2 or direction.shape[1:] != (3,) or depth.shape != (len(direction),):
         raise ValueError(f"scan: expected (N, 3) directions and (N,) ranges, got {direction.shape}, {depth.shape}")
@@ -115,7 +117,16 @@ def checked(scan: Scan) -> Scan:
 
 
 def from_points(point: Floats, spacing_rad: float, noise_m: float) -> Scan:
-    """A scan of which only the returns are known: points (n, 3) [m]. Raises ValueError where one is not finite."""
+    """Return a scan of which only the returns are known.
+
+    Args:
+        point: (n, 3) [m].
+        spacing_rad: between neighbouring rays.
+        noise_m: 1 sigma of a range.
+
+    Raises:
+        ValueError: a point is not finite, or lies in the scanner itself.
+    """
     point = np.asarray(point, dtype=np.float64)
     if point.ndim != 2 or point.shape[1] != 3:
         raise ValueError(f"point: expected (n, 3), got {point.shape}")
@@ -129,7 +140,7 @@ def from_points(point: Floats, spacing_rad: float, noise_m: float) -> Scan:
 
 
 def clusters(scan: Scan, link_m: float) -> list[Ints]:
-    """Objects in a scan: indices of the rays of each, largest first.
+    """Return the objects in a scan: indices of the rays of each, largest first.
 
     Two returns belong together if they are nearer than `LINKS` ray spacings at their range, or than `link_m`.
     """

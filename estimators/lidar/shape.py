@@ -30,7 +30,7 @@ SHARP_RAD = np.radians(25)
 CELLS = 72
 """Cells of the grid along the longest side of the box around the shape."""
 MARGIN = 0.25
-"""How far the grid reaches beyond the box, against its longest side."""
+"""Reach of the grid beyond the box, against its longest side."""
 
 
 class Grid(NamedTuple):
@@ -42,8 +42,8 @@ class Grid(NamedTuple):
 
 
 class Views(NamedTuple):
-    """direction: (V, 3), from the shape to the viewer. seen: (V, n) surface points. centroid: (V, 3) [m] of what is
-    seen. sample: (V, `VIEW_POINTS`), indices of points that represent it.
+    """Views of the shape from all around. direction: (V, 3), from the shape to the viewer. seen: (V, n) surface points.
+    centroid: (V, 3) [m] of what is seen. sample: (V, `VIEW_POINTS`), indices of points that represent it.
     """
 
     direction: Floats
@@ -53,8 +53,8 @@ class Views(NamedTuple):
 
 
 class SharpEdges(NamedTuple):
-    """point: (e, 3) [m]. tangent: (e, 3), along the edge. outward: (e, 3), between the faces' normals, which are one
-    and two, (e, 3); opposite to each other where there is one face only.
+    """Points on sharp edges. point: (e, 3) [m]. tangent: (e, 3), along the edge. outward: (e, 3), between the faces'
+    normals, which are one and two, (e, 3); opposite to each other where there is one face only.
     """
 
     point: Floats
@@ -97,7 +97,7 @@ class Shape:
         self._rng = np.random.default_rng(seed)
 
     def _broad(self) -> Bools:
-        """(F,): triangles in the midst of surface that looks the same way; not the rim of a plate, not a thin rod."""
+        """Return the triangles (F,) amid surface that looks the same way: not the rim of a plate, not a thin rod."""
         m = self.mesh
         reach = 2.5 * self.spacing_m
         expected = np.pi * reach**2 * len(self.point) / _area(m)
@@ -108,7 +108,7 @@ class Shape:
 
     @cached_property
     def views(self) -> Views:
-        """What is seen from all around, from far away."""
+        """The surface seen from all around, from far away."""
         weight = self._seen * np.maximum(self._direction @ self.normal.T, 0.0)
         share = weight / weight.sum(axis=1, keepdims=True)
         sample = np.stack([self._rng.choice(len(self.point), VIEW_POINTS, p=row) for row in share])
@@ -126,7 +126,9 @@ class Shape:
         return Grid(low, cell, self.tree.query(centre, eps=0.2)[1].astype(np.int32))
 
     def visible_from(self, viewpoint: Floats) -> Bools:
-        """(n,): the surface points that a viewer at `viewpoint` (3,) [m] sees: facing it, and nothing in between."""
+        """Return the surface points (n,) that a viewer at `viewpoint` (3,) [m] sees: facing it, with nothing in
+        between.
+        """
         toward = viewpoint - self.point
         distance = np.linalg.norm(toward, axis=1)
         direction = toward / np.maximum(distance, 1e-12)[:, None]
@@ -136,7 +138,7 @@ class Shape:
         return out
 
     def edges_from(self, viewpoint: Floats) -> Bools:
-        """(e,): the points on sharp edges where a viewer at `viewpoint` (3,) [m] sees the surface end.
+        """Return the points (e,) on sharp edges where a viewer at `viewpoint` (3,) [m] sees the surface end.
 
         One face looks to the viewer and the other away, and nothing is in between.
         """
@@ -150,7 +152,7 @@ class Shape:
 
 
 def sphere(count: int) -> Floats:
-    """`count` directions (count, 3) spread evenly over the sphere (Fibonacci's spiral)."""
+    """Return `count` directions (count, 3) spread evenly over the sphere (Fibonacci's spiral)."""
     i = np.arange(count) + 0.5
     z, turn = 1 - 2 * i / count, np.pi * (1 + np.sqrt(5)) * i
     radius = np.sqrt(1 - z * z)
@@ -158,7 +160,13 @@ def sphere(count: int) -> Floats:
 
 
 def sharp_edges(vertex: Floats, face: NDArray[np.integer], spacing_m: float) -> SharpEdges:
-    """Points every `spacing_m` along the edges of a mesh (V, 3), (F, 3) that are open or bend beyond `SHARP_RAD`."""
+    """Return points along the edges of a mesh that are open or bend beyond `SHARP_RAD`.
+
+    Args:
+        vertex: (V, 3) [m].
+        face: (F, 3), indices of vertices.
+        spacing_m: of the points.
+    """
     corner, index = np.unique(np.round(vertex, 6), axis=0, return_inverse=True)
     triangle = index.reshape(-1)[face]
     across = np.cross(corner[triangle[:, 1]] - corner[triangle[:, 0]], corner[triangle[:, 2]] - corner[triangle[:, 0]])
@@ -190,12 +198,12 @@ def _area(mesh: Triangles) -> float:
 
 
 def _diameter(vertex: Floats) -> float:
-    """The longest extent over many directions: at most 1 % short of the largest distance between two vertices."""
+    """Return the longest extent over many directions: at most 1 % short of the largest distance of two vertices."""
     return float(np.ptp(vertex @ sphere(400).T, axis=0).max())
 
 
 def _sprinkle(mesh: Triangles, count: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
-    """Random points (count, 3), uniform over the surface, and the normals there."""
+    """Return random points (count, 3), uniform over the surface, and the normals there."""
     area = np.linalg.norm(np.cross(mesh.edge1, mesh.edge2), axis=1)
     which = np.sort(rng.choice(len(area), count, p=area / area.sum()))
     u, v = rng.random((2, count, 1))
@@ -204,7 +212,7 @@ def _sprinkle(mesh: Triangles, count: int, rng: np.random.Generator) -> tuple[Fl
 
 
 def _seen(mesh: Triangles, point: Floats, normal: Floats, direction: Floats, radius_m: float) -> Bools:
-    """(V, n): which points are seen from far away in each of the directions (V, 3)."""
+    """Return which points (V, n) are seen from far away in each of the directions (V, 3)."""
     out: Bools = direction @ normal.T > 0
     for row, toward in zip(out, direction, strict=True):
         start = point[row] + 1e-4 * radius_m * normal[row]
@@ -213,7 +221,7 @@ def _seen(mesh: Triangles, point: Floats, normal: Floats, direction: Floats, rad
 
 
 def _thinned(point: Floats, count: int) -> Ints:
-    """Indices of about `count` points, spread evenly: one per cell of a grid whose cell is searched for."""
+    """Return indices of about `count` points, spread evenly: one per cell of a grid whose cell is searched for."""
     if len(point) <= count:
         return np.arange(len(point))
     low, high = 0.0, float(np.ptp(point, axis=0).max())

@@ -31,7 +31,7 @@ TRIED = 3
 
 
 class Outcome(Enum):
-    """What became of a scan."""
+    """The result of tracking by one scan."""
 
     TRACKED = "tracked"
     TOO_FEW = "too few returns"
@@ -43,7 +43,8 @@ class Outcome(Enum):
 
 @dataclass(frozen=True)
 class TrackingSettings:
-    """fewest: returns. reach: how far from the surface returns may lie at the start, against the shape's radius.
+    """Settings of the tracking. fewest: returns. reach: how far from the surface returns may lie at the start, against
+    the shape's radius.
 
     overlap_sure: with fewer rays that agree, other starts near the prediction are tried. residual_most: RMS, against
     the noise. overlap_least: share of the rays that must agree. walk_most_rad: how far the attitude may be from the
@@ -73,16 +74,24 @@ class Track(NamedTuple):
 
     @property
     def tracked(self) -> bool:
-        """Whether the pose can be believed."""
+        """True where the pose can be believed."""
         return self.outcome is Outcome.TRACKED
 
 
 def track(
     scan: Scan, shape: Shape, rotation: Floats, position: Floats, settings: TrackingSettings | None = None
 ) -> Track:
-    """The target's pose from `scan`, near the predicted rotation (3, 3), position (3,) [m].
+    """Return the target's pose from a scan, near the predicted pose.
 
-    Raises ValueError where the scan is none (`scan.checked`) or the prediction is not finite.
+    Args:
+        scan: of the target and its surroundings.
+        shape: of the target.
+        rotation: (3, 3), predicted.
+        position: (3,) [m], predicted.
+        settings: None: the usual ones.
+
+    Raises:
+        ValueError: the scan is none (`scan.checked`), or the prediction is not finite.
     """
     s = settings or TrackingSettings()
     if not (np.isfinite(rotation).all() and np.isfinite(position).all()):
@@ -116,10 +125,18 @@ def track(
 
 
 def chain(scan: Scan, previous: Scan, rotation: Floats, position: Floats) -> tuple[Floats, Floats]:
-    """The paper's tracking: the pose (3, 3), (3,) of a scan from that of the `previous` one, both of the target alone.
+    """Track as the paper does: return the pose (3, 3), (3,) of a scan from that of the previous one.
 
-    Principal components where they help, then point-to-plane registration of scan with scan. Raises ValueError where a
-    scan has fewer than 12 returns.
+    Principal components where they help, then point-to-plane registration of scan with scan.
+
+    Args:
+        scan: of the target alone.
+        previous: likewise.
+        rotation: (3, 3), pose of the previous scan.
+        position: (3,) [m], likewise.
+
+    Raises:
+        ValueError: a scan has fewer than 12 returns.
     """
     point, before = checked_points(scan.point, 12), checked_points(previous.point, 12)
     tree = cKDTree(before)
@@ -156,7 +173,7 @@ def _gap(point: Floats, tree: cKDTree, rotation: Floats, translation: Floats) ->
 
 
 def _normals(point: Floats, tree: cKDTree, radius_m: float) -> Floats:
-    """Normals (n, 3), towards the scanner, by principal components of the neighbours within `radius_m`."""
+    """Return normals (n, 3), towards the scanner, by principal components of the neighbours within `radius_m`."""
     out = np.empty_like(point)
     for i, members in enumerate(tree.query_ball_point(point, radius_m)):
         near = point[members] - point[members].mean(axis=0)

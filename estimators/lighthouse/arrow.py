@@ -35,10 +35,16 @@ class Arrow(NamedTuple):
 def eliminate(
     arrow: Arrow, takes_part: Bools, damping: float, shares: bool, step: Floats, spread: Floats, schur: Floats
 ) -> bool:
-    """Solve the arrow, its diagonal raised by `damping`; False where it is singular.
+    """Solve the arrow; return False where it is singular.
 
-    step: (C + 1, 6), every craft's dx and, in the last row, deps. spread: (C, 6, 2), Y. schur: (2, 2), S. shares: False
-    holds eps at 0.
+    Args:
+        arrow: the linearised problem of C craft.
+        takes_part: (C,).
+        damping: by which the diagonal is raised, relative to itself.
+        shares: False holds eps at 0.
+        step: (C + 1, 6), receives dx of every craft and, in the last row, deps.
+        spread: (C, 6, 2), receives Y.
+        schur: (2, 2), receives S.
     """
     normal, border, gradient, corner, slope = arrow
     craft = normal.shape[0]
@@ -87,7 +93,16 @@ def eliminate(
 def covariances_into(
     arrow: Arrow, takes_part: Bools, rho: float, covariance: Floats, known: Floats, shared: Floats
 ) -> None:
-    """Write Cov(x_c) (C, 6, 6), the same with eps known, and Cov(eps) (2, 2), for unit angle noise."""
+    """Write the covariances for unit angle noise.
+
+    Args:
+        arrow: the linearised problem of C craft.
+        takes_part: (C,).
+        rho: of (19).
+        covariance: (C, 6, 6), receives Cov(x_c).
+        known: (C, 6, 6), receives the same with eps known.
+        shared: (2, 2), receives Cov(eps).
+    """
     craft = len(covariance)
     step, spread, schur = np.zeros((craft + 1, 6)), np.zeros((craft, 6, 2)), np.zeros((2, 2))
     if rho > 0 and eliminate(arrow, takes_part, 0.0, False, step, spread, schur):
@@ -105,5 +120,5 @@ def covariances_into(
 
 
 def empty(craft: int) -> Arrow:
-    """Room for the problem of so many craft."""
+    """Return an arrow with room for `craft` craft."""
     return Arrow(np.zeros((craft, 6, 6)), np.zeros((craft, 6, 2)), np.zeros((craft, 6)), np.zeros(2), np.zeros(2))

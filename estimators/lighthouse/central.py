@@ -1,4 +1,4 @@
-"""All craft in one least squares: what a central computer would solve, with the sweep's rotor errors as unknowns.
+"""All craft in one least squares, as a central computer would solve it, with the sweep's rotor errors as unknowns.
 
 A sweep angle errs by s (sqrt(rho) e_fan + sqrt(1 - rho) n), source 1 (19): e_fan is one draw per fan and sweep for the
 whole swarm, n one per angle. A craft alone cannot tell e_fan from its own pose; a computer that gets every craft's
@@ -69,7 +69,7 @@ def _linearise(
     kappa: float,
     out: Arrow,
 ) -> float:
-    """F [rad^2], or inf where a photodiode is behind the lighthouse; fills `out`. shared: (2,), eps.
+    """Return F [rad^2], or inf where a photodiode is behind the lighthouse; fill `out`. shared: (2,), eps.
 
     table: (C, 2 K, COLUMNS), every craft's angles as `gather` has them; count: (C,) photodiodes, 0: takes no part.
     """
@@ -174,6 +174,42 @@ def _gather_all(
         count[c] = n if takes_part[c] else 0
 
 
+class _Gathered(NamedTuple):
+    """Tables of angles (C, 2 K, COLUMNS), photodiodes (C,) in them, and the craft (C,) that take part."""
+
+    table: Floats
+    photodiodes: Ints
+    takes_part: Bools
+
+
+def _gathered(
+    theta: Floats, lit: Bools, point_m: Floats, offset_s: Floats, angular_rate: Floats, velocity: Floats, mask: Bools
+) -> _Gathered:
+    """Check the arguments of `solve` and gather the angles of every craft."""
+    lit = checked_lit(lit)
+    craft, photodiodes = lit.shape
+    angles = (craft, photodiodes, 2)
+    uv = projections(checked("theta", theta, angles))
+    out = _Gathered(
+        np.empty((craft, 2 * photodiodes, COLUMNS)),
+        np.zeros(craft, dtype=np.int64),
+        checked_lit(mask, (craft,)).copy(),
+    )
+    _gather_all(
+        uv,
+        angle_weights(uv),
+        lit,
+        checked("point_m", point_m, (craft, photodiodes, 3)),
+        checked("offset_s", offset_s, angles),
+        checked("angular_rate", angular_rate, (craft, 3)),
+        checked("velocity", velocity, (craft, 3)),
+        out.takes_part,
+        out.table,
+        out.photodiodes,
+    )
+    return out
+
+
 def solve(
     theta: Floats,
     lit: Bools,
@@ -186,7 +222,7 @@ def solve(
     rotor_correlation: float,
     mask: Bools,
 ) -> CentralSolution:
-    """The poses of C craft and the period's two rotor errors, together, from starts near the answer.
+    """Solve the poses of C craft and the period's two rotor errors together, from starts near the answer.
 
     Args:
         theta: (C, K, 2) [rad], fans X and Y; ignored, NaN allowed, where not lit.
@@ -198,47 +234,29 @@ def solve(
         angular_rate: (C, 3) [rad/s], assumed within the period, lighthouse frame.
         velocity: (C, 3) [m/s], likewise.
         rotor_correlation: rho of (19), in [0, 1); 0: nothing is shared, and the craft are solved side by side.
-        mask: (C,), the craft that take part; so do not those whose lit photodiodes leave their pose open.
+        mask: (C,), the craft that take part; those whose lit photodiodes leave their pose open do not.
 
     Raises:
         ValueError: an array's shape does not fit `lit`, or rho is outside [0, 1); the message names the argument.
     """
-    lit = checked_lit(lit)
-    craft, photodiodes = lit.shape
     if not 0 <= rotor_correlation < 1:
         raise ValueError(f"rotor_correlation is {rotor_correlation}, outside [0, 1)")
-    angles = (craft, photodiodes, 2)
-    uv = projections(checked("theta", theta, angles))
-    weight = angle_weights(uv)
-    takes_part = checked_lit(mask, (craft,)).copy()
-    table, count = np.empty((craft, 2 * photodiodes, COLUMNS)), np.zeros(craft, dtype=np.int64)
-    _gather_all(
-        uv,
-        weight,
-        lit,
-        checked("point_m", point_m, (craft, photodiodes, 3)),
-        checked("offset_s", offset_s, angles),
-        checked("angular_rate", angular_rate, (craft, 3)),
-        checked("velocity", velocity, (craft, 3)),
-        takes_part,
-        table,
-        count,
-    )
+    gathered = _gathered(theta, lit, point_m, offset_s, angular_rate, velocity, mask)
+    takes_part, craft = gathered.takes_part, len(gathered.takes_part)
     # Copies: the kernel works in place, and the starts belong to the caller.
     rotation = checked("rotation", rotation, (craft, 3, 3)).copy()
     position = checked("position", position, (craft, 3)).copy()
     shared, shares = np.zeros(2), rotor_correlation > 0
     kappa = (1 - rotor_correlation) / rotor_correlation if shares else 0.0
-    arrow, trial = (empty(craft) for _ in range(2))
-    converged, iterations, cost = False, 0, np.nan
+    arrow, trial, converged, iterations, cost = empty(craft), empty(craft), False, 0, np.nan
     if takes_part.any():
         converged, iterations, cost = _solve(
-            table, count, takes_part, rotation, position, shared, kappa, shares, arrow, trial
+            gathered.table, gathered.photodiodes, takes_part, rotation, position, shared, kappa, shares, arrow, trial
         )
     covariance, known = np.full((2, craft, 6, 6), np.nan)
     shared_covariance = np.zeros((2, 2))
     if converged:
-        _linearise(table, count, rotation, position, shared, kappa, arrow)
+        _linearise(gathered.table, gathered.photodiodes, rotation, position, shared, kappa, arrow)
         covariances_into(arrow, takes_part, rotor_correlation, covariance, known, shared_covariance)
     solved = takes_part & converged
     return CentralSolution(

@@ -1,4 +1,4 @@
-"""Dilution of precision: how angle noise, and wrong assumed motion, become pose error; source 1 (13) to (22).
+"""Dilution of precision, the pose error from angle noise and wrongly assumed motion; source 1 (13) to (22).
 
 With the rows of J = J(theta, f) J(f, psi), each angle's derivative by the pose error, R_true = Exp([d]x) R_est,
 p_true = p_est + dp, in the lighthouse frame and ordered (attitude d [rad], position dp [m]),
@@ -36,13 +36,13 @@ from estimators.linear import invert_spd_into
 
 
 class Dilution(NamedTuple):
-    """For C craft; NaN where not computed.
+    """Precision of C craft; NaN where not computed.
 
     covariance: (C, 6, 6) H of (18) for unit angle noise, (attitude, position), lighthouse frame, left-active error.
-    adop_deg_per_rad, pdop_m_per_rad: (C,), (22). rate_coupling: (C, 6, 6) [s], B of
-    pose_solved - pose_true = B (rates_true - rates_assumed) + noise, rates (angular rate, velocity).
-    attitude_slope_deg_per_rad, position_slope_m_per_rad: (C,), of `estimators.lighthouse.slope`; infinite where some
-    photodiode's fault would not show at all.
+    adop_deg_per_rad, pdop_m_per_rad: (C,), (22). rate_coupling: (C, 6, 6) [s], B of pose_solved - pose_true = B
+    (rates_true - rates_assumed) + noise, rates (angular rate, velocity). attitude_slope_deg_per_rad,
+    position_slope_m_per_rad: (C,), of `estimators.lighthouse.slope`; infinite where the fault of some photodiode would
+    not show at all.
     """
 
     covariance: Floats
@@ -157,7 +157,7 @@ def _dilution_all(
     pdop: Floats,
     slope: Floats,
 ) -> None:
-    """(13) to (18) and (22) for every craft; NaN where the pose is not determined.
+    """Compute (13) to (18) and (22) for every craft; NaN where the pose is not determined.
 
     weight: (C, K, 2), inverse noise of each projection, or empty where the angles have equal noise.
     """
@@ -211,7 +211,7 @@ def _dilution_all(
 
 
 def factors(covariance: Floats) -> tuple[Floats, Floats]:
-    """(22): ADOP [deg/rad] and PDOP [m/rad], both (...), of pose covariances (..., 6, 6) for unit noise."""
+    """Return ADOP [deg/rad] and PDOP [m/rad] (22), both (...), of pose covariances (..., 6, 6) for unit noise."""
     variance = np.diagonal(covariance, axis1=-2, axis2=-1)
     adop: Floats = np.rad2deg(np.sqrt(variance[..., :3].sum(axis=-1)))
     pdop: Floats = np.sqrt(variance[..., 3:].sum(axis=-1))
@@ -229,7 +229,7 @@ def dilution(
     rotor_correlation: float,
     mask: Bools,
 ) -> Dilution:
-    """H, ADOP, PDOP, the rate coupling B and the slopes of C craft at their measured poses.
+    """Return H, ADOP, PDOP, the rate coupling B and the slopes of C craft at their measured poses.
 
     Args:
         rotation: (C, 3, 3) R_l_b at the epoch.
@@ -261,9 +261,20 @@ def image_dilution(
     velocity: Floats,
     mask: Bools,
 ) -> Dilution:
-    """H, ADOP and PDOP of C poses from image coordinates u = x/f, v = y/f, for unit noise of u and v.
+    """Return H, ADOP and PDOP of C poses from image coordinates u = x/f, v = y/f, for unit noise of u and v.
 
-    weight: (C, K, 2), inverse noise of each coordinate, as in `refine_projections`; the rest as in `dilution`.
+    Args:
+        rotation: (C, 3, 3).
+        position: (C, 3) [m].
+        seen: (C, K).
+        point_m: (C, K, 3) [m].
+        weight: (C, K, 2), inverse noise of each coordinate, as in `refine_projections`.
+        offset_s: (C, K, 2) [s].
+        velocity: (C, 3) [m/s].
+        mask: (C,), the poses to compute.
+
+    Raises:
+        ValueError: as `dilution`.
     """
     still = np.zeros((len(seen), 3))
     return _checked_dilution(rotation, position, seen, point_m, (offset_s, still, velocity), weight, 0.0, mask)

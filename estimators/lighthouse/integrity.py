@@ -1,4 +1,4 @@
-"""Are redundant sweep angles consistent: the chi-square test of the residuals, and the search for the false photodiode.
+"""Consistency of redundant sweep angles: the chi-square test of the residuals, and the search for the false photodiode.
 
 n lit photodiodes give 2 n angles for the 6 unknowns of a pose. With the rows J of the angles at the least squares
 solution and M = I - J (J^T J)^-1 J^T, the residuals are r = M e of the angle errors e, which are
@@ -42,7 +42,7 @@ MOST_SUBSETS = 1000
 HOPELESS = 100.0
 """A cost that exceeds the limit by this factor is not explained by the error of any predicted rates."""
 ITERATIONS = 10
-"""Of PnP on a subset, which starts at the prediction: one that needs more has a false photodiode in it."""
+"""Iterations of PnP on a subset, which starts at the prediction: one that needs more has a false photodiode in it."""
 
 
 class AngleNoise(NamedTuple):
@@ -53,8 +53,8 @@ class AngleNoise(NamedTuple):
 
 
 class Sweeps(NamedTuple):
-    """The angles of C craft and the motion that they assume within the period: what
-    `estimators.lighthouse.pnp.refine` takes.
+    """Angles of C craft and the motion that they assume within the period, as `estimators.lighthouse.pnp.refine` takes
+    them.
 
     theta: (C, K, 2) [rad]. lit: (C, K). point_m: (C, K, 3). offset_s: (C, K, 2). angular_rate: (C, 3) [rad/s].
     velocity: (C, 3) [m/s].
@@ -68,7 +68,7 @@ class Sweeps(NamedTuple):
     velocity: Floats
 
     def of(self, chosen: Ints) -> "Sweeps":
-        """The same for some of the craft."""
+        """Return the same for some of the craft."""
         return Sweeps._make(part[chosen] for part in self)
 
 
@@ -80,7 +80,7 @@ class Subset(NamedTuple):
 
 
 def thresholds(most: int, false_alarm: float) -> Floats:
-    """The largest T of n = 0 ... `most` photodiodes that is believed, (most + 1,); infinite where nothing is redundant.
+    """Return the largest T of n = 0 ... `most` photodiodes that is believed, (most + 1,); infinite without redundancy.
 
     false_alarm: the chance that honest angles exceed it.
     """
@@ -90,7 +90,9 @@ def thresholds(most: int, false_alarm: float) -> Floats:
 
 
 def noncentralities(threshold: Floats, missed_detection: float) -> Floats:
-    """The least b^T A b / a^2 of a fault that the test misses with no more than this probability; as `thresholds`."""
+    """Return the least b^T A b / a^2 of a fault that the test misses with no more than this probability; as
+    `thresholds`.
+    """
 
     def least(n: int) -> float:
         redundancy = 2.0 * n - 6
@@ -138,7 +140,7 @@ def _rows_all(
 
 
 def _linearised(sweeps: Sweeps, rotation: Floats, position: Floats) -> tuple[Floats, Floats, Floats]:
-    """J (C, 2, K, 6), r (C, 2, K) and tau (C, 2, K) at these poses; zero where not lit, or where the pose is NaN."""
+    """Return J (C, 2, K, 6), r and tau (C, 2, K) at these poses; zero where not lit, or where the pose is NaN."""
     craft, photodiodes = sweeps.lit.shape
     known: Bools = np.all(np.isfinite(position), axis=1)
     jacobian = np.zeros((craft, 2, photodiodes, 6))
@@ -162,9 +164,14 @@ def _linearised(sweeps: Sweeps, rotation: Floats, position: Floats) -> tuple[Flo
 
 
 def statistic(sweeps: Sweeps, rotation: Floats, position: Floats, noise: AngleNoise, rate_covariance: Floats) -> Floats:
-    """T (C,) of the solved poses `rotation` (C, 3, 3), `position` (C, 3) [m]; NaN where a pose is.
+    """Return T (C,) of solved poses; NaN where a pose is.
 
-    rate_covariance: (C, 6, 6) of the assumed (angular rate, velocity) [rad/s, m/s].
+    Args:
+        sweeps: the angles.
+        rotation: (C, 3, 3), solved.
+        position: (C, 3) [m], solved.
+        noise: of the angles.
+        rate_covariance: (C, 6, 6) of the assumed (angular rate, velocity) [rad/s, m/s].
 
     Raises:
         ValueError: an array's shape does not fit `lit`; the message names the argument.
@@ -191,7 +198,7 @@ def statistic(sweeps: Sweeps, rotation: Floats, position: Floats, noise: AngleNo
 
 
 def _root(shared_rad: float, rate_covariance: Floats) -> Floats:
-    """A root (C, 8, 8) of C, so that C need not be regular: C = root root^T."""
+    """Return a root (C, 8, 8) of C, so that C need not be regular: C = root root^T."""
     value, vector = np.linalg.eigh(rate_covariance)
     out = np.zeros((len(rate_covariance), 8, 8))
     out[:, 0, 0] = out[:, 1, 1] = shared_rad
@@ -207,10 +214,15 @@ def consistent_subset(
     rate_covariance: Floats,
     threshold: Floats,
 ) -> Subset | None:
-    """The lit photodiodes of one craft, a batch of one, less some that must be false; None if the others never agree.
+    """Return the lit photodiodes of one craft without some that must be false; None if the others never agree.
 
-    rotation (3, 3), position (3,) [m]: where PnP starts for every subset, near the pose. rate_covariance: (6, 6).
-    threshold: of `thresholds`.
+    Args:
+        sweeps: the angles of one craft, a batch of one.
+        rotation: (3, 3), the start of PnP for every subset, near the pose.
+        position: (3,) [m], likewise.
+        noise: of the angles.
+        rate_covariance: (6, 6) of the assumed (angular rate, velocity) [rad/s, m/s].
+        threshold: of `thresholds`.
     """
     lit = np.flatnonzero(sweeps.lit[0])
     most = len(lit) - FEWEST_KEPT
@@ -235,7 +247,7 @@ def consistent_subset(
 
 
 def _deviation(sweeps: Sweeps, rotation: Floats, position: Floats) -> Floats:
-    """How far the angles of one craft (K,) lie from a pose [rad], their median shift taken off."""
+    """Return how far the angles of one craft (K,) lie from a pose [rad], their median shift taken off."""
     residual = _linearised(sweeps, rotation[None], position[None])[1][0]
     out: Floats = np.hypot(*(residual - np.median(residual[:, sweeps.lit[0]], axis=1)[:, None]))
     return out
@@ -250,7 +262,7 @@ def _best(
     rate_covariance: Floats,
     threshold: Floats,
 ) -> Subset | None:
-    """The subset of least T, of those without each of these equally long lists of photodiodes, if it passes."""
+    """Return the subset of least T, of those without each of these equally long lists of photodiodes, if it passes."""
     without = np.array(dropped, dtype=np.int64)
     count = len(without)
     kept = np.tile(sweeps.lit[0], (count, 1))

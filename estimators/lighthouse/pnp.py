@@ -72,7 +72,7 @@ GRADIENT, SCALE = 6, 7
 
 @kernel
 def _evaluate(table: Floats, n: int, rotation: Floats, position: Floats, curved: bool, out: Floats, at: int) -> float:
-    """F of (6), or inf if a photodiode is behind; writes 8 rows of `out` (., 6) from `at` on: the lower
+    """Return F of (6), or inf if a photodiode is behind; write 8 rows of `out` (., 6) from `at` on: the lower
     triangle of a matrix, and two rows.
 
     The matrix is J^T W^2 J of (11, 12), or where `curved` the Hessian of F / 2, which adds sum W^2 f d2f. A row of J
@@ -247,10 +247,24 @@ def refine_projections(
     velocity: Floats,
     iterations_max: int = ITERATIONS_MAX,
 ) -> PoseSolution:
-    """Poses of C craft from projections.
+    """Solve the poses of C craft from projections.
 
-    uv: (C, K, 2), (x/z, y/z). weight: (C, K, 2), each one's inverse noise, in any unit: cost and residual_rad are in
-    that unit of noise (radians for the weights (13) of sweep angles). The rest, and what is raised, as in `refine`.
+    Args:
+        uv: (C, K, 2), (x/z, y/z); ignored, NaN allowed, where not lit.
+        weight: (C, K, 2), each one's inverse noise in any unit: cost and residual_rad are in that unit of noise
+            (radians
+            for the weights (13) of sweep angles).
+        lit: (C, K).
+        point_m: (C, K, 3) [m], photodiodes in the body frame.
+        rotation: (C, 3, 3), start R_l_b.
+        position: (C, 3) [m], start.
+        offset_s: (C, K, 2) [s], each instant minus the epoch.
+        angular_rate: (C, 3) [rad/s], assumed.
+        velocity: (C, 3) [m/s], assumed.
+        iterations_max: linear solves at most.
+
+    Raises:
+        ValueError: an array's shape does not fit `lit`; the message names the argument.
     """
     lit = checked_lit(lit)
     craft, photodiodes = lit.shape
@@ -289,7 +303,8 @@ def refine(
     angular_rate: Floats,
     velocity: Floats,
 ) -> PoseSolution:
-    """Poses of C craft at the epoch from sweep angles, by Levenberg-Marquardt on (7) from a start near the answer.
+    """Solve the poses of C craft at the epoch from sweep angles, by Levenberg-Marquardt on (7) from a start near the
+    answer.
 
     Args:
         theta: (C, K, 2) [rad], fans X and Y; ignored, NaN allowed, where not lit.

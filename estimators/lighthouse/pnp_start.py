@@ -104,7 +104,7 @@ class _Group(NamedTuple):
 
 
 def _refined(group: _Group, starts: Starts, known: Starts, known_cost: Floats) -> tuple[Floats, Floats, Floats]:
-    """The distinct minima (G, 4, ...) that the starts (G, M, ...) lead to, and those known already."""
+    """Return the distinct minima (G, 4, ...) that the starts (G, M, ...) lead to, and those known already."""
     rotation, position = starts
     craft, many = rotation.shape[:2]
 
@@ -138,7 +138,7 @@ def _refined(group: _Group, starts: Starts, known: Starts, known_cost: Floats) -
 
 
 def _start_group(group: _Group) -> tuple[Floats, Floats, Floats]:
-    """Distinct minima (G, 4, 3, 3), (G, 4, 3), (G, 4) of craft whose angles are finite, NaN where there is none."""
+    """Return the distinct minima (G, 4, 3, 3), (G, 4, 3), (G, 4) of craft whose angles are finite; NaN for none."""
     uv, point = group.uv, group.point
     craft = len(uv)
     rotation, position = np.full((craft, CANDIDATES_MAX, 3, 3), np.nan), np.full((craft, CANDIDATES_MAX, 3), np.nan)
@@ -170,9 +170,11 @@ def _start_group(group: _Group) -> tuple[Floats, Floats, Floats]:
 def cold_starts(
     theta: Floats, lit: Bools, point_m: Floats, offset_s: Floats, angular_rate: Floats, velocity: Floats
 ) -> list[StartCandidates]:
-    """Every distinct minimum of (7) in front of the lighthouse, for C craft, without a first guess.
+    """Return every distinct minimum of (7) in front of the lighthouse, for C craft, without a first guess.
 
-    Each craft's candidates are the same, bit for bit, in whatever company it starts.
+    The candidates of a craft are the same, bit for bit, in whatever company it starts. There is none where fewer than 4
+    are lit, where a lit angle is missing or outside (0, pi), and where the lit photodiodes are on a line or their
+    images in one point.
 
     Args:
         theta: (C, K, 2) [rad], fans X and Y; ignored, NaN allowed, where not lit.
@@ -181,9 +183,6 @@ def cold_starts(
         offset_s: (C, K, 2) [s], each angle's instant minus the epoch.
         angular_rate: (C, 3) [rad/s], assumed within the period, lighthouse frame.
         velocity: (C, 3) [m/s], likewise.
-
-    No candidate where fewer than 4 are lit, where a lit angle is missing or outside (0, pi), and where the lit
-    photodiodes are on a line or their images in one point.
 
     Raises:
         ValueError: an array's shape does not fit `lit`; the message names the argument.
@@ -196,10 +195,19 @@ def cold_starts(
 def cold_starts_projections(
     uv: Floats, weight: Floats, lit: Bools, point_m: Floats, offset_s: Floats, angular_rate: Floats, velocity: Floats
 ) -> list[StartCandidates]:
-    """`cold_starts` from projections.
+    """Return the minima of `cold_starts` from projections.
 
-    uv: (C, K, 2), (x/z, y/z). weight: (C, K, 2), each one's inverse noise; costs are in that unit of noise, as in
-    `refine_projections`. The rest, and what is raised, as in `cold_starts`.
+    Args:
+        uv: (C, K, 2), (x/z, y/z).
+        weight: (C, K, 2), each one's inverse noise; costs are in that unit of noise, as in `refine_projections`.
+        lit: (C, K).
+        point_m: (C, K, 3) [m].
+        offset_s: (C, K, 2) [s].
+        angular_rate: (C, 3) [rad/s].
+        velocity: (C, 3) [m/s].
+
+    Raises:
+        ValueError: as `cold_starts`.
     """
     lit = checked_lit(lit)
     craft, photodiodes = lit.shape
@@ -230,19 +238,19 @@ def cold_starts_projections(
 def cold_start(
     theta: Floats, lit: Bools, point_m: Floats, offset_s: Floats, angular_rate: Floats, velocity: Floats
 ) -> StartCandidates:
-    """`cold_starts` of one craft: the same arguments without the craft axis. Raises ValueError as it does."""
+    """Return `cold_starts` of one craft, from the same arguments without the craft axis.
+
+    Args:
+        theta: (K, 2) [rad].
+        lit: (K,).
+        point_m: (K, 3) [m].
+        offset_s: (K, 2) [s].
+        angular_rate: (3,) [rad/s].
+        velocity: (3,) [m/s].
+
+    Raises:
+        ValueError: as `cold_starts`.
+    """
     rates = np.asarray(angular_rate)[None], np.asarray(velocity)[None]
     seen = np.asarray(theta)[None], np.asarray(lit)[None], np.asarray(point_m)[None], np.asarray(offset_s)[None]
     return cold_starts(*seen, *rates)[0]
-
-
-def cold_start_projections(
-    uv: Floats, weight: Floats, lit: Bools, point_m: Floats, offset_s: Floats, angular_rate: Floats, velocity: Floats
-) -> StartCandidates:
-    """`cold_starts_projections` of one craft: the same arguments without the craft axis. Raises ValueError as it does.
-
-    uv: (K, 2), (x/z, y/z). weight: (K, 2), each one's inverse noise.
-    """
-    rates = np.asarray(angular_rate)[None], np.asarray(velocity)[None]
-    seen = np.asarray(uv)[None], np.asarray(weight)[None], np.asarray(lit)[None]
-    return cold_starts_projections(*seen, np.asarray(point_m)[None], np.asarray(offset_s)[None], *rates)[0]

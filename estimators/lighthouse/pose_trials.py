@@ -21,8 +21,8 @@ BATCH = 50_000
 
 
 class Scatter(NamedTuple):
-    """Per pose (P,): attitude_rad and position_m, RMS over the trials that were solved, NaN for none; the share of
-    trials that were not.
+    """Errors per pose (P,): attitude_rad and position_m, RMS over the trials that were solved, NaN for none; failed,
+    the share of trials that were not.
     """
 
     attitude_rad: Floats
@@ -42,8 +42,18 @@ def scatter(
 ) -> Scatter:
     """Solve every pose `trials` times.
 
-    rotation: (P, 3, 3) R_l_b. position: (P, 3) [m], lighthouse frame. lit: (P, K). point_m: (K, 3) [m], body frame.
-    Raises ValueError where shapes do not fit `lit`.
+    Args:
+        rotation: (P, 3, 3) R_l_b.
+        position: (P, 3) [m], lighthouse frame.
+        lit: (P, K).
+        point_m: (K, 3) [m], body frame.
+        angle_noise_rad: s.
+        rotor_correlation: rho of (19).
+        trials: per pose.
+        seed: of the noise.
+
+    Raises:
+        ValueError: shapes do not fit `lit`.
     """
     lit = checked_lit(lit)
     poses, photodiodes = lit.shape
@@ -83,7 +93,7 @@ def scatter(
 
 
 def _rms(error: Floats, solved: Bools) -> Floats:
-    """Of the solved trials (P, trials), per pose; NaN where there is none."""
+    """Return the RMS over the solved trials (P, trials), per pose; NaN where there is none."""
     count = np.count_nonzero(solved, axis=1)
     total = np.sum(np.where(solved, error, 0.0) ** 2, axis=1)
     mean = np.divide(total, count, out=np.full(len(total), np.nan), where=count > 0)

@@ -1,4 +1,4 @@
-"""What a fan sees of a photodiode: source 1 (2), (3) and the derivatives (8), (10), as kernels for PnP and DOP.
+"""Projection of a photodiode by a fan: source 1 (2), (3) and the derivatives (8), (10), as kernels for PnP and DOP.
 
 The photodiode w_p of the body frame is at p(tau) = Exp([w]x tau) R w_p + t + v tau in the lighthouse frame, tau after
 the epoch; R = R_l_b and t are the pose at the epoch, w and v the motion assumed around it. Fan X measures u = x/z =
@@ -18,9 +18,15 @@ diagonal, amplifies rounding so much that a singular matrix can pass for a regul
 
 
 def checked(name: str, array: Floats, shape: tuple[int, ...]) -> Floats:
-    """`array` as contiguous doubles, which the kernels are compiled for.
+    """Return `array` as contiguous doubles, which the kernels are compiled for.
 
-    Raises ValueError, naming the argument, where the shape is not `shape`.
+    Args:
+        name: the argument, for the message.
+        array: any.
+        shape: the expected one.
+
+    Raises:
+        ValueError: the shape is another one.
     """
     out = np.ascontiguousarray(array, dtype=np.float64)
     if out.shape != shape:
@@ -29,7 +35,7 @@ def checked(name: str, array: Floats, shape: tuple[int, ...]) -> Floats:
 
 
 def checked_lit(lit: Bools, shape: tuple[int, ...] | None = None) -> Bools:
-    """`lit` as contiguous booleans (C, K), or of `shape`; raises ValueError otherwise."""
+    """Return `lit` as contiguous booleans (C, K), or of `shape`; raises ValueError otherwise."""
     out = np.ascontiguousarray(lit, dtype=np.bool_)
     if out.shape != shape and (shape is not None or out.ndim != 2):
         raise ValueError(f"lit has shape {out.shape}, expected {shape or '(craft, photodiodes)'}")
@@ -37,14 +43,14 @@ def checked_lit(lit: Bools, shape: tuple[int, ...] | None = None) -> Bools:
 
 
 def projections(theta: Floats) -> Floats:
-    """(u, v) = cot theta (2) of angles [rad], any shape; NaN outside (0, pi), where no fan can hit the front."""
+    """Return (u, v) = cot theta (2) of angles [rad], any shape; NaN outside (0, pi), where no fan can hit the front."""
     inside = (theta > 0) & (theta < np.pi)
     out: Floats = np.where(inside, 1 / np.tan(np.where(inside, theta, 1.0)), np.nan)
     return out
 
 
 def angle_weights(uv: Floats) -> Floats:
-    """sin^2 theta = z^2 / (x^2 + z^2), the size of (13), at the measured projections, any shape."""
+    """Return sin^2 theta = z^2 / (x^2 + z^2), the size of (13), at the measured projections, any shape."""
     out: Floats = 1 / (1 + uv**2)
     return out
 
@@ -58,7 +64,16 @@ what PnP adds, the measured value and its squared weight.
 
 @kernel
 def gather(lit: Bools, point: Floats, offset: Floats, angular_rate: Floats, velocity: Floats, out: Floats) -> int:
-    """Write one craft's lit angles into the table `out` (2 K, COLUMNS): n rows of fan X, n of fan Y; returns n."""
+    """Write the lit angles of one craft into a table, n rows of fan X and n of fan Y; return n.
+
+    Args:
+        lit: (K,).
+        point: (K, 3) [m].
+        offset: (K, 2) [s].
+        angular_rate: (3,) [rad/s].
+        velocity: (3,) [m/s].
+        out: (2 K, COLUMNS), receives the rows.
+    """
     n = 0
     for i in range(lit.shape[0]):
         n += lit[i]
@@ -88,7 +103,18 @@ def gather_measured(
     velocity: Floats,
     out: Floats,
 ) -> int:
-    """`gather` with the value and the squared weight of each angle; returns 0 where one of them is not finite."""
+    """Do as `gather`, with the value and the squared weight of each angle; return 0 where one of them is not finite.
+
+    Args:
+        uv: (K, 2), values.
+        weight: (K, 2), inverse noise.
+        lit: (K,).
+        point: (K, 3) [m].
+        offset: (K, 2) [s].
+        angular_rate: (3,) [rad/s].
+        velocity: (3,) [m/s].
+        out: (2 K, COLUMNS), receives the rows.
+    """
     n = gather(lit, point, offset, angular_rate, velocity, out)
     i = 0
     for k in range(lit.shape[0]):
@@ -106,11 +132,18 @@ def gather_measured(
 def project(
     table: Floats, row: int, rotation: Floats, place: float, depth: float
 ) -> tuple[float, float, float, float, float, float, float]:
-    """x/z or y/z of an angle of a table, its z [m], and its derivatives (10)(8) that are not zero.
+    """Return x/z or y/z of an angle of a table, its z [m], and its derivatives (10)(8) that are not zero.
 
-    rotation (3, 3): R. place, depth: the fan's coordinate and the third one of t. With the arm r = R w_p at the epoch,
-    turn = Exp([w]x tau), and the gradient g of the projection (10), g^T dp/dd = -g^T turn [r]x = (r x (turn^T g))^T.
-    Returns value, z, the three derivatives by attitude, those by the fan's coordinate and by z.
+    With the arm r = R w_p at the epoch, turn = Exp([w]x tau), and the gradient g of the projection (10), g^T dp/dd =
+    -g^T turn [r]x = (r x (turn^T g))^T. The derivatives are three by attitude, one by the fan's coordinate and one by
+    z.
+
+    Args:
+        table: (., COLUMNS), of `gather`.
+        row: the angle's.
+        rotation: (3, 3), R.
+        place: the fan's coordinate of t [m].
+        depth: the third coordinate of t [m].
     """
     a, b, c = table[row, 0], table[row, 1], table[row, 2]
     x = rotation[0, 0] * a + rotation[0, 1] * b + rotation[0, 2] * c
@@ -130,11 +163,21 @@ def project(
 def add_curvature(
     table: Floats, row: int, fan: int, rotation: Floats, place: float, depth: float, scale: float, normal: Floats
 ) -> None:
-    """Add `scale` times the second derivative of `project`'s value to the lower triangle of `normal` (6, 6).
+    """Add a multiple of the second derivative of `project`'s value to the lower triangle of a matrix.
 
     From p = turn (I + [d]x + [d]x^2 / 2) r + t, r the arm and a = turn^T g, with row_z the first derivatives of z:
 
         d2(x/z) = -(row row_z^T + row_z row^T) / z,  and for the attitude also  (a r^T + r a^T) / 2 - (a . r) I
+
+    Args:
+        table: (., COLUMNS), of `gather`.
+        row: the angle's.
+        fan: 0 for X, 1 for Y.
+        rotation: (3, 3), R.
+        place: the fan's coordinate of t [m].
+        depth: the third coordinate of t [m].
+        scale: the factor.
+        normal: (6, 6), to which it is added.
     """
     a, b, c = table[row, 0], table[row, 1], table[row, 2]
     # Tuples, not arrays: nothing is allocated for each angle.
@@ -160,7 +203,7 @@ def add_curvature(
 
 @kernel
 def spans_plane(lit: Bools, point: Floats) -> bool:
-    """Whether the lit photodiodes (K, 3) are not all on one line: then they leave no rotation free."""
+    """Return whether the lit photodiodes (K, 3) are not all on one line, which would leave a rotation free."""
     first, far, longest, widest = -1, -1, 0.0, 0.0
     for i in range(lit.shape[0]):
         if lit[i]:

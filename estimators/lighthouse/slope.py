@@ -1,4 +1,4 @@
-"""How far one false photodiode can move the pose for what the residuals show of it: the slope of receiver autonomy.
+"""Slope of receiver autonomy: the pose error by one false photodiode over what the residuals show of it.
 
 One photodiode k errs by b = (b_x, b_y) in its two angles, beside the noise. With the rows J of the angles (`dop`),
 N = J^T J, M = I - J N^-1 J^T, and E_k, which picks the two angles of k,
@@ -29,7 +29,7 @@ SHOWN = 1e-8
 def _greater_eigenvalue(
     a: float, b: float, c: float, over: float, x0: float, x1: float, x2: float, y0: float, y1: float, y2: float
 ) -> float:
-    """Of [[a, b], [b, c]]^-1 [[x.x, x.y], [x.y, y.y]]; over: one over the determinant of the first."""
+    """Return that of [[a, b], [b, c]]^-1 [[x.x, x.y], [x.y, y.y]]; over: one over the determinant of the first."""
     xx, xy, yy = x0 * x0 + x1 * x1 + x2 * x2, x0 * y0 + x1 * y1 + x2 * y2, y0 * y0 + y1 * y1 + y2 * y2
     half = 0.5 * (c * xx - 2 * b * xy + a * yy) * over
     greater: float = half + np.sqrt(max(half * half - (xx * yy - xy * xy) * over, 0.0))
@@ -40,10 +40,16 @@ def _greater_eigenvalue(
 def worst_slopes(
     rows: Floats, n: int, inverse: Floats, fan_sum: Floats, spread: Floats, rho: float, square: Floats
 ) -> tuple[float, float]:
-    """Slopes of attitude [rad/rad] and position [m/rad]; infinite where a photodiode's fault shows nowhere.
+    """Return the slopes of attitude [rad/rad] and position [m/rad]; infinite where a photodiode's fault shows nowhere.
 
-    rows (2, 5, K): derivatives of each fan's first n angles by the attitude, the fan's own coordinate and z. inverse
-    (6, 6): N^-1. fan_sum, spread (2, 6): sum of each fan's rows, and N^-1 times it. square: scratch (2, K).
+    Args:
+        rows: (2, 5, K), derivatives of each fan's angles by the attitude, the fan's own coordinate and z.
+        n: number of angles of each fan.
+        inverse: (6, 6), N^-1.
+        fan_sum: (2, 6), sum of each fan's rows.
+        spread: (2, 6), N^-1 times it.
+        rho: of (19).
+        square: (2, K), workspace.
     """
     s, t = fan_sum, spread
     # U^T U, and W = ((1 - rho) / rho I + U^T U)^-1 written so that rho may be zero.

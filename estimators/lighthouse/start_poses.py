@@ -24,12 +24,12 @@ Starts = tuple[Floats, Floats]
 
 
 def transposed(matrix: Floats) -> Floats:
-    """The transposes of matrices (..., m, n)."""
+    """Return the transposes of matrices (..., m, n)."""
     return np.swapaxes(matrix, -1, -2)
 
 
 def _view(ray: Floats) -> Floats:
-    """R_l_view (G, 3, 3) with z along `ray` (G, 3), which is not along y."""
+    """Return R_l_view (G, 3, 3) with z along `ray` (G, 3), which is not along y."""
     x, y, z = (ray / np.sqrt(np.sum(ray * ray, axis=1))[:, None]).T
     h = np.hypot(x, z)
     rows = (z / h, -x * y / h, x), (np.zeros_like(h), h, y), (-x / h, -y * z / h, z)
@@ -37,20 +37,26 @@ def _view(ray: Floats) -> Floats:
 
 
 def _seen(ray: Floats) -> tuple[Floats, Floats]:
-    """The view along the mean ray (G, 3, 3), and in it the images (G, n, 2) of `ray` (G, n, 3)."""
+    """Return the view along the mean ray (G, 3, 3), and in it the images (G, n, 2) of `ray` (G, n, 3)."""
     view = _view(ray.mean(axis=1))
     seen = ray @ view
     return view, seen[..., :2] / seen[..., 2:]
 
 
 def plane_starts(ray: Floats, point: Floats, centre: Floats, axes: Floats) -> Starts:
-    """Two poses each of the plane nearest to the photodiodes, from its homography.
+    """Return two poses each of the plane nearest to the photodiodes, from its homography.
 
     With (a, b) in the plane, from the photodiodes' centre along their principal axes, ray ~ H (a, b, 1): linear in H
     (Hartley and Zisserman 2004, 4.1), n >= 4, no three on a line. In the view along the centre, H (0, 0, 1), the
     Jacobian of the image at the centre is J = g A: g its largest singular value, 1/g the depth, A the upper left 2 x 2
     of the rotation. Orthonormality leaves the third row +-c with c c^T = I - A^T A: the two poses of infinitesimal
     plane-based pose estimation (Collins and Bartoli 2014, IPPE).
+
+    Args:
+        ray: (G, n, 3).
+        point: (G, n, 3) [m].
+        centre: (G, 3) [m].
+        axes: (G, 3, 3), principal axes of the photodiodes as columns.
     """
     craft, count = ray.shape[:2]
     plane = (point - centre[:, None]) @ axes[..., :2]
@@ -86,11 +92,17 @@ def plane_starts(ray: Floats, point: Floats, centre: Floats, axes: Floats) -> St
 
 
 def weak_perspective_start(ray: Floats, point: Floats, centre: Floats, solid: Bools) -> Starts:
-    """One pose each from the scaled orthographic view, for n >= 4 photodiodes that are not coplanar: `solid` (G,).
+    """Return one pose each from the scaled orthographic view, for n >= 4 photodiodes that are not coplanar.
 
     In the view along the mean ray the images about their mean are g M (w_p - mean), M the first two rows of the
     rotation and 1/g the depth: linear least squares, then the nearest M with orthonormal rows (the first step of POSIT,
     DeMenthon and Davis 1995).
+
+    Args:
+        ray: (G, n, 3).
+        point: (G, n, 3) [m].
+        centre: (G, 3) [m].
+        solid: (G,), False where the photodiodes are coplanar.
     """
     rotation, position = np.full((len(ray), 1, 3, 3), np.nan), np.full((len(ray), 1, 3), np.nan)
     if solid.any():
@@ -108,7 +120,13 @@ def weak_perspective_start(ray: Floats, point: Floats, centre: Floats, solid: Bo
 
 
 def grid_starts(ray: Floats, point: Floats, centre: Floats) -> Starts:
-    """Twelve poses: the tetrahedral rotations of the view frame, at the depth that gives the image its spread."""
+    """Return twelve poses, the tetrahedral rotations of the view frame, at the depth that gives the image its spread.
+
+    Args:
+        ray: (G, n, 3).
+        point: (G, n, 3) [m].
+        centre: (G, 3) [m].
+    """
     view, image = _seen(ray)
     across = (point - centre[:, None])[:, None] @ transposed(_GRID[:, :2])
     spread = np.sum((image - image.mean(axis=1)[:, None]) ** 2, axis=(1, 2))
@@ -118,9 +136,15 @@ def grid_starts(ray: Floats, point: Floats, centre: Floats) -> Starts:
 
 
 def mirrored(rotation: Floats, position: Floats, centre: Floats, normal: Floats) -> Starts:
-    """Poses mirrored along the line of sight s to the centre: R' = (I - 2 s s^T) R (I - 2 n n^T).
+    """Return poses mirrored along the line of sight s to the centre: R' = (I - 2 s s^T) R (I - 2 n n^T).
 
-    For photodiodes in the plane with normal n (G, 3) it shows the same parallel projection (depth reversal).
+    For photodiodes in the plane with normal n it shows the same parallel projection (depth reversal).
+
+    Args:
+        rotation: (G, M, 3, 3).
+        position: (G, M, 3) [m].
+        centre: (G, 3) [m].
+        normal: (G, 3), n.
     """
     at = (rotation @ centre[:, None, :, None])[..., 0] + position
     s = at / np.linalg.norm(at, axis=-1, keepdims=True)

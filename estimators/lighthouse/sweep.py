@@ -102,12 +102,12 @@ def kernel_fans(fans: Sequence[Fan]) -> Floats:
 
 
 def theta_from_time(elapsed_s: Floats, rate_hz: float) -> Floats:
-    """Sweep angle theta [rad] of instants [s] after the fan's flash (1), any shape."""
+    """Return the sweep angle theta [rad] at instants [s] after the fan's flash (1), any shape."""
     return 2 * np.pi * rate_hz * elapsed_s
 
 
 def time_from_theta(theta: Floats, rate_hz: float) -> Floats:
-    """Instant [s] after the fan's flash at which it stands at theta [rad] (1), any shape."""
+    """Return the instant [s] after the fan's flash at which it stands at theta [rad] (1), any shape."""
     return theta / (2 * np.pi * rate_hz)
 
 
@@ -205,14 +205,14 @@ def ideal_theta(points: Floats) -> Floats:
 
 
 def direction(theta: Floats) -> Floats:
-    """Directions (cot theta_x, cot theta_y, 1), (..., 3), of ideal angles (..., 2) [rad]: points at depth z = 1 (2)."""
+    """Return the points (cot theta_x, cot theta_y, 1), (..., 3), at z = 1 of ideal angles (..., 2) [rad] (2)."""
     _check_pair(theta)
     # tan(pi/2 - theta) is finite and exact at boresight, where 1/tan(theta) would divide by infinity.
     return np.concatenate([np.tan(HALF_PI - theta), np.ones_like(theta[..., :1])], axis=-1)
 
 
 def measured_theta(points: Floats, errors: FanPair) -> Floats:
-    """Angles (..., 2) [rad] that fans with `errors` measure of points (..., 3) [m] (E).
+    """Return the angles (..., 2) [rad] that Lighthouse 1.0 fans with `errors` measure of points (..., 3) [m] (E).
 
     NaN where the point is not in front (z > 0), or a fan tilted so far never reaches it (|asin argument| > 1).
     """
@@ -220,11 +220,11 @@ def measured_theta(points: Floats, errors: FanPair) -> Floats:
 
 
 def correct(theta: Floats, errors: FanPair) -> Floats:
-    """Ideal angles (..., 2) [rad] of measured ones (..., 2): the inverse of (E), by fixed-point iteration.
+    """Return the ideal angles (..., 2) [rad] of measured ones (..., 2): the inverse of (E), by fixed-point iteration.
 
-    Each fan's error depends on the other's angle, so both are needed: NaN where either is NaN, where the direction is
-    not in front of the lighthouse, or where the errors are too large for the iteration to settle. Where the craft moves
-    between its two sweeps, the other angle is old by half a period, which matters to second order only.
+    The error of each fan depends on the other's angle, so both are needed: NaN where either is NaN, where the direction
+    is not in front of the lighthouse, or where the errors are too large for the iteration to settle. Where the craft
+    moves between its two sweeps, the other angle is old by half a period, which matters to second order only.
     """
     _check_pair(theta)
     if all(error == FanErrors() for error in errors):
@@ -260,10 +260,17 @@ def from_libsurvive(
     gibbous_phase: tuple[float, float],
     gibbous_magnitude: tuple[float, float],
 ) -> FanPair:
-    """Errors of both fans from libsurvive's `fcal*` values, each (X sweep, Y sweep).
+    """Return the errors of both fans from libsurvive's `fcal*` values.
 
     libsurvive stores the tangent of the tilt, and its frame looks along -z with y up: ours turned by pi about x. So y
-    changes sign, and with it fan X's tilt; fan Y's `other` is x, which does not.
+    changes sign, and with it fan X's tilt; fan Y's other coordinate is x, which does not.
+
+    Args:
+        phase: [rad], X sweep, then Y sweep.
+        tilt: tangents, likewise.
+        curve: likewise.
+        gibbous_phase: [rad], likewise.
+        gibbous_magnitude: likewise.
     """
     tangent = (-tilt[0], tilt[1])
     x, y = (

@@ -24,7 +24,7 @@ from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
 from estimators.lighthouse.dop import Dilution, image_dilution
 from estimators.lighthouse.pnp import FEWEST_LIT, PoseSolution, refine_projections
-from estimators.lighthouse.pnp_start import StartCandidates, cold_start_projections
+from estimators.lighthouse.pnp_start import StartCandidates, cold_starts_projections
 from estimators.lighthouse.projection import spans_plane
 from estimators.stereo.closed_form import Reason, checked_images
 from estimators.stereo.triangulation import Rig, checked_rig
@@ -33,8 +33,7 @@ from estimators.stereo.triangulation import Rig, checked_rig
 class CameraPose(NamedTuple):
     """Poses of N targets in the main camera's frame, and their precision; NaN where `reason` is not SOLVED.
 
-    pose: of `estimators.lighthouse.pnp`, residual_rad and cost in units of u, v. dilution: for unit noise of u, v.
-    reason: (N,).
+    pose: residual_rad and cost are in units of u, v. dilution: for unit noise of u, v. reason: (N,).
     """
 
     pose: PoseSolution
@@ -78,14 +77,15 @@ def _one_view(uv: Floats, seen: Bools, point_m: Floats, rig: Rig) -> _OneView:
 def refine_cameras(
     uv: Floats, seen: Bools, point_m: Floats, rig: Rig, rotation: Floats, position: Floats
 ) -> CameraPose:
-    """Poses of N targets that fit all images best, from a start near the answer; one camera alone serves as well.
+    """Solve the poses of N targets that fit all images best, from a start near the answer; one camera serves as well.
 
     Args:
         uv: (N, 2, K, 2), images divided by the focal length, main camera first; ignored, NaN allowed, where not seen.
         seen: (N, 2, K), which camera sees which light; four images at least, of lights that are not on one line.
         point_m: (N, K, 3) or (K, 3) [m], the lights in the target's frame.
         rig: the cameras' places.
-        rotation: (N, 3, 3), start C. position: (N, 3) [m], start M.
+        rotation: (N, 3, 3), start C.
+        position: (N, 3) [m], start M.
 
     Raises:
         ValueError: an array's shape does not fit `seen`, or the rig is none.
@@ -114,17 +114,21 @@ def refine_cameras(
 
 
 def first_pose(uv: Floats, seen: Bools, point_m: Floats) -> StartCandidates:
-    """Every pose that one target may have by the main camera alone, best first; see `cold_start`.
+    """Return every pose that one target may have by the main camera alone, best first; see `cold_starts`.
 
-    uv: (K, 2), divided by the focal length. seen: (K,). point_m: (K, 3) [m]. Costs are in units of u, v squared.
+    Args:
+        uv: (K, 2), divided by the focal length; costs are in its units squared.
+        seen: (K,).
+        point_m: (K, 3) [m].
     """
-    still = np.zeros(3)
-    return cold_start_projections(uv, np.ones_like(uv), seen, point_m, np.zeros_like(uv), still, still)
+    one, still = uv[None], np.zeros((1, 3))
+    at_rest = np.zeros_like(one), still, still
+    return cold_starts_projections(one, np.ones_like(one), seen[None], point_m[None], *at_rest)[0]
 
 
 @kernel
 def _why_not_all(uv: Floats, seen: Bools, point: Floats, reason: Ints) -> None:
-    """What is wrong with the images (N, 2, K, 2) of each target, before anything is solved."""
+    """Write what is wrong with the images (N, 2, K, 2) of each target, before anything is solved."""
     for n in range(len(seen)):
         any_seen = seen[n, 0] | seen[n, 1]
         count, finite = 0, True

@@ -34,7 +34,7 @@ FEWEST_COMMON = 3
 
 
 class Reason(IntEnum):
-    """Why there is no pose, or that there is one."""
+    """The reason why there is no pose; SOLVED where there is one."""
 
     SOLVED = 0
     TOO_FEW = 1
@@ -210,9 +210,15 @@ def _solve_all(
 
 
 def checked_images(uv: Floats, seen: Bools, point_m: Floats) -> tuple[Floats, Bools, Floats]:
-    """uv (N, 2, K, 2), seen (N, 2, K) and point_m (N, K, 3) as the kernels want them; (K, 3) serves every target.
+    """Return uv (N, 2, K, 2), seen (N, 2, K) and point_m (N, K, 3) as the kernels want them.
 
-    Raises ValueError, naming the argument, where a shape does not fit `seen`.
+    Args:
+        uv: (N, 2, K, 2).
+        seen: (N, 2, K).
+        point_m: (N, K, 3) [m], or (K, 3) for every target.
+
+    Raises:
+        ValueError: a shape does not fit `seen`; the message names the argument.
     """
     seen = np.ascontiguousarray(seen, dtype=np.bool_)
     if seen.ndim != 3 or seen.shape[1] != 2:

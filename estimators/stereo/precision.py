@@ -30,19 +30,28 @@ from estimators.arrays import Floats
 
 
 class PlanePoint(NamedTuple):
-    """point_m (..., 3): X, Y, Z [m]. slope (..., 3, 3): their derivatives by x1, y1, x2, each over f (20) to (22)."""
+    """A point and its derivatives. point_m: (..., 3), X, Y, Z [m]. slope: (..., 3, 3), by x1, y1, x2, each over f (20)
+    to (22).
+    """
 
     point_m: Floats
     slope: Floats
 
     def sigma_m(self, image_noise: float) -> Floats:
-        """sigma_X, sigma_Y, sigma_Z (..., 3) [m] for independent errors `image_noise` of x/f and y/f (23, 24)."""
+        """Return sigma_X, sigma_Y, sigma_Z (..., 3) [m] for independent errors of x/f and y/f (23, 24)."""
         out: Floats = image_noise * np.sqrt(np.sum(self.slope**2, axis=-1))
         return out
 
 
 def plane_point(uv1: Floats, u2: Floats, baseline_m: float, toe_in_rad: float) -> PlanePoint:
-    """(16) to (22): uv1 (..., 2) = (x1, y1) / f, u2 (...) = x2 / f. NaN where the rays do not meet in front."""
+    """Return the point (16) to (22); NaN where the rays do not meet in front.
+
+    Args:
+        uv1: (..., 2), (x1, y1) / f.
+        u2: (...), x2 / f.
+        baseline_m: b.
+        toe_in_rad: beta.
+    """
     u1, v1 = uv1[..., 0], uv1[..., 1]
     s, c, turn = baseline_m * np.sin(toe_in_rad), baseline_m * np.cos(toe_in_rad), np.tan(2 * toe_in_rad)
     # tan(theta_2 + 2 beta) with tan theta_2 = -u2.

@@ -29,7 +29,7 @@ from estimators.linear import cholesky_into, solve_cholesky
 
 
 class Rig(NamedTuple):
-    """Where camera 2 is in camera 1's frame: r1 = rotation r2 + origin_m; rotation (3, 3) C_12, origin_m (3,) M_12."""
+    """The pose of camera 2 in camera 1's frame, r1 = rotation r2 + origin_m: C_12 (3, 3) and M_12 (3,) [m]."""
 
     rotation: Floats
     origin_m: Floats
@@ -41,8 +41,8 @@ class Rig(NamedTuple):
 
 
 class Triangulation(NamedTuple):
-    """point_m: (..., 3) [m] in camera 1's frame. covariance: (..., 3, 3) [m^2] for unit noise of u and v. NaN where the
-    rays do not meet in front of both cameras, or a coordinate is not a number.
+    """Points in camera 1's frame. point_m: (..., 3) [m]. covariance: (..., 3, 3) [m^2] for unit noise of u and v. NaN
+    where the rays do not meet in front of both cameras, or a coordinate is not a number.
     """
 
     point_m: Floats
@@ -50,7 +50,7 @@ class Triangulation(NamedTuple):
 
 
 def toed_in(baseline_m: float, toe_in_rad: float) -> Rig:
-    """Two cameras `baseline_m` apart, camera 2 on the right, each turned towards the other's side by `toe_in_rad`."""
+    """Return two cameras `baseline_m` apart, camera 2 on the right, each turned towards the other by `toe_in_rad`."""
     s, c = np.sin(toe_in_rad), np.cos(toe_in_rad)
     s2, c2 = np.sin(2 * toe_in_rad), np.cos(2 * toe_in_rad)
     rotation = np.array([[c2, 0.0, -s2], [0.0, 1.0, 0.0], [s2, 0.0, c2]])
@@ -59,9 +59,15 @@ def toed_in(baseline_m: float, toe_in_rad: float) -> Rig:
 
 @kernel
 def triangulate_into(uv1: Floats, uv2: Floats, rotation: Floats, origin: Floats, point: Floats, slope: Floats) -> bool:
-    """(7) for one light: r1 into `point` (3,), dr1/d(u1, v1, u2, v2) into `slope` (3, 4).
+    """Solve (7) for one light; return False, with nothing useful written, where the rays do not meet in front of both.
 
-    False, and nothing useful written, where the rays do not meet in front of both cameras.
+    Args:
+        uv1: (2,), the image in camera 1.
+        uv2: (2,), the image in camera 2.
+        rotation: (3, 3) C_12.
+        origin: (3,) [m] M_12.
+        point: (3,), receives r1.
+        slope: (3, 4), receives dr1/d(u1, v1, u2, v2).
     """
     row, normal, lower = np.zeros((4, 3)), np.empty((3, 3)), np.empty((3, 3))
     right = np.zeros(4)
@@ -122,7 +128,7 @@ def _triangulate_all(
 
 
 def checked_rig(rig: Rig) -> tuple[Floats, Floats]:
-    """The rig's arrays for a kernel. Raises ValueError where a shape is wrong, or the turn is no rotation."""
+    """Return the rig's arrays for a kernel. Raises ValueError where a shape is wrong, or the turn is no rotation."""
     rotation, origin = checked("rig.rotation", rig.rotation, (3, 3)), checked("rig.origin_m", rig.origin_m, (3,))
     if not (np.abs(rotation @ rotation.T - np.eye(3)).max() < 1e-9 and np.linalg.det(rotation) > 0):
         raise ValueError("rig.rotation is not a rotation")
@@ -132,9 +138,15 @@ def checked_rig(rig: Rig) -> tuple[Floats, Floats]:
 
 
 def triangulate(uv1: Floats, uv2: Floats, rig: Rig) -> Triangulation:
-    """Lights in camera 1's frame from their images uv1, uv2, both (..., 2), divided by the focal length.
+    """Return lights in camera 1's frame from their images.
 
-    Raises ValueError where the shapes differ or the rig is none.
+    Args:
+        uv1: (..., 2), image in camera 1 divided by the focal length.
+        uv2: (..., 2), likewise in camera 2.
+        rig: the cameras' places.
+
+    Raises:
+        ValueError: the shapes differ, or the rig is none.
     """
     uv1 = np.asarray(uv1, dtype=np.float64)
     uv2 = checked("uv2", uv2, uv1.shape)

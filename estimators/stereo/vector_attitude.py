@@ -32,7 +32,7 @@ square of the vectors' width over their length."""
 
 
 def minimum_norm(observed: Floats, known: Floats) -> Floats:
-    """C_0 = U V^+ (10, 11), (..., 3, 3), of columns `observed`, `known` (..., 3, m) that span the space.
+    """Return C_0 = U V^+ (10, 11), (..., 3, 3), of columns `observed`, `known` (..., 3, m) that span the space.
 
     Raises ValueError where `known` does not: rank 2 has no unique C_0.
     """
@@ -47,7 +47,7 @@ def minimum_norm(observed: Floats, known: Floats) -> Floats:
 
 @kernel
 def attitude_into(h: Floats, out: Floats) -> bool:
-    """The rotation of largest trace(out^T h), h = sum of u v^T (3, 3), into `out` (3, 3); False if not unique."""
+    """Write the rotation of largest trace(out^T h), h = sum of u v^T (3, 3), into `out` (3, 3); False if not unique."""
     k = np.empty((4, 4))
     k[0, 0] = h[0, 0] + h[1, 1] + h[2, 2]
     for i in range(3):

@@ -69,7 +69,7 @@ def pose_errors_into(
 
 
 @kernel
-def opinions_into(
+def estimate_errors_into(
     true_position: Floats,
     true_quaternion: Floats,
     position: Floats,
@@ -77,7 +77,7 @@ def opinions_into(
     covariance: Floats,
     out: Floats,
 ) -> None:
-    """Write sigmas [m], [deg] and NEES of estimates into `out`.
+    """Write distance [m] and angle [deg] of estimates from the truth, their sigmas [m], [deg] and NEES into `out`.
 
     Args:
         true_position: (C, 3) [m].
@@ -85,18 +85,19 @@ def opinions_into(
         position: (C, 3) [m].
         quaternion: (C, 4).
         covariance: (C, 12, 12) of attitude, angular rate, position, velocity.
-        out: (3, C).
+        out: (5, C).
     """
     pose, lower, e = np.empty((6, 6)), np.empty((6, 6)), np.empty(6)
     for c in range(out.shape[1]):
-        _error_into(true_quaternion[c], true_position[c], quaternion[c], position[c], e)
+        distance, angle = _error_into(true_quaternion[c], true_position[c], quaternion[c], position[c], e)
+        out[0, c], out[1, c] = distance, np.degrees(angle)
         p = covariance[c]
-        out[0, c] = np.sqrt(p[6, 6] + p[7, 7] + p[8, 8])
-        out[1, c] = np.degrees(np.sqrt(p[0, 0] + p[1, 1] + p[2, 2]))
+        out[2, c] = np.sqrt(p[6, 6] + p[7, 7] + p[8, 8])
+        out[3, c] = np.degrees(np.sqrt(p[0, 0] + p[1, 1] + p[2, 2]))
         for i in range(6):
             for j in range(i + 1):
                 pose[i, j] = p[i if i < 3 else i + 3, j if j < 3 else j + 3]
-        out[2, c] = np.nan
+        out[4, c] = np.nan
         if np.isfinite(e[0] + e[5]) and cholesky_into(pose, lower):
             nees = 0.0
             for i in range(6):
@@ -104,4 +105,4 @@ def opinions_into(
                     e[i] -= lower[i, j] * e[j]
                 e[i] /= lower[i, i]
                 nees += e[i] * e[i]
-            out[2, c] = nees
+            out[4, c] = nees

@@ -11,7 +11,7 @@ from swarm.onboard.settings import Sensor, Status
 from swarm.results.columns.column import Column, Group, fill_pose, pose_columns
 from swarm.results.period import Period
 from swarm.results.records import Errors, Truth
-from swarm.results.rows import opinions_into, pose_errors_into, quaternions_into
+from swarm.results.rows import estimate_errors_into, pose_errors_into, quaternions_into
 
 STATUS = tuple(status.name.lower() for status in Status)
 """Names of the status codes."""
@@ -87,9 +87,8 @@ def _fill(craft: Ints, no_truth: Truth, period: Period, out: Floats) -> None:
     pose_errors_into(place, turn, position, quaternion, out[_rows("pnp_position_error_m", 2)])
     position, quaternion = _pose(estimate.rotation, estimate.position)
     fill_pose(position, quaternion, out[_rows("ekf_px_m", 7)])
-    pose_errors_into(place, turn, position, quaternion, out[_rows("position_error_m", 2)])
     covariance = flat(estimate.covariance)
-    opinions_into(place, turn, position, quaternion, covariance, out[_rows("position_sigma_m", 3)])
+    estimate_errors_into(place, turn, position, quaternion, covariance, out[_rows("position_error_m", 5)])
     out[_rows("true_vx_m_s", 3)], out[_rows("true_wx_rad_s", 3)] = truth.velocity.T, truth.angular_rate.T
     out[_rows("ekf_vx_m_s", 3)], out[_rows("ekf_wx_rad_s", 3)] = estimate.velocity.T, estimate.angular_rate.T
     for name, value in (

@@ -49,7 +49,8 @@ def summarise_run(folder: Path) -> dict[str, Any]:
 def _summary(table: TelemetryTable) -> dict[str, Any]:
     if not len(table):
         return {"periods": 0, "duration_s": 0.0, "craft_count": 0, "swarm": None, "craft": {}, "notes": NOTES}
-    everything, parts, own = _by_craft(table)
+    still = set(table.without_sensors)
+    everything, parts, own = _by_craft(table, still)
     frame, time_s = everything.frame, everything.column("time_s")
     span = int(frame.max() - frame.min())
     period_s = float(time_s.max() - time_s.min()) / span if span else 0.0
@@ -59,7 +60,7 @@ def _summary(table: TelemetryTable) -> dict[str, Any]:
     everything.forget()
     swarm, *single = (figures(rows, period_s, drift) for rows, drift in zip(every, bias, strict=True))
     for craft, of_craft in zip(parts, single, strict=True):
-        if craft.name in table.without_sensors:
+        if craft.name in still:
             of_craft |= {"navigates": False, "tracking_share": None}
         if "observer" in table.columns:
             of_craft["observed"] = bool(np.isfinite(craft.rows.column("observer")).any())
@@ -79,10 +80,10 @@ def _summary(table: TelemetryTable) -> dict[str, Any]:
     }
 
 
-def _by_craft(table: TelemetryTable) -> tuple[TelemetryTable, list[_Craft], TelemetryTable]:
+def _by_craft(table: TelemetryTable, still: set[str]) -> tuple[TelemetryTable, list[_Craft], TelemetryTable]:
     """Return the rows craft by craft, those that are aside last: all, every craft's, and all that are not aside."""
     names, codes = table.names_of("craft"), table.craft
-    aside = np.isin(codes, [names.index(name) for name in table.without_sensors if name in names])
+    aside = np.isin(codes, [names.index(name) for name in still if name in names])
     if "observer" in table.columns:
         aside |= np.isfinite(table.column("observer"))
     ranks = codes + len(names) * aside
