@@ -59,7 +59,7 @@ def places(settings: Scenario, craft: list[Craft]) -> list[Place]:
         angular_acceleration_noise_rad_s2=noise.angular_acceleration_noise_rad_s2,
         orbit=orbit(settings),
     )
-    return [replace(common, index=c.index, count=c.count, key=i) for i, c in enumerate(craft)]
+    return [replace(common, index=c.index, count=c.count, key=random.key(c.name)) for c in craft]
 
 
 def steers_by_estimate(settings: Scenario) -> Bools:
