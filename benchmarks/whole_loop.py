@@ -21,6 +21,7 @@ import numpy as np
 from harness import Times, finish, options, show, timed
 
 from swarm.flight.flight import Flight
+from swarm.flight.scene import scene
 from swarm.onboard import lighthouse_fix
 from swarm.onboard.settings import Status
 from swarm.results.run_writer import RunWriter, writing_run
@@ -80,7 +81,9 @@ class Loop:
         self.stages = Stages()
         self._closing = exits.enter_context(ExitStack())
         self.writer: RunWriter = self._closing.enter_context(
-            writing_run(scenario, folder / f"{craft}-{steps}", self.flight.scene, force=False, duration_s=1.0)
+            writing_run(
+                scenario, folder / f"{craft}-{steps}", scene(scenario, self.flight), force=False, duration_s=1.0
+            )
         )
         self.times, self.end = Times([], []), Times([], [])
         flight, writer = self.flight, self.writer

@@ -164,7 +164,9 @@ def exp_rows(x: float, y: float, z: float) -> Rows:
     """Return the rows of Exp([v]x) as tuples: nothing is allocated.
 
     Args:
-        x, y, z: the rotation vector v [rad].
+        x: v_x [rad].
+        y: v_y [rad].
+        z: v_z [rad].
     """
     s, c = sine_cosine(x * x + y * y + z * z)
     return (
@@ -188,8 +190,12 @@ def turned(a: float, b: float, c: float, x: float, y: float, z: float) -> tuple[
     """Return Exp([v]x) p, three numbers.
 
     Args:
-        a, b, c: the rotation vector v [rad].
-        x, y, z: the vector p.
+        a: v_x [rad].
+        b: v_y [rad].
+        c: v_z [rad].
+        x: p_x.
+        y: p_y.
+        z: p_z.
     """
     sine, cosine = sine_cosine(a * a + b * b + c * c)
     # p + sin(.)/(.) v x p + (1 - cos(.))/(.)^2 v x (v x p)
@@ -256,7 +262,10 @@ def quaternion_rows(w: float, x: float, y: float, z: float) -> Rows:
     """Return the rows of the rotation matrix of a unit quaternion as tuples: nothing is allocated.
 
     Args:
-        w, x, y, z: the quaternion.
+        w: the scalar part.
+        x: the vector part's x.
+        y: the vector part's y.
+        z: the vector part's z.
     """
     return (
         (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
@@ -322,7 +331,8 @@ def multiply_into(a: Floats, b: Floats, out: Floats) -> None:
     """Write a matrix product into `out`.
 
     Args:
-        a, b: the factors (3, 3).
+        a: the left factor (3, 3).
+        b: the right factor (3, 3).
         out: receives a b (3, 3); must be neither of the factors.
     """
     for i in range(3):

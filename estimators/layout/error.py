@@ -95,7 +95,8 @@ def mixed_error(normal: Floats, fan_sum: Floats, rho: float, lower: Floats, inve
         normal: (6, 6), N.
         fan_sum: (2, 6), s.
         rho: of (19).
-        lower, inverse: (6, 6), workspace.
+        lower: (6, 6), workspace.
+        inverse: (6, 6), workspace.
     """
     if not cholesky_into(normal, lower):
         return np.inf

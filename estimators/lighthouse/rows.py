@@ -134,11 +134,14 @@ def row_into(
     Args:
         tau: instant after the epoch [s].
         angle: measured angle from boresight [rad].
-        station_rotation, station_position: (3, 3) R_w_s and (3,) [m].
+        station_rotation: (3, 3) R_w_s.
+        station_position: (3,) [m].
         fan: (FAN,), a row of `kernel_fans`.
         point: (3,) [m], the photodiode in the body frame.
-        rotation, position: (3, 3) R_w_b and (3,) [m] at the epoch.
-        velocity, angular_rate: (3,) [m/s] and (3,) [rad/s], world frame.
+        rotation: (3, 3) R_w_b at the epoch.
+        position: (3,) [m] at the epoch.
+        velocity: (3,) [m/s], world frame.
+        angular_rate: (3,) [rad/s], world frame.
         matrix: (12,), receives H.
     """
     arm, vector = np.empty((2, 3)), np.empty(3)

@@ -165,7 +165,9 @@ def measured_angle(x: float, y: float, z: float, fan: Floats) -> float:
     """Return the angle from boresight [rad] that one fan measures of a point in front (E).
 
     Args:
-        x, y, z: the point [m], station frame.
+        x: the point's x [m], station frame.
+        y: its y [m].
+        z: its z [m].
         fan: (FAN,), a row of `kernel_fans`.
     """
     across, up = fan[0] * x + fan[1] * y, fan[3] * x + fan[4] * y
@@ -182,7 +184,9 @@ def angle_gradient(x: float, y: float, z: float, fan: Floats) -> Vector:
     """Return the gradient (3) [rad/m] of `measured_angle` by the point, of the same arguments.
 
     Args:
-        x, y, z: the point [m], station frame.
+        x: the point's x [m], station frame.
+        y: its y [m].
+        z: its z [m].
         fan: (FAN,), a row of `kernel_fans`.
     """
     across, up = fan[0] * x + fan[1] * y, fan[3] * x + fan[4] * y

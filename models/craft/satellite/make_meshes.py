@@ -1,4 +1,6 @@
-"""Write the satellite's meshes, dish.obj and nozzle.obj, into assets/: python models/craft/satellite/make_meshes.py
+"""Write the satellite's meshes, dish.obj and nozzle.obj, into assets/.
+
+    python models/craft/satellite/make_meshes.py
 
 Both are shells of revolution about z: a profile of (radius, height) [m], outside and inside, turned in 32 steps.
 """

@@ -199,7 +199,6 @@ def craft_plots(name: str, i: int, replay: bool, ccd: bool = False) -> list[Plot
         replay: There is no truth, but another program's pose.
         ccd: The craft carries cameras.
     """
-
     edges = band(np.array(1))
     limits = {line: partial(_constant, float(edge)) for line, edge in zip(BAND, edges, strict=True)}
     if replay:

@@ -50,7 +50,7 @@ class Turntable:
         Args:
             seed: Seed of the scanner's draws.
             model: Name or file of the target's model.
-            settings: The LiDAR's settings; default: the paper's, with a field of 60 deg.
+            scanner: The LiDAR's settings; default: the paper's, with a field of 60 deg.
             distance_m: Distance of the target's centre from the scanner [m].
         """
         path = find_model(model)
