@@ -5,7 +5,7 @@
     run.telemetry   # a pyarrow.Table, one row per craft and lighthouse period; .to_pandas() where pandas is installed
     run.summary     # the figures that `swarm run` prints
 
-What is named here is imported when it is first used, so that `import swarm` and `swarm --help` cost nothing.
+The names exported here are imported when they are first used, so that `import swarm` and `swarm --help` are fast.
 """
 
 from importlib import import_module

@@ -1,4 +1,4 @@
-"""`python -m swarm` is the command `swarm`."""
+"""Entry point of `python -m swarm`, which is the command `swarm`."""
 
 import sys
 

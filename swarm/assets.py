@@ -1,11 +1,11 @@
-"""Where models/ and scenarios/ are found: beside the package in a checkout, inside it once installed.
+"""Lookup of models/ and scenarios/: beside the package in a checkout, inside it once installed.
 
     models/lighthouse/lighthouse.xml          a lighthouse
     models/craft/<name>/<name>.xml            a craft
     scenarios/<name>.toml                     a scenario
     scenarios/studies/<name>.toml             a study: many runs of a scenario
 
-A user names one of these, or gives the path of an own file.
+A user names one of these, or gives the path of a file.
 """
 
 from pathlib import Path
@@ -16,7 +16,7 @@ PACKAGE = Path(__file__).resolve().parent
 
 
 def folder(name: str) -> Path:
-    """The folder `models` or `scenarios`. Raises SwarmError where the installation has lost it."""
+    """Return the folder `models` or `scenarios`. Raises SwarmError where the installation lacks it."""
     for place in (PACKAGE / name, PACKAGE.parent / name):
         if place.is_dir():
             return place
@@ -24,30 +24,30 @@ def folder(name: str) -> Path:
 
 
 def models() -> dict[str, Path]:
-    """The craft models that come with the package: name -> MJCF file."""
+    """Return the craft models that come with the package: name -> MJCF file."""
     return _models_in(folder("models") / "craft")
 
 
 def lighthouses() -> dict[str, Path]:
-    """The lighthouse models that come with the package: name -> MJCF file."""
+    """Return the lighthouse models that come with the package: name -> MJCF file."""
     return _models_in(folder("models"))
 
 
 def scenarios() -> dict[str, Path]:
-    """The scenarios that come with the package: name -> TOML file."""
+    """Return the scenarios that come with the package: name -> TOML file."""
     return {path.stem: path for path in sorted(folder("scenarios").glob("*.toml"))}
 
 
 def studies() -> dict[str, Path]:
-    """The studies that come with the package: name -> TOML file."""
+    """Return the studies that come with the package: name -> TOML file."""
     return {path.stem: path for path in sorted((folder("scenarios") / "studies").glob("*.toml"))}
 
 
 def find_model(name_or_path: str | Path, relative_to: Path | None = None) -> Path:
-    """The MJCF file of a craft or a lighthouse: a known name, a path to an .xml file, or the path of its folder.
+    """Return the MJCF file of a craft or a lighthouse, given by a known name, a path to an .xml file, or its folder.
 
     A relative path starts at `relative_to` (the folder of the scenario that names it), or else at the working
-    directory. Raises SwarmError with the nearest known name, or with what the folder lacks.
+    directory. Raises SwarmError with the nearest known name, or with the file that the folder lacks.
     """
     known = lighthouses() | models()
     text = str(name_or_path)
@@ -64,12 +64,12 @@ def find_model(name_or_path: str | Path, relative_to: Path | None = None) -> Pat
 
 
 def find_scenario(name_or_path: str | Path) -> Path:
-    """The TOML file of a scenario: a known name or a path. Raises SwarmError with the nearest known name."""
+    """Return the TOML file of a scenario, a known name or a path. Raises SwarmError with the nearest known name."""
     return _find_toml("scenario", str(name_or_path), scenarios())
 
 
 def find_study(name_or_path: str | Path) -> Path:
-    """The TOML file of a study: a known name or a path. Raises SwarmError with the nearest known name."""
+    """Return the TOML file of a study, a known name or a path. Raises SwarmError with the nearest known name."""
     return _find_toml("study", str(name_or_path), studies())
 
 

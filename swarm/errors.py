@@ -1,4 +1,4 @@
-"""One error family: what a user did wrong, in one message that names the place, the value and the limit."""
+"""The family of user errors: each is one message that gives the place, the value and the limit."""
 
 from collections.abc import Iterable
 from difflib import get_close_matches
@@ -9,7 +9,7 @@ class SwarmError(Exception):
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """`"; did you mean 'formation'?"`, or the known names where none is near, or an empty string."""
+    """Return `"; did you mean 'formation'?"`, or the known names where none is near, or an empty string."""
     names = sorted(known)
     near = get_close_matches(name, names, n=1, cutoff=0.5)
     if near:

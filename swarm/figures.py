@@ -1,7 +1,8 @@
-"""Figures, drawn without a display. The only file that knows matplotlib.
+"""Figures, drawn without a display. The only file that imports matplotlib.
 
-`page` gives a figure in the look of those that stand beside a paper's: fit for a page's width, in colours that the
-colour-blind tell apart (Okabe and Ito's palette). `rendered` draws in any other look, such as that of the HTML report.
+`page` returns a figure in the style of those that stand beside a paper's: it fits a page's width, in colours that the
+colour-blind can distinguish (Okabe and Ito's palette). `rendered` draws in any other style, such as that of the HTML
+report.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -24,7 +25,7 @@ __all__ = ["Axes", "Figure"]
 
 BLUE, ORANGE, GREEN, VERMILLION, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#777777"
 INKS = (BLUE, ORANGE, GREEN)
-"""Three series side by side, such as the axes x, y and z."""
+"""Colours of three series side by side, such as the axes x, y and z."""
 _PAGE: dict[Any, Any] = {
     "font.size": 9.0,
     "axes.titlesize": 9.0,
@@ -41,7 +42,14 @@ _PAGE: dict[Any, Any] = {
 
 
 def page(rows: int, columns: int, height_in: float, width_in: float = 7.0) -> tuple[Figure, NDArray[np.object_]]:
-    """Return an empty figure in the papers' look, and its axes (rows, columns)."""
+    """Return an empty figure in the papers' style, and its axes (rows, columns).
+
+    Args:
+        rows: number of rows of axes.
+        columns: number of columns of axes.
+        height_in: height of the figure [inch].
+        width_in: width of the figure [inch].
+    """
     with mpl.rc_context(_PAGE):
         figure = Figure(figsize=(width_in, height_in), layout="constrained")
         return figure, figure.subplots(rows, columns, squeeze=False)
@@ -53,10 +61,10 @@ def rendered(
     """Draw a figure and return it as SVG and as PNG.
 
     Args:
-        paint: Function that draws into an empty figure.
-        look: Settings of matplotlib.
-        width_in: Width of the figure [inch].
-        height_in: Height of the figure [inch].
+        paint: function that draws into an empty figure.
+        look: matplotlib settings.
+        width_in: width of the figure [inch].
+        height_in: height of the figure [inch].
     """
     with mpl.rc_context(dict(look)):
         figure = Figure(figsize=(width_in, height_in), layout="constrained")
@@ -68,12 +76,12 @@ def rendered(
 
 
 def save(figure: Figure, file: Path, salt: str | None = None) -> None:
-    """Write a figure as its file's suffix says (.png or .svg).
+    """Write a figure in the format that the file's suffix selects (.png or .svg).
 
     Args:
-        figure: The figure.
-        file: Where to write; a suffix `.tmp` after the other one is allowed.
-        salt: What the SVG's identifiers follow from; with it the file is the same every time.
+        figure: the figure.
+        file: path of the file; a suffix `.tmp` may follow the format's.
+        salt: text from which the SVG's identifiers are computed; with it the file is the same every time.
     """
     kind = file.name.removesuffix(".tmp").rpartition(".")[2]
     options: dict[str, Any] = {"metadata": {"Date": None}} if kind == "svg" else {"dpi": 150}
@@ -86,7 +94,13 @@ def legend(
     columns: int = 1,
     place: Literal["best", "upper left", "upper right", "lower center", "lower right"] = "best",
 ) -> None:
-    """Add a legend in the papers' look, in so many columns, at `place`."""
+    """Add a legend in the papers' style.
+
+    Args:
+        axes: axes to label.
+        columns: number of columns.
+        place: location in the axes.
+    """
     with mpl.rc_context(_PAGE):
         axes.legend(ncols=columns, loc=place)
 
@@ -95,13 +109,13 @@ def measured_and_said(axes: Axes, x: Any, measured: Any, said: Any, ink: str, la
     """Draw measured values as dots and predicted ones as a line of the same colour.
 
     Args:
-        axes: Where to draw; its scales stay as they are.
-        x: Abscissas (n,).
-        measured: Measured values (n,).
-        said: Predicted values (n,).
-        ink: Colour of both.
-        label: Label of the dots in the legend.
-        size: Size of the dots [pt].
+        axes: axes to draw in; their scales stay as they are.
+        x: abscissas, (n,).
+        measured: measured values, (n,).
+        said: predicted values, (n,).
+        ink: colour of both.
+        label: label of the dots in the legend.
+        size: size of the dots [pt].
     """
     axes.plot(x, measured, "o", ms=size, color=ink, label=label)
     axes.plot(x, said, "-", lw=0.9, color=ink)
@@ -125,13 +139,13 @@ def plain_log_x(axes: Axes, ticks: Sequence[float]) -> None:
 
 
 def count_map(axes: Axes, counts: Floats, extent: tuple[float, float, float, float], label: str) -> None:
-    """Draw whole numbers (columns, rows) as shades of blue, with a bar that explains them.
+    """Draw whole numbers (columns, rows) as shades of blue, with a colour bar.
 
     Args:
-        axes: Where to draw.
-        counts: Numbers from 0 on, NaN where missing; the first axis runs to the right.
-        extent: Left, right, bottom and top edges in data coordinates.
-        label: What is counted.
+        axes: axes to draw in.
+        counts: numbers from 0 on, NaN where missing, (columns, rows); the first axis runs to the right.
+        extent: left, right, bottom and top edges in data coordinates.
+        label: label of the colour bar.
     """
     most = int(np.nanmax(counts))
     shades = [(0.93 - 0.81 * s, 0.95 - 0.51 * s, 0.97 - 0.26 * s) for s in np.linspace(0, 1, most + 1)]
@@ -150,5 +164,11 @@ def count_map(axes: Axes, counts: Floats, extent: tuple[float, float, float, flo
 
 
 def polygons(axes: Axes, corners: Floats, colours: Floats) -> None:
-    """Draw filled polygons, corners (n, k, 2), in colours (n, 3), each over those before it."""
+    """Draw filled polygons, each over the previous ones.
+
+    Args:
+        axes: axes to draw in.
+        corners: corners of the polygons, (n, k, 2).
+        colours: RGB colours, (n, 3).
+    """
     axes.add_collection(PolyCollection(list(corners), facecolors=colours, edgecolors=colours, lw=0.6))

@@ -1,10 +1,10 @@
-"""What is mounted on a craft: photodiodes, cameras, lights, thrusters, wheels and docking ports.
+"""Hardware of a craft: photodiodes, cameras, lights, thrusters, wheels and docking ports.
 
-Physics and the on-board computer share these records. All places and directions are in the craft's body frame.
+Physics and the on-board computer share these records. All positions and directions are in the craft's body frame.
 
-Docking ports are frames. A port's origin is where the mating faces meet, its +z axis points outwards along the docking
-axis. When two ports are mated, a craft's own port has its origin at the target's, and its axes half a turn about x from
-it:
+Docking ports are frames. A port's origin is where the mating faces meet; its +z axis points outwards along the docking
+axis. When two ports are mated, the frame of a craft's own port has its origin at the target's port, and its axes are
+turned by half a turn about x from the target's:
 
     R_l_own = R_l_port diag(1, -1, -1),    so    R_l_b = R_l_own R_b_own^T,   p_b = p_port - R_l_b s_own            (C1)
 
@@ -22,9 +22,11 @@ from estimators.arrays import Bools, Floats, Ints
 
 
 class Photodiodes(NamedTuple):
-    """Photodiodes of C craft, padded to the largest number K.
+    """Photodiodes of C craft, padded to the largest number K per craft.
 
-    point_m: (C, K, 3) [m] and normal: (C, K, 3), unit, in the craft's body frame. present: (C, K), False where padded.
+    point_m: positions, (C, K, 3) [m], body frame.
+    normal: unit normals, (C, K, 3), body frame.
+    present: False where padded, (C, K).
     """
 
     point_m: Floats
@@ -33,17 +35,17 @@ class Photodiodes(NamedTuple):
 
     @property
     def craft_count(self) -> int:
-        """The number of craft C."""
+        """Number of craft C."""
         return len(self.present)
 
     def of(self, craft: int) -> "Photodiodes":
-        """The layout of one craft, as a batch of one without padding."""
+        """Return the layout of one craft, as a batch of one without padding."""
         real = self.present[craft]
         return Photodiodes(self.point_m[craft][real][None], self.normal[craft][real][None], real[real][None])
 
 
 def pad(points: list[Floats], normals: list[Floats]) -> Photodiodes:
-    """One layout from a list of (k, 3) [m] points and (k, 3) normals per craft."""
+    """Return one layout from lists, per craft, of points (k, 3) [m] and of normals (k, 3)."""
     most = max((len(p) for p in points), default=0)
     craft = len(points)
     layout = Photodiodes(
@@ -57,10 +59,10 @@ def pad(points: list[Floats], normals: list[Floats]) -> Photodiodes:
 
 
 class Cameras(NamedTuple):
-    """A craft's cameras, main camera first.
+    """A craft's cameras, main camera first; N is 2, or 0 for a craft without a pair.
 
-    rotation: (N, 3, 3) R_b_c of the camera's frame, x right, y down in the image, z along the optical axis. position_m:
-    (N, 3) [m], the pinholes in the body frame. N is 2, or 0 for a craft without a pair.
+    rotation: attitudes R_b_c of the cameras' frames, x right, y down in the image, z along the optical axis, (N, 3, 3).
+    position_m: pinholes in the body frame, (N, 3) [m].
     """
 
     rotation: Floats
@@ -68,15 +70,23 @@ class Cameras(NamedTuple):
 
 
 class Lights(NamedTuple):
-    """The lights that a craft shows to others' cameras: point_m (L, 3) [m], normal (L, 3), unit, in its body frame."""
+    """The lights that a craft shows to the cameras of others, in its body frame.
+
+    point_m: positions, (L, 3) [m].
+    normal: unit directions of the light, (L, 3).
+    """
 
     point_m: Floats
     normal: Floats
 
 
 class Thrusters(NamedTuple):
-    """A craft's on-off thrusters: point_m (N, 3) [m] and exhaust (N, 3), unit, in its body frame; the force on the
-    craft is against the exhaust. force_n: (N,) [N] while open. minimum_impulse_ns: (N,) [N s] of the shortest pulse.
+    """A craft's on-off thrusters, in its body frame; the force on the craft is opposite to the exhaust.
+
+    point_m: positions, (N, 3) [m].
+    exhaust: unit directions of the exhaust, (N, 3).
+    force_n: forces while open, (N,) [N].
+    minimum_impulse_ns: impulses of the shortest pulses, (N,) [N s].
     """
 
     point_m: Floats
@@ -85,13 +95,16 @@ class Thrusters(NamedTuple):
     minimum_impulse_ns: Floats
 
     def none(self) -> "Thrusters":
-        """The same craft without any."""
+        """Return the thrusters of a craft that has none."""
         return Thrusters(*(part[:0] for part in self))
 
 
 class Wheels(NamedTuple):
-    """A craft's reaction wheels: axis (W, 3), unit, in its body frame; torque_nm (W,) [N m] and momentum_nms (W,)
-    [N m s], the most of each in either direction.
+    """A craft's reaction wheels, in its body frame.
+
+    axis: unit axes, (W, 3).
+    torque_nm: largest torque in either direction, (W,) [N m].
+    momentum_nms: largest momentum in either direction, (W,) [N m s].
     """
 
     axis: Floats
@@ -99,13 +112,17 @@ class Wheels(NamedTuple):
     momentum_nms: Floats
 
     def none(self) -> "Wheels":
-        """The same craft without any."""
+        """Return the wheels of a craft that has none."""
         return Wheels(*(part[:0] for part in self))
 
 
 class Fitted(NamedTuple):
-    """One craft's actuators. errors: 1 sigma of a thruster's relative error of force, and of its tilt [rad]. key: of
-    the craft's random numbers.
+    """Actuators of one craft.
+
+    thrusters: its thrusters.
+    wheels: its reaction wheels.
+    errors: 1 sigma of a thruster's relative error of force, and of its tilt [rad].
+    key: key of the craft's random numbers.
     """
 
     thrusters: Thrusters
@@ -115,11 +132,16 @@ class Fitted(NamedTuple):
 
 
 class ActuatorSet(NamedTuple):
-    """The actuators of A craft, body frame, padded to the most thrusters N and wheels W of any; zeros are padding.
+    """Actuators of A craft, body frame, padded with zeros to the largest numbers N of thrusters and W of wheels.
 
-    who: (A,), the craft that have some. force: (A, N, 3) [N] while open. arm: (A, N, 3) [m] from the centre
-    of mass. shortest_s: (A, N), the shortest pulse. has_thruster: (A, N). axis: (A, W, 3). torque_nm: (A, W) [N m] and
-    momentum_nms: (A, W) [N m s], the most of a wheel.
+    who: indices of the craft that have any, (A,).
+    force: forces on the craft while open, (A, N, 3) [N].
+    arm: lever arms from the centre of mass, (A, N, 3) [m].
+    shortest_s: lengths of the shortest pulses, (A, N) [s].
+    has_thruster: False where padded, (A, N).
+    axis: unit axes of the wheels, (A, W, 3).
+    torque_nm: largest torques of the wheels, (A, W) [N m].
+    momentum_nms: largest momenta of the wheels, (A, W) [N m s].
     """
 
     who: Ints
@@ -139,7 +161,7 @@ class ActuatorSet(NamedTuple):
 
     @property
     def effect(self) -> Floats:
-        """Force [N] and torque [N m] about the centre of mass, (A, 6, N + W), of all at their most."""
+        """Force [N] and torque [N m] about the centre of mass at full output, (A, 6, N + W)."""
         wheels = self.axis * self.torque_nm[..., None]
         force = np.concatenate([self.force, np.zeros_like(wheels)], axis=1)
         torque = np.concatenate([np.cross(self.arm, self.force), wheels], axis=1)
@@ -148,7 +170,7 @@ class ActuatorSet(NamedTuple):
 
 
 def actuator_set(fitted: Sequence[Fitted], com_m: Floats) -> ActuatorSet:
-    """The actuators of every craft that has some. com_m: (C, 3) [m], centres of mass."""
+    """Return the actuators of all craft that have any. com_m: centres of mass, (C, 3) [m]."""
     thrusters = [len(f.thrusters.force_n) for f in fitted]
     wheels = [len(f.wheels.torque_nm) for f in fitted]
     who = [i for i in range(len(fitted)) if thrusters[i] or wheels[i]]
@@ -174,18 +196,28 @@ def actuator_set(fitted: Sequence[Fitted], com_m: Floats) -> ActuatorSet:
 
 
 FACE_TO_FACE = np.diag([1.0, -1.0, -1.0])
-"""Half a turn about x: from a port's axes to those of the one that is mated to it."""
+"""Half a turn about x: from a port's axes to those of the port that is mated to it."""
 
 
 class Port(NamedTuple):
-    """A docking port in some frame: position (..., 3) [m] and rotation (..., 3, 3), whose third column points out."""
+    """A docking port in some frame.
+
+    position: origin, (..., 3) [m].
+    rotation: attitude, (..., 3, 3), whose third column points outwards.
+    """
 
     position: Floats
     rotation: Floats
 
 
 class Closing(NamedTuple):
-    """How two ports stand: range and lateral offset [m], angle [rad], closing speed [m/s], each (...)."""
+    """Relative pose and speed of two ports, each (...).
+
+    range_m: range [m].
+    lateral_m: lateral offset [m].
+    angle_rad: angle between the docking axes [rad].
+    speed_m_s: closing speed [m/s].
+    """
 
     range_m: Floats
     lateral_m: Floats
@@ -194,23 +226,35 @@ class Closing(NamedTuple):
 
 
 def placed(port: Port, rotation: Floats, position: Floats) -> Port:
-    """A body's port in the frame in which the body has this rotation (..., 3, 3) and position (..., 3) [m]."""
+    """Return a port in the frame in which its body has a given pose.
+
+    Args:
+        port: port in the body frame.
+        rotation: attitude of the body, (..., 3, 3).
+        position: position of the body, (..., 3) [m].
+    """
     return Port(position + rotation @ port.position, rotation @ port.rotation)
 
 
 def docked_pose(own: Port, target: Port) -> tuple[Floats, Floats]:
-    """Rotation (3, 3) and position (3,) [m] of the body whose port `own` is mated to `target` (C1)."""
+    """Return rotation (3, 3) and position (3,) [m] of the body whose port `own` is mated to `target` (C1)."""
     rotation = target.rotation @ FACE_TO_FACE @ own.rotation.T
     return rotation, target.position - rotation @ own.position
 
 
 def closing(own: Port, target: Port, velocity: Floats) -> Closing:
-    """How the port `own` stands to `target`, both in one frame; velocity: (..., 3) [m/s], of own against target."""
+    """Return the relative pose and speed of the port `own` against the port `target`, both in one frame.
+
+    Args:
+        own: port of the craft.
+        target: port of the target.
+        velocity: velocity of `own` relative to `target`, (..., 3) [m/s].
+    """
     axis = target.rotation[..., :, 2]
     away = own.position - target.position
     distance = np.sum(away * axis, axis=-1)
     across = away - distance[..., None] * axis
     facing = own.rotation[..., :, 2]
-    # Of the chord between the axis and the opposite of the other: exact also where the angle is nearly nothing.
+    # From the chord between the axis and the opposite of the other; accurate also for an angle near zero.
     angle = 2 * np.arcsin(np.minimum(np.linalg.norm(facing + axis, axis=-1) / 2, 1.0))
     return Closing(distance, np.linalg.norm(across, axis=-1), angle, -np.sum(velocity * axis, axis=-1))

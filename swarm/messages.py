@@ -1,10 +1,10 @@
-"""Everything that passes between physics and a craft: light pulses, images and LiDAR scans in, commands and orders out.
+"""Messages between physics and a craft: light pulses, images and LiDAR scans in, commands and orders out.
 
-Sensors write these records and on-board computers read them; neither knows the other. One period's light reaches a
-craft as `Pulses`: a pulse is the instant at which a photodiode's output rises, in ticks of that craft's own clock, and
-the time that it stays high. Sync flashes carry their meaning in their width, as in the Lighthouse 1.0 hardware: (3000 +
-500 code) / 48 MHz, where bit 0 of the code is the fan (0: X, 1: Y), bit 1 is one bit of slow data, and bit 2 says that
-this station skips the sweep that follows. Sweep pulses are at least ten times shorter.
+Sensors write these records and on-board computers read them; neither imports the other. The light of one period reaches
+a craft as `Pulses`: a pulse is the instant at which a photodiode's output rises, in ticks of that craft's own clock,
+and the time for which it stays high. Sync flashes carry their meaning in their width, as in the Lighthouse 1.0
+hardware: (3000 + 500 code) / 48 MHz, where bit 0 of the code is the fan (0: X, 1: Y), bit 1 is one bit of slow data,
+and bit 2 says that this station skips the sweep that follows. Sweep pulses are at least ten times shorter.
 """
 
 from collections.abc import Sequence
@@ -18,15 +18,17 @@ from estimators.arrays import Bools, Floats, Ints
 SYNC_WIDTH_S = 3000 / 48e6
 """Width of a sync flash with code 0 [s]."""
 SYNC_WIDTH_STEP_S = 500 / 48e6
-"""How much longer the flash is per unit of its code [s]."""
+"""Additional width of a sync flash per unit of its code [s]."""
 FAN_BIT, DATA_BIT, SKIP_BIT = 1, 2, 4
 
 
 class Pulses(NamedTuple):
-    """Pulses of C craft, in order of time, padded to the busiest craft's number P.
+    """Pulses of C craft, in order of time, padded to the largest number P per craft.
 
-    photodiode: (C, P) int16, index into the craft's layout. rise_tick: (C, P) int64, ticks of the craft's clock.
-    width_tick: (C, P) int32 [ticks]. total: (C,) int32, how many of the P are real.
+    photodiode: index into the craft's layout, (C, P) int16.
+    rise_tick: rise on the craft's clock, (C, P) int64 [ticks].
+    width_tick: width, (C, P) int32 [ticks].
+    total: number of pulses that are not padding, (C,) int32.
     """
 
     photodiode: NDArray[np.int16]
@@ -46,11 +48,11 @@ def no_pulses(craft: int) -> Pulses:
 
 
 class LightImages(NamedTuple):
-    """The lights that P pairs of cameras saw at one epoch, in the order of the scenario's `[craft.ccd]` tables.
+    """Images of lights that P camera pairs saw at one epoch, in the order of the scenario's `[craft.ccd]` tables.
 
-    image_m: (P, 2, L, 2) [m], main camera first, x right and y down on the detector, from the optical axis, as
-    measured; NaN where not seen. seen: (P, 2, L), whether the camera gave an image of the light; L lights, padded to
-    the target that has most.
+    image_m: measured places on the detectors from the optical axis, x right and y down, main camera first,
+        (P, 2, L, 2) [m]; NaN where not seen. L is the largest number of lights of any target.
+    seen: True where the camera gave an image of the light, (P, 2, L).
     """
 
     image_m: Floats
@@ -58,10 +60,13 @@ class LightImages(NamedTuple):
 
 
 class LidarScan(NamedTuple):
-    """One scan of one craft's LiDAR, whose frame s has its origin in the scanner and its z axis as the spin axis.
+    """One scan of one craft's LiDAR, whose frame s has its origin in the scanner and its z axis along the spin axis.
 
-    direction: (N, 3), where the rays were meant to go. range_m: (N,) [m], NaN where nothing came back. time_s: (N,)
-    [s], when. line, step: (N,), which of the lines, and the number along it.
+    direction: nominal directions of the rays, (N, 3).
+    range_m: ranges, NaN without a return, (N,) [m].
+    time_s: times of the rays, (N,) [s].
+    line: index of the line, (N,).
+    step: index along the line, (N,).
     """
 
     direction: Floats
@@ -72,9 +77,13 @@ class LidarScan(NamedTuple):
 
 
 class LidarPattern(NamedTuple):
-    """What a craft's computer knows of its LiDAR. rotation: (3, 3) R_b_s, position: (3,) [m], of the scanner in the
-    craft's body. spacing_rad: between lines, or steps if that is more. noise_m: 1 sigma of a range. period_s: of
-    a scan.
+    """On-board knowledge of a craft's LiDAR.
+
+    rotation: attitude of the scanner in the craft's body frame, R_b_s, (3, 3).
+    position: position of the scanner in the craft's body frame, (3,) [m].
+    spacing_rad: angle between lines, or between steps if that is larger [rad].
+    noise_m: 1 sigma of a range [m].
+    period_s: length of a scan [s].
     """
 
     rotation: Floats
@@ -85,11 +94,12 @@ class LidarPattern(NamedTuple):
 
 
 class Signals(NamedTuple):
-    """Everything that C craft learn from outside in one lighthouse period.
+    """All that C craft receive in one lighthouse period.
 
-    pulses: what the timing circuits logged. images: what the cameras saw at the epoch; None where no craft has any.
-    scans: of each LiDAR the scan that was completed in the period, None where none was. epoch_s: the epoch on the
-    LiDARs' clock [s].
+    pulses: pulses that the timing circuits logged.
+    images: images of the cameras at the epoch; None where no craft has cameras.
+    scans: for each LiDAR the scan that was completed in the period; None where none was.
+    epoch_s: epoch on the LiDARs' clock [s].
     """
 
     pulses: Pulses
@@ -99,26 +109,30 @@ class Signals(NamedTuple):
 
 
 class Command(NamedTuple):
-    """The accelerations that C craft order for one period: acceleration (C, 3) [m/s^2] and angular_acceleration (C, 3)
-    [rad/s^2], lighthouse frame; zero where a craft orders nothing.
+    """Accelerations that C craft order for one period, lighthouse frame; zero where a craft orders nothing.
+
+    acceleration: linear accelerations, (C, 3) [m/s^2].
+    angular_acceleration: angular accelerations, (C, 3) [rad/s^2].
     """
 
     acceleration: Floats
     angular_acceleration: Floats
 
     def only(self, mask: Bools) -> "Command":
-        """Return the command of the craft in `mask` (C,), and zero for the rest."""
+        """Return the command of the craft in `mask` (C,), and zero for the others."""
         flat = np.reshape(mask, (-1, 1))
         return Command(np.where(flat, self.acceleration, 0.0), np.where(flat, self.angular_acceleration, 0.0))
 
 
 class Order(NamedTuple):
-    """What C craft order their actuators to do in one period, and the accelerations that this stands for.
+    """Orders of C craft to their actuators for one period, and the accelerations that they stand for.
 
-    force: (C, 3) [N] through, and torque: (C, 3) [N m] about the centre of mass, lighthouse frame: what craft without
-    thrusters or wheels get exactly; zero where actuators make it. open_s: (A, N) [s], the time for which each thruster
-    of the A craft with actuators opens. wheel_torque: (A, W) [N m] on the craft. wheel_momentum: (A, 3) [N m s], body
-    frame, of the wheels at the end of the period. command: of all C craft.
+    force, torque: force through and torque about the centre of mass, lighthouse frame, (C, 3) [N] and (C, 3) [N m]:
+        exactly applied to craft without thrusters or wheels, zero where actuators produce it.
+    open_s: times for which the thrusters of the A craft with actuators open, (A, N) [s].
+    wheel_torque: torques of the wheels on the craft, (A, W) [N m].
+    wheel_momentum: total momentum of the wheels at the end of the period, (A, 3) [N m s], body frame.
+    command: accelerations of all C craft.
     """
 
     force: Floats

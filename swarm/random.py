@@ -1,7 +1,7 @@
 """Random numbers: one seed per run, and an independent stream for everything that is drawn from it.
 
-A stream is named by the run's seed, by its purpose, and by further numbers, such as the key of the craft that it
-belongs to and the number of a block of frames. No other craft, no other purpose and no order of calls changes it.
+A stream is named by the run's seed, its purpose, and further numbers, such as the key of the craft that it belongs to
+and the number of a block of frames. No other craft, no other purpose and no order of calls changes it.
 """
 
 from collections.abc import Callable, Iterable
@@ -16,10 +16,10 @@ _LIGHTHOUSE, _CCD = 0x4C48, 0x434344
 
 
 class Purpose(Enum):
-    """The purpose of a stream; its value is the beginning of the stream's spawn key, which no other purpose has."""
+    """The purpose of a stream; its value is the beginning of the stream's spawn key, unique among purposes."""
 
     SAMPLE = ()
-    """Values that a study draws: the key of the scenario, then the sample, follow."""
+    """Values that a study draws; the key of the scenario and the sample follow."""
     ALIGNMENT = (0,)
     """Poses and noise of a paper's alignment."""
     START = (0x7374617274,)
@@ -44,7 +44,7 @@ class Purpose(Enum):
 
 
 def key(name: str) -> int:
-    """Return the number that names a craft, or another thing, in its streams: it follows from its name alone."""
+    """Return the number that names a craft, or another object, in its streams; it depends on the name alone."""
     return crc32(name.encode())
 
 
@@ -58,8 +58,9 @@ def stream(seed: int, purpose: Purpose, *numbers: int) -> np.random.Generator:
 
     Args:
         seed: The run's seed.
-        purpose: What is drawn from the stream.
-        numbers: What the stream belongs to, such as the key of a craft and the number of a block, each at least 0.
+        purpose: The purpose of the stream.
+        numbers: Further parts of the stream's name, such as the key of a craft and the number of a block, each at
+            least 0.
     """
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(*purpose.value, *numbers)))
 
@@ -67,7 +68,7 @@ def stream(seed: int, purpose: Purpose, *numbers: int) -> np.random.Generator:
 class Blocks(Generic[T]):
     """Draws for whole blocks of frames, so that no frame pays for the start of its streams.
 
-    A frame's draws are the same in whatever order the frames are asked for.
+    A frame's draws do not depend on the order of the frames.
     """
 
     def __init__(self, frames: int, draw: Callable[[int], T]) -> None:
@@ -77,7 +78,7 @@ class Blocks(Generic[T]):
         self._drawn: T
 
     def at(self, frame: int) -> tuple[T, int]:
-        """Return the draws of the block that `frame` is in, and its place there."""
+        """Return the draws of the block that holds `frame`, and the frame's index in the block."""
         block, place = divmod(frame, self._frames)
         if block != self._block:
             self._block, self._drawn = block, self._draw(block)

@@ -1,4 +1,4 @@
-"""Units in names: the meaning of a suffix, and the conversion of a table's values to SI units by it.
+"""Units in names: the meaning of a suffix, and the conversion of a table's values to SI units by suffix.
 
 A user reads and writes `field_deg = 120.0`; the program computes with `field_rad`. The suffix alone decides:
 
@@ -24,8 +24,9 @@ ARCSEC = radians(1 / 3600)
 class Unit(NamedTuple):
     """A unit as a suffix of a name.
 
-    written: the unit as a reader sees it. si: the suffix of the same quantity in SI units, empty for a plain number.
-    convert: the function that takes a value in this unit to SI units, None where the unit is one of them.
+    written: the unit as printed for a reader.
+    si: the suffix of the same quantity in SI units, empty for a plain number.
+    convert: the function that converts a value in this unit to SI units, None where the unit is one of them.
     """
 
     written: str
@@ -64,11 +65,11 @@ UNITS: dict[str, Unit] = {
     "m": Unit("m", "m"),
     "s": Unit("s", "s"),
 }
-"""Every suffix that is a unit; the longer one comes first where one ends with another."""
+"""All suffixes that are units; the longer one comes first where one ends with another."""
 
 
 def split_unit(key: str) -> tuple[str, Unit | None]:
-    """Return `key` without its unit, and the unit, None where the name carries none."""
+    """Return `key` without its unit, and the unit; None where the name carries none."""
     for suffix, unit in UNITS.items():
         if key.endswith(f"_{suffix}"):
             return key.removesuffix(f"_{suffix}"), unit
@@ -76,13 +77,13 @@ def split_unit(key: str) -> tuple[str, Unit | None]:
 
 
 def written_unit(key: str) -> str:
-    """Return the unit of `key` as a reader sees it, empty where the name carries none."""
+    """Return the unit of `key` as printed for a reader, empty where the name carries none."""
     unit = split_unit(key)[1]
     return "" if unit is None else unit.written
 
 
 def si_name(key: str) -> str:
-    """Return the name that `key` has in SI units: `field_rad` for `field_deg`, `thrust_error` for a percentage."""
+    """Return the name of `key` in SI units: `field_rad` for `field_deg`, `thrust_error` for a percentage."""
     stem, unit = split_unit(key)
     return key if unit is None else f"{stem}_{unit.si}" if unit.si else stem
 
@@ -116,7 +117,7 @@ class SI:
 def si(table: "BaseModel") -> SI:
     """Return the values of a scenario's table in SI units, under names with SI suffixes.
 
-    A name that the table does not have raises AttributeError, which lists the names that it has.
+    A name that the table does not have raises AttributeError, which lists its names.
     """
     return SI(table)
 

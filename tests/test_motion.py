@@ -9,6 +9,8 @@ from scipy import stats
 
 from estimators import rotation as rot
 from swarm.errors import SwarmError
+from swarm.flight import builders
+from swarm.scenario import load
 from swarm.scenario.motions import (
     Approach,
     Attitude,
@@ -234,7 +236,7 @@ def test_one_fleet_equals_many():
     """The batch against one craft at a time, bit for bit."""
     together = fleet(*MOTIONS.values()).at(3.3)
     for i, (name, motion) in enumerate(MOTIONS.items()):
-        if "wander" in name:  # Its draws go by the craft's number.
+        if "wander" in name:  # Its draws go by the craft's key, here its place.
             continue
         alone = fleet(motion).at(3.3)
         for batch, single in zip(together, alone, strict=True):
@@ -343,6 +345,29 @@ def test_wandering_follows_from_the_seed_and_the_craft_alone():
     assert np.array_equal(alone.position[0], among.position[0])
     assert not np.allclose(among.position[0], among.position[1])
     assert not np.allclose(fleet(motion, seed=4).at(2.0).position, alone.position)
+
+
+@pytest.mark.parametrize("motion", ['{kind="wander"}', '{kind="drift"}'])
+def test_adding_a_craft_does_not_change_the_motion_of_another(motion, tmp_path):
+    """A craft alone and among others, which come before it: bit for bit the same."""
+    own = f'[[craft]]\nname = "own"\nmotion = {motion}\n'
+    others = "".join(f'[[craft]]\nname = "other-{i}"\nmotion = {motion}\n' for i in range(3))
+    file = tmp_path / "some.toml"
+    made = []
+    for text in (own, f"[swarm]\ncount = 2\nmotion = {motion}\n{others}{own}"):
+        file.write_text(text)
+        made.append(builders.fleet(load(file, seed=5)))
+    alone, among = made
+    for time_s in (0.0, 1.3, 20.0):
+        for one, many in zip(alone.at(time_s), among.at(time_s), strict=True):
+            assert np.array_equal(one[0], many[-1])
+    for frame in (0, 300):
+        one, many = alone.disturbance(frame), among.disturbance(frame)
+        assert np.array_equal(one.acceleration[0], many.acceleration[-1])
+        assert np.array_equal(one.angular_acceleration[0], many.angular_acceleration[-1])
+    # And no two craft share their draws.
+    drawn = among.disturbance(0).acceleration if "drift" in motion else among.at(1.3).position
+    assert len(np.unique(drawn, axis=0)) == 6
 
 
 def test_wandering_too_fast_for_its_box_is_refused():

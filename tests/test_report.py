@@ -16,6 +16,7 @@ from swarm.cli.progress import COMPILING, ProgressDisplay
 from swarm.report.findings import findings, warnings
 from swarm.report.run_table import print_report
 from swarm.results.progress import Progress
+from swarm.studies.campaign.conduct import StudyProgress
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -257,6 +258,44 @@ def test_without_a_terminal_progress_is_a_line_now_and_then(monkeypatch: pytest.
         "formation: 15.0 of 30.0 s, 3.4 times real time, 7 of 8 craft tracking",
         "formation: 30.0 of 30.0 s, 3.4 times real time, 8 of 8 craft tracking",
     ]
+
+
+def test_a_study_and_an_experiment_tell_the_time_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = [100.0]
+    monkeypatch.setattr("swarm.cli.progress.time.monotonic", lambda: clock[0])
+    out = io.StringIO()
+    with ProgressDisplay(Console(file=out, width=40), "noise") as show:
+        show.study(StudyProgress(2, 0, 10, 1.0))
+        clock[0] += 30.0
+        show.study(StudyProgress(4, 1, 10, 0.75))
+    with ProgressDisplay(Console(file=out, width=40), "static") as show:
+        show.experiment(0.1, "pose 1 of 10")
+        clock[0] += 3600.0
+        show.experiment(0.5, "pose 5 of 10")
+    assert out.getvalue().splitlines() == [
+        "noise: starting",
+        "noise: 4/10 runs, 1 failed, 1 min 30 s left",
+        "noise: 4/10 runs, 1 failed, 1 min 30 s left",
+        "static: starting",
+        "static: pose 5 of 10, 1 h 15 min left",
+        "static: pose 5 of 10, 1 h 15 min left",
+    ]
+
+
+@pytest.mark.parametrize("width", [50, 60, 80, 120])
+def test_on_a_terminal_a_study_is_one_line_with_the_time_left(width: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = [100.0]
+    monkeypatch.setattr("swarm.cli.progress.time.monotonic", lambda: clock[0])
+    out = io.StringIO()
+    console = Console(file=out, width=width, force_terminal=True, legacy_windows=False, color_system=None)
+    with ProgressDisplay(console, "noise") as show:
+        show.study(StudyProgress(0, 0, 10, 1.0))
+        clock[0] += 60.0
+        show.study(StudyProgress(4, 1, 10, 0.5))
+    frames = [frame for frame in out.getvalue().replace("\x1b", "\n\x1b").splitlines() if "4/10 runs" in frame]
+    assert frames
+    assert "4/10 runs, 1 failed, 1 min 00 s left" in frames[-1]
+    assert "…" not in frames[-1]
 
 
 def test_compilation_says_what_it_is_and_how_long_it_took(monkeypatch: pytest.MonkeyPatch) -> None:

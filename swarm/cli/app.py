@@ -1,4 +1,4 @@
-"""The command `swarm`: its commands put together. Everything heavy is imported by the command that uses it.
+"""The program `swarm`: its commands, put together. Everything heavy is imported by the command that uses it.
 
 Exit codes: 0 done, 1 done but a criterion of the scenario did not hold, 2 a mistake of the user (one message, no
 traceback), 128 + n stopped by signal n (130: Ctrl-C).
@@ -26,14 +26,14 @@ HELP = """Fly a swarm of spacecraft in front of one laser lighthouse; each craft
 Begin with:
 
 \b
-  swarm list                   what there is to fly
-  swarm run formation          eight craft on a ring, 30 s
-  swarm view runs/formation-7  look at it, in the viewer
-  swarm check my.toml          is my own scenario right?
+  swarm list                   list what there is to fly
+  swarm run formation          fly eight craft on a ring
+  swarm view runs/formation-7  look at it in the viewer
+  swarm check my.toml          check your own scenario
   swarm run my.toml --set swarm.count=16 --seed 3
-  swarm study scaling          many runs, on all cores
-  swarm report runs/scaling    one HTML page of them
-  swarm reproduce              the papers' experiments
+  swarm study scaling          fly many runs, on all cores
+  swarm report runs/scaling    make an HTML page of them
+  swarm reproduce              list papers' experiments
 
 A run leaves a folder: recording.rrd for the viewer,
 telemetry.parquet with a row per craft and period,
@@ -44,7 +44,7 @@ From Python: import swarm; swarm.simulate(swarm.load("formation"))
 app = typer.Typer(
     name="swarm",
     help=HELP,
-    epilog="swarm COMMAND --help explains each with an example. Scenario files: docs/scenario.md.",
+    epilog="swarm COMMAND --help explains a command with an example. Scenario files: docs/scenario.md.",
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode=None,
@@ -54,7 +54,7 @@ app = typer.Typer(
 
 
 def main() -> int:
-    """Run the command line; the exit code."""
+    """Run the command line, and return the exit code."""
     # Batches of small matrices: threads of the linear algebra only wait for each other, at twice the processor time.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     for stream in (sys.stdout, sys.stderr):

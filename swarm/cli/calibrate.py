@@ -12,44 +12,52 @@ from swarm.errors import SwarmError
 
 
 class Poses(StrEnum):
-    """Whose poses a calibration goes by."""
+    """The poses that a calibration goes by."""
 
     TRUTH = "truth"
     OWN = "own"
 
 
+Survey = Annotated[
+    Path, typer.Argument(metavar="SURVEY", help="The folder of a run with angles, or a libsurvive recording.")
+]
+Out = Annotated[Path, typer.Option("--out", metavar="FILE", help="Write the calibration to this file.")]
+ByPoses = Annotated[
+    Poses | None,
+    typer.Option("--poses", help="Use known poses, or each craft's own as a start. Default: truth where there is one."),
+]
+Hold = Annotated[
+    str,
+    typer.Option(
+        "--hold",
+        metavar="LIST",
+        show_default=False,
+        help="Leave these parts as they are believed to be: phase, tilt, curve, gibbous, photodiodes.",
+    ),
+]
+ObjectName = Annotated[
+    str | None, typer.Option("--object", metavar="NAME", help="Use this tracked object of a recording, such as HMD.")
+]
+Lighthouse = Annotated[
+    int, typer.Option("--lighthouse", metavar="N", min=0, help="Use this station of a recording.", show_default=True)
+]
+Start = Annotated[
+    Path | None, typer.Option("--calibration", metavar="FILE", help="Start a recording from this calibration.")
+]
+Force = Annotated[bool, typer.Option("--force", help="Replace a file that is there already.")]
+
+
 def calibrate(
-    survey: Annotated[
-        Path, typer.Argument(metavar="SURVEY", help="The folder of a run with angles, or a libsurvive recording.")
-    ],
-    out: Annotated[
-        Path, typer.Option("--out", metavar="FILE", help="The calibration file to write.", show_default=True)
-    ] = Path("calibration.toml"),
-    poses: Annotated[
-        Poses | None,
-        typer.Option("--poses", help="Known poses, or each craft's own as a start. Else truth where there is one."),
-    ] = None,
-    hold: Annotated[
-        str,
-        typer.Option(
-            "--hold",
-            metavar="LIST",
-            show_default=False,
-            help="What to leave as it is believed: of phase, tilt, curve, gibbous, photodiodes.",
-        ),
-    ] = "",
-    object_name: Annotated[
-        str | None, typer.Option("--object", metavar="NAME", help="Of a recording: the tracked object, such as HMD.")
-    ] = None,
-    lighthouse: Annotated[
-        int, typer.Option("--lighthouse", metavar="N", min=0, help="Of a recording: the station.", show_default=True)
-    ] = 0,
-    calibration: Annotated[
-        Path | None, typer.Option("--calibration", metavar="FILE", help="Of a recording: what to start from.")
-    ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace a file that is there already.")] = False,
+    survey: Survey,
+    out: Out = Path("calibration.toml"),
+    poses: ByPoses = None,
+    hold: Hold = "",
+    object_name: ObjectName = None,
+    lighthouse: Lighthouse = 0,
+    calibration: Start = None,
+    force: Force = False,
 ) -> None:
-    """Find the fans' errors and the photodiodes' places from a survey.
+    """Calibrate fans and photodiodes from a survey.
 
     \b
     swarm run survey

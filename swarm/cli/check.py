@@ -9,7 +9,7 @@ from swarm.cli.terminal import mistakes
 
 
 def check(scenario: Scenario, overrides: Overrides = None, seed: Seed = None) -> None:
-    """Check a scenario; print it with every default.
+    """Check a scenario, and print it with every default.
 
     \b
     swarm check my/scenario.toml

@@ -1,4 +1,4 @@
-"""The command `swarm layout`: where a craft's photodiodes should sit."""
+"""The command `swarm layout`: the places of a craft's photodiodes."""
 
 from pathlib import Path
 from typing import Annotated
@@ -7,41 +7,57 @@ import typer
 
 from swarm.cli.terminal import mistakes
 
+Model = Annotated[
+    str, typer.Argument(metavar="MODEL", help="A craft: a name that `swarm list` shows, an .xml file, or its folder.")
+]
+Photodiodes = Annotated[
+    int | None,
+    typer.Option("--photodiodes", metavar="N", help="Place so many. Default: the fewest that reach the precision."),
+]
+AttitudeDeg = Annotated[
+    float | None, typer.Option("--attitude-deg", metavar="DEG", help="Reach this attitude precision, 1 sigma.")
+]
+PositionMm = Annotated[
+    float | None, typer.Option("--position-mm", metavar="MM", help="Reach this position precision, 1 sigma.")
+]
+DistanceM = Annotated[
+    list[float] | None,
+    typer.Option("--distance-m", metavar="M", help="Distance from the lighthouse. Default: 2 m. Repeatable."),
+]
+ConeDeg = Annotated[
+    float,
+    typer.Option("--cone-deg", metavar="DEG", help="Largest angle of +z from the lighthouse; 180: any attitude."),
+]
+OffAxisDeg = Annotated[
+    float, typer.Option("--off-axis-deg", metavar="DEG", help="Largest angle of positions off the boresight.")
+]
+Share = Annotated[
+    float, typer.Option("--share", metavar="SHARE", help="Share of the poses that must reach the precision.")
+]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Change one value of the lighthouse, lighthouse.KEY. Repeatable."),
+]
+Seed = Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Use this seed for the search.")]
+Out = Annotated[
+    Path | None, typer.Option("--out", metavar="FILE", help="Write the new craft model here. Default: below runs/.")
+]
+Force = Annotated[bool, typer.Option("--force", help="Replace files that are there already.")]
+
 
 def layout(
-    model: Annotated[
-        str, typer.Argument(metavar="MODEL", help="A craft: a name that `swarm list` shows, an .xml file, its folder.")
-    ],
-    photodiodes: Annotated[
-        int | None, typer.Option("--photodiodes", metavar="N", help="How many; else the fewest that do.")
-    ] = None,
-    attitude_deg: Annotated[
-        float | None, typer.Option("--attitude-deg", metavar="DEG", help="Wanted precision, 1 sigma.")
-    ] = None,
-    position_mm: Annotated[
-        float | None, typer.Option("--position-mm", metavar="MM", help="Wanted precision, 1 sigma.")
-    ] = None,
-    distance_m: Annotated[
-        list[float] | None, typer.Option("--distance-m", metavar="M", help="From the lighthouse; 2 m. Repeatable.")
-    ] = None,
-    cone_deg: Annotated[
-        float,
-        typer.Option("--cone-deg", metavar="DEG", help="Attitudes with +z so near to the lighthouse; 180: all."),
-    ] = 180.0,
-    off_axis_deg: Annotated[
-        float, typer.Option("--off-axis-deg", metavar="DEG", help="Positions up to so far off the boresight.")
-    ] = 30.0,
-    share: Annotated[
-        float, typer.Option("--share", metavar="SHARE", help="Of the poses, those that the precision is for.")
-    ] = 0.95,
-    overrides: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change lighthouse.KEY. Repeatable.")
-    ] = None,
-    seed: Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Of the search.")] = 0,
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE", help="The new craft model; else below runs/.")
-    ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace files that are there already.")] = False,
+    model: Model,
+    photodiodes: Photodiodes = None,
+    attitude_deg: AttitudeDeg = None,
+    position_mm: PositionMm = None,
+    distance_m: DistanceM = None,
+    cone_deg: ConeDeg = 180.0,
+    off_axis_deg: OffAxisDeg = 30.0,
+    share: Share = 0.95,
+    overrides: Overrides = None,
+    seed: Seed = 0,
+    out: Out = None,
+    force: Force = False,
 ) -> None:
     """Find where a craft's photodiodes should sit.
 

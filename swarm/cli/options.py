@@ -1,4 +1,4 @@
-"""Options that several commands share."""
+"""Options that several commands share, and the folder of a run."""
 
 from pathlib import Path
 from typing import Annotated
@@ -12,14 +12,14 @@ Overrides = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Change one value, such as swarm.count=16. Repeatable."),
 ]
-Seed = Annotated[int | None, typer.Option("--seed", metavar="N", help="Replace the scenario's seed.")]
+Seed = Annotated[int | None, typer.Option("--seed", metavar="N", help="Use this seed instead of the scenario's.")]
 Out = Annotated[
-    Path | None, typer.Option("--out", metavar="FOLDER", help="Where to write; else runs/<scenario>-<seed>.")
+    Path | None, typer.Option("--out", metavar="FOLDER", help="Write to this folder. Default: runs/<scenario>-<seed>.")
 ]
 Force = Annotated[bool, typer.Option("--force", help="Replace a run that is there already.")]
 NoRecording = Annotated[bool, typer.Option("--no-recording", help="Write no recording for the viewer.")]
 
 
 def default_folder(name: str, seed: int) -> Path:
-    """Where a run goes that is not told."""
+    """Return the folder of a run that is not told another one."""
     return Path("runs") / f"{name}-{seed}"

@@ -1,4 +1,4 @@
-"""How far a run, a study or an experiment is: a bar on a terminal, a plain line every few seconds elsewhere."""
+"""The progress of a run, a study or an experiment: a bar on a terminal, a plain line every few seconds elsewhere."""
 
 import time
 from contextlib import ExitStack

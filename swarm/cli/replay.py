@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Source(StrEnum):
-    """What of a recording the on-board code is fed with."""
+    """The part of a recording that is fed to the on-board code."""
 
     PULSES = "pulses"
     ANGLES = "angles"
@@ -28,19 +28,19 @@ def replay(
         typer.Argument(metavar="RECORDING", help="A recording of a real lighthouse: libsurvive's .rec or .rec.gz."),
     ],
     object_name: Annotated[
-        str | None, typer.Option("--object", metavar="NAME", help="The tracked object, such as HMD.")
+        str | None, typer.Option("--object", metavar="NAME", help="Use this tracked object, such as HMD.")
     ] = None,
     lighthouse: Annotated[
-        int, typer.Option("--lighthouse", metavar="N", min=0, help="The station that is the reference.")
+        int, typer.Option("--lighthouse", metavar="N", min=0, help="Use this station as the reference.")
     ] = 0,
     calibration: Annotated[
         Path | None,
         typer.Option(
-            "--calibration", metavar="FILE", help="The station's errors: libsurvive's config, or ours (TOML)."
+            "--calibration", metavar="FILE", help="Remove the station's errors: libsurvive's config, or ours (TOML)."
         ),
     ] = None,
     source: Annotated[
-        Source, typer.Option("--from", help="Raw light pulses, or the angles that the recording computed of them.")
+        Source, typer.Option("--from", help="Feed raw light pulses, or the angles that the recording computed of them.")
     ] = Source.PULSES,
     overrides: Overrides = None,
     seed: Seed = None,

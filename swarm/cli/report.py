@@ -11,10 +11,11 @@ from swarm.cli.terminal import mistakes
 def report(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="The folder of a study, or of a run.")],
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE", help="Where to write; else report.html in the folder.")
+        Path | None,
+        typer.Option("--out", metavar="FILE", help="Write to this file. Default: FOLDER/report.html."),
     ] = None,
 ) -> None:
-    """Make one HTML page of it, with figures and tables.
+    """Make one HTML page of a run or a study.
 
     \b
     swarm report runs/scaling

@@ -7,21 +7,22 @@ import typer
 
 from swarm.cli.terminal import error_message, mistakes, stoppable
 
-Size = Annotated[int | None, typer.Option(metavar="N", help="A smaller, quicker form; see the list.")]
+Size = Annotated[int | None, typer.Option(metavar="N", help="Run a smaller, quicker form; see the list.")]
 
 
 def reproduce(
     experiment: Annotated[
-        str | None, typer.Argument(metavar="EXPERIMENT", help="One of those that are listed without it.")
+        str | None, typer.Argument(metavar="EXPERIMENT", help="The experiment's name. Without it, all are listed.")
     ] = None,
     poses: Size = None,
     frames: Size = None,
     runs: Size = None,
     seconds: Size = None,
     draws: Size = None,
-    seed: Annotated[int | None, typer.Option("--seed", metavar="N", help="Replace the experiment's seed.")] = None,
+    seed: Annotated[int | None, typer.Option("--seed", metavar="N", help="Use this seed instead of its own.")] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="FOLDER", help="Where to write; else runs/<experiment>-<seed>.")
+        Path | None,
+        typer.Option("--out", metavar="FOLDER", help="Write to this folder. Default: runs/<experiment>-<seed>."),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an experiment that is there already.")] = False,
 ) -> None:
@@ -32,8 +33,8 @@ def reproduce(
     swarm reproduce lighthouse-static
     swarm reproduce lighthouse-static --poses 5 --frames 300
 
-    Without EXPERIMENT, list them, with what makes each smaller.
-    It leaves data.parquet, figure.png, figure.svg, comparison.json.
+    Without EXPERIMENT, all are listed, with what makes each smaller.
+    The files: data.parquet, figure.png, figure.svg, comparison.json.
     """
     with mistakes():
         from swarm.studies.papers import EXPERIMENTS, find

@@ -20,11 +20,13 @@ def run(
     seed: Seed = None,
     out: Out = None,
     force: Force = False,
-    live: Annotated[bool, typer.Option("--live", help="Open the viewer and watch while it flies.")] = False,
+    live: Annotated[bool, typer.Option("--live", help="Open the viewer, and watch while it flies.")] = False,
     no_recording: NoRecording = False,
     calibration: Annotated[
         Path | None,
-        typer.Option("--calibration", metavar="FILE", help="What the craft remove on board: of `swarm calibrate`."),
+        typer.Option(
+            "--calibration", metavar="FILE", help="Remove these errors on board: a file of `swarm calibrate`."
+        ),
     ] = None,
 ) -> None:
     """Fly a scenario, and write what happened.

@@ -10,32 +10,42 @@ import typer
 from swarm.cli.terminal import mistakes, stoppable
 from swarm.errors import SwarmError
 
+Name = Annotated[str, typer.Argument(metavar="STUDY", help="A name that `swarm list` shows, or a .toml file.")]
+Craft = Annotated[
+    str | None, typer.Option("--craft", metavar="N,N,...", help="Fly these numbers of craft: the grid of swarm.count.")
+]
+Seeds = Annotated[int | None, typer.Option("--seeds", metavar="N", help="Fly every point with so many seeds.")]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Change one value in every run. Repeatable."),
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option("--scheduler", metavar="ADDR", help="Fly on a dask scheduler's workers, such as tcp://host:8786's."),
+]
+Workers = Annotated[
+    int | None,
+    typer.Option("--workers", metavar="N", help="Fly so many runs at a time on this machine. Default: one per core."),
+]
+Serial = Annotated[bool, typer.Option("--serial", help="Fly one run after the other, in this process.")]
+Resume = Annotated[bool, typer.Option("--resume", help="Go on where an earlier start was stopped.")]
+Out = Annotated[
+    Path | None, typer.Option("--out", metavar="FOLDER", help="Write to this folder. Default: runs/<study>.")
+]
+Force = Annotated[bool, typer.Option("--force", help="Replace a study that is there already.")]
+
 
 def study(
-    study: Annotated[str, typer.Argument(metavar="STUDY", help="A name that `swarm list` shows, or a .toml file.")],
-    craft: Annotated[
-        str | None, typer.Option("--craft", metavar="N,N,...", help="Numbers of craft: the grid of swarm.count.")
-    ] = None,
-    seeds: Annotated[int | None, typer.Option("--seeds", metavar="N", help="How many seeds for each.")] = None,
-    overrides: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Change one value in every run. Repeatable."),
-    ] = None,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(
-            "--scheduler", metavar="ADDR", help="A dask scheduler, such as tcp://host:8786; else this machine."
-        ),
-    ] = None,
-    workers: Annotated[
-        int | None, typer.Option("--workers", metavar="N", help="Runs at a time on this machine; else one per core.")
-    ] = None,
-    serial: Annotated[bool, typer.Option("--serial", help="One run after the other, in this process.")] = False,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on where an earlier start was stopped.")] = False,
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="FOLDER", help="Where to write; else runs/<study>.")
-    ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace a study that is there already.")] = False,
+    study: Name,
+    craft: Craft = None,
+    seeds: Seeds = None,
+    overrides: Overrides = None,
+    scheduler: Scheduler = None,
+    workers: Workers = None,
+    serial: Serial = False,
+    resume: Resume = False,
+    out: Out = None,
+    force: Force = False,
 ) -> None:
     """Fly a scenario many times: a row per run.
 

@@ -11,7 +11,7 @@ from swarm.errors import SwarmError
 
 def view(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="The folder of a run, or a .rrd file.")],
-    web: Annotated[bool, typer.Option("--web", help="In the browser, served to this machine only.")] = False,
+    web: Annotated[bool, typer.Option("--web", help="Show it in the browser, served to this machine only.")] = False,
 ) -> None:
     """Open a run's recording in the viewer.
 

@@ -1,1 +1,1 @@
-"""One flight: the world moves, light is measured, every craft navigates and steers, period by period."""
+"""One flight, period by period: the world moves, light is measured, every craft navigates and steers."""

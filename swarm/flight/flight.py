@@ -1,8 +1,7 @@
-"""One flight: the world moves, light is measured, every craft navigates and steers, one lighthouse period after the
-other.
+"""One flight: the world moves, light is measured, every craft navigates and steers, per lighthouse period.
 
-Nothing but its own signals and commands reaches a craft's computer; the truth reaches the controller of a craft that
-the scenario steers by the truth, and telemetry.
+A craft's computer receives only its own signals and commands. The truth reaches the telemetry, and the controller of a
+craft that the scenario steers by the truth.
 """
 
 from collections.abc import Iterator
@@ -22,12 +21,16 @@ from swarm.world.world import PeriodTruth
 class Flight:
     """World, actuators, sensors, faults and computers of one scenario.
 
-    period_s: length of a lighthouse period [s]. believed: what
-    the craft go by when they measure, for a calibration.
+    period_s: length of a lighthouse period [s]. believed: layout, fan errors and noise that the craft assume when they
+    measure, for a calibration.
     """
 
     def __init__(self, scenario: Scenario) -> None:
-        """Build everything. Raises SwarmError where the scenario cannot fly."""
+        """Build everything.
+
+        Raises:
+            SwarmError: the scenario cannot fly.
+        """
         self.period_s = 1 / scenario.lighthouse.rate_hz
         self.periods = max(1, round(scenario.duration_s / self.period_s))
         self.motions = builders.fleet(scenario)
@@ -53,9 +56,9 @@ class Flight:
         faults = self.faults
         truth, sight = self.move(frame)
         lit = faults.light(sight == Sight.LIT)
-        signals = self.sensors.signals(truth, frame, lit, faults.rotor())  # all that a craft ever learns
+        signals = self.sensors.signals(truth, frame, lit, faults.rotor())  # the only inputs of a craft
         signals = signals._replace(pulses=faults.pulses(truth, lit, signals.pulses))
-        known = self.computer.step(signals, self.command, faults.restarting())  # on board, every craft by itself
+        known = self.computer.step(signals, self.command, faults.restarting())  # on board, each craft by itself
         docking = self.latches.meet(truth)
         self.pilot.learn(known.estimate, self.latches.closed)
         return Period(
@@ -72,9 +75,10 @@ class Flight:
         )
 
     def move(self, frame: int) -> tuple[PeriodTruth, NDArray[np.int8]]:
-        """Steer and move every craft through one lighthouse period; nobody measures, nobody navigates.
+        """Steer and move every craft through one lighthouse period, without measurement or navigation.
 
-        Returns the truth, and the `Sight` of every photodiode as each fan sweeps, (C, K, 2).
+        Returns:
+            The truth, and the `Sight` of every photodiode as each fan sweeps, (C, K, 2).
         """
         faults = self.faults
         faults.begin(frame)

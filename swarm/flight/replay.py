@@ -1,7 +1,7 @@
-"""Feed a real Lighthouse 1.0 recording to the on-board code of simulated craft: one object, one station at a time.
+"""Replay of a real Lighthouse 1.0 recording by the on-board code of simulated craft: one object, one station at a time.
 
-There is no truth in a recording: the true columns stay null, and the pose that the recording's own software found goes
-into the peer columns. What the station's factory calibration knows is taken off the angles before anything else.
+A recording contains no truth: the true columns stay null, and the pose that the recording's own software found goes
+into the peer columns. The station's factory calibration is subtracted from the angles before any other step.
 """
 
 from collections.abc import Callable, Iterator
@@ -51,19 +51,19 @@ def replay(
     record: bool = True,
     progress: Callable[[Progress], None] | None = None,
 ) -> Run:
-    """Replay what an object of a recording saw of one station, and write the run.
+    """Replay the light that an object of a recording saw from one station, and write the run.
 
     Args:
-        recording: a file that libsurvive wrote.
-        object_name: the tracked object, such as HMD.
-        lighthouse: the station.
-        calibration: the station's known errors, libsurvive's file or ours.
-        source: the raw "pulses", or the "angles" that the recording's own software made of them.
+        recording: file written by libsurvive.
+        object_name: name of the tracked object, such as HMD.
+        lighthouse: number of the station.
+        calibration: file of the station's known errors, in libsurvive's format or this project's.
+        source: raw "pulses", or the "angles" that the recording's own software derived from them.
         scenario: other navigation settings, as `for_replay` makes them.
-        out: the run's folder, by default `runs/<recording>-0`.
-        force: replace a run that is there.
+        out: folder of the run, by default `runs/<recording>-0`.
+        force: replace an existing run.
         record: write recording.rrd.
-        progress: called after every period.
+        progress: function called after every period.
 
     Returns:
         The run, opened.
@@ -89,10 +89,10 @@ def replay(
 
 
 class Playback:
-    """What one object saw of one station, through the same computer as a simulated craft's.
+    """Light that one object saw from one station, through the same computer as a simulated craft's.
 
-    log, windows: the recording. layout: the object's photodiodes as believed. believed: that and the station's errors.
-    scene: what telemetry and recording are told beforehand. duration_s: length of the recording [s].
+    log, windows: the recording. layout: the object's photodiodes as assumed. believed: layout, fan errors and noise,
+    for a calibration. scene: description for telemetry and recording. duration_s: length of the recording [s].
     """
 
     def __init__(
@@ -104,7 +104,19 @@ class Playback:
         calibration: str | Path | None = None,
         source: Source = "pulses",
     ) -> None:
-        """Read the recording; arguments and errors are those of `replay`."""
+        """Read the recording.
+
+        Args:
+            recording: file written by libsurvive.
+            settings: scenario with the navigation settings.
+            object_name: name of the tracked object, such as HMD.
+            lighthouse: number of the station.
+            calibration: file of the station's known errors, in libsurvive's format or this project's.
+            source: raw "pulses", or the "angles" that the recording's own software derived from them.
+
+        Raises:
+            SwarmError: the recording or the calibration cannot be read.
+        """
         self.log = read_libsurvive(recording, object_name)
         known = read_calibration(calibration, lighthouse) if calibration is not None else None
         self.windows = Windows(self.log, lighthouse, source, known.pose if known else None)
@@ -154,7 +166,7 @@ class Playback:
 
     def _navigation(self, settings: Scenario, known: StationCalibration | None) -> NavigationSettings:
         navigation = builders.navigation(settings)
-        # A real station's noise is only guessed: what its residuals should be is not known.
+        # A real station's noise is only guessed: the distribution of its residuals is not known.
         untested = replace(navigation.integrity, residual_test=False, tick_s=None)
         navigation = replace(navigation, frame_s=self.windows.frame_s, integrity=untested)
         if known is None:
@@ -163,7 +175,7 @@ class Playback:
 
 
 def _layout(log: Recording, known: StationCalibration | None) -> Photodiodes:
-    """Return the object's photodiodes as its maker says, or as a calibration has found them."""
+    """Return the object's photodiodes at their design positions, or at those of a calibration."""
     found = known.places(log.device) if known is not None else None
     if found is None:
         return log.photodiodes

@@ -1,4 +1,4 @@
-"""What telemetry and recording are told of a flight before its first period."""
+"""The description of a flight that telemetry and recording receive before its first period."""
 
 from swarm.assets import find_model
 from swarm.flight.builders import photodiodes

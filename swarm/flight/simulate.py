@@ -1,4 +1,4 @@
-"""Fly a scenario and write the run. `swarm.flight.flight` says what happens in a period."""
+"""The flight of a scenario, written as a run; `swarm.flight.flight` describes the steps of a period."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -14,17 +14,17 @@ from swarm.scenario import Scenario
 
 
 class Observer(Protocol):
-    """Watches a flight from outside, for instance to time its computers; it changes nothing."""
+    """Observer of a flight from outside, for instance to time its computers; it changes nothing."""
 
     def begin(self, flight: Flight) -> None:
-        """See the flight before its first period."""
+        """Observe the flight before its first period."""
 
     def period(self, period: Period) -> None:
-        """See one period."""
+        """Observe one period."""
 
 
 class Nobody:
-    """An observer that does not look."""
+    """Null observer, for flights without one."""
 
     def begin(self, flight: Flight) -> None:
         """Do nothing."""
@@ -34,7 +34,7 @@ class Nobody:
 
 
 def untold(progress: Progress) -> None:
-    """Tell nobody how far a run is."""
+    """Ignore the progress of a run."""
 
 
 def simulate(
@@ -50,13 +50,13 @@ def simulate(
     """Fly a scenario and write the run.
 
     Args:
-        scenario: what to fly.
-        out: the run's folder; `runs/<scenario>-<seed>` by default.
-        force: replace a run that is there.
+        scenario: scenario to fly.
+        out: folder of the run, by default `runs/<scenario>-<seed>`.
+        force: replace an existing run.
         live: open the viewer.
         record: write recording.rrd.
-        progress: called after every period.
-        observer: sees the flight and every period.
+        progress: function called after every period.
+        observer: observer of the flight and of every period.
 
     Returns:
         The run, opened.

@@ -1,1 +1,1 @@
-"""What a craft's computer runs: its pulses in, its pose and wrench out. Never the truth, never another craft."""
+"""The computer of a craft: pulses in, pose and wrench out. It never uses the truth or another craft's state."""

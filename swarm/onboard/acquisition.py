@@ -1,16 +1,16 @@
-"""From no pose to one pose: cold start, and the ambiguity that a small target seen from afar can have.
+"""Acquisition: from no pose to one pose, despite the ambiguity of a small target seen from afar.
 
 Four photodiodes in one plane, or a rig that is small against its distance, often fit two poses almost equally
 well (the mirror image about the line of sight). The sum of squared angle residuals over the noise variance is
-minus twice the log-likelihood, so two hypotheses are told apart by the difference D of their costs, added up over
+minus twice the log-likelihood, so two hypotheses are distinguished by the difference D of their costs, summed over
 the periods in which both were refined:
 
     D = sum over periods of (cost_second - cost_best) / s^2
 
-With independent noise of variance s^2 the chance that the wrong pose leads by D is at most Q(sqrt D), whatever
-the geometry: DECISIVE = 25 is 5 sigma, 3e-7. Until then the craft says that it is ambiguous, and gives no pose.
-The part of the noise that a whole sweep shares shifts all angles alike and tells no hypothesis from another, so s
-is the independent part; where the best fit is worse than s (a rig out of calibration), the fit's own scatter counts.
+With independent noise of variance s^2 the probability that the wrong pose leads by D is at most Q(sqrt D) for any
+geometry: DECISIVE = 25 is 5 sigma, 3e-7. Until then the craft reports an ambiguity, and no pose.
+The part of the noise that a whole sweep shares shifts all angles alike and does not distinguish hypotheses, so s
+is the independent part; if the best fit is worse than s (a rig out of calibration), the fit's own scatter is used.
 """
 
 from collections.abc import Sequence
@@ -26,11 +26,15 @@ from estimators.lighthouse.pnp_start import cold_starts
 DECISIVE = 25.0
 """Difference of the costs, in units of the noise variance, that decides between two poses (5 sigma)."""
 SAME_POSE_RAD = 1e-3
-"""Two refined hypotheses closer than this have run into one minimum: far below the tens of degrees between mirrors."""
+"""Angle below which two refined hypotheses are one minimum [rad]: far below the tens of degrees between mirrors."""
 
 
 class Sighting(NamedTuple):
-    """What one craft saw in one period: theta (K, 2) [rad], lit (K,), point_m (K, 3), offset_s (K, 2)."""
+    """Sweep angles of one craft in one period.
+
+    theta: (K, 2) [rad]. lit: photodiodes seen by both fans, (K,). point_m: positions of the photodiodes, (K, 3).
+    offset_s: instants of the angles minus the epoch, (K, 2).
+    """
 
     theta: Floats
     lit: Bools
@@ -39,9 +43,9 @@ class Sighting(NamedTuple):
 
 
 class Hypotheses(NamedTuple):
-    """The poses that one craft may have, best first: rotation (M, 3, 3), position (M, 3) [m], evidence (M,).
+    """The candidate poses of one craft, best first.
 
-    evidence: cost over noise variance, added up since the search began.
+    rotation: (M, 3, 3). position: (M, 3) [m]. evidence: cost over noise variance, summed since the search began, (M,).
     """
 
     rotation: Floats
@@ -50,7 +54,7 @@ class Hypotheses(NamedTuple):
 
     @property
     def decided(self) -> bool:
-        """Whether the first pose is certain: alone, or ahead of the second by DECISIVE."""
+        """Return whether the first pose is certain: alone, or ahead of the second by DECISIVE."""
         return len(self.evidence) == 1 or (
             len(self.evidence) > 1 and float(self.evidence[1] - self.evidence[0]) >= DECISIVE
         )
@@ -60,9 +64,15 @@ NONE = Hypotheses(np.empty((0, 3, 3)), np.empty((0, 3)), np.empty(0))
 
 
 def advance(before: Sequence[Hypotheses], sightings: Sequence[Sighting], noise_rad: float) -> list[Hypotheses]:
-    """What several craft make of this period: those that have hypotheses follow them, those left without one search.
+    """Return the hypotheses of several craft after this period: craft with hypotheses follow them, the others search.
 
-    Each craft's answer is its own, bit for bit, in whatever company it is asked.
+    A craft whose hypotheses are all lost searches at once. Each craft's result is independent, bit for bit, of the
+    other craft in the batch.
+
+    Args:
+        before: hypotheses of each craft before this period.
+        sightings: this period's sweep angles of each craft.
+        noise_rad: independent part of the angle noise [rad].
     """
     out = list(before)
     following = [i for i, hypotheses in enumerate(before) if len(hypotheses.evidence)]
@@ -79,17 +89,22 @@ def advance(before: Sequence[Hypotheses], sightings: Sequence[Sighting], noise_r
 
 
 def search(sighting: Sighting, noise_rad: float) -> Hypotheses:
-    """Every pose that fits one period's angles, from nothing: empty where the photodiodes do not determine one.
+    """Return every pose that fits one period's angles, without a prediction; none if the angles do not determine one.
 
-    noise_rad: the independent part of the angle noise [rad]. The craft is taken to be at rest within the period.
+    noise_rad: independent part of the angle noise [rad]. The craft is assumed to be at rest within the period.
     """
     return _search_all([sighting], noise_rad)[0]
 
 
 def follow(before: Hypotheses, sighting: Sighting, noise_rad: float) -> Hypotheses:
-    """The same poses one period later, refined with this period's angles, with its evidence added.
+    """Return the same poses one period later, refined with this period's angles, with its evidence added.
 
-    A pose that no longer converges is given up; poses that run into one minimum become one.
+    A pose that no longer converges is dropped; poses that converge to one minimum become one.
+
+    Args:
+        before: hypotheses before this period.
+        sighting: this period's sweep angles.
+        noise_rad: independent part of the angle noise [rad].
     """
     return _follow_all([before], [sighting], noise_rad)[0]
 
@@ -132,7 +147,7 @@ def _stacked(sightings: Sequence[Sighting]) -> tuple[Floats, Bools, Floats, Floa
 def _updated(
     before: Hypotheses, solution: PoseSolution, own: slice, sighting: Sighting, noise_rad: float
 ) -> Hypotheses:
-    """One craft's hypotheses with their refined poses, the rows `own`, and with this period's evidence added."""
+    """Return one craft's hypotheses with their refined poses, the rows `own`, and with this period's evidence added."""
     keep = np.flatnonzero(solution.solved[own])
     if len(keep) == 0:
         return NONE
@@ -145,6 +160,6 @@ def _updated(
 
 
 def _variance(cost: Floats, sighting: Sighting, noise_rad: float) -> float:
-    """Noise variance [rad^2]: the design value, or the best fit's own scatter where that is larger."""
+    """Return the noise variance [rad^2]: the design value, or the best fit's own scatter if that is larger."""
     redundancy = 2 * int(np.count_nonzero(sighting.lit)) - 6
     return max(noise_rad**2, float(cost.min()) / redundancy)

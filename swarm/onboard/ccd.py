@@ -1,27 +1,29 @@
-"""From two cameras' images of a target's lights to the craft's own pose in the lighthouse frame.
+"""A craft's own pose in the lighthouse frame, from two cameras' images of a target's lights.
 
-Main camera first; {C1} is its frame, {T} the target's body frame, b the craft's body, l the lighthouse frame. Each
-period, for every craft that carries a pair of cameras:
+The main camera comes first; {C1} is its frame, {T} the target's body frame, b the craft's body, l the lighthouse frame.
+Each period, for every craft that carries a pair of cameras:
 
     both cameras see three lights or more, not on one line:
-        closed form (source 2, 2.1), `estimators.stereo.closed_form`; then, unless told otherwise, the fit to all images
-        of both cameras from there, `estimators.stereo.cameras`: its covariance is the smallest that the images allow
+        closed form (source 2, 2.1), `estimators.stereo.closed_form`; then, unless configured otherwise, the fit to all
+        images of both cameras from there, `estimators.stereo.cameras`: its covariance is the smallest that the images
+        allow
     the main camera alone sees four or more:
-        the same fit to its images, from the filter's prediction, or from nothing where the first pose is certain
+        the same fit to its images, from the filter's prediction, or from nothing if the first pose is certain
     else no pose, and the reason
 
-The target's pose in the lighthouse frame is declared: it keeps a station that the craft knows. With it the target's
-pose in {C1}, r = C V + M, is the craft's own pose in the lighthouse frame, the one thing that navigation knows:
+The target's pose in the lighthouse frame is declared: the target keeps a station that the craft knows. With it the
+target's pose in {C1}, r = C V + M, gives the craft's own pose in the lighthouse frame, which is what navigation
+estimates:
 
     R_l_b = R_l_T C^T R_b_C1^T,     p = p_T - R_l_C1 (M + q),     q = R_b_C1^T p_b_C1,     R_l_C1 = R_l_T C^T
 
-and an error of (C, M), left and active, is one of the pose, d_l and dp, with the covariance turned accordingly:
+An error of (C, M), left and active, is one of the pose, d_l and dp, with the covariance transformed accordingly:
 
     d_l = -R_l_C1 d,     dp = -R_l_C1 dM - R_l_C1 [M + q]x d
 
-The last term is the lever of the attitude over the distance to the target: by far the largest part of dp from afar,
-and almost wholly correlated with d_l. The filter is given all of it, with R_l_C1 and the lever where it predicts them:
-at the measured pose they would share the noise that they multiply, which costs 2 % of NEES at 30 m.
+The last term is the lever of the attitude over the distance to the target: from afar it is by far the largest part of
+dp, and almost wholly correlated with d_l. The filter takes the full covariance, with R_l_C1 and the lever at their
+predicted values: at the measured pose they would share the noise that they multiply, which costs 2 % of NEES at 30 m.
 """
 
 from collections.abc import Sequence
@@ -44,13 +46,15 @@ from swarm.onboard.settings import Sensor
 from swarm.onboard.tracks import PoseFix, Tracks
 
 FEWEST_ALONE = 4
-"""Lights that one camera needs: three leave up to four poses."""
+"""Least number of lights for one camera: three leave up to four poses."""
 RESIDUAL_LIMIT_RAD = 1e-3
-"""A fit worse than this is not a pose: 40 times the noise, a tenth of the angle between two lights 30 m away."""
+"""Largest residual of an accepted fit [rad]: 40 times the noise, a tenth of the angle between two lights 30 m away."""
 
 
 class CcdState(IntEnum):
-    """What became of one period's images; from TOO_FEW on as `estimators.stereo.closed_form.Reason`."""
+    """Result of one period's images; from TOO_FEW to UNDECIDED the values are those of
+    `estimators.stereo.closed_form.Reason`.
+    """
 
     STEREO = 0
     TOO_FEW = 1
@@ -65,11 +69,12 @@ class CcdState(IntEnum):
 
 @dataclass(frozen=True)
 class CcdCalibration:
-    """What a craft knows of its cameras and of its target, in SI units.
+    """A craft's knowledge of its cameras and of its target, in SI units.
 
-    craft: its index. cameras: as drawn. light_m: (L, 3) in the target's frame. target_rotation (3, 3) R_l_T and
-    target_position (3,) [m]: the declared station. image_noise_m: believed, 1 sigma per coordinate on the detector.
-    closed_form: take the closed form as it is.
+    craft: its index. cameras: as in the model. light_m: lights in the target's frame, (L, 3). target_rotation:
+    R_l_T of the declared station, (3, 3). target_position: its position, (3,) [m]. focal_length_m: of both cameras.
+    image_noise_m: assumed noise, 1 sigma per coordinate on the detector. closed_form: whether the closed form is used
+    without the fit.
     """
 
     craft: int
@@ -83,28 +88,34 @@ class CcdCalibration:
 
     @property
     def rig(self) -> Rig:
-        """Where camera 2 is in camera 1's frame."""
+        """The pose of camera 2 in camera 1's frame."""
         (main, backup), (first, second) = self.cameras.rotation, self.cameras.position_m
         return Rig(main.T @ backup, main.T @ (second - first))
 
     @property
     def noise(self) -> float:
-        """Believed noise of x/f, y/f."""
+        """The assumed noise of x/f, y/f."""
         return self.image_noise_m / self.focal_length_m
 
     def seen_from(self, rotation: Floats, position: Floats) -> tuple[Floats, Floats]:
-        """The target's C (3, 3) and M (3,) for a craft at R_l_b (3, 3), `position` (3,)."""
+        """Return the target's C (3, 3) and M (3,) [m] for a craft at R_l_b (3, 3) and `position` (3,) [m]."""
         main = rotation @ self.cameras.rotation[0]
         pinhole = rotation @ self.cameras.position_m[0] + position
         return main.T @ self.target_rotation, main.T @ (self.target_position - pinhole)
 
     def own_pose(self, c: Floats, m: Floats) -> tuple[Floats, Floats]:
-        """R_l_b (3, 3) and position (3,) of a craft that sees the target at C, M."""
+        """Return R_l_b (3, 3) and position (3,) [m] of a craft that sees the target at C, M."""
         main, lever = self._lever(c, m)
         return main @ self.cameras.rotation[0].T, self.target_position - main @ lever
 
     def own_covariance(self, c: Floats, m: Floats, covariance: Floats) -> Floats:
-        """The covariance (6, 6) of the own pose, from that of the target's pose near C, M."""
+        """Return the covariance (6, 6) of the craft's own pose.
+
+        Args:
+            c: C, (3, 3).
+            m: M, (3,) [m].
+            covariance: covariance of the target's pose near C, M, (6, 6).
+        """
         main, lever = self._lever(c, m)
         slope = np.zeros((6, 6))
         slope[:3, :3] = slope[3:, 3:] = -main
@@ -113,17 +124,18 @@ class CcdCalibration:
         return (turned + turned.T) / 2
 
     def _lever(self, c: Floats, m: Floats) -> tuple[Floats, Floats]:
-        """R_l_C1 and M + q."""
+        """Return R_l_C1 and M + q."""
         return self.target_rotation @ c.T, m + self.cameras.rotation[0].T @ self.cameras.position_m[0]
 
 
 class CcdFix(NamedTuple):
-    """What C craft found in this period's images; NaN where there is no pose.
+    """Poses of C craft from this period's images; NaN without a pose.
 
-    state: (C,) of `CcdState`. lights: (C, 2), how many the main and the backup camera saw. seen: (P, 2, L), which, pair
-    by pair. rotation (C, 3, 3) R_l_b, position (C, 3) [m], covariance (C, 6, 6): lighthouse frame, at the epoch.
-    adop_deg_per_rad, pdop_m_per_rad: (C,), of that pose, per radian of image noise x/f. residual_rad: (C,), RMS. nis:
-    (C,), filled in by the filter.
+    state: codes of `CcdState`, (C,). lights: number of lights that the main and the backup camera saw, (C, 2). seen:
+    which lights, pair by pair, (P, 2, L). rotation: R_l_b, (C, 3, 3). position: (C, 3) [m]. covariance: (C, 6, 6),
+    lighthouse frame, at the epoch. adop_deg_per_rad, pdop_m_per_rad: dilution of precision of that pose, per radian of
+    image noise x/f, (C,). residual_rad: RMS residual, (C,). nis: normalised innovation squared, set after the filter's
+    update, (C,).
     """
 
     state: Ints
@@ -139,13 +151,13 @@ class CcdFix(NamedTuple):
 
     @property
     def known(self) -> Bools:
-        """(C,), where there is a pose."""
+        """The mask of the craft with a pose, (C,)."""
         known: Bools = np.isin(self.state, (CcdState.STEREO, CcdState.CAMERA))
         return known
 
 
 class CcdPose(NamedTuple):
-    """The target in {C1}, with the covariance for unit noise; state says how it was found, or why not."""
+    """The target's pose in {C1}, with the covariance for unit noise; state tells how it was found, or why not."""
 
     state: CcdState
     rotation: Floats
@@ -159,13 +171,13 @@ def _none(state: CcdState) -> CcdPose:
 
 
 class CameraFix:
-    """The cameras' pose sensor: the pairs of cameras of a swarm, in the order of their images."""
+    """The cameras' pose sensor: the pairs of cameras of all craft, in the order of their images."""
 
     def __init__(self, pairs: Sequence[CcdCalibration]) -> None:
         self._pairs = tuple(pairs)
 
     def find(self, images: LightImages, tracks: Tracks) -> tuple[CcdFix, PoseFix]:
-        """Return what the cameras found, and the poses for the filters; an image has one instant: no rate enters."""
+        """Return the cameras' results, and the poses for the filters; an image has one instant, so no rate enters."""
         found = fix(self._pairs, images, tracks.bank.rotation, tracks.bank.position)
         none = np.zeros_like(found.covariance)
         sensor = np.where(found.state == CcdState.STEREO, Sensor.STEREO, Sensor.CAMERA).astype(np.int64)
@@ -174,13 +186,13 @@ class CameraFix:
 
 
 def fix(pairs: Sequence[CcdCalibration], images: LightImages, rotation: Floats, position: Floats) -> CcdFix:
-    """Return the poses of C craft by their cameras.
+    """Return the poses of C craft from their cameras.
 
     Args:
-        pairs: in the order of `images`.
-        images: what the cameras saw.
-        rotation: (C, 3, 3), the filter's prediction, NaN where none.
-        position: (C, 3) [m], likewise.
+        pairs: calibrations, in the order of `images`.
+        images: this period's images.
+        rotation: R_l_b that the filter predicts, (C, 3, 3), NaN if none.
+        position: position that the filter predicts, (C, 3) [m], NaN if none.
     """
     craft = len(position)
     out = CcdFix(
@@ -210,7 +222,14 @@ def fix(pairs: Sequence[CcdCalibration], images: LightImages, rotation: Floats, 
 
 
 def target_pose(pair: CcdCalibration, uv: Floats, seen: Bools, predicted: tuple[Floats, Floats] | None) -> CcdPose:
-    """The target by the images uv (2, L, 2), seen (2, L): stereo while it can, else by the main camera alone."""
+    """Return the target's pose by both cameras if they determine it, else by the main camera alone.
+
+    Args:
+        pair: calibration of the cameras.
+        uv: images x/f, y/f of the lights, (2, L, 2).
+        seen: lights that each camera saw, (2, L).
+        predicted: predicted C (3, 3) and M (3,) [m]; None without a prediction.
+    """
     if np.count_nonzero(seen.all(axis=0)) >= FEWEST_COMMON:
         found = _stereo(pair, uv, seen)
         if found.state == CcdState.STEREO:

@@ -5,8 +5,9 @@
 
 with e = log(R_ref R^T) the attitude error as an active rotation vector in the lighthouse frame, I the inertia about
 the centre of mass turned into that frame, and the gyroscopic torque cancelled. The closed loop of each axis is a
-second-order system of natural frequency w_p (w_a) and damping z. In an orbit the force is less by what gravity and the
-turning frame do anyway (`estimators.relative_orbit`). What thrusters and wheels make of it: `swarm.onboard.actuation`.
+second-order system of natural frequency w_p (w_a) and damping z. In an orbit, the accelerations of gravity and of the
+rotating frame (`estimators.relative_orbit`) are subtracted from the force. `swarm.onboard.actuation` converts the
+wrench into orders to thrusters and wheels.
 """
 
 from typing import NamedTuple
@@ -27,24 +28,29 @@ DAMPING = 0.9
 
 
 class Feedback(NamedTuple):
-    """How firmly C craft hold their reference's place: stiffness (C,) [1/s^2] and damping (C,) [1/s]."""
+    """Position feedback of C craft: stiffness (C,) [1/s^2] and damping (C,) [1/s]."""
 
     stiffness: Floats
     damping: Floats
 
 
 def feedback(craft: int) -> Feedback:
-    """The feedback above, w_p^2 and 2 z w_p, for every craft."""
+    """Return the feedback above, w_p^2 and 2 z w_p, for every craft."""
     return Feedback(np.full(craft, POSITION_FREQUENCY_RAD_S**2), np.full(craft, 2 * DAMPING * POSITION_FREQUENCY_RAD_S))
 
 
 def command(
     reference: Reference, state: State, orbit: RelativeOrbit | None = None, firm: Feedback | None = None
 ) -> Command:
-    """The feedback above; zero where `state` is NaN, as where the reference holds neither position nor attitude.
+    """Return the accelerations of the feedback above.
 
-    orbit: the lighthouse's, in which the actuators need only do what gravity does not. firm: of the places, where not
-    every craft has the usual one.
+    They are zero if `state` is NaN, or if the reference holds neither position nor attitude.
+
+    Args:
+        reference: references of C craft.
+        state: states by which the craft steer, NaN where unknown.
+        orbit: the lighthouse's orbit, whose acceleration is subtracted; None in weightless space.
+        firm: position feedback, if not every craft has the usual one.
     """
     count = len(reference.position)
     out, gains, believed = Command(*np.zeros((2, count, 3))), firm or feedback(count), _contiguous(state)
@@ -70,16 +76,31 @@ def command(
 
 
 def without_gravity(order: Command, holds_position: Bools, state: State, orbit: RelativeOrbit) -> Command:
-    """The order for a wanted acceleration: less by the orbit's own at `state`, for craft that hold and know theirs."""
+    """Return the command less the orbital acceleration at `state`, for craft that hold and know their position.
+
+    Args:
+        order: accelerations that are wanted in total.
+        holds_position: craft whose reference holds the position, (C,).
+        state: states by which the craft steer, NaN where unknown.
+        orbit: the lighthouse's orbit.
+    """
     pull = orbital_acceleration(orbit, state.position, state.velocity)
     known = holds_position[:, None] & np.isfinite(pull).all(axis=1, keepdims=True)
     return order._replace(acceleration=order.acceleration - np.where(known, pull, 0.0))
 
 
 def wrench(order: Command, reference: Reference, state: State, mass: Floats, inertia: Floats) -> tuple[Floats, Floats]:
-    """Force (C, 3) [N] and torque (C, 3) [N m] about the centre of mass, lighthouse frame, that do what is ordered.
+    """Return the wrench that produces the ordered accelerations, zero torque for a craft that does not know its state.
 
-    mass: (C,) [kg]. inertia: (C, 3, 3) [kg m^2] in the body frame. A craft that does not know its state does nothing.
+    Args:
+        order: accelerations of C craft.
+        reference: references of the craft.
+        state: states by which the craft steer, NaN where unknown.
+        mass: (C,) [kg].
+        inertia: inertia about the centre of mass, body frame, (C, 3, 3) [kg m^2].
+
+    Returns:
+        Force (C, 3) [N] and torque (C, 3) [N m] about the centre of mass, lighthouse frame.
     """
     torque = np.zeros((len(mass), 3))
     believed = _contiguous(state)
@@ -123,7 +144,7 @@ def _command_into(
     acceleration: Floats,
     angular_acceleration: Floats,
 ) -> None:
-    """`command` of every craft, into (C, 3) each, which are zero."""
+    """Write `command` of every craft into `acceleration` and `angular_acceleration`, (C, 3) each, initially zero."""
     difference, error = np.empty((3, 3)), np.empty(3)
     turn_stiffness, turn_damping = ATTITUDE_FREQUENCY_RAD_S**2, 2 * DAMPING * ATTITUDE_FREQUENCY_RAD_S
     for c in range(len(position)):
@@ -157,7 +178,7 @@ def _torque_into(
     inertia: Floats,
     torque: Floats,
 ) -> None:
-    """The torque of `wrench`, into (C, 3), which is zero."""
+    """Write the torque of `wrench` into `torque` (C, 3), initially zero."""
     half, turned = np.empty((3, 3)), np.empty((3, 3))
     for c in range(len(change)):
         w = rate[c]

@@ -1,18 +1,19 @@
-"""Sweep angles from light pulses (1): the timing side of each craft's computer, for C craft side by side.
+"""Sweep angles from light pulses (1): the timing circuits of C craft side by side.
 
     theta_x = w (t_x - t_0),   theta_y = w (t_y - t_1),   w = 2 pi times the rotor's rate                        (1)
 
-t_0 and t_1 are the rises of the sync flashes (`swarm.onboard.flashes` says which are believed), t_x and t_y the middles
-of a photodiode's sweep pulses, all in ticks of the craft's own clock: nothing here knows any other. The epoch of a
-period is half a turn after its X flash. Nothing doubtful becomes an angle. Rejected and counted are:
+t_0 and t_1 are the rises of the sync flashes (`swarm.onboard.flashes` decides which are accepted), t_x and t_y the
+middles of a photodiode's sweep pulses, all in ticks of the craft's own clock; no other clock is used. The epoch of a
+period is half a turn after its X flash. Doubtful pulses do not become angles. The decoder rejects and counts:
 
-- two pulses of one photodiode in one sweep, both: which of them is the reflection cannot be told from here;
+- two pulses of one photodiode in one sweep, both of them: the reflection cannot be told from the direct pulse here;
 - sweep pulses outside the field, or of a sweep whose flash is not known;
-- flashes of no known code or not where they should be; pulses of photodiodes that the craft does not have.
+- flashes of no known code or not at their expected time; pulses of photodiodes that the craft does not have.
 
 Two stations share the light as in Lighthouse 1.0 (modes b and c): both flash every half turn, the second 20 000 ticks
-of 48 MHz after the first, and they take turns sweeping, one turn each; the skip bit says whose turn it is not. A period
-is then two turns, and the decoder follows the station of one `slot`; the other's flashes and sweeps are not counted.
+of 48 MHz after the first, and they take turns sweeping, one turn each; the skip bit marks the station that does not
+sweep. A period is then two turns, and the decoder follows the station of one `slot`; the other's flashes and sweeps are
+not counted.
 """
 
 from typing import NamedTuple
@@ -26,20 +27,22 @@ from swarm.messages import SKIP_BIT, SYNC_WIDTH_S, SYNC_WIDTH_STEP_S, Pulses
 from swarm.onboard.flashes import MAX_FLASHES, Flashes, FlashRecord, Timing, follow, group
 
 SLOT_S = 20000 / 48e6
-"""The second station's flash comes this much after the first's [s]."""
+"""Delay of the second station's flash after the first's [s]."""
 SYNC_TOLERANCE_S = 150e-6
-"""How far from its expected instant a flash may rise [s]: real ones keep to 12 us, the next slot is 417 us away."""
+"""Largest deviation of a flash's rise from its expected instant [s]: real ones keep to 12 us, the next slot is 417 us
+away.
+"""
 FIELD_HALF_ANGLE_RAD = 1.15
-"""Half the field of 120 degrees, and 6 degrees more for what the fans' systematic errors can add [rad]."""
+"""Half the field of 120 degrees, plus 6 degrees for the fans' systematic errors [rad]."""
 
 
 class SweepAngles(NamedTuple):
     """Sweep angles of C craft in one period; see `swarm.onboard.decoder`.
 
-    theta: (C, K, 2) [rad], fans X and Y, from the fan's own flash, NaN where not seen. offset_s: (C, K, 2), the instant
-    of the angle minus the epoch [s], 0 where not seen. lit: (C, K), seen by both fans. epoch_tick: (C,), the epoch in
-    the craft's own ticks, -1 before it has ever locked on. missed_sync: (C,), flashes of this period that a craft
-    which knew when to expect them did not see (0 to 2). rejected: (C,), pulses that belonged to nothing.
+    theta: angles of fans X and Y since the fan's own flash, NaN if not seen, (C, K, 2) [rad]. offset_s: instant of the
+    angle minus the epoch, 0 if not seen, (C, K, 2) [s]. lit: photodiodes seen by both fans, (C, K). epoch_tick: epoch
+    in the craft's own ticks, -1 before it has ever locked on, (C,). missed_sync: number of this period's flashes that a
+    craft expected and did not see (0 to 2), (C,). rejected: number of rejected pulses, (C,).
     """
 
     theta: Floats
@@ -54,10 +57,10 @@ class SweepAngles(NamedTuple):
 def _read_sweeps(
     pulses: Ints, timing: Timing, flash: Floats, swept: Bools, epoch: int, hits: Ints, theta: Floats, offset: Floats
 ) -> int:
-    """Write one craft's angles [rad] and their offsets [ticks], (K, 2); return how many pulses were rejected.
+    """Write one craft's angles [rad] and their offsets [ticks], (K, 2); return the number of rejected pulses.
 
-    pulses: (3, P), photodiode, rise and width. flash, swept: (2,), each fan's flash and whether its sweep can be read.
-    hits: (K, 2), scratch.
+    pulses: photodiode, rise and width, (3, P). flash, swept: each fan's flash and whether its sweep can be read, (2,).
+    hits: scratch, (K, 2).
     """
     two_stations = timing.period > 3 * timing.half_turn
     rejected = 0
@@ -67,7 +70,7 @@ def _read_sweeps(
         if width >= timing.shortest_pulse:
             continue
         middle = float(rise) + 0.5 * width
-        # With two stations the second turn of the period is the other's.
+        # With two stations, the second turn of the period belongs to the other one.
         belongs = two_stations and middle > flash[0] + 2 * timing.half_turn
         for fan in range(2):
             since = middle - flash[fan]
@@ -99,9 +102,10 @@ def _decode(
     seen: Floats,
     out: SweepAngles,
 ) -> None:
-    """One period of every craft: pulses (C, P); present (C, K); last, seen (C, 2), what each craft remembers.
+    """Decode one period of every craft into `out`.
 
-    tick: of the craft's clock [s].
+    pulses: (C, P). present: (C, K). last, seen: flashes that each craft remembers, (C, 2) [ticks]. tick: of the craft's
+    clock [s].
     """
     two_stations = timing.period > 3 * timing.half_turn
     longest_pulse = timing.code_zero + 7.5 * timing.code_step
@@ -148,7 +152,7 @@ def _decode(
 class PulseDecoder:
     """The timing circuits of C craft: `decode` takes each one's pulses of one period and returns its sweep angles.
 
-    Between calls a craft remembers its last flashes, predicted and seen, in its own ticks, and nothing else.
+    Between calls a craft remembers only its last flashes, predicted and seen, in its own ticks.
     """
 
     def __init__(
@@ -162,14 +166,20 @@ class PulseDecoder:
         field_half_angle_rad: float = FIELD_HALF_ANGLE_RAD,
         coast_turns: int = 6,
     ) -> None:
-        """Decode for the craft that have the photodiodes `present` (C, K), with clocks of nominally `tick_s` [s].
+        """Begin without any flash.
 
-        rate_hz: turns of the rotor per second. frame_s: from one epoch to the next, one turn (the default) with one
-        station, two with two. slot: which station to follow, 0 the one that flashes first. field_half_angle_rad:
-        sweeps further from boresight are not believed. coast_turns: how many turns ahead a flash may be predicted;
-        the prediction errs by 2 pi times the clock's error against the rotor per turn (63 urad at 10 ppm).
+        Args:
+            present: photodiodes of each craft, (C, K).
+            tick_s: nominal tick of the craft's clocks [s].
+            rate_hz: turns of the rotor per second [Hz].
+            frame_s: time from one epoch to the next [s]: one turn (the default) with one station, two with two.
+            slot: number of the station to follow, 0 for the one that flashes first.
+            field_half_angle_rad: largest angle from boresight of an accepted sweep [rad].
+            coast_turns: number of turns ahead for which a flash may be predicted; per turn, the prediction errs by 2 pi
+                times the clock's relative error against the rotor (63 urad at 10 ppm).
 
-        Raises ValueError for a setting that is not one of these.
+        Raises:
+            ValueError: a setting is out of its range.
         """
         turn_s = 1 / rate_hz
         turns = 1 if frame_s is None else round(frame_s * rate_hz)
@@ -189,7 +199,7 @@ class PulseDecoder:
         self._timing = Timing(
             half_turn=turn / 2,
             period=turns * turn,
-            coast=(coast_turns + 0.5) * turn,  # Half a turn more than the last one that counts: jitter does not matter.
+            coast=(coast_turns + 0.5) * turn,  # Half a turn beyond the last one allowed, against jitter.
             slot_gap=SLOT_S / tick_s,
             tolerance=SYNC_TOLERANCE_S / tick_s,
             sweep_first=(0.25 - field_half_angle_rad / (2 * np.pi)) * turn,
@@ -203,14 +213,18 @@ class PulseDecoder:
         self._seen = np.full((len(present), 2), np.nan)
 
     def forget(self, mask: Bools) -> None:
-        """Forget every flash of these craft (C,), as a computer does that has just started."""
+        """Forget every flash of the craft of the mask (C,), as after a restart of their computers."""
         self._last[mask] = self._seen[mask] = np.nan
 
     def decode(self, pulses: Pulses) -> SweepAngles:
-        """Advance every craft by one period and read its sweeps: to be called once per period, without exception.
+        """Advance every craft by one period and read its sweeps; call it once in every period.
 
-        pulses: of C craft, in order of rise, from shortly before the period's X flash to shortly before the next one's;
-        without any, a craft's epoch advances all the same. Raises ValueError if they are of another number of craft.
+        Args:
+            pulses: pulses of C craft in order of rise, from shortly before the period's X flash to shortly before the
+                next one's; a craft without any still advances its epoch.
+
+        Raises:
+            ValueError: the pulses are of another number of craft.
         """
         craft, photodiodes = self._present.shape
         if pulses.total.shape != (craft,) or pulses.rise_tick.shape[0] != craft:

@@ -1,13 +1,13 @@
-"""The sync flashes among one craft's pulses, and where its own record of them says that they should be.
+"""Detection of the sync flashes among one craft's pulses, and the craft's record of their expected times.
 
 A pulse is part of a flash if it is at least half as long as the shortest flash. Overlapping ones are one flash: it rose
 when the first of them rose and is as long as the longest, because a photodiode in weak light triggers late; its length
-is its code (see `swarm.messages`). A craft believes flashes as follows:
+is its code (see `swarm.messages`). A craft accepts flashes as follows:
 
 - It locks on when it sees an X and a Y flash that announce sweeps and lie half a turn apart.
-- Locked, it believes the flash nearest to where the same fan's last one puts it, within `tolerance`. One that is
-  missing is put there, for at most `coast` ticks; after that half a turn from the other fan's if that one was seen;
-  else the fan's sweeps are not read. With neither fan's flash within reach it is no longer locked.
+- Locked, it accepts the flash nearest to the time that the same fan's last one predicts, within `tolerance`. A missing
+  flash is placed there, for at most `coast` ticks; after that, half a turn from the other fan's flash if that one was
+  seen; else the fan's sweeps are not read. With neither fan's flash within reach it is no longer locked.
 
 Kernels for one craft; ticks are its own, as floats: exact to half a tick for 2^52 ticks.
 """
@@ -21,15 +21,16 @@ from estimators.kernel import kernel
 from swarm.messages import FAN_BIT, SKIP_BIT
 
 MAX_FLASHES = 32
-"""Flashes that are told apart per call; two stations make eight, further ones are rejected."""
+"""Largest number of flashes per call; two stations make eight, further ones are rejected."""
 
 
 class Timing(NamedTuple):
-    """What a craft knows of the lighthouse, in ticks of its clock.
+    """A craft's knowledge of the lighthouse's timing, in ticks of its clock.
 
-    half_turn, period: of the rotor; from one X flash to the next that announces a sweep. coast: how long a flash may
-    be predicted. slot_gap: second station after the first. tolerance: of a flash's instant. sweep_first, sweep_last:
-    from a flash, the field. shortest_pulse: of a flash. code_zero, code_step: lengths of flashes. slot: the station's.
+    half_turn: half a turn of the rotor. period: from one X flash that announces a sweep to the next. coast: time for
+    which a flash may be predicted. slot_gap: delay of the second station's flash. tolerance: of a flash's instant.
+    sweep_first, sweep_last: limits of the field, from a flash. shortest_pulse: shortest pulse of a flash. code_zero,
+    code_step: lengths of flashes by their code. slot: slot of the followed station.
     """
 
     half_turn: float
@@ -46,9 +47,10 @@ class Timing(NamedTuple):
 
 
 class Flashes(NamedTuple):
-    """Flashes of one call, (MAX_FLASHES,) each: rise [ticks]; code, -1 if none; pulses in it; whose it is.
+    """Flashes of one call, (MAX_FLASHES,) each.
 
-    mine: 1 the followed station's, 0 the other's, -1 its partner, which would tell, is missing.
+    rise: [ticks]. code: -1 if none. size: number of pulses in the flash. mine: 1 for the followed station's, 0 for the
+    other's, -1 if unknown because its partner is missing.
     """
 
     rise: Floats
@@ -58,7 +60,10 @@ class Flashes(NamedTuple):
 
 
 class FlashRecord(NamedTuple):
-    """One craft's memory, per fan (2,) [ticks], NaN for none: its last flash, predicted or seen; the last one seen."""
+    """One craft's memory, per fan (2,) [ticks], NaN for none.
+
+    last: the last flash, predicted or seen. seen: the last flash that was seen.
+    """
 
     last: Floats
     seen: Floats
@@ -66,7 +71,17 @@ class FlashRecord(NamedTuple):
 
 @kernel
 def group(rise: Ints, width: Ints, timing: Timing, out: Flashes) -> tuple[int, int]:
-    """Write the flashes among pulses (P,), in order of rise; return their number and that of pulses with no room."""
+    """Write the flashes among P pulses.
+
+    Args:
+        rise: rises of the pulses, in order, (P,) [ticks].
+        width: widths of the pulses, (P,) [ticks].
+        timing: timing of the lighthouse.
+        out: flashes, written.
+
+    Returns:
+        The number of flashes, and the number of pulses of flashes beyond MAX_FLASHES.
+    """
     count, rejected, longest = 0, 0, 0.0
     for i in range(len(rise)):
         if width[i] < timing.shortest_pulse:
@@ -95,7 +110,15 @@ def group(rise: Ints, width: Ints, timing: Timing, out: Flashes) -> tuple[int, i
 
 @kernel
 def nearest(fan: int, expected: float, flashes: Flashes, count: int, tolerance: float) -> int:
-    """Index of the fan's flash that rose nearest to `expected` [ticks], -1 if none did within the tolerance."""
+    """Return the index of the fan's flash that rose nearest to the expected time, -1 if none is within the tolerance.
+
+    Args:
+        fan: 0 for X, 1 for Y.
+        expected: expected rise [ticks].
+        flashes: flashes of this period.
+        count: number of flashes.
+        tolerance: largest deviation [ticks].
+    """
     best, index = tolerance, -1
     for i in range(count):
         error = abs(flashes.rise[i] - expected)
@@ -106,7 +129,13 @@ def nearest(fan: int, expected: float, flashes: Flashes, count: int, tolerance: 
 
 @kernel
 def first_pair(flashes: Flashes, count: int, timing: Timing) -> tuple[int, int]:
-    """Indices of the first X and Y flash that announce sweeps and lie half a turn apart, (-1, -1) if there are none."""
+    """Return the indices of the first X and Y flash that announce sweeps and lie half a turn apart, (-1, -1) if none.
+
+    Args:
+        flashes: flashes of this period.
+        count: number of flashes.
+        timing: timing of the lighthouse.
+    """
     for i in range(count):
         for j in range(i + 1, count):
             known = flashes.code[i] >= 0 and flashes.code[j] >= 0 and flashes.mine[i] == 1 and flashes.mine[j] == 1
@@ -120,9 +149,17 @@ def first_pair(flashes: Flashes, count: int, timing: Timing) -> tuple[int, int]:
 
 @kernel
 def follow(flashes: Flashes, count: int, timing: Timing, record: FlashRecord, swept: Bools) -> tuple[int, int, int]:
-    """Advance a craft's record by one period, from this period's flashes; write which fans' sweeps can be read (2,).
+    """Advance a craft's record by one period, using this period's flashes.
 
-    Returns the indices of the X and the Y flash that it believes (-1: not seen), and how many it expected but missed.
+    Args:
+        flashes: flashes of this period.
+        count: number of flashes.
+        timing: timing of the lighthouse.
+        record: the craft's record, updated.
+        swept: whether each fan's sweep can be read, (2,), written.
+
+    Returns:
+        The indices of the accepted X and Y flash (-1: not seen), and the number of expected flashes that were missed.
     """
     record.last[:] += timing.period
     locked = record.last[0] - record.seen[0] <= timing.coast or record.last[1] - record.seen[1] <= timing.coast

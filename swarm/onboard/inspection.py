@@ -1,11 +1,11 @@
-"""What craft with a LiDAR make of a target that does not cooperate: its pose, per observer and fused.
+"""Inspection of an uncooperative target by craft with a LiDAR: the target's pose, per observer and fused.
 
 Per scan and observer, at the epoch of the lighthouse period in which the scan is complete:
 
     scan, everything moved to the epoch                                  swarm.onboard.lidar
-    -> no track: acquire, from nothing                                    estimators.lidar.acquisition
+    -> no track: acquire, without a prediction                            estimators.lidar.acquisition
     -> a track: register, from the filter's prediction                    estimators.lidar.tracking
-    -> lost (residual, overlap, gate) so many times in a row: acquire again from this very scan
+    -> lost (residual, overlap, gate) in several successive scans: acquire again from this very scan
     -> pose of the target in the lighthouse frame, through the observer's own fix
     -> EKF, the same one as for craft                                     estimators.filter.filterpy_bank
 
@@ -15,11 +15,11 @@ All in the lighthouse frame. With the observer at (R_o, p_o), its scanner turned
     R = R_l_s R_s_t,   p = p_l_s + R_l_s p_s,   P = A P_own A^T + B P_scan B^T
     A = [[I, 0], [-[r]x, I]],   B = diag(R_l_s, R_l_s)
 
-The error of the observer's own fix lasts: several scans share it. Its part of P counts `own_correlation_s * rate`
-times, so that the filter does not take it for fresh noise. All rays of the target have an age tau; wrong rates of the
-target shift the pose by tau times their error, which is the filter's coupling B = tau I.
+The error of the observer's own fix persists: several scans share it. Its part of P is multiplied by
+`own_correlation_s * rate`, so that the filter does not treat it as independent noise. All rays of the target have an
+age tau; wrong rates of the target shift the pose by tau times their error, which is the filter's coupling B = tau I.
 
-The observers' poses of one target also go into one filter more, observer by observer: the target's fused estimate.
+The observers' poses of one target also update one further filter, observer by observer: the target's fused estimate.
 """
 
 from collections.abc import Sequence
@@ -42,15 +42,19 @@ from swarm.onboard.navigation import Estimate
 from swarm.onboard.settings import Status
 
 LIDAR_SENSOR = 6
-"""Of `swarm.results.columns.core.SENSORS`: no sum of `Sensor`s, since a pair of cameras is never one camera too."""
+"""Code of `swarm.results.columns.core.SENSORS`: no sum of `Sensor`s, as a pair of cameras is never one camera too."""
 UNKNOWN_RATE = (0.3, 0.3)
-"""1 sigma per axis of a target's rates before they are known: angular [rad/s], linear [m/s]."""
+"""Standard deviation per axis of a target's rates before they are known: angular [rad/s], linear [m/s]."""
 POSE = np.array([0, 1, 2, 6, 7, 8])
-"""Where (attitude, position) sit in the filter's state."""
+"""Indices of (attitude, position) in the filter's state."""
 
 
 class Observer(NamedTuple):
-    """One LiDAR: the craft that carries it and the craft that it looks at, by index; what is known of both."""
+    """One LiDAR.
+
+    craft: index of the craft that carries it. target: index of the craft that it observes. pattern: the LiDAR's
+    pattern. shape: known shape of the target.
+    """
 
     craft: int
     target: int
@@ -60,8 +64,12 @@ class Observer(NamedTuple):
 
 @dataclass(frozen=True)
 class InspectionSettings:
-    """In SI units. lost_after: so many scans in a row that do not track mean a lost target. own_correlation_s:
-    how long an error of the observer's own fix lasts.
+    """Settings of the inspection, in SI units.
+
+    frame_s: length of a lighthouse period. acceleration_noise_m_s2, angular_acceleration_noise_rad_s2: process noise of
+    the target's filter. gate_probability: of the filter's gate. coast_limit_s: time without a pose after which the
+    filter is stopped. lost_after: number of successive scans that do not track after which the target is lost.
+    own_correlation_s: correlation time of the error of the observer's own fix.
     """
 
     frame_s: float
@@ -74,12 +82,16 @@ class InspectionSettings:
 
 
 class LidarFix(NamedTuple):
-    """What became of one scan. craft, target: by index. outcome: of `estimators`' Verdict (acquisition) or Outcome
-    (tracking), in words, or why nothing was tried. acquired: it was an acquisition. points: returns of the target.
+    """Result of one scan; NaN without a pose.
 
-    rotation (3, 3), position (3,) [m], covariance (6, 6): the pose found, lighthouse frame, NaN where none. accepted:
-    the filter took it in; nis: its squared innovation. ekf_rotation, ekf_position, ekf_covariance (6, 6): the
-    observer's own filter afterwards. cloud: (n, 3) [m], the returns in the lighthouse frame, as the observer believes.
+    craft, target: indices. outcome: of `estimators`' Verdict (acquisition) or Outcome (tracking), in words, or why
+    nothing was tried. acquired: whether it was an acquisition. points: number of returns of the target. residual_m,
+    overlap, confidence: quality of the registration.
+
+    rotation (3, 3), position (3,) [m], covariance (6, 6): the pose found, lighthouse frame. accepted: whether the
+    filter accepted it. nis: its squared innovation, normalised. ekf_rotation, ekf_position, ekf_covariance (6, 6): the
+    observer's own filter afterwards. cloud: returns in the lighthouse frame, by the observer's own estimate, (n, 3)
+    [m].
     """
 
     craft: int
@@ -102,7 +114,7 @@ class LidarFix(NamedTuple):
 
 
 class _Pose(NamedTuple):
-    """A pose of the target in the scanner's frame, believed or not."""
+    """A pose of the target in the scanner's frame; `good` if it is accepted."""
 
     rotation: Floats
     position: Floats
@@ -117,9 +129,9 @@ class _Pose(NamedTuple):
 
 
 class Inspection:
-    """The computers of all observers: `step` takes what became complete in a period and returns what each made of it.
+    """The computers of all observers: `step` takes the scans completed in a period and returns each observer's result.
 
-    Rows of the filter bank: the observers, in order, then the targets, fused.
+    Rows of the filter bank: the observers, in order, then the fused targets.
     """
 
     def __init__(self, observers: Sequence[Observer], settings: InspectionSettings) -> None:
@@ -138,13 +150,16 @@ class Inspection:
         self._nis = np.full(rows, np.nan)
 
     def observers_of(self, target: int) -> list[int]:
-        """The craft that look at a target."""
+        """Return the craft that observe a target."""
         return [o.craft for o in self.observers if o.target == target]
 
     def step(self, scans: Sequence[LidarScan | None], own: Estimate, epoch_s: float) -> list[LidarFix]:
-        """Advance all tracks by one lighthouse period to its epoch, `epoch_s` [s] on the LiDARs' clock.
+        """Advance all tracks by one lighthouse period, to its epoch.
 
-        scans: of each observer, None where none became complete. own: what every craft knows of itself at the epoch.
+        Args:
+            scans: scan of each observer, None if none was completed.
+            own: every craft's own estimate at the epoch.
+            epoch_s: epoch on the LiDARs' clock [s].
         """
         s, bank = self.settings, self._filter
         bank.predict(s.frame_s, bank.active)
@@ -155,7 +170,7 @@ class Inspection:
         return fixes
 
     def into(self, own: Estimate) -> Estimate:
-        """Return the estimate of all craft, in which a target's own row is the fused fix of its observers."""
+        """Return the estimate of all craft, with each target's row replaced by the fused estimate of its observers."""
         if not self.targets:
             return own
         bank = self._filter
@@ -190,7 +205,7 @@ class Inspection:
         )
 
     def _status(self, row: int, of_target: list[int]) -> int:
-        """Tracking as long as no observer has missed a scan that it should have had."""
+        """Return TRACKING as long as no observer has missed a scan that was due."""
         if not self._filter.active[row]:
             return Status.AMBIGUOUS if self._ambiguous[of_target].any() else Status.SEARCHING
         slowest = max(self.observers[i].pattern.period_s for i in of_target)
@@ -211,7 +226,7 @@ class Inspection:
             return self._fix(i, found, None, None, cloud)
         rotation, position = turn @ found.rotation, place + turn @ found.position
         covariance = self._covariance(own.covariance[o.craft], found.covariance, turn, position - me.position, o)
-        # The rays that made the pose: those that came back from where the target is.
+        # The rays that determine the pose: those that returned from the target's position.
         back = scan.time_s[seen.returned]
         age = float(back[np.linalg.norm(seen.point - found.position, axis=1) < o.shape.radius_m].mean()) - epoch_s
         self._take_in(i, fused, found, rotation, position, covariance, age)
@@ -257,7 +272,7 @@ class Inspection:
     def _take_in(
         self, i: int, fused: int, found: _Pose, rotation: Floats, position: Floats, covariance: Floats, age: float
     ) -> None:
-        """Start, update or correct the observer's filter and the fused one."""
+        """Start or update the observer's filter and the fused one."""
         bank, s = self._filter, self.settings
         coupling = age * np.eye(6)
         for row in (i, fused):
@@ -273,7 +288,7 @@ class Inspection:
                     continue
                 if row == i:
                     self._failures[i] += 1
-                # Acquired anew, and not where the filter has it: the filter is wrong, not the acquisition; unless
+                # A new acquisition contradicts the filter: the filter is wrong, not the acquisition, unless
                 # the other observers have just confirmed it.
                 lone = self._since_s[row] > s.lost_after * self.observers[i].pattern.period_s
                 if not found.acquired or (row == fused and not lone):

@@ -1,11 +1,10 @@
-"""How far a craft trusts its own pose: the residual test, false photodiodes dropped, protection levels, the alert.
+"""Integrity of a craft's own pose: the residual test, exclusion of false photodiodes, protection levels, the alert.
 
 Per lighthouse period, after PnP:
 
-- the residuals are tested (`estimators.lighthouse.integrity`); a pose that fails is solved again without the fewest
-photodiodes
-  that make the others agree, or is not believed at all;
-- a protection level bounds the error of what passed: with K the normal quantile of the integrity risk,
+- The residuals are tested (`estimators.lighthouse.integrity`). A pose that fails is solved again without the smallest
+  set of photodiodes whose exclusion makes the others agree; if there is none, the pose is rejected.
+- A protection level bounds the error of a pose that passed. With K the normal quantile of the integrity risk,
 
       PL = K s PDOP + slope sqrt(L) sqrt(1 - rho) s     of this period's pose, likewise with ADOP for the attitude
       PL = K sqrt(tr P) + the same second term          of the filter's estimate, P its position's or attitude's
@@ -14,11 +13,11 @@ photodiodes
   tail of one normal variable beyond K, for any K above 1.24 (Szekely and Bakirov, Probab. Theory Relat. Fields 126,
   2003). The second one is the fault: one false photodiode that the residual test has missed
   (`estimators.lighthouse.slope`), L being the noncentrality that it misses with the probability `missed_detection`. A
-  filter that coasts keeps the second term of the last pose that it took in. Where its gate refuses a pose, one of the
-  two is wrong: the filter's level then reaches as far beyond the pose as the pose's own level.
-- the alert is raised where the filter's level passes its limit, or there is no estimate to have one.
+  filter that coasts keeps the second term of the last pose that it took in. If its gate refuses a pose, one of the
+  two is wrong: the filter's level then covers the distance to the pose and the pose's own level.
+- The alert is raised if the filter's level exceeds its limit, or if there is no estimate.
 
-The rotor's speed is watched on the way: flashes come once per turn, and a turn that is too long or short by the craft's
+The rotor's speed is monitored as well. Flashes come once per turn; a turn that is too long or too short by the craft's
 own clock turned the fans slower or faster through their angles, theta = w (t - t_0) (1), by the same share.
 """
 
@@ -46,17 +45,19 @@ from swarm.onboard.decoder import SweepAngles
 from swarm.onboard.tracks import Filtered, Taken
 
 LARGEST_SPEED_ERROR = 1e-3
-"""A turn that is off by more is a mistaken flash, not a rotor."""
+"""Relative error of a turn's length beyond which a flash was mistaken; no rotor is off by so much."""
 
 
 @dataclass(frozen=True)
 class IntegritySettings:
-    """In SI units. residual_test: False lets every fit pass, where the noise does not account for all errors.
+    """Settings of the integrity monitor, in SI units.
 
-    false_alarm, missed_detection: of the residual test, per pose. risk: of an error beyond its protection level, per
-    estimate. rounding_rad: of a sweep to a tick, 1 sigma, beside the angle noise. alert_position_m, alert_attitude_rad:
-    limits of the filter's protection levels; infinite for none. tick_s, speed_tolerance: of the clock, and the error of
-    a turn's length, as a share, that is taken for the clock's; None: the rotor's speed is not watched.
+    residual_test: False lets every fit pass, for errors that the noise model does not account for. false_alarm,
+    missed_detection: probabilities of the residual test, per pose. risk: probability of an error beyond its protection
+    level, per estimate. rounding_rad: noise of a sweep rounded to a tick, 1 sigma, beside the angle noise.
+    alert_position_m, alert_attitude_rad: limits of the filter's protection levels; infinite for none. tick_s: tick of
+    the clock; None: the rotor's speed is not monitored. speed_tolerance: relative error of a turn's length that is
+    attributed to the clock.
     """
 
     residual_test: bool = True
@@ -71,11 +72,12 @@ class IntegritySettings:
 
 
 class Integrity(NamedTuple):
-    """What C craft make of their own pose, each (C,).
+    """Integrity of the poses of C craft, each (C,).
 
-    dropped: photodiodes left out as false; -1: the residuals failed and no subset agreed. pnp_position_m,
-    pnp_attitude_deg: protection levels of this period's pose, NaN without one. position_m, attitude_deg: of the
-    filter's estimate, NaN without one. alert: one of those has passed its limit; watched: whether there is any.
+    dropped: number of photodiodes excluded as false; -1: the residuals failed and no subset agreed. pnp_position_m,
+    pnp_attitude_deg: protection levels of this period's pose, NaN without one. position_m, attitude_deg: protection
+    levels of the filter's estimate, NaN without one. alert: whether one of those exceeds its limit. watched: whether
+    there is any limit.
     """
 
     dropped: Ints
@@ -88,8 +90,10 @@ class Integrity(NamedTuple):
 
 
 class Screened(NamedTuple):
-    """PnP's answer after the test: the poses, the photodiodes (C, K) that they are from, their number and that of those
-    that were dropped, (C,) each.
+    """Poses of PnP after the residual test.
+
+    solution: the poses. lit: photodiodes that they are solved from, (C, K). used: number of those, (C,). dropped:
+    number of photodiodes excluded, (C,); -1 as in `Integrity`.
     """
 
     solution: PoseSolution
@@ -99,12 +103,19 @@ class Screened(NamedTuple):
 
 
 class Monitor:
-    """The integrity of C craft, each by itself: nothing in here mixes rows of the craft axis."""
+    """The integrity monitors of C craft, each by itself: no operation mixes rows of the craft axis."""
 
     def __init__(
         self, settings: IntegritySettings, angle_noise_rad: float, rotor_correlation: float, shape: tuple[int, int]
     ) -> None:
-        """Settings of the navigation: s and rho of (18), (19); shape (C, K)."""
+        """Start without a held fault term.
+
+        Args:
+            settings: settings of the monitor.
+            angle_noise_rad: s of (18), (19) [rad].
+            rotor_correlation: rho of (18), (19).
+            shape: numbers of craft and of photodiodes (C, K).
+        """
         craft, most = shape
         self.settings = settings
         self._sigma_rad = angle_noise_rad
@@ -117,12 +128,12 @@ class Monitor:
         self._turn = RotorWatch(craft)
 
     def forget(self, mask: Bools) -> None:
-        """Forget what these craft (C,) have held."""
+        """Forget the fault terms and flashes of the craft of the mask (C,)."""
         self._held[:, mask] = 0.0
         self._turn.forget(mask)
 
     def speed(self, angles: SweepAngles, frame_s: float) -> Floats | None:
-        """Each craft's rotor speed (C,) against the nominal one, from its flashes; None where all keep to it."""
+        """Return each craft's rotor speed (C,) relative to the nominal one, by its flashes; None if all are nominal."""
         s = self.settings
         return None if s.tick_s is None else self._turn.speed(angles, frame_s / s.tick_s, s.speed_tolerance)
 
@@ -135,15 +146,22 @@ class Monitor:
         start: tuple[Floats, Floats],
         rate_covariance: Callable[[int], Floats],
     ) -> Screened:
-        """Test the poses of the craft `asked` (C,), solved with `count` (C,) photodiodes from `start`, a pose of each.
+        """Test the residuals of all poses, and solve the failing ones again without false photodiodes.
 
-        rate_covariance: of the rates that they assumed, (6, 6), asked for only of craft whose pose is in doubt.
+        Args:
+            sweeps: this period's sweeps.
+            asked: craft whose pose is tested, (C,).
+            count: number of photodiodes of each pose, (C,).
+            solution: the poses.
+            start: the start poses that they were solved from, (C, 3, 3) and (C, 3) [m].
+            rate_covariance: function of a craft's index that returns the covariance (6, 6) of its assumed rates; called
+                only for craft whose pose is in doubt.
         """
         dropped = np.zeros(len(asked), dtype=np.int64)
         if not self.settings.residual_test:
             return Screened(solution, sweeps.lit, count, dropped)
         limit = self._threshold[count]
-        # A cost that is not a number is not below its limit.
+        # A NaN cost is not below its limit.
         doubtful = np.flatnonzero(asked & ~(solution.solved & (solution.cost <= limit * self._noise.own_rad**2)))
         if not len(doubtful):
             return Screened(solution, sweeps.lit, count, dropped)
@@ -167,9 +185,16 @@ class Monitor:
         return Screened(parts, lit, count, dropped)
 
     def honest(self, one: Sweeps, rotation: Floats, position: Floats, rate_covariance: Floats) -> Bools | None:
-        """The photodiodes (K,) that agree, of a craft, a batch of one, whose fit (3, 3), (3,) fails the test.
+        """Return the photodiodes (K,) of one craft that agree with each other, if its fit fails the test.
 
-        None where it passes, or where none can be left out.
+        Args:
+            one: sweeps of the craft, a batch of one.
+            rotation: rotation of the fit, (3, 3).
+            position: position of the fit, (3,) [m].
+            rate_covariance: covariance of the assumed rates, (6, 6).
+
+        Returns:
+            The mask; None if the fit passes the test, or if no subset agrees.
         """
         if not self.settings.residual_test:
             return None
@@ -183,10 +208,10 @@ class Monitor:
         """Return the protection levels of this period's poses, and of the filters after them.
 
         Args:
-            screened: the poses after the residual test.
+            screened: poses after the residual test.
             precision: their dilution of precision.
-            taken: what became of them in the filters.
-            after: the filters, after every fix of the period.
+            taken: result of the update of every filter with its pose.
+            after: filters after every fix of the period.
         """
         s, out, active = self.settings, np.empty((4, len(screened.used))), after.active
         _levels_into(
@@ -231,12 +256,12 @@ def _levels_into(
 ) -> None:
     """Write levels (4, C): position [m] and attitude [deg] of the poses, then of the filters; `held` (2, C) is kept.
 
-    factors, slopes: of attitude, then position, per radian; missed: sqrt(L) sqrt(1 - rho) s by the number of
-    photodiodes; sigma: s [rad].
+    factors, slopes: per radian, of the attitude, then of the position. missed: sqrt(L) sqrt(1 - rho) s by the number of
+    photodiodes. sigma: s [rad].
     """
     for c in range(len(count)):
         for i in range(2):
-            # Position comes first here, attitude there.
+            # The levels have the position first, `factors` and `slopes` the attitude.
             fault = slopes[1 - i][c] * missed[count[c]] if missed[count[c]] > 0 else 0.0
             out[i, c] = quantile * sigma * factors[1 - i][c] + fault
             if by_lighthouse[c]:
@@ -250,20 +275,25 @@ def _levels_into(
 
 
 class RotorWatch:
-    """The rotor's speed from the flashes of C craft, by each one's own clock."""
+    """The rotor speed that each of C craft measures from the flashes, by its own clock."""
 
     def __init__(self, craft: int) -> None:
         self._last = np.full(craft, -1, dtype=np.int64)
         self._speed = np.ones(craft)
 
     def forget(self, mask: Bools) -> None:
-        """Forget the flashes of these craft (C,)."""
+        """Forget the flashes of the craft of the mask (C,)."""
         self._last[mask], self._speed[mask] = -1, 1.0
 
     def speed(self, angles: SweepAngles, turn_tick: float, tolerance: float) -> Floats | None:
-        """Speed (C,) against the nominal one of a turn of `turn_tick` ticks; None where nobody's is off.
+        """Return the speed (C,) relative to the nominal one; None if every craft's is nominal.
 
-        A turn between two flashes that were seen is a measurement; without one, the last one stands.
+        The time between two flashes that were seen is a measurement; without one, the last measurement stands.
+
+        Args:
+            angles: sweep angles of this period, for the epochs and missed flashes.
+            turn_tick: nominal length of a turn [ticks].
+            tolerance: relative error of a turn's length that is attributed to the clock.
         """
         off = _watch(angles.epoch_tick, angles.missed_sync, turn_tick, tolerance, self._last, self._speed)
         return self._speed if off else None
@@ -271,7 +301,7 @@ class RotorWatch:
 
 @kernel
 def _watch(epoch: Ints, missed: Ints, turn_tick: float, tolerance: float, last: Ints, speed: Floats) -> bool:
-    """Bring `last` and `speed` (C,) up to date; whether any speed is off."""
+    """Update `last` and `speed` (C,); return whether any speed is off."""
     off = False
     for c in range(len(epoch)):
         seen = epoch[c] >= 0 and missed[c] == 0

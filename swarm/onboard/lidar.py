@@ -1,11 +1,12 @@
-"""One craft's LiDAR on board: a scan as the estimators want it, everything moved to one instant.
+"""Motion compensation of one craft's LiDAR scan on board: all rays moved to one instant.
 
-While the scanner turns, craft and target move. A ray measured at tau before the epoch is moved with the target, as both
-are believed to move: with the scanner at (S(tau), s(tau)) in the lighthouse frame and the target at (c(tau), rate w)
+Craft and target move while the scanner turns. A ray measured at the time tau relative to the epoch is moved with the
+target, by the estimated motion of both: with the scanner at (S(tau), s(tau)) in the lighthouse frame and the target at
+(c(tau), rate w)
 
     x = S(tau) r d + s(tau),   x_epoch = Exp(-[w]x tau) (x - c(tau)) + c(0),   in s:  S(0)^T (x_epoch - s(0))
 
-so that the target looks as it would have looked from here at once. A ray that did not return is moved as if it had
+so that the scan shows the target as if measured at once at the epoch. A ray that did not return is moved as if it had
 passed at the target's distance.
 """
 
@@ -18,21 +19,29 @@ from estimators.state import State
 from swarm.messages import LidarPattern, LidarScan
 
 TYPICAL_M = 10.0
-"""Where a ray is taken to pass while nothing is known of the target."""
+"""Distance at which a ray is assumed to pass while the target's pose is unknown [m]."""
 
 
 def rays(scan: LidarScan, pattern: LidarPattern) -> Scan:
-    """The scan as it is, in the scanner's frame: right where nothing moves."""
+    """Return the scan unchanged, in the scanner's frame: correct if nothing moves."""
     return Scan(scan.direction, scan.range_m, pattern.spacing_rad, pattern.noise_m, scan.line, scan.step)
 
 
 def scanner(own: State, pattern: LidarPattern) -> tuple[Floats, Floats]:
-    """The scanner in the lighthouse frame at the epoch: rotation (3, 3) R_l_s and position (3,) [m]."""
+    """Return the scanner's pose in the lighthouse frame at the epoch: R_l_s (3, 3) and position (3,) [m]."""
     return own.rotation @ pattern.rotation, own.position + own.rotation @ pattern.position
 
 
 def at_epoch(scan: LidarScan, pattern: LidarPattern, own: State, target: State | None, epoch_s: float) -> Scan:
-    """The scan in the scanner's frame at the epoch `epoch_s` [s]. target: None while nothing is known of it."""
+    """Return the scan in the scanner's frame at the epoch.
+
+    Args:
+        scan: scan of one craft.
+        pattern: the LiDAR's pattern, noise and mount.
+        own: estimated state of the craft at the epoch.
+        target: estimated state of the target at the epoch; None while it is unknown.
+        epoch_s: epoch on the LiDAR's clock [s].
+    """
     instant, which = np.unique(scan.time_s, return_inverse=True)
     tau = (instant - epoch_s)[:, None]
     body = rot.exp(own.angular_rate * tau) @ own.rotation

@@ -1,4 +1,4 @@
-"""The pose by the lighthouse: from one period's sweep angles to a pose per craft with its covariance.
+"""The lighthouse's pose sensor: from one period's sweep angles to a pose per craft with its covariance.
 
 angles, less the known errors of the fans            estimators.lighthouse.sweep
 -> pose at the epoch, LM on (7) from the prediction   estimators.lighthouse.pnp   (searching: acquisition)
@@ -25,13 +25,14 @@ from swarm.onboard.settings import NavigationSettings, Sensor
 from swarm.onboard.tracks import Filtered, PoseFix, Taken, Tracks
 
 MIN_LIT = 4
-"""Photodiodes that a pose needs (source 1, section 2)."""
+"""Least number of photodiodes for a pose (source 1, section 2)."""
 
 
 class Light(NamedTuple):
-    """What C craft made of the lighthouse's light in one period.
+    """Results of C craft from the lighthouse's light in one period.
 
-    visible: (C,), photodiodes seen by both fans. screened: the poses after the residual test. dilution: at those poses.
+    visible: number of photodiodes seen by both fans, (C,). screened: poses after the residual test. dilution: dilution
+    of precision at those poses.
     """
 
     visible: Ints
@@ -40,7 +41,10 @@ class Light(NamedTuple):
 
 
 class _Start(NamedTuple):
-    """Where this period's LM starts: found (C,), the craft that have just found themselves; rotation, position."""
+    """Start poses of this period's LM.
+
+    found: craft whose search has just ended with a pose, (C,). rotation: (C, 3, 3). position: (C, 3) [m].
+    """
 
     found: Bools
     rotation: Floats
@@ -50,11 +54,11 @@ class _Start(NamedTuple):
 class LighthouseFix:
     """The lighthouse's pose sensor on board of C craft; searching craft keep their hypotheses between periods.
 
-    undecided: (C,), craft to which more than one pose fits.
+    undecided: craft whose measurements fit more than one pose, (C,).
     """
 
     def __init__(self, point_m: Floats, settings: NavigationSettings) -> None:
-        """Take the photodiodes, point_m (C, K, 3) [m], as the craft believe them to be."""
+        """Take the photodiodes, point_m (C, K, 3) [m], at the positions that the craft assume."""
         craft, most, _ = point_m.shape
         self.settings, self._point_m = settings, point_m
         self._hypotheses: list[Hypotheses] = [NONE] * craft
@@ -64,14 +68,14 @@ class LighthouseFix:
         self._monitor = Monitor(settings.integrity, *noise, (craft, most))
 
     def forget(self, mask: Bools) -> None:
-        """Forget what the craft of the mask (C,) have found out."""
+        """Forget the results of the craft of the mask (C,)."""
         for craft in np.flatnonzero(mask):
             self._hypotheses[craft] = NONE
         self.undecided[mask] = False
         self._monitor.forget(mask)
 
     def find(self, angles: SweepAngles, tracks: Tracks) -> tuple[Light, PoseFix]:
-        """Return what every craft makes of its angles, starting from the filters' predictions."""
+        """Return the poses that all craft derive from their angles, starting from the filters' predictions."""
         s, active = self.settings, tracks.bank.active
         predicted = s.station.state_into(tracks.bank.state)
         theta, lit = self._ideal(angles)
@@ -79,7 +83,7 @@ class LighthouseFix:
         enough = visible >= MIN_LIT
         start = self._acquire(theta, lit, angles.offset_s, enough, predicted, tracks)
         known = enough & (active | start.found)
-        # The motion within the period, as each craft believes it; a craft that has only just found itself knows none.
+        # The motion within the period as each craft estimates it; a craft with its first pose has no estimate of it.
         moves = active[:, None] & s.motion_compensation
         sweeps = Sweeps(
             theta=theta,
@@ -106,11 +110,17 @@ class LighthouseFix:
         return Light(visible, screened, precision), self._fix(screened, precision)
 
     def levels(self, light: Light, taken: Taken, after: Filtered) -> Integrity:
-        """Return the protection levels of this period's poses, and of the filters after all fixes."""
+        """Return the protection levels of this period's poses, and of the filters after all fixes.
+
+        Args:
+            light: this period's results from the lighthouse.
+            taken: result of the update of every filter with its pose.
+            after: filters after all fixes.
+        """
         return self._monitor.levels(light.screened, light.dilution, taken, after)
 
     def _ideal(self, angles: SweepAngles) -> tuple[Floats, Bools]:
-        """Return the angles (C, K, 2) less rotor speed and fan errors, and where both of them are known (C, K)."""
+        """Return the angles (C, K, 2) less rotor speed and fan errors, and the mask (C, K) where both are known."""
         s = self.settings
         speed = self._monitor.speed(angles, s.frame_s)
         turned = angles.theta if speed is None else angles.theta * speed[:, None, None]
@@ -150,7 +160,7 @@ class LighthouseFix:
     def _acquire(
         self, theta: Floats, lit: Bools, offset_s: Floats, enough: Bools, predicted: State, tracks: Tracks
     ) -> _Start:
-        """Return start poses for LM: the prediction, or for a craft without one what a search decided on."""
+        """Return start poses for LM: the prediction, or the result of a search for a craft without one."""
         active = tracks.bank.active
         start = _Start(np.zeros(len(enough), dtype=np.bool_), predicted.rotation, predicted.position)
         lost = active & (tracks.since_update_s > self.settings.search_again_s)
@@ -165,7 +175,7 @@ class LighthouseFix:
             if hypotheses.decided:
                 chosen, start.found[i] = 0, not active[i]
             elif active[i] and len(hypotheses.evidence):
-                # After a long coast the prediction itself tells mirror poses apart; the gate has the last word.
+                # After a long coast the prediction itself distinguishes mirror poses; the gate decides at last.
                 chosen = int(np.argmin(rot.angle_between(hypotheses.rotation, start.rotation[i])))
             if chosen is not None:
                 start.rotation[i], start.position[i] = hypotheses.rotation[chosen], hypotheses.position[chosen]
@@ -175,7 +185,7 @@ class LighthouseFix:
         return start
 
     def _without_false(self, hypotheses: Hypotheses, seen: Sighting, rate_covariance: Floats) -> Hypotheses:
-        """Return the hypotheses of a searching craft, or where a false photodiode spoils them those of the others."""
+        """Return the hypotheses of a searching craft, without a false photodiode if one spoils them."""
         rest = np.zeros((1, 3))
         one = Sweeps(seen.theta[None], seen.lit[None], seen.point_m[None], seen.offset_s[None], rest, rest)
         lit = self._monitor.honest(one, hypotheses.rotation[0], hypotheses.position[0], rate_covariance)

@@ -1,4 +1,4 @@
-"""The navigation of C craft side by side: predict, take in every sensor's pose, say what each craft knows.
+"""Navigation of C craft side by side: prediction, the update with every sensor's pose, and the resulting estimate.
 
 Per lighthouse period and craft, all to the epoch:
 
@@ -7,7 +7,7 @@ Per lighthouse period and craft, all to the epoch:
     cameras -> pose with covariance                  swarm.onboard.ccd
     each pose -> EKF                                 estimators.filter
 
-Every craft uses its own angles, layout and filter; nothing in here mixes rows of the craft axis.
+Every craft uses its own angles, layout and filter; no operation mixes rows of the craft axis.
 """
 
 from collections.abc import Sequence
@@ -32,18 +32,18 @@ from swarm.onboard.settings import NavigationSettings, Sensor, Status
 from swarm.onboard.tracks import PoseFix, Taken, TrackLimits, Tracks
 
 MOST_BY_FILTERPY = 64
-"""A swarm of more craft is filtered by the compiled bank, unless the scenario says otherwise."""
+"""Largest number of craft filtered by FilterPy; more are filtered by the compiled bank, unless configured otherwise."""
 
 
 class Estimate(NamedTuple):
-    """What C craft know at one epoch; NaN where unknown.
+    """Estimates of C craft at one epoch; NaN where unknown.
 
-    status: (C,), of `Status`. visible: (C,), photodiodes seen by both fans. pnp: this period's own poses. dilution: at
-    those poses. rotation (C, 3, 3), position (C, 3) [m], angular_rate (C, 3) [rad/s], velocity (C, 3) [m/s] and
-    covariance (C, 12, 12), ordered (attitude, angular rate, position, velocity): the filter's, in the lighthouse frame.
-    nis: (C,), normalised innovation squared of this period's pose. missed_sync, rejected: (C,), from the decoder.
-    sensor: (C,), of `Sensor`. ccd: what the cameras found; None where no craft has any. integrity: what the craft make
-    of their own poses.
+    status: codes of `Status`, (C,). visible: number of photodiodes seen by both fans, (C,). pnp: this period's own
+    poses. dilution: dilution of precision at those poses. rotation (C, 3, 3), position (C, 3) [m], angular_rate (C, 3)
+    [rad/s], velocity (C, 3) [m/s] and covariance (C, 12, 12), ordered (attitude, angular rate, position, velocity): the
+    filter's, in the lighthouse frame. nis: normalised innovation squared of this period's pose, (C,). missed_sync,
+    rejected: counts of the decoder, (C,). sensor: codes of `Sensor`, (C,). ccd: the cameras' results; None if no craft
+    has any. integrity: integrity of the craft's own poses.
     """
 
     status: Ints
@@ -71,17 +71,17 @@ class Estimate(NamedTuple):
 
 
 class Navigator:
-    """The navigation computers of C craft: `step` takes one period's signals and returns what each craft knows."""
+    """The navigation computers of C craft: `step` takes one period's signals and returns each craft's estimate."""
 
     def __init__(
         self, photodiodes: Photodiodes, settings: NavigationSettings, cameras: Sequence[CcdCalibration] = ()
     ) -> None:
-        """Start with craft that know nothing of themselves.
+        """Start with craft whose own states are unknown.
 
         Args:
-            photodiodes: each craft's own layout as it believes it to be (nominal or calibrated).
-            settings: the same for every craft.
-            cameras: of the craft that carry a pair, in the order of their images.
+            photodiodes: layout that each craft assumes for itself (nominal or calibrated).
+            settings: settings of every craft's navigation.
+            cameras: calibrations of the craft that carry a pair of cameras, in the order of their images.
         """
         s, craft = settings, photodiodes.craft_count
         compiled = craft > MOST_BY_FILTERPY if s.filter == "auto" else s.filter == "compiled"
@@ -98,7 +98,7 @@ class Navigator:
         self._cameras = CameraFix(cameras)
 
     def forget(self, mask: Bools) -> None:
-        """Forget everything that the craft of the mask (C,) have found out, as a computer does that starts again."""
+        """Forget all results of the craft of the mask (C,), as after a restart of their computers."""
         self.tracks.forget(mask)
         self._light.forget(mask)
 
@@ -106,9 +106,9 @@ class Navigator:
         """Advance every craft by one lighthouse period, to the epoch of `angles`.
 
         Args:
-            angles: what every craft's decoder made of the light.
-            images: what the cameras saw at the epoch; craft with cameras need them.
-            command: what the craft ordered their actuators to do in this period, from its beginning to its end.
+            angles: sweep angles from every craft's decoder.
+            images: images at the epoch; required if any craft has cameras.
+            command: orders of the craft to their actuators for this period, from its beginning to its end.
         """
         tracks = self.tracks
         tracks.predict(command)

@@ -1,9 +1,9 @@
-"""How every craft steers: where it should be, the wrench that takes it there, and its orders to its actuators.
+"""Steering of every craft: its reference, the wrench towards it, and the orders to its actuators.
 
-    guidance, by what each craft believes and hears -> reference -> control -> wrench -> orders to thrusters and wheels
+    guidance, by estimates and broadcasts -> reference -> control -> wrench -> orders to thrusters and wheels
 
-A craft steers by its own estimate, or, where the scenario says so, by the true state that it is told; it never
-navigates by what it is told.
+A craft steers by its own estimate, or, if the scenario says so, by the true state; its navigation never uses the true
+state.
 """
 
 from typing import NamedTuple, Protocol
@@ -25,11 +25,11 @@ class Motions(Protocol):
     """The reference motions of C craft."""
 
     def at(self, time_s: float, steered: Steered | None = None) -> Reference:
-        """Return the references at `time_s` [s]. steered: those of the craft that guidance wants elsewhere."""
+        """Return the references at `time_s` [s]; `steered` replaces those of the craft that guidance steers."""
 
 
 class Body(NamedTuple):
-    """What C craft know of themselves: mass (C,) [kg] and inertia (C, 3, 3) [kg m^2], body frame."""
+    """Mass properties of C craft as the craft know them: mass (C,) [kg] and inertia (C, 3, 3) [kg m^2], body frame."""
 
     mass: Floats
     inertia: Floats
@@ -38,7 +38,7 @@ class Body(NamedTuple):
 class Pilot:
     """Guidance, control and actuator computers of C craft.
 
-    guidance: of the guided craft; None without any. by_estimate: (C,), the craft that steer by their own estimate.
+    guidance: guidance of the guided craft; None without any. by_estimate: craft that steer by their own estimate, (C,).
     """
 
     def __init__(
@@ -51,14 +51,14 @@ class Pilot:
         period_s: float,
         orbit: RelativeOrbit | None = None,
     ) -> None:
-        """Start with craft that know nothing of themselves.
+        """Start with craft whose own states are unknown.
 
         Args:
-            motions: the craft's reference motions.
-            guidance: of the guided craft; None without any.
-            actuation: the computers of the craft's thrusters and wheels.
+            motions: reference motions of the craft.
+            guidance: guidance of the guided craft; None without any.
+            actuation: computers of the craft's thrusters and wheels.
             body: mass and inertia of every craft.
-            by_estimate: (C,), the craft that steer by their own estimate; the others steer by what they are told.
+            by_estimate: craft that steer by their own estimate, (C,); the others steer by the true state.
             period_s: length of a lighthouse period [s].
             orbit: the lighthouse's orbit; None in weightless space.
         """
@@ -71,12 +71,12 @@ class Pilot:
         self._reference = motions.at(0.0)
 
     def steer(self, time_s: float, told: State, idle: Bools) -> Order:
-        """Decide what every craft orders for the period that begins.
+        """Return the orders of every craft for the period that begins.
 
         Args:
             time_s: beginning of the period [s].
-            told: the true states, for the craft that steer by them.
-            idle: (C,), the craft whose control does nothing.
+            told: true states, for the craft that steer by them.
+            idle: craft whose control does nothing, (C,).
         """
         believed = self._believed(told, idle)
         steered = None if self.guidance is None else self.guidance.steer(time_s, believed, self._known)
@@ -86,7 +86,7 @@ class Pilot:
         return self._actuation.order(force, torque, believed, command)
 
     def learn(self, estimate: Estimate, latched: Bools) -> None:
-        """Take in what the period that has ended brought. latched: (C,), the switches in the craft's ports."""
+        """Take in the results of the period that has ended; `latched` (C,) is the state of the ports' switches."""
         if self.by_estimate.any():
             # The estimate is of the epoch; the next order begins half a period later.
             self._estimated = estimate.state.ahead(self._period_s / 2)
@@ -98,17 +98,17 @@ class Pilot:
             )
 
     def reference_m(self) -> Floats:
-        """Return where every craft should be at the epoch of the period that was steered last, (C, 3) [m]."""
+        """Return the reference position of every craft at the epoch of the period that was steered last, (C, 3) [m]."""
         wanted, half = self._reference, self._period_s / 2
         return wanted.position + wanted.velocity * half + wanted.acceleration * half**2 / 2
 
     def _believed(self, told: State, idle: Bools) -> State:
-        """Return the states that the craft steer by; NaN where a craft is idle, or does not know any."""
+        """Return the states by which the craft steer; NaN for a craft that is idle or does not know its state."""
         believed = told.where(~self.by_estimate, self._estimated) if self.by_estimate.any() else told
         return believed.where(~idle, unknown(self._craft)) if idle.any() else believed
 
     def _command(self, reference: Reference, believed: State) -> Command:
-        """Return the feedback towards the reference, kept clear of other craft and without what gravity does anyway."""
+        """Return the feedback towards the reference, kept clear of other craft and less the gravitational part."""
         if self.guidance is None:
             return control.command(reference, believed, self._orbit)
         wanted = control.command(reference, believed, firm=self.guidance.feedback)

@@ -1,4 +1,4 @@
-"""What a craft's computer is configured with, and the codes of what it reports."""
+"""The configuration of a craft's computer, and the codes of its reports."""
 
 from dataclasses import dataclass, field
 from enum import IntEnum, IntFlag
@@ -14,10 +14,10 @@ from swarm.onboard.integrity import IntegritySettings
 
 
 class Status(IntEnum):
-    """What a craft knows of its pose.
+    """State of a craft's knowledge of its pose.
 
     Searching: no pose. Tracking: this period's pose went into the filter. Coasting: prediction only. Ambiguous: more
-    than one pose fits, and none is given.
+    than one pose fits, and none is reported.
     """
 
     SEARCHING = 0
@@ -39,10 +39,15 @@ class Sensor(IntFlag):
 class NavigationSettings:
     """The configuration of every craft's navigation, in SI units.
 
-    angle_noise_rad and rotor_correlation are s and rho of (18), (19). residual_limit_rad: a worse fit is not a pose.
-    rejections_limit: so many poses in a row refused by the gate mean that the filter is wrong, not they. filter:
-    "filterpy", "compiled", which has the same numbers sooner, or "auto", which goes by the number of craft. orbit: the
-    lighthouse's, None in weightless space. station: the lighthouse's frame in the world.
+    frame_s: length of a lighthouse period. angle_noise_rad, rotor_correlation: s and rho of (18), (19).
+    motion_compensation: whether poses are solved with the motion within the period. acceleration_noise_m_s2,
+    angular_acceleration_noise_rad_s2: process noise of the filter. gate_probability: of the filter's gate.
+    coast_limit_s: time without a pose after which the filter is stopped. residual_limit_rad: residual above which a fit
+    is rejected. rejections_limit: number of successive poses refused by the gate after which the filter counts as
+    wrong. search_again_s: time without a pose after which a search begins beside the filter. filter: "filterpy";
+    "compiled", which returns the same numbers faster; or "auto", which chooses by the number of craft. fan_x, fan_y:
+    known errors of the fans. integrity: settings of the integrity monitor. orbit: the lighthouse's orbit, None in
+    weightless space. station: the lighthouse's frame in the world.
     """
 
     frame_s: float

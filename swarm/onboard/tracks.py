@@ -1,8 +1,8 @@
-"""The pose filters of C craft, and how fresh each is: what every pose sensor on board feeds.
+"""The pose filters of C craft and the age of each one's last pose; every pose sensor on board feeds them.
 
 A sensor is a *fix*: once per lighthouse period it finds poses with their covariances (`PoseFix`). `Tracks` predicts
-every filter to the epoch, by the craft's own orders and the orbit too, and takes in one fix after the other: two
-sensors are two updates, and either is enough. Nothing in here mixes rows of the craft axis.
+every filter to the epoch, also by the craft's own orders and by the orbit, and takes in one fix after the other: two
+sensors are two updates, and either is enough. No operation mixes rows of the craft axis.
 """
 
 from dataclasses import dataclass
@@ -18,15 +18,15 @@ from estimators.state import State
 from swarm.messages import Command
 
 UNKNOWN_RATE = (1.0, 0.5)
-"""1 sigma per axis of a craft's rates before it knows them: angular [rad/s], linear [m/s]."""
+"""Standard deviation per axis of a craft's rates before it knows them: angular [rad/s], linear [m/s]."""
 
 
 class PoseFix(NamedTuple):
-    """Poses that a sensor has found for C craft in one period, lighthouse frame, at the epoch.
+    """Poses of C craft from one sensor in one period, lighthouse frame, at the epoch.
 
-    known: (C,), where there is a pose. rotation: (C, 3, 3) R_l_b. position: (C, 3) [m]. covariance: (C, 6, 6) of
-    (attitude, position) [rad, m]. coupling: (C, 6, 6) [s], B of a pose that was solved with the filter's predicted
-    rates. start_coupling: (C, 6, 6) [s], B of a pose that was solved as if at rest. sensor: (C,), codes of `Sensor`.
+    known: craft with a pose, (C,). rotation: R_l_b, (C, 3, 3). position: (C, 3) [m]. covariance: of (attitude,
+    position), (C, 6, 6) [rad, m]. coupling: B of a pose that was solved with the filter's predicted rates, (C, 6, 6)
+    [s]. start_coupling: B of a pose that was solved as if at rest, (C, 6, 6) [s]. sensor: codes of `Sensor`, (C,).
     """
 
     known: Bools
@@ -39,9 +39,10 @@ class PoseFix(NamedTuple):
 
 
 class Taken(NamedTuple):
-    """What became of a fix in the filters, (C,) each: accepted, or a filter started; refused by the gate; and the
-    squared
-    innovation normalised by its covariance, NaN where there was no update.
+    """Result of the filters' update with a fix, (C,) each.
+
+    fresh: whether the pose was accepted, or started a filter. refused: whether the gate refused it. nis: squared
+    innovation normalised by its covariance, NaN without an update.
     """
 
     fresh: Bools
@@ -50,7 +51,10 @@ class Taken(NamedTuple):
 
 
 class Filtered(NamedTuple):
-    """The filters after all fixes of a period: active (C,), states, covariance (C, 12, 12); NaN without one."""
+    """The filters after all fixes of a period, NaN where inactive.
+
+    active: (C,). state: estimated states. covariance: (C, 12, 12).
+    """
 
     active: Bools
     state: State
@@ -59,8 +63,9 @@ class Filtered(NamedTuple):
 
 @dataclass(frozen=True)
 class TrackLimits:
-    """When a filter is given up: without a pose for coast_limit_s [s], or after rejections_limit refused poses in a
-    row.
+    """Limits beyond which a filter is stopped.
+
+    coast_limit_s: time without a pose [s]. rejections_limit: number of successive refused poses.
     """
 
     coast_limit_s: float
@@ -70,16 +75,16 @@ class TrackLimits:
 class Tracks:
     """The filters of C craft, from one period to the next.
 
-    bank: the filters. since_update_s: (C,) [s], the time since each craft's last pose.
+    bank: the filters. since_update_s: time since each craft's last pose, (C,) [s].
     """
 
     def __init__(self, bank: FilterBank, frame_s: float, limits: TrackLimits, orbit: RelativeOrbit | None) -> None:
         """Begin with filters that have not been started.
 
         Args:
-            bank: the filters of C craft.
+            bank: filters of C craft.
             frame_s: length of a lighthouse period [s].
-            limits: when a filter is given up.
+            limits: limits beyond which a filter is stopped.
             orbit: the lighthouse's orbit; None in weightless space.
         """
         craft = len(bank.active)
@@ -96,7 +101,7 @@ class Tracks:
             self._command = self._command.only(~mask)
 
     def predict(self, command: Command | None) -> None:
-        """Move every filter on to the next epoch. command: what the craft have ordered for the period, if known."""
+        """Predict every filter to the next epoch; `command` has the orders for the period, if known."""
         bank = self.bank
         active = bank.active
         pull = None if self._orbit is None else acceleration(self._orbit, bank.position, bank.velocity)
@@ -108,20 +113,20 @@ class Tracks:
             self._add_command(command)
 
     def _add_command(self, command: Command) -> None:
-        """Add what the craft did between the epochs, T apart: half a period by the last command, half by this one."""
+        """Add the ordered motion between the epochs, T apart: half a period by the last command, half by this one."""
         last, half = self._command or command, self._frame_s / 2
         self._command = command
         before = last.angular_acceleration, last.acceleration
         after = command.angular_acceleration, command.acceleration
         if not any(order.any() for order in (*before, *after)):
-            # A swarm that is steered by the truth orders nothing that its filters could know.
+            # Craft that steer by the truth give no orders to their filters.
             return
         rate, velocity = ((a + b) * half for a, b in zip(before, after, strict=True))
         turn, shift = ((3 * a + b) * half**2 / 2 for a, b in zip(before, after, strict=True))
         self.bank.add_motion(self.bank.active, turn, rate, shift, velocity)
 
     def take_in(self, fix: PoseFix) -> Taken:
-        """Update the filters that run with the fix's poses, and start the others."""
+        """Update the active filters with the fix's poses, and start the others."""
         bank = self.bank
         active = bank.active
         update, start = fix.known & active, fix.known & ~active
@@ -130,9 +135,9 @@ class Tracks:
         return Taken(start | result.accepted, update & ~result.accepted, np.where(update, result.nis, np.nan))
 
     def count(self, fresh: Bools, refused: Bools) -> None:
-        """Note who has had a pose; stop the filters of those who have had none for long, or refused too many.
+        """Count the time without a pose and the refused poses; stop the filters that exceed a limit.
 
-        fresh: (C,), a pose was taken in. refused: (C,), the gate refused one.
+        fresh: craft whose filter took in a pose, (C,). refused: craft whose gate refused one, (C,).
         """
         self.since_update_s = np.where(fresh, 0.0, self.since_update_s + self._frame_s)
         self._rejections = np.where(fresh, 0, self._rejections + refused)

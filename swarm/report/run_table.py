@@ -84,7 +84,13 @@ REPLAY_COLUMNS = (
 
 
 def print_report(console: Console, summary: Mapping[str, Any], folder: Path) -> None:
-    """Print the table and the findings of a run's `summary`, and where the run's `folder` is."""
+    """Print the table and the sentences of a run, and where it is.
+
+    Args:
+        console: Where to print.
+        summary: The run's summary.
+        folder: Its folder.
+    """
     console.print(results(summary, console.width))
     if verdicts := summary.get("criteria"):
         console.print()

@@ -17,9 +17,7 @@ def print_study(console: Console, study: FinishedStudy) -> None:
     failed = [row for row in rows if row["status"] != COMPLETE]
     if len(failed) < len(rows):
         points = point_table(study)
-        printed = table(*(f"{column.name}\n{column.unit}" for column in points.columns), left=0)
-        for column in printed.columns:
-            column.no_wrap = False
+        printed = table(*(f"{column.name}\n{column.unit}" for column in points.columns), left=0, wrap=True)
         for cells in points.rows[:MOST_ROWS]:
             printed.add_row(*cells)
         console.print(printed)

@@ -12,8 +12,8 @@ from swarm.studies.campaign.study_folder import FIGURES, REPORT, FinishedStudy, 
 from swarm.studies.campaign.task import COMPLETE
 
 REPRODUCE = (
-    "The same seeds give the same numbers, bit for bit, on the same machine and versions, whatever the number of "
-    "workers; wall-clock times differ."
+    "The same seeds give the same numbers, bit for bit, on the same machine and versions, for any number of workers; "
+    "only wall-clock times differ."
 )
 
 

@@ -1,8 +1,7 @@
 """angles.parquet: every sweep angle that every craft measured, for `swarm calibrate`; a run writes it if asked to.
 
-One row per lighthouse period, craft and photodiode that at least one fan has hit: `theta_x_rad`, `theta_y_rad`, the
-angles since the fan's own flash as measured, before anything is taken off; `offset_x_s`, `offset_y_s`, each angle's
-instant after the epoch; null where that fan was not seen. The beliefs of the craft are in the schema's metadata,
+One row per lighthouse period, craft and photodiode that at least one fan has hit; null where the other was not seen.
+Angles are as measured, before anything is taken off. The beliefs of the craft are in the schema's metadata,
 `survey`, as JSON: see `Believed`.
 """
 
@@ -20,12 +19,20 @@ from estimators.lighthouse.sweep import FanErrors, FanPair
 from swarm.errors import SwarmError
 from swarm.hardware import Photodiodes
 from swarm.onboard.decoder import SweepAngles
+from swarm.results.columns.column import Column
 from swarm.results.files import ANGLES
 from swarm.results.parquet import PARTIAL, GrowingParquet, read_table
+from swarm.results.table import TelemetryTable
 
 _KEY = b"survey"
 _ROWS = 65_536
-_VALUES = ("theta_x_rad", "theta_y_rad", "offset_x_s", "offset_y_s")
+_COLUMNS = (
+    Column("frame", "1", "number of the lighthouse period", "whole", required=True),
+    Column("craft", "", "name of the craft", "name", required=True),
+    Column("photodiode", "1", "number of the photodiode on its craft", "small", required=True),
+    *(Column(f"theta_{fan}_rad", "rad", f"angle since the flash of fan {fan.upper()}, as measured") for fan in "xy"),
+    *(Column(f"offset_{fan}_s", "s", f"instant of the angle of fan {fan.upper()}, after the epoch") for fan in "xy"),
+)
 
 
 class Believed(NamedTuple):
@@ -69,12 +76,7 @@ class AngleWriter:
     """Writes the angles of one run into its folder: `append` every period, `close` at the end."""
 
     def __init__(self, folder: Path, about: Believed) -> None:
-        fields = [
-            pa.field("frame", pa.int32(), nullable=False),
-            pa.field("craft", pa.dictionary(pa.int32(), pa.string()), nullable=False),
-            pa.field("photodiode", pa.int16(), nullable=False),
-            *(pa.field(name, pa.float64()) for name in _VALUES),
-        ]
+        self._columns = [column._replace(names=about.craft if column.name == "craft" else ()) for column in _COLUMNS]
         text = json.dumps(
             {
                 "craft": about.craft,
@@ -83,9 +85,8 @@ class AngleWriter:
                 "noise": about.noise._asdict(),
             }
         )
-        self._schema = pa.schema(fields, metadata={_KEY: text.encode()})
-        self._names = pa.array(about.craft, pa.string())
-        self._waiting: list[tuple[Ints, Ints, Ints, Floats]] = []
+        self._schema = pa.schema([column.field for column in _COLUMNS], metadata={_KEY: text.encode()})
+        self._waiting: list[Floats] = []
         self._rows = 0
         self._file = GrowingParquet(folder / ANGLES, self._schema)
 
@@ -95,7 +96,7 @@ class AngleWriter:
         craft, photodiode = np.nonzero(seen.any(axis=2))
         theta, offset = angles.theta[craft, photodiode], angles.offset_s[craft, photodiode]
         offset = np.where(np.isfinite(theta), offset, np.nan)
-        self._waiting.append((np.full(len(craft), frame), craft, photodiode, np.concatenate([theta, offset], axis=1)))
+        self._waiting.append(np.stack([np.full(len(craft), frame), craft, photodiode, *theta.T, *offset.T]))
         self._rows += len(craft)
         if self._rows >= _ROWS:
             self._flush()
@@ -103,14 +104,9 @@ class AngleWriter:
     def _flush(self) -> None:
         if not self._rows:
             return
-        frame, craft, photodiode, value = (np.concatenate(column) for column in zip(*self._waiting, strict=True))
-        columns = [
-            pa.array(frame, pa.int32()),
-            pa.DictionaryArray.from_arrays(pa.array(craft, pa.int32()), self._names),
-            pa.array(photodiode, pa.int16()),
-            *(pa.array(v, pa.float64(), mask=~np.isfinite(v)) for v in value.T),
-        ]
-        self._file.write(pa.Table.from_arrays(columns, schema=self._schema))
+        block = np.concatenate(self._waiting, axis=1)
+        arrays = [column.array(value) for column, value in zip(self._columns, block, strict=True)]
+        self._file.write(pa.Table.from_arrays(arrays, schema=self._schema))
         self._waiting, self._rows = [], 0
 
     def close(self) -> None:
@@ -130,18 +126,13 @@ def read_angles(folder: Path) -> AngleTable:
     try:
         table = read_table(file)
         about = _parse(json.loads(table.schema.metadata[_KEY]))
-        names = table.column("craft").combine_chunks()
-        dictionary = names.dictionary.to_pylist()
-        code = np.array([about.craft.index(name) for name in dictionary], dtype=np.int64)
-        value = np.stack([table.column(name).to_numpy() for name in _VALUES], axis=1)
-        out = AngleTable(
-            about,
-            table.column("frame").to_numpy().astype(np.int64),
-            code[names.indices.to_numpy()],
-            table.column("photodiode").to_numpy().astype(np.int64),
-            value[:, :2],
-            value[:, 2:],
+        rows = TelemetryTable.of(table)
+        code = np.array([about.craft.index(name) for name in rows.names_of("craft")], dtype=np.int64)
+        photodiode = rows.column("photodiode").astype(np.int64)
+        theta, offset = (
+            rows.stacked(*names) for names in (("theta_x_rad", "theta_y_rad"), ("offset_x_s", "offset_y_s"))
         )
+        out = AngleTable(about, rows.frame, code[rows.craft], photodiode, theta, offset)
     except (KeyError, TypeError, ValueError) as error:
         raise SwarmError(f"cannot read {file}: {error}") from error
     return out

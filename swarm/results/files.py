@@ -1,4 +1,4 @@
-"""Names of the files that a run leaves in its folder."""
+"""Names of the files that a run leaves in its folder, and of what is said in them."""
 
 from swarm.results.parquet import PARTIAL
 
@@ -12,3 +12,5 @@ ANGLES = "angles.parquet"
 SCANS = "scans.parquet"
 PARTS = TELEMETRY + PARTIAL
 """Folder of the telemetry's parts, while the run goes on."""
+WITHOUT_SENSORS = "craft_without_sensors"
+"""Key of the schema's metadata under which are the names of the craft that navigate by nothing, as JSON."""

@@ -144,11 +144,11 @@ def parse_override(text: str) -> Override:
 
 def craft(scenario: Scenario) -> list[Craft]:
     """Return every craft, those of the swarm first."""
-    swarm, names = scenario.swarm, scenario.craft_names
-    of_swarm, single = names[: swarm.count], names[swarm.count :]
-    model = find_model(swarm.model, Path()) if swarm.count else Path()
-    return [Craft(name, model, swarm, i, swarm.count) for i, name in enumerate(of_swarm)] + [
-        Craft(name, find_model(table.model, Path()), table) for name, table in zip(single, scenario.craft, strict=True)
+    tables, names, count = scenario.tables, scenario.craft_names, scenario.swarm.count
+    model = find_model(scenario.swarm.model, Path()) if count else Path()
+    return [
+        Craft(name, model, table, i, count) if i < count else Craft(name, find_model(table.model, Path()), table)
+        for i, (name, (_, table)) in enumerate(zip(names, tables, strict=True))
     ]
 
 

@@ -14,7 +14,7 @@ from swarm.errors import did_you_mean
 from swarm.scenario.cameras import Ccd
 from swarm.scenario.criteria import Criterion
 from swarm.scenario.dynamics import Actuation, Orbit
-from swarm.scenario.faults import AnyFault, OfCraft, Reflection
+from swarm.scenario.faults import AnyFault
 from swarm.scenario.lidar import Lidar
 from swarm.scenario.motions import AnyMotion, Hold
 from swarm.scenario.table import Mistake, Table
@@ -356,29 +356,82 @@ class Scenario(Table):
         single = (c.name or f"craft-{i}" for i, c in enumerate(self.craft, start=swarm))
         return tuple(chain((f"craft-{i}" for i in range(swarm)), single))
 
+    @property
+    def tables(self) -> list[tuple[str, "Swarm | SingleCraft"]]:
+        """The table of every craft and its key, in the order of `craft_names`."""
+        single = [(f"craft[{i}]", table) for i, table in enumerate(self.craft)]
+        return [*[("swarm", self.swarm)] * self.swarm.count, *single]
+
     def between_keys(self) -> Iterator[Mistake]:
         """Require a craft, distinct names, craft that exist where named, and waypoints that begin within the run."""
-        names = self.craft_names
+        names, tables = self.craft_names, self.tables
         if not names:
             yield "there is no craft at all: set swarm.count, or add a [[craft]] entry", "swarm.count"
         for i in range(self.swarm.count, len(names)):
             if names[i] == "lighthouse":
-                yield "is the name of the lighthouse itself", f"craft[{i - self.swarm.count}].name"
+                yield "is the name of the lighthouse itself", f"{tables[i][0]}.name"
             if names[i] in names[:i]:
-                yield "another craft has this name", f"craft[{i - self.swarm.count}].name"
-        yield from self._ccd_mistakes(names)
-        yield from self._dock_mistakes(names)
-        yield from self._criteria_mistakes(names)
-        for i, fault in enumerate(self.fault):
-            for key in ("craft", "mirrors"):
-                owner = fault if isinstance(fault, Reflection if key == "mirrors" else OfCraft) else None
-                for j, name in enumerate(getattr(owner, key, ())):
-                    if name not in names:
-                        yield f"no craft has the name {name!r}{did_you_mean(name, names)}", f"fault[{i}].{key}[{j}]"
-        yield from self._lidar_mistakes(names)
-        for i, name in enumerate(self.recording.detail):
+                yield "another craft has this name", f"{tables[i][0]}.name"
+        for name, key in self._named():
             if name not in names:
-                yield f"no craft has this name{did_you_mean(name, names)}", f"recording.detail[{i}]"
+                yield f"no craft has this name{did_you_mean(name, names)}", key
+        for i, (key, table) in enumerate(tables):
+            if isinstance(table, SingleCraft) and table.ccd is not None:
+                yield from self._station_mistakes(i, table.ccd.target, f"{key}.ccd.target")
+            if isinstance(table, SingleCraft) and table.lidar is not None:
+                yield from self._lidar_mistakes(table.lidar, f"{key}.lidar")
+            if table.motion.kind == "dock":
+                yield from self._station_mistakes(i, table.motion.target, f"{key}.motion.target")
+        yield from self._criteria_mistakes()
+        yield from self._waypoint_mistakes()
+
+    def _named(self) -> Iterator[tuple[str, str]]:
+        """Yield every name of a craft in a table, with the name's key."""
+        for i, fault in enumerate(self.fault):
+            yield from _entries(getattr(fault, "craft", ()), f"fault[{i}].craft")
+            yield from _entries(getattr(fault, "mirrors", ()), f"fault[{i}].mirrors")
+        for i, criterion in enumerate(self.criteria):
+            yield from _entries(criterion.craft, f"criteria[{i}].craft")
+        yield from _entries(self.recording.detail, "recording.detail")
+        for key, table in dict(self.tables).items():
+            for inner in ("ccd", "lidar", "motion"):
+                target = getattr(getattr(table, inner, None), "target", None)
+                if target is not None:
+                    yield target, f"{key}.{inner}.target"
+
+    def _station_mistakes(self, craft: int, target: str, key: str) -> Iterator[Mistake]:
+        """Require that a craft's target is another craft, and stays where the craft knows it to be."""
+        if target not in self.craft_names:
+            return
+        of = self.craft_names.index(target)
+        table, group = self.tables[of]
+        if of == craft:
+            yield "a craft cannot be its own target", key
+        elif group.motion.kind != "hold" or group.motion.attitude.spin_deg_s:
+            yield "must hold its position without spin: its pose is known on board", key, f"{table}.motion.kind"
+        elif group.feedback != "truth":
+            yield 'must hold its position exactly: feedback = "truth"', key, f"{table}.feedback"
+
+    def _lidar_mistakes(self, lidar: Lidar, key: str) -> Iterator[Mistake]:
+        """Require that the target of a LiDAR is passive, and that no scan is shorter than a lighthouse period."""
+        if lidar.target not in self.craft_names:
+            return
+        table, group = self.tables[self.craft_names.index(lidar.target)]
+        if not group.passive:
+            told = "must be passive: a craft that navigates by itself is not inspected"
+            yield told, f"{key}.target", f"{table}.passive"
+        if lidar.rate_hz > self.lighthouse.rate_hz:
+            yield f"at most one scan per lighthouse period, {self.lighthouse.rate_hz:g} Hz", f"{key}.rate_hz"
+
+    def _criteria_mistakes(self) -> Iterator[Mistake]:
+        """Require one name per criterion."""
+        labels = [criterion.label for criterion in self.criteria]
+        for i, label in enumerate(labels):
+            if label in labels[:i]:
+                yield f"another criterion is called {label} too: give one of them a name", f"criteria[{i}].name"
+
+    def _waypoint_mistakes(self) -> Iterator[Mistake]:
+        """Require waypoints that begin within the run."""
         for key, group in (("swarm", self.swarm), *((f"craft[{i}]", c) for i, c in enumerate(self.craft))):
             motion = group.motion
             if motion.kind == "waypoints" and motion.times_s[0] >= self.duration_s:
@@ -389,63 +442,8 @@ class Scenario(Table):
                     "duration_s",
                 )
 
-    def _ccd_mistakes(self, names: tuple[str, ...]) -> Iterator[Mistake]:
-        """Require that the cameras' target exists, is another craft, and stays where the craft knows it to be."""
-        for i, craft in enumerate(self.craft):
-            if craft.ccd is not None:
-                yield from self._station_mistakes(
-                    names, self.swarm.count + i, craft.ccd.target, f"craft[{i}].ccd.target"
-                )
 
-    def _dock_mistakes(self, names: tuple[str, ...]) -> Iterator[Mistake]:
-        """Require the same of the ports that craft dock to."""
-        groups = [("swarm", self.swarm)] * self.swarm.count
-        for i, (key, group) in enumerate([*groups, *((f"craft[{k}]", c) for k, c in enumerate(self.craft))]):
-            if group.motion.kind == "dock":
-                yield from self._station_mistakes(names, i, group.motion.target, f"{key}.motion.target")
-
-    def _station_mistakes(self, names: tuple[str, ...], craft: int, target: str, key: str) -> Iterator[Mistake]:
-        """Require that a craft's target exists, is another craft, and stays where the craft knows it to be."""
-        if target not in names:
-            yield f"no craft has this name{did_you_mean(target, names)}", key
-            return
-        of = names.index(target)
-        group = self.swarm if of < self.swarm.count else self.craft[of - self.swarm.count]
-        table = "swarm" if of < self.swarm.count else f"craft[{of - self.swarm.count}]"
-        if of == craft:
-            yield "a craft cannot be its own target", key
-        elif group.motion.kind != "hold" or group.motion.attitude.spin_deg_s:
-            yield "must hold its position without spin: its pose is known on board", key, f"{table}.motion.kind"
-        elif group.feedback != "truth":
-            yield 'must hold its position exactly: feedback = "truth"', key, f"{table}.feedback"
-
-    def _criteria_mistakes(self, names: tuple[str, ...]) -> Iterator[Mistake]:
-        """Require criteria about craft that exist, with a name each."""
-        labels = [criterion.label for criterion in self.criteria]
-        for i, criterion in enumerate(self.criteria):
-            for k, name in enumerate(criterion.craft):
-                if name not in names:
-                    yield f"no craft has this name{did_you_mean(name, names)}", f"criteria[{i}].craft[{k}]"
-            if labels[i] in labels[:i]:
-                yield f"another criterion is called {labels[i]} too: give one of them a name", f"criteria[{i}].name"
-
-    def _lidar_mistakes(self, names: tuple[str, ...]) -> Iterator[Mistake]:
-        """Require that the target of a LiDAR exists and is passive, and that no scan is shorter than a period."""
-        groups = [self.swarm] * self.swarm.count + list(self.craft)
-        for i, craft in enumerate(self.craft):
-            if craft.lidar is None:
-                continue
-            key, target = f"craft[{i}].lidar", craft.lidar.target
-            if target not in names:
-                yield f"no craft has this name{did_you_mean(target, names)}", f"{key}.target"
-                continue
-            of = names.index(target)
-            if not groups[of].passive:
-                table = "swarm" if of < self.swarm.count else f"craft[{of - self.swarm.count}]"
-                yield (
-                    "must be passive: a craft that navigates by itself is not inspected",
-                    f"{key}.target",
-                    f"{table}.passive",
-                )
-            if craft.lidar.rate_hz > self.lighthouse.rate_hz:
-                yield f"at most one scan per lighthouse period, {self.lighthouse.rate_hz:g} Hz", f"{key}.rate_hz"
+def _entries(names: tuple[str, ...], key: str) -> Iterator[tuple[str, str]]:
+    """Yield the names in a list, with the key of each."""
+    for i, name in enumerate(names):
+        yield name, f"{key}[{i}]"

@@ -1,1 +1,1 @@
-"""What physics delivers to a craft: which photodiode is lit, and when."""
+"""The sensors: which photodiodes are lit and when, camera images, and LiDAR scans, from the true motion."""

@@ -1,4 +1,4 @@
-"""Who could stand in which ray: rays from one point, and spheres around the craft, on a grid of directions.
+"""Broad phase of the rays: the craft that could block each ray, from spheres around them on a grid of directions.
 
 A ray goes from the origin through (u, v, 1), u = x/z and v = y/z, inside the field |u|, |v| <= w = tan(field / 2). A
 sphere (x, y, z), radius r, seen along y is a circle; the two tangents to it from the origin touch it at
@@ -19,13 +19,16 @@ from estimators.kernel import kernel
 from estimators.rotation import matrix_from_quaternion_into
 
 MOST_CELLS = 512
-"""Cells along u or v, at most."""
+"""Largest number of cells along u or v."""
 
 
 class Placed(NamedTuple):
-    """Owners of solids at one instant, in the lighthouse frame: rotation (N, 3, 3), position (N, 3) of their bodies.
+    """Owners of solids at one instant, in the lighthouse frame.
 
-    origin: (N, 3), the lighthouse in the owner's body frame. centre: (N, 3) of the sphere around the owner.
+    rotation: attitudes of the owners' bodies, (N, 3, 3).
+    position: positions of the owners' bodies, (N, 3) [m].
+    origin: the lighthouse in each owner's body frame, (N, 3) [m].
+    centre: centres of the spheres around the owners, (N, 3) [m].
     """
 
     rotation: Floats
@@ -35,7 +38,13 @@ class Placed(NamedTuple):
 
 
 class Grid(NamedTuple):
-    """Cells of directions: those in cell (i, j) are `owner[start[n * i + j] : start[n * i + j + 1]]`, n a side."""
+    """Grid of direction cells: cell (i, j) lists the owners `owner[start[n * i + j] : start[n * i + j + 1]]`, n = side.
+
+    side: number of cells along u and along v.
+    half_width: half width of the field on the plane z = 1.
+    start: index of each cell's first entry in `owner`, (side^2 + 1,).
+    owner: owners in the cells, one cell after the other.
+    """
 
     side: int
     half_width: float
@@ -45,7 +54,15 @@ class Grid(NamedTuple):
 
 @kernel
 def place_into(position: Floats, quaternion: Floats, shape: Ints, shape_centre: Floats, out: Placed) -> None:
-    """Place the C craft at position (C, 3), quaternion (C, 4) wxyz; the scene, owner C, stays where it is."""
+    """Write the poses of the C craft; the scene, owner C, stays where it is.
+
+    Args:
+        position: positions of the craft, (C, 3) [m].
+        quaternion: attitudes of the craft, (C, 4) wxyz.
+        shape: shape of each owner, (C + 1,), -1 for none.
+        shape_centre: centres of the shapes' spheres, (S, 3) [m], body frame.
+        out: output, the placed owners.
+    """
     for c in range(len(shape)):
         r = out.rotation[c]
         if c < len(position):
@@ -62,7 +79,7 @@ def place_into(position: Floats, quaternion: Floats, shape: Ints, shape_centre: 
 
 @kernel
 def _span(across: float, ahead: float, radius: float, half_width: float) -> tuple[float, float]:
-    """The interval of u that a circle covers; (-w, w) where it reaches behind its own radius."""
+    """Return the interval of u that a circle covers; (-w, w) where it reaches behind its own radius."""
     if not ahead > radius:
         return -half_width, half_width
     s = np.sqrt(across * across + ahead * ahead - radius * radius)
@@ -72,13 +89,19 @@ def _span(across: float, ahead: float, radius: float, half_width: float) -> tupl
 
 @kernel
 def cell_of(u: float, side: int, half_width: float) -> int:
-    """The cell along one axis that holds u, or the nearest one."""
+    """Return the cell along one axis that holds a coordinate, or the nearest one.
+
+    Args:
+        u: coordinate u or v of the direction.
+        side: number of cells along the axis.
+        half_width: half width of the field on the plane z = 1.
+    """
     return int(min(max((u + half_width) * (side / (2 * half_width)), 0.0), side - 1.0))
 
 
 @kernel
 def _cells_into(placed: Placed, shape: Ints, radius: Floats, side: int, half_width: float, out: Ints) -> int:
-    """Write each owner's range of cells (N, 4), the first above the last where it is out of sight; the total."""
+    """Write each owner's range of cells (N, 4), empty where it is out of sight; return the total number of cells."""
     total = 0
     for c in range(len(shape)):
         out[c, 0], out[c, 1], out[c, 2], out[c, 3] = 0, -1, 0, -1
@@ -100,7 +123,15 @@ def _cells_into(placed: Placed, shape: Ints, radius: Floats, side: int, half_wid
 
 @kernel
 def sort_into_cells(placed: Placed, shape: Ints, radius: Floats, side: int, half_width: float) -> Grid:
-    """The grid of `side` x `side` cells with every owner that a ray could meet; radius (S,) of the shapes."""
+    """Return the grid of `side` x `side` cells with every owner that a ray could meet.
+
+    Args:
+        placed: owners at one instant.
+        shape: shape of each owner, (C + 1,), -1 for none.
+        radius: radii of the shapes' spheres, (S,) [m].
+        side: number of cells along u and along v.
+        half_width: half width of the field on the plane z = 1.
+    """
     cells = np.empty((len(shape), 4), np.int64)
     total = _cells_into(placed, shape, radius, side, half_width, cells)
     start = np.zeros(side * side + 1, np.int64)

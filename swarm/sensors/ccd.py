@@ -3,16 +3,16 @@
 A light at r = (X, Y, Z) in a camera's frame (x right, y down, z along the optical axis) is seen where
 
     Z > 0,  |atan2(X, Z)| and |atan2(Y, Z)| <= field / 2,   range_min <= |r| <= range_max
-    the light shines that way: its normal within `cone` of the direction to the camera
+    the light shines towards the camera: its normal is within `cone` of the direction to the camera
     nothing stands between the pinhole and the light (`Line`, the ray cast of `swarm.sensors.visibility`)
     the camera works
 
 and its image is x = f X / Z, y = f Y / Z (1), plus noise, rounded to the detector's resolution. Both cameras expose at
-the epoch of every lighthouse period. Which image is which light is known, as by a coded or blinking marker.
+the epoch of every lighthouse period. The light that each image belongs to is known, as with a coded or blinking marker.
 
-The lenses are mounted with errors that nobody on board knows: a turn and a shift per camera, drawn once. A camera fails
-as `Outage` says, in stretches of random length, or for single images. Draws depend on seed, purpose, the craft's key
-and the frame alone.
+The cameras are mounted with errors that the on-board computer does not know: a turn and a shift per camera, drawn once.
+A camera fails as `Outage` says, for intervals of random length, or for single images. Draws depend only on seed,
+purpose, the craft's key and the frame.
 """
 
 from collections.abc import Sequence
@@ -32,18 +32,22 @@ from swarm.scenario import Outage
 from swarm.units import SI, si
 
 BLOCK = 64
-"""Frames whose random numbers are drawn at once."""
+"""Number of frames whose random numbers are drawn at once."""
 CAMERAS: tuple[Literal["main", "backup"], ...] = ("main", "backup")
 END_S = 86400.0
-"""No run lasts longer."""
+"""Longest duration of a run [s]."""
 
 
 @dataclass(frozen=True)
 class Pair:
     """One pair of cameras, and the lights that it looks at.
 
-    craft: index and `key` of the craft that carries `cameras` (as drawn). target: index of the craft with `lights`.
-    table: the scenario's.
+    craft: index of the craft that carries the cameras.
+    key: key of this craft's random numbers.
+    target: index of the craft that carries the lights.
+    cameras: the cameras as drawn.
+    lights: the lights of the target.
+    table: the scenario's table.
     """
 
     craft: int
@@ -55,19 +59,26 @@ class Pair:
 
     @cached_property
     def settings(self) -> SI:
-        """The table in SI units."""
+        """Values of the table in SI units."""
         return si(self.table)
 
 
 class Line(Protocol):
-    """The ray cast that `swarm.sensors.visibility.Visibility` has."""
+    """Interface of the ray cast, as `swarm.sensors.visibility.Visibility` provides it."""
 
     def blocked(self, origin: Floats, point: Floats, position: Floats, quaternion: Floats) -> Bools:
-        """Whether something stands between `origin` (3,) and each `point` (N, 3), craft at the given poses."""
+        """Return whether anything stands between a point and each of N others, (N,).
+
+        Args:
+            origin: start of the lines, (3,) [m].
+            point: ends of the lines, (N, 3) [m].
+            position: positions of the craft, (C, 3) [m].
+            quaternion: attitudes of the craft, (C, 4) wxyz.
+        """
 
 
 class Motion(Protocol):
-    """What the cameras need of `swarm.world.PeriodTruth`: knots over the period, the epoch in the middle."""
+    """The part of `swarm.world.PeriodTruth` that the cameras read: knots over the period, the epoch in the middle."""
 
     @property
     def time_s(self) -> Floats: ...  # noqa: D102
@@ -78,10 +89,17 @@ class Motion(Protocol):
 
 
 class Ccd:
-    """All pairs of cameras of a scenario: `expose` gives what they see in one period."""
+    """All camera pairs of a scenario; `expose` gives their images of one period."""
 
     def __init__(self, pairs: Sequence[Pair], line: Line, seed: int, duration_s: float) -> None:
-        """duration_s: how long the run lasts, for the random failures."""
+        """Draw the mounting errors and the random failures.
+
+        Args:
+            pairs: pairs of cameras, each with its lights.
+            line: ray cast between two points.
+            seed: seed of the run.
+            duration_s: length of the run, for the random failures [s].
+        """
         self.pairs, self._line, self._seed = tuple(pairs), line, seed
         self._most = max((len(pair.lights.point_m) for pair in self.pairs), default=0)
         self.mounted = tuple(self._mounted(pair) for pair in self.pairs)
@@ -89,7 +107,7 @@ class Ccd:
         self._draws = Blocks(BLOCK, self._draw)
 
     def expose(self, truth: Motion, frame: int) -> LightImages:
-        """The images of period `frame`, taken at its epoch."""
+        """Return the images of period `frame`, taken at its epoch."""
         epoch = len(truth.time_s) // 2
         time_s, position, quaternion = float(truth.time_s[epoch]), truth.position[epoch], truth.quaternion[epoch]
         rotation = matrix_from_quaternion(quaternion)
@@ -127,13 +145,13 @@ class Ccd:
         )
 
     def _mounted(self, pair: Pair) -> Cameras:
-        """Where the cameras really are."""
+        """Return the cameras with their mounting errors."""
         draw = random.stream(self._seed, Purpose.CAMERA_MOUNTING, pair.key).standard_normal((2, 2, 3))
         turned = pair.cameras.rotation @ exp(pair.settings.mounting_error_rad * draw[:, 0])
         return Cameras(turned, pair.cameras.position_m + pair.settings.mounting_error_m * draw[:, 1])
 
     def _random_outages(self, pair: Pair, duration_s: float) -> list[Outage]:
-        """Failures as a Poisson process, each of exponential length, for both cameras by themselves."""
+        """Draw each camera's failures as a Poisson process of its own, each failure of exponential length."""
         found: list[Outage] = []
         between_s, length_s = pair.table.failure_every_s, pair.table.failure_length_s
         if between_s is None:
@@ -157,7 +175,7 @@ class Ccd:
 
 
 def _in_field(r: Floats, settings: SI) -> Bools:
-    """Which lights (L, 3), in the camera's frame, are in its field and range."""
+    """Return which lights (L, 3), in the camera's frame, are within its field and range."""
     angle = np.abs(np.arctan2(r[:, :2], r[:, 2:])).max(axis=1)
     distance = np.linalg.norm(r, axis=1)
     inside: Bools = (
@@ -167,6 +185,6 @@ def _in_field(r: Floats, settings: SI) -> Bools:
 
 
 def _shines(ray: Floats, normal: Floats, cone_rad: float) -> Bools:
-    """Whether lights with `normal` (L, 3) shine back along the rays (L, 3) from the camera."""
+    """Return whether lights with `normal` (L, 3) shine back along the rays (L, 3) from the camera."""
     shines: Bools = -np.sum(ray * normal, axis=1) >= np.cos(cone_rad) * np.linalg.norm(ray, axis=1)
     return shines

@@ -1,4 +1,4 @@
-"""Kernels of the lighthouse: the instant at which a turning fan hits a moving photodiode, and the pulses in order.
+"""Kernels of the lighthouse: the instant at which a turning fan crosses a moving photodiode, and the sorted pulses.
 
 Lighthouse frame. Instants are seconds after the start of the period. Between two knots a craft moves as in MuJoCo: its
 origin along a straight line, its attitude at constant rate, R(t) = Exp([w_c]x (t - t_j)) R_j. The crossing is the root
@@ -7,8 +7,8 @@ of
     g(t) = pi/2 + measured_angle(p(t)) + error - w (t - t_0)
 
 found by Newton steps, with the slope of a fan without systematic errors, within a bracket that the steps may not leave.
-They start at the crossing of the craft's photodiode before, some microseconds away: of a perfect fan, whose slope is
-exact, the first step's own error is then below the limit already.
+The steps start at the crossing of the craft's previous photodiode, some microseconds away: for a perfect fan, whose
+slope is exact, the error of the first step is then already below the limit.
 """
 
 import numpy as np
@@ -20,18 +20,18 @@ from estimators.lighthouse.sweep import TERMS, measured_angle
 from estimators.rotation import quaternion_between, quaternion_rows, turned
 
 CONVERGED_S = 1e-13
-"""The root is found when the rotor needs less than this for the angle that is left [s]."""
+"""Convergence limit: the time in which the rotor turns by the angle that remains [s]."""
 _ROUNDS = 60
 
 
 _POSITION, _VELOCITY, _RATE, _ROTATION, _SEGMENT = 0, 3, 6, 9, 18
-"""Where a segment has them: the motion of one craft between two knots, its pose at the first and its constant rates."""
+"""Offsets in a segment, one craft's motion between two knots (first pose and constant rates), and its length."""
 
 
 @kernel
 def _segment_into(a: Floats, b: Floats, from_m: Floats, to_m: Floats, step: float, out: Floats) -> None:
     """Write the motion from quaternion a (4,), position from_m (3,) to b, to_m within `step` [s] into `out` (18,)."""
-    # b = d a, so d = b a*; q and -q are the same attitude: take the shorter way round.
+    # b = d a, so d = b a*; q and -q are the same attitude: the shorter turn is taken.
     w, x, y, z = quaternion_between(b, a)
     sine = np.sqrt(x * x + y * y + z * z)
     # asin(s)/s = 1 + s^2/6: the next term is below rounding at s = 1e-4.
@@ -61,10 +61,21 @@ def cross_into(
     instant: Floats,
     width: Floats,
 ) -> None:
-    """Write crossing instants and sweep widths (C, K, 2) [s] of the lit photodiodes; NaN where a fan finds none.
+    """Write the crossing instants and sweep widths of the lit photodiodes; NaN where a fan finds no crossing.
 
-    knot (n + 1,) [s]; position (n + 1, C, 3); quaternion (n + 1, C, 4); point, normal (C, K, 3) in the body frame; lit,
-    error [rad] (C, K, 2); fans (2, FAN) of `kernel_fans`; period [s]; diameter of a photodiode's face [m].
+    Args:
+        knot: times of the knots, from the period's start, (n + 1,) [s].
+        position: positions of the craft at the knots, (n + 1, C, 3) [m].
+        quaternion: attitudes of the craft at the knots, (n + 1, C, 4) wxyz.
+        point: positions of the photodiodes, (C, K, 3) [m], body frame.
+        normal: normals of the photodiodes, (C, K, 3), body frame.
+        lit: photodiodes that are lit as each fan sweeps, (C, K, 2).
+        error: random error of each angle, (C, K, 2) [rad].
+        fans: fans as `kernel_fans` packs them, (2, FAN).
+        period: length of one turn of the rotor [s].
+        diameter: diameter of a photodiode's face [m].
+        instant: output, crossing instants, (C, K, 2) [s].
+        width: output, sweep widths, (C, K, 2) [s].
     """
     intervals = len(knot) - 1
     ready, segment = np.zeros(intervals, np.bool_), np.empty((intervals, _SEGMENT))
@@ -102,15 +113,15 @@ def cross_into(
                         segment[j, 12] * px + segment[j, 13] * py + segment[j, 14] * pz,
                         segment[j, 15] * px + segment[j, 16] * py + segment[j, 17] * pz,
                     )
-                    # The point's velocity, along the fan's motion and ahead.
+                    # The point's velocity, along the fan's motion (`along`) and along z (`closing`).
                     along = segment[j, 3 + fan] + (b * z - d * y if fan == 0 else d * x - a * z)
                     closing = segment[j, 5] + a * y - b * x
                     x += segment[j, 0] + segment[j, 3] * s
                     y += segment[j, 1] + segment[j, 4] * s
                     z += segment[j, 2] + segment[j, 5] * s
                     across, ahead = x if fan == 0 else y, z
-                    # Where the photodiode before was hit, its direction, the fan's, is known: only the angle from it is
-                    # not, a small one, of which four terms of the arc tangent leave 2e-15 rad at 0.03 rad.
+                    # The previous photodiode's direction at its crossing is the fan's: only the small angle from there
+                    # is unknown, and four terms of its arc tangent leave an error of 2e-15 rad at 0.03 rad.
                     turn = 1.0
                     if r == 0 and warm:
                         turn = (across * last_ahead - z * last_across) / (across * last_across + z * last_ahead)
@@ -134,22 +145,23 @@ def cross_into(
                     over = 1 / (across * across + z * z)
                     step = -g / ((across * closing - along * z) * over - w)
                     t += step
-                    # What the angle's second derivative leaves of g, times 2: at most 2 (speed / distance)^2 from the
-                    # point's velocity, and |w_c|^2 r / distance from its acceleration; x <= (1 + x^2) / 2.
+                    # Bound on the angle's second derivative, half of which times step^2 remains of g after the step:
+                    # at most 2 (speed / distance)^2 from the point's velocity, and |w_c|^2 r / distance from its
+                    # acceleration, with x <= (1 + x^2) / 2.
                     bend = 2 * (along * along + closing * closing) * over
                     bend += (a * a + b * b + d * d) * (1 + (px * px + py * py + pz * pz) * over) / 2
                     stays = low < t < high and knot[j] <= t < knot[j + 1]
                     if perfect and stays and bend * step * step < w * CONVERGED_S:
                         across, ahead, found = across + along * step, ahead + closing * step, True
                         break
-                    # Also where g or the step is NaN: the loop then ends without an answer.
+                    # This holds also where g or the step is NaN: the loop then ends without an answer.
                     if not (low < t < high):
                         t = (low + high) / 2
                 if not found:
                     continue
                 instant[c, k, fan] = guess = t
                 last_across, last_ahead, last_error, warm = across, ahead, error[c, k, fan], perfect
-                # The fan's own direction of motion at p; a disc's extent along it is its diameter foreshortened.
+                # The extent of the disc along the fan's direction of motion at p is its foreshortened diameter.
                 s, nx, ny, nz = t - knot[j], normal[c, k, 0], normal[c, k, 1], normal[c, k, 2]
                 x, y, z = turned(
                     segment[j, 6] * s,
@@ -181,11 +193,23 @@ def pack_into(
     out_width: NDArray[np.int32],
     total: NDArray[np.int32],
 ) -> None:
-    """Write every craft's pulses in order of their rise (then as found: flashes, sweeps, strays) into rows of `out_*`.
+    """Write every craft's pulses in order of rise; pulses of equal rise stay in the order flashes, sweeps, strays.
 
-    flashed (C, K, 2): sees the flash; instant, width (C, K, 2) [s], NaN: no sweep; lost (C, K, 2); strays (C,) of
-    stray (C, S, 3): photodiode (rounded down), instant, width [s]; flash (2,) [s]; flash_width (2,) [ticks];
-    start_tick (C,): the period's start on the craft's clock, not a whole number; tick [s].
+    Args:
+        flashed: photodiodes that see each fan's flash, (C, K, 2).
+        instant: crossing instants, (C, K, 2) [s], NaN where there is no sweep.
+        width: sweep widths, (C, K, 2) [s].
+        lost: sweeps whose pulse is lost, (C, K, 2).
+        strays: numbers of stray pulses, (C,).
+        stray: photodiode (rounded down), instant [s] and width [s] of the stray pulses, (C, S, 3).
+        flash: instants at which the flashes rise, (2,) [s].
+        flash_width: widths of the flashes, (2,) [ticks].
+        start_tick: start of the period on each craft's clock, not a whole number, (C,) [ticks].
+        tick: length of a tick [s].
+        out_photodiode: output, photodiode of each pulse, (C, P).
+        out_rise: output, rise of each pulse, (C, P) [ticks].
+        out_width: output, width of each pulse, (C, P) [ticks].
+        total: output, number of pulses per craft, (C,).
     """
     for c in range(flashed.shape[0]):
         m = 0
@@ -217,7 +241,7 @@ def _insert(
     rises: Ints,
     widths: NDArray[np.int32],
 ) -> int:
-    """Insert a pulse into the first `count` of a row in order of rise; the new count."""
+    """Insert a pulse into the first `count` entries of a row, sorted by rise; return the new count."""
     i = count
     while i > 0 and rises[i - 1] > rise:
         photodiodes[i], rises[i], widths[i] = photodiodes[i - 1], rises[i - 1], widths[i - 1]

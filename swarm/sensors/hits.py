@@ -1,8 +1,8 @@
-"""Whether a ray meets a convex solid before it ends: exact tests, as kernels, in the frame of the body that has it.
+"""Exact intersection tests of a ray with convex solids, as kernels, in the frame of the body that carries the solid.
 
 A ray x = o + t d, |d| = 1, from the lighthouse at o, is blocked where it crosses the solid's surface at 0 <= t < reach.
 The part of a line inside a convex solid is one interval [enter, leave] (empty: a miss), and its surface is crossed at
-its two ends: where the ray starts inside, `leave` is what `mj_ray` would report.
+the interval's ends: where the ray starts inside, `leave` is the distance that `mj_ray` would report.
 
     half spaces (hull, box)   enter = max of -(n . o - h) / (n . d) over n . d < 0,  leave = min over n . d > 0
     ellipsoid                 |A (o + t d)| = 1 with A = diag(1 / size): a quadratic in t
@@ -16,14 +16,20 @@ from estimators.arrays import Floats
 from estimators.kernel import kernel
 
 HULL, BOX, ELLIPSOID, CYLINDER, CAPSULE, OTHER = range(6)
-"""Kinds of solids; `OTHER` is not convex, and known by the box around it."""
+"""Kinds of solids; an `OTHER` solid is not convex, and only its bounding box is known."""
 
 Interval = tuple[float, float]
 
 
 @kernel
 def crossed(enter: float, leave: float, reach: float) -> bool:
-    """Whether the surface is crossed at 0 <= t < reach."""
+    """Return whether the surface is crossed at 0 <= t < reach.
+
+    Args:
+        enter: t at which the line enters the solid [m].
+        leave: t at which the line leaves it [m]; below `enter` where the line misses.
+        reach: length of the ray [m].
+    """
     if not enter <= leave:
         return False
     return 0 <= enter < reach or (enter < 0 and 0 <= leave < reach)
@@ -31,9 +37,16 @@ def crossed(enter: float, leave: float, reach: float) -> bool:
 
 @kernel
 def hull_hit(plane: Floats, first: int, past: int, likely: int, o: Floats, d: Floats, reach: float) -> bool:
-    """Whether a ray o, d (3,) crosses the hull of the planes (first ... past) of `plane` (P, 4) before `reach`.
+    """Return whether a ray crosses the surface of a hull.
 
-    likely: the plane that most probably keeps the whole ray outside, tried before the others; -1 if unknown.
+    Args:
+        plane: planes of all hulls, (P, 4).
+        first: row of the hull's first plane.
+        past: row after the hull's last plane.
+        likely: row of the plane that most probably keeps the whole ray outside, tested first; -1 if unknown.
+        o: start of the ray, (3,) [m], body frame.
+        d: unit direction of the ray, (3,), body frame.
+        reach: length of the ray [m].
     """
     enter, leave = -np.inf, np.inf
     if likely >= 0:
@@ -45,7 +58,7 @@ def hull_hit(plane: Floats, first: int, past: int, likely: int, o: Floats, d: Fl
         n = plane[i]
         height = n[0] * o[0] + n[1] * o[1] + n[2] * o[2] + n[3]
         slope = n[0] * d[0] + n[1] * d[1] + n[2] * d[2]
-        # Outside this plane from here to the end of the ray.
+        # The whole ray is outside this plane.
         if height > 0 and height + reach * slope >= 0:
             return False
         if slope < 0:
@@ -59,7 +72,13 @@ def hull_hit(plane: Floats, first: int, past: int, likely: int, o: Floats, d: Fl
 
 @kernel
 def slab(o: float, d: float, half: float) -> Interval:
-    """Where |o + t d| <= half."""
+    """Return the interval of t where |o + t d| <= half.
+
+    Args:
+        o: coordinate of the ray's start [m].
+        d: component of its direction.
+        half: half thickness of the slab [m].
+    """
     if d == 0:
         return (-np.inf, np.inf) if abs(o) <= half else (np.inf, -np.inf)
     a, b = (-half - o) / d, (half - o) / d
@@ -68,7 +87,13 @@ def slab(o: float, d: float, half: float) -> Interval:
 
 @kernel
 def round_interval(a: float, b: float, c: float) -> Interval:
-    """Where a t^2 + 2 b t + c <= 0, a >= 0."""
+    """Return the interval of t where a t^2 + 2 b t + c <= 0.
+
+    Args:
+        a: coefficient of t^2, not negative.
+        b: half the coefficient of t.
+        c: constant.
+    """
     if a == 0:
         return (-np.inf, np.inf) if c <= 0 else (np.inf, -np.inf)
     square = b * b - a * c
@@ -82,7 +107,18 @@ def round_interval(a: float, b: float, c: float) -> Interval:
 def solid_interval(
     kind: int, size: Floats, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float
 ) -> Interval:
-    """Where the ray is inside a solid that is not a hull, in the solid's own frame; of `OTHER`: inside its box."""
+    """Return the interval of t where a ray is inside a solid that is not a hull; for `OTHER`, inside its bounding box.
+
+    Args:
+        kind: kind of the solid.
+        size: MuJoCo's sizes of the solid, (3,) [m].
+        ox: start of the ray along the solid's x axis [m].
+        oy: start along y [m].
+        oz: start along z [m].
+        dx: direction of the ray along the solid's x axis.
+        dy: direction along y.
+        dz: direction along z.
+    """
     if kind == ELLIPSOID:
         ax, ay, az = ox / size[0], oy / size[1], oz / size[2]
         bx, by, bz = dx / size[0], dy / size[1], dz / size[2]
@@ -115,9 +151,16 @@ def solid_interval(
 
 @kernel
 def solid_hit(kind: int, size: Floats, position: Floats, rotation: Floats, o: Floats, d: Floats, reach: float) -> bool:
-    """Whether a ray o, d (3,) in the body's frame crosses a solid at `position` (3,), `rotation` (3, 3) before `reach`.
+    """Return whether a ray crosses the surface of a solid that is not a hull; for `OTHER`, whether it meets the box.
 
-    Of `OTHER`: whether it could, for all that its box says.
+    Args:
+        kind: kind of the solid.
+        size: MuJoCo's sizes of the solid, (3,) [m].
+        position: position of the solid, (3,) [m], body frame.
+        rotation: attitude of the solid in the body frame, (3, 3).
+        o: start of the ray, (3,) [m], body frame.
+        d: unit direction of the ray, (3,), body frame.
+        reach: length of the ray [m].
     """
     x, y, z = o[0] - position[0], o[1] - position[1], o[2] - position[2]
     enter, leave = solid_interval(

@@ -77,29 +77,29 @@ class Lidar:
         self._scan, self._fired = 0, 0
 
     def pattern(self, mount: int) -> LidarPattern:
-        """What the craft of this mount knows of its LiDAR."""
+        """Return what the craft of this mount knows of its LiDAR."""
         s, where = self.settings, self.mounts[mount]
         spacing = max(self._line_spacing_rad, s.resolution_rad)
         # Of a perfect LiDAR, the computer believes a millimetre.
         return LidarPattern(where.rotation, where.position, spacing, max(s.range_noise_m, 1e-3), 1 / s.rate_hz)
 
     def sweep(self, truth: PeriodTruth) -> list[LidarScan | None]:
-        """Fire what is due in one lighthouse period; for each mount the scan that has become complete, if one has.
+        """Fire the rays of one lighthouse period; return, for each mount, the scan that has become complete, if any.
 
         At most one: of several in one period, the last.
         """
         out: list[LidarScan | None] = [None] * len(self.mounts)
         for knot in range(len(truth.time_s) - 1):
             end_s = float(truth.time_s[knot + 1])
-            pose = _halfway(truth.position[knot : knot + 2], truth.quaternion[knot : knot + 2])
+            position, quaternion = _halfway(truth.position[knot : knot + 2], truth.quaternion[knot : knot + 2])
             placed = False
             # Half a nanosecond of slack, so that rounding never moves a ray into the next step.
             while (due := self._due(end_s - 5e-10)) > self._fired:
                 if not placed:
-                    self._place(*pose)
+                    self._place(position, quaternion)
                     placed = True
                 for i in range(len(self.mounts)):
-                    self._fire(i, slice(self._fired, due), *pose)
+                    self._fire(i, slice(self._fired, due), position, quaternion)
                 self._fired = due
                 if due == len(self._direction):
                     out = self._complete()
@@ -108,14 +108,16 @@ class Lidar:
         return out
 
     def still(self, position: Floats, quaternion: Floats) -> list[LidarScan]:
-        """A whole scan of every mount with all craft at rest at `position` (C, 3) [m], `quaternion` (C, 4) wxyz."""
+        """Return a whole scan of every mount with all craft at rest at `position` (C, 3) [m], `quaternion` (C, 4)
+        wxyz.
+        """
         self._place(position, quaternion)
         for i in range(len(self.mounts)):
             self._fire(i, slice(0, len(self._direction)), position, quaternion)
         return [scan for scan in self._complete() if scan is not None]
 
     def _due(self, time_s: float) -> int:
-        """How many rays of the running scan are to be fired before `time_s`."""
+        """Return how many rays of the running scan are to be fired before `time_s`."""
         start_s = self._scan / self.settings.rate_hz
         return int(np.searchsorted(self._offset_s, time_s - start_s))
 
@@ -172,7 +174,7 @@ class Lidar:
 
 
 def _halfway(position: Floats, quaternion: Floats) -> tuple[Floats, Floats]:
-    """Poses in the middle of two, (2, C, 3) and (2, C, 4): on the straight line, at constant rate."""
+    """Return the poses in the middle of two, (2, C, 3) and (2, C, 4): on the straight line, at constant rate."""
     first, second = matrix_from_quaternion(quaternion)
     turn = exp(log(second @ np.swapaxes(first, -1, -2)) / 2)
     return position.mean(axis=0), quaternion_from_matrix(turn @ first)

@@ -42,7 +42,9 @@ STRAY_WIDTH_MAX_S = SYNC_WIDTH_S / 10
 
 
 class Motion(Protocol):
-    """What the lighthouse needs of `swarm.world.PeriodTruth`: knots over the period, in the lighthouse frame."""
+    """The part of `swarm.world.PeriodTruth` that the lighthouse needs: knots over the period, in the lighthouse
+    frame.
+    """
 
     @property
     def time_s(self) -> Floats:
@@ -58,7 +60,7 @@ class Motion(Protocol):
 
 
 class Rotor(NamedTuple):
-    """How the rotor turns in one period: its speed against the nominal one, and how late its zeros come [s]."""
+    """The rotor in one period: its speed over the nominal one, and the delay of its zeros [s]."""
 
     speed: float = 1.0
     phase_s: float = 0.0
@@ -84,7 +86,7 @@ class Lighthouse:
     """
 
     photodiodes: Photodiodes
-    """Where the photodiodes really are: the drawn layout plus the mounting error."""
+    """The photodiodes as they really are: the drawn layout plus the mounting error."""
     clock_offset_tick: Floats
     """(C,) what each craft's clock shows at time zero [ticks]; a craft never learns it."""
 
@@ -126,24 +128,36 @@ class Lighthouse:
         self._draws = Blocks(BLOCK, self._draw)
 
     def sweep(self, truth: Motion, frame: int, lit: Bools, rotor: Rotor | None = None) -> Pulses:
-        """Pulses of the period `frame` with motion `truth`; `lit` (C, K, 2): in line of sight as fan X, Y sweeps.
+        """Return the pulses that every craft logs in one period.
 
-        rotor: how it turns, if not as it should.
+        Args:
+            truth: The motion of the craft in the period.
+            frame: The number of the period.
+            lit: Whether a photodiode is in line of sight as fan X, Y sweeps, (C, K, 2).
+            rotor: The rotor's turning, if not as it should be.
+
+        Raises:
+            ValueError: An array has a wrong shape.
         """
-        settings, true = self.settings, self.photodiodes
+        true = self.photodiodes
         shape = (*true.present.shape, 2)
         if lit.shape != shape:
             raise ValueError(f"lit must have shape {shape}, not {lit.shape}")
         if truth.position.shape[1:] != (true.craft_count, 3) or truth.quaternion.shape[1:] != (true.craft_count, 4):
             raise ValueError(f"motion of {true.craft_count} craft needed, not {truth.position.shape}")
+        turn = rotor or Rotor()
+        instant, width = self._crossings(truth, frame, lit, turn)
+        return self._logged(frame, lit, turn, instant, width)
+
+    def _crossings(self, truth: Motion, frame: int, lit: Bools, turn: Rotor) -> tuple[Floats, Floats]:
+        """Return the instants of the sweeps in the period, and their widths, (C, K, 2) each [s]."""
+        settings, true = self.settings, self.photodiodes
         position, quaternion = self._frame.poses_into(truth.position, truth.quaternion)
         draws, i = self._draws.at(frame)
-        period, turn = 1 / settings.rate_hz, rotor or Rotor()
-        turn_s = period / turn.speed
         rho, noise = settings.rotor_correlation, settings.angle_noise_rad
         angle_error = (noise * np.sqrt(1 - rho)) * draws.angle[i]
         angle_error += (noise * np.sqrt(rho)) * draws.rotor[i]
-        instant, width = np.empty(shape), np.empty(shape)
+        instant, width = np.empty(lit.shape), np.empty(lit.shape)
         cross_into(
             np.ascontiguousarray(truth.time_s - truth.time_s[0] - turn.phase_s),
             np.ascontiguousarray(position),
@@ -153,25 +167,26 @@ class Lighthouse:
             lit,
             angle_error,
             self._fans,
-            turn_s,
+            1 / settings.rate_hz / turn.speed,
             settings.photodiode_diameter_m,
             instant,
             width,
         )
-        if rotor is not None:
-            instant += turn.phase_s
-        flash = turn.phase_s + np.array([0.0, turn_s / 2]) + settings.sync_jitter_s * draws.sync[i]
+        return instant + turn.phase_s if turn.phase_s else instant, width
+
+    def _logged(self, frame: int, lit: Bools, turn: Rotor, instant: Floats, width: Floats) -> Pulses:
+        """Return what the timing circuits log of the flashes, the sweeps and stray light."""
+        settings, (draws, i) = self.settings, self._draws.at(frame)
+        craft, period = len(lit), 1 / settings.rate_hz
+        flash = turn.phase_s + np.array([0.0, period / turn.speed / 2]) + settings.sync_jitter_s * draws.sync[i]
         flash_width = (SYNC_WIDTH_S + SYNC_WIDTH_STEP_S * np.arange(2)) / settings.tick_s
         # A stray: which of its photodiodes, which instant of the period, how long.
-        scale = np.stack([self._count, np.full(shape[0], period), np.full(shape[0], STRAY_WIDTH_MAX_S)], axis=-1)
+        scale = np.stack([self._count, np.full(craft, period), np.full(craft, STRAY_WIDTH_MAX_S)], axis=-1)
         stray = draws.stray[i] * scale[:, None, :]
-        most = 4 * shape[1] + stray.shape[1]
-        pulses = Pulses(
-            np.full((shape[0], most), -1, dtype=np.int16),
-            np.zeros((shape[0], most), dtype=np.int64),
-            np.zeros((shape[0], most), dtype=np.int32),
-            np.zeros(shape[0], dtype=np.int32),
-        )
+        most = 4 * lit.shape[1] + stray.shape[1]
+        photodiode = np.full((craft, most), -1, dtype=np.int16)
+        rise, wide = np.zeros((craft, most), dtype=np.int64), np.zeros((craft, most), dtype=np.int32)
+        total = np.zeros(craft, dtype=np.int32)
         pack_into(
             lit & ~draws.missed[i][:, None, :],
             instant,
@@ -183,13 +198,12 @@ class Lighthouse:
             np.rint(flash_width).astype(np.int64),
             self.clock_offset_tick + frame * period / settings.tick_s,
             settings.tick_s,
-            pulses.photodiode,
-            pulses.rise_tick,
-            pulses.width_tick,
-            pulses.total,
+            photodiode,
+            rise,
+            wide,
+            total,
         )
-        used = int(pulses.total.max(initial=0))
-        photodiode, rise, wide, total = pulses
+        used = int(total.max(initial=0))
         return Pulses(photodiode[:, :used], rise[:, :used], wide[:, :used], total)
 
     def _stream(self, purpose: Purpose, *numbers: int) -> np.random.Generator:

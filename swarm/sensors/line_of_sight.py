@@ -1,7 +1,7 @@
-"""Kernels of the line of sight: what every photodiode sees of the lighthouse, given who is in which direction.
+"""Kernels of the line of sight: the `Sight` of every photodiode, given the owners of solids in each direction.
 
-Everything about a photodiode's own craft is asked in its body frame, where photodiode, normal and surfaces never move
-and the lighthouse stands at o: reach, incidence, and whether the plane that it stands on keeps the ray outside.
+All tests of a photodiode against its own craft use the body frame, where photodiode, normal and surfaces never move and
+the lighthouse stands at o: range, incidence, and whether the plane under the photodiode keeps the ray outside.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ from swarm.sensors.hits import HULL, OTHER, hull_hit, solid_hit
 from swarm.sensors.solids import Solids
 
 OUTSIDE, BLOCKED, LIT = 0, 1, 2
-"""As in `swarm.sensors.visibility.Sight`."""
+"""Values of `swarm.sensors.sight.Sight`."""
 
 
 @kernel
@@ -33,11 +33,25 @@ def sight_into(
     out: NDArray[np.int8],
     unsure: Ints,
 ) -> int:
-    """Write the sight of every photodiode (C, K) and who else must be asked; the number of those, above what fits.
+    """Write the sight of every photodiode, and list the rays that MuJoCo must decide about.
 
-    point, normal (C, K, 3), in the body frame, and `present` (C, K) are the layout's; range_min, range_max, thickness
-    [m]; least_cosine: of the incidence. likely (C, K): see `hull_hit`. unsure (n, 3): craft, photodiode, and which of
-    the geoms that stand in the light, counted over all owners, MuJoCo must decide on.
+    Args:
+        point: positions of the photodiodes, (C, K, 3) [m], body frame.
+        normal: normals of the photodiodes, (C, K, 3), body frame.
+        present: photodiodes that are not padding, (C, K).
+        placed: owners of the solids, at their poses.
+        solids: solids that can block the light.
+        grid: owners by direction.
+        range_min: shortest range [m].
+        range_max: longest range [m].
+        least_cosine: cosine of the largest angle of incidence.
+        thickness: a surface nearer than the photodiode by less than this does not shade it [m].
+        likely: plane of the photodiode's craft that most probably keeps the ray outside, (C, K), see `hull_hit`.
+        out: output, the sight of every photodiode, (C, K).
+        unsure: output, undecided rays, (n, 3): craft, photodiode, and index of the geom among those of all owners.
+
+    Returns:
+        The number of undecided rays; larger than n where they do not fit into `unsure`.
     """
     count = 0
     d, e = np.empty(3), np.empty(3)
@@ -80,7 +94,7 @@ def sight_into(
                     centre, radius = placed.centre[j], solids.shape_radius[solids.shape[j]]
                     along = (qx * centre[0] + qy * centre[1] + qz * centre[2]) * scale
                     square = centre[0] * centre[0] + centre[1] * centre[1] + centre[2] * centre[2]
-                    # Beyond either end of the ray, that end is the nearest point of it.
+                    # For a centre beyond an end of the ray, that end is the nearest point.
                     t = min(max(along, 0.0), reach)
                     if square - 2 * t * along + t * t <= radius * radius:
                         s = placed.rotation[j]
@@ -106,7 +120,7 @@ def _meet(
     unsure: Ints,
     count: int,
 ) -> int:
-    """Ask all solids of an owner, in its body frame, about a ray o, d (3,): darken `out[c, k]`, or add to `unsure`."""
+    """Test a ray o, d (3,) against all solids of an owner, in its body frame: darken `out[c, k]` or add to `unsure`."""
     shape = solids.shape[owner]
     first, past = solids.first[shape], solids.first[shape + 1]
     for m in range(first, past):
@@ -130,7 +144,7 @@ def _meet(
 
 @kernel
 def _clear(o: Floats, d: Floats, reach: float, centre: Floats, radius: float) -> bool:
-    """Whether the ray o + t d, (3,) each, t from 0 to `reach`, stays outside a sphere."""
+    """Return whether the ray o + t d, (3,) each, t from 0 to `reach`, stays outside a sphere."""
     x, y, z = centre[0] - o[0], centre[1] - o[1], centre[2] - o[2]
     along = x * d[0] + y * d[1] + z * d[2]
     t = min(max(along, 0.0), reach)

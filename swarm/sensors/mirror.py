@@ -1,4 +1,4 @@
-"""Reflections: by way of which flat faces of other craft the lighthouse's light reaches a photodiode.
+"""Reflections: the lighthouse's light that reaches a photodiode by way of the flat faces of other craft.
 
 A face with outward normal n lies in the plane n . x + d = 0 of the lighthouse frame. The light from the origin meets a
 photodiode at p by way of the point q where the line from the origin's mirror image o' to p passes the plane:
@@ -7,9 +7,9 @@ photodiode at p by way of the point q where the line from the origin's mirror im
 
 q is on the face if it is inside all other planes of the convex solid that has the face; origin and p lie in front of it
 (d > 0, h > 0). The photodiode sees the light if it comes from within its incidence limit, q is in the lighthouse's
-field, the way is not longer than its range, and nothing stands in either leg. It is swept when the fan passes q.
+field, the path is not longer than its range, and nothing blocks either leg. It is swept when the fan passes q.
 
-Every flat face is a perfect mirror: those of boxes and of convex meshes.
+Every flat face of a box or a convex mesh is a perfect mirror.
 """
 
 from collections.abc import Sequence
@@ -27,11 +27,16 @@ from swarm.units import SI
 
 ON_FACE_M = 1e-9
 OFF_FACE_M = 1e-4
-"""A leg begins so far in front of the face: not in it."""
+"""Distance in front of the face at which a leg begins, so that it does not start inside the face [m]."""
 
 
 class Ghost(NamedTuple):
-    """Light by way of mirrors: photodiode (n,); q (n, 3) [m] in the lighthouse frame; length of the way (n,) [m]."""
+    """Light by way of mirrors: the photodiodes that n reflections reach.
+
+    photodiode: index of the photodiode, (n,).
+    point_m: point of reflection q in the lighthouse frame, (n, 3) [m].
+    way_m: length of the path, (n,) [m].
+    """
 
     photodiode: Ints
     point_m: Floats
@@ -39,7 +44,7 @@ class Ghost(NamedTuple):
 
 
 def faces_of(solids: Solids, craft: int) -> list[Floats]:
-    """The planes (P, 4), n . x + d <= 0 inside, in the body frame, of each convex solid with flat faces of a craft."""
+    """Return the planes (P, 4) of each convex solid with flat faces of a craft: n . x + d <= 0 inside, body frame."""
     shape = int(solids.shape[craft])
     if shape < 0:
         return []
@@ -63,9 +68,16 @@ def ghosts(
     position: Floats,
     quaternion: Floats,
 ) -> Ghost:
-    """What one craft's photodiodes see of the lighthouse by way of other craft, with all craft at these poses.
+    """Return the reflections of the lighthouse that reach the photodiodes of one craft.
 
-    position: (C, 3) [m]. quaternion: (C, 4). mirrors: the craft whose faces are considered.
+    Args:
+        visibility: the scene's rays and solids.
+        layout: photodiodes of all craft.
+        craft: index of the craft whose photodiodes are lit.
+        mirrors: indices of the craft whose faces reflect.
+        limits: the station's table in SI units.
+        position: positions of all craft, (C, 3) [m].
+        quaternion: attitudes of all craft, (C, 4) wxyz.
     """
     rotation = matrix_from_quaternion(quaternion)
     present = np.flatnonzero(layout.present[craft])
@@ -84,7 +96,7 @@ def ghosts(
                 back = q - p[:, None]
                 arm = np.linalg.norm(back, axis=-1)
                 length = np.linalg.norm(q, axis=-1) + arm
-                # Against every plane of the solid: on its own one the point lies anyway.
+                # All planes of the solid are tested: the point lies on its own face's plane anyway.
                 inside = np.max(q @ n.T + d, axis=-1) <= ON_FACE_M
                 facing = np.sum(back * normal[:, None], axis=-1) >= np.cos(limits.incidence_max_rad) * arm
             in_field = (q[..., 2] > 0) & np.all(np.abs(q[..., :2]) <= slope * q[..., 2:], axis=-1)

@@ -1,13 +1,13 @@
-"""What a photodiode sees of the lighthouse."""
+"""Visibility of the lighthouse from a photodiode."""
 
 from enum import IntEnum
 
 
 class Sight(IntEnum):
-    """What a photodiode sees of the lighthouse."""
+    """Visibility of the lighthouse from a photodiode."""
 
     OUTSIDE = 0
-    """Out of field or range, turned away, or not there at all (padding)."""
+    """Out of field or range, turned away, or absent (padding)."""
     BLOCKED = 1
-    """Within reach of the light, but something stands in between."""
+    """Within field, range and incidence, but something stands in between."""
     LIT = 2

@@ -1,12 +1,12 @@
-"""What can stand in the light, read from a MuJoCo model once: every craft's geoms as solids in its own body frame.
+"""The solids that can block the light, read once from a MuJoCo model: the geoms of every craft in its own body frame.
 
-A geom is one of few kinds with an exact test in `swarm.sensors.hits`: boxes, ellipsoids (and spheres), cylinders,
-capsules, and hulls, which are meshes whose triangles are a closed convex surface, kept as the planes of their faces.
-Whatever is not convex is `OTHER`: it has a box around it, and MuJoCo's own ray has the last word. Geoms that are fully
-transparent or belong to the lighthouse stand in nobody's light, as for `mj_ray`.
+Every geom is of one of the kinds for which `swarm.sensors.hits` has an exact test: boxes, ellipsoids (and spheres),
+cylinders, capsules, and hulls. A hull is a mesh whose triangles form a closed convex surface, stored as the planes of
+its faces. Every other geom is `OTHER`: a box bounds it, and MuJoCo's own ray decides. Geoms that are fully transparent
+or belong to the lighthouse block no light, as for `mj_ray`.
 
-The owners of geoms are the C craft and, as number C, the scene: everything on bodies that no craft's root carries, in
-the frame of the lighthouse. Owners with the same geoms share one shape.
+The owners of the geoms are the C craft and, as number C, the scene: all geoms on bodies that belong to no craft, in the
+lighthouse frame. Owners with identical geoms share one shape.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from estimators.arrays import Floats, Ints
 from swarm.sensors.hits import BOX, CAPSULE, CYLINDER, ELLIPSOID, HULL, OTHER
 
 FLAT = 1e-6
-"""A vertex above a face's plane by less than this share of the mesh's size is on it: vertices are single precision."""
+"""Tolerance on a vertex above a face's plane, relative to the mesh's size: vertices are stored in single precision."""
 _SHAPE = mujoco.mjtGeom
 _KINDS = {
     int(_SHAPE.mjGEOM_BOX): BOX,
@@ -31,12 +31,18 @@ _KINDS = {
 
 
 class Solids(NamedTuple):
-    """C + 1 owners, the shapes that they have, and the shapes' solids, all in the owner's body frame [m].
+    """The C + 1 owners, their S shapes, and the N solids of these shapes, all in the owner's body frame [m].
 
-    shape: (C + 1,), -1 for none. geom: (C + 1,), the model's number of the owner's first solid's geom, in `geoms`.
-    Per shape: centre (S, 3), radius (S,) of a sphere around it; first (S + 1,), where its solids begin. Per solid: kind
-    (N,), size (N, 3), position (N, 3), rotation (N, 3, 3), centre and radius of a sphere around it (N, 3), (N,), planes
-    (N, 2): first and past the last of its rows in `plane` (P, 4): n . x - h, outward, in the body frame.
+    shape: index of each owner's shape, (C + 1,), -1 for none.
+    geom: index of the geom of each owner's first solid in the list that `read_solids` returns, (C + 1,).
+    shape_centre, shape_radius: sphere around each shape, (S, 3) and (S,).
+    first: index of each shape's first solid, (S + 1,).
+    kind: kind of each solid, (N,).
+    size: MuJoCo's sizes of each solid, half sizes or radii, (N, 3).
+    position, rotation: pose of each solid in the body frame, (N, 3) and (N, 3, 3).
+    centre, radius: sphere around each solid, (N, 3) and (N,).
+    planes: first row and the row after the last of each solid in `plane`, (N, 2).
+    plane: planes of the hulls' faces, (P, 4): (n, d) with outward normal n and n . x + d <= 0 inside, body frame.
     """
 
     shape: Ints
@@ -65,9 +71,17 @@ class _Solid(NamedTuple):
 
 
 def read_solids(model: mujoco.MjModel, craft_bodies: Sequence[int] | Ints, lighthouse_body: int) -> tuple[Solids, Ints]:
-    """The solids of the craft with these root bodies (C,), and the geoms' numbers: those of owner i from `geom[i]` on.
+    """Read the solids of all craft and of the scene.
 
-    What is not on a craft stands where the model's initial pose has it.
+    Geoms of the scene stand where the model's initial pose has them.
+
+    Args:
+        model: compiled model.
+        craft_bodies: root bodies of the craft, (C,).
+        lighthouse_body: body of the lighthouse, which blocks no light.
+
+    Returns:
+        The solids, and the model's numbers of their geoms; those of owner i begin at index `geom[i]`.
     """
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -98,7 +112,7 @@ def read_solids(model: mujoco.MjModel, craft_bodies: Sequence[int] | Ints, light
 
 
 def _owners(model: mujoco.MjModel, craft_bodies: Sequence[int] | Ints) -> Ints:
-    """The owner of every body; a body comes after its parent."""
+    """Return the owner of every body; a body comes after its parent."""
     owner = np.full(model.nbody, len(craft_bodies), dtype=np.int64)
     number = {int(body): i for i, body in enumerate(craft_bodies)}
     for body in range(1, model.nbody):
@@ -107,7 +121,7 @@ def _owners(model: mujoco.MjModel, craft_bodies: Sequence[int] | Ints) -> Ints:
 
 
 def _opaque(model: mujoco.MjModel) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """The geoms that `mj_ray` sees: a material's transparency goes before the geom's own."""
+    """Return a mask of the geoms that `mj_ray` sees: a material's transparency overrides the geom's own."""
     alpha = model.geom_rgba[:, 3].copy()
     with_material = model.geom_matid >= 0
     alpha[with_material] = model.mat_rgba[model.geom_matid[with_material], 3]
@@ -116,7 +130,7 @@ def _opaque(model: mujoco.MjModel) -> np.ndarray[tuple[int], np.dtype[np.bool_]]
 
 
 def _in_body(model: mujoco.MjModel, data: mujoco.MjData, geoms: Ints, root: int) -> tuple[Floats, Floats]:
-    """Positions (n, 3) and rotations (n, 3, 3) of geoms in the frame of the body `root` (0: the world)."""
+    """Return positions (n, 3) and rotations (n, 3, 3) of geoms in the frame of the body `root` (0: the world)."""
     if root and np.all(model.geom_bodyid[geoms] == root):
         rotation = np.empty((len(geoms), 9))
         for row, quaternion in zip(rotation, model.geom_quat[geoms], strict=True):
@@ -147,7 +161,7 @@ def _solid(
                 plane = np.column_stack([normal, local[:, 3] - normal @ position])
                 centre, radius = _sphere_around(_triangles(model, mesh)[0])
                 return _Solid(HULL, size, position, rotation, position + rotation @ centre, radius, plane)
-        # A box around it, in its own frame; without one (a plane has none) every ray is MuJoCo's.
+        # The geom's own bounding box; a geom without one (such as a plane) leaves every ray to MuJoCo.
         box = model.geom_aabb[geom]
         bounded = radius > 0 and bool(np.all(box[3:] > 0))
         size = box[3:] * (1 + FLAT) + FLAT if bounded else np.full(3, np.inf)
@@ -157,7 +171,7 @@ def _solid(
 
 
 def _triangles(model: mujoco.MjModel, mesh: int) -> tuple[Floats, Ints]:
-    """Vertices (V, 3) [m] and triangles (F, 3) of a mesh, in its own frame."""
+    """Return the vertices (V, 3) [m] and triangles (F, 3) of a mesh, in its own frame."""
     vertex, face = int(model.mesh_vertadr[mesh]), int(model.mesh_faceadr[mesh])
     return (
         model.mesh_vert[vertex : vertex + model.mesh_vertnum[mesh]].astype(np.float64),
@@ -166,7 +180,7 @@ def _triangles(model: mujoco.MjModel, mesh: int) -> tuple[Floats, Ints]:
 
 
 def _convex_planes(vertex: Floats, face: Ints) -> Floats | None:
-    """Planes (P, 4), n . x + d <= 0 inside, of triangles that are a closed convex surface; None where they are not."""
+    """Return the planes (P, 4), n . x + d <= 0 inside, of a closed convex surface of triangles; None for any other."""
     edge = np.sort(np.concatenate([face[:, [0, 1]], face[:, [1, 2]], face[:, [2, 0]]]), axis=1)
     _, place = np.unique(vertex, axis=0, return_inverse=True)
     _, shared = np.unique(np.sort(place.reshape(-1)[edge], axis=1), axis=0, return_counts=True)
@@ -184,7 +198,7 @@ def _convex_planes(vertex: Floats, face: Ints) -> Floats | None:
         return None
     kept: list[Floats] = []
     for plane in np.column_stack([normal, offset]):
-        # Triangles of one flat face: one plane, the outermost of them.
+        # The triangles of one flat face share one plane, the outermost.
         same = [k for k in kept if k[:3] @ plane[:3] > 1 - FLAT**2 and abs(k[3] - plane[3]) < FLAT * size]
         if same:
             same[0][3] = min(same[0][3], plane[3])
@@ -194,7 +208,7 @@ def _convex_planes(vertex: Floats, face: Ints) -> Floats | None:
 
 
 def _sphere_around(point: Floats) -> tuple[Floats, float]:
-    """Centre (3,) and radius of a sphere around points (V, 3): about the middle of their box."""
+    """Return centre (3,) and radius of a sphere around points (V, 3), about the middle of their bounding box."""
     centre = (point.min(axis=0) + point.max(axis=0)) / 2
     return centre, float(np.linalg.norm(point - centre, axis=1).max())
 
@@ -219,7 +233,7 @@ def _packed(shapes: list[list[_Solid]], shape_of: Ints, geom: Ints) -> Solids:
         shape_of,
         geom,
         centre,
-        # Rounding must not take what touches the sphere from inside.
+        # The margin keeps solids that touch the sphere from inside within it despite rounding.
         radius * (1 + 1e-9),
         first,
         np.array([s.kind for s in solids], dtype=np.int64),

@@ -1,4 +1,4 @@
-"""All sensors of a flight: the light of the lighthouse, the cameras, the LiDARs.
+"""All sensors of a flight: the lighthouse's light, the cameras and the LiDARs.
 
 sight: which photodiodes the light reaches -> pulses; images at the epoch; scans that are completed
 """
@@ -18,11 +18,19 @@ from swarm.world.world import PeriodTruth
 
 
 class Sensors:
-    """What physics delivers to C craft. ccd: None where no craft has cameras."""
+    """The sensors of C craft. ccd: None where no craft has cameras."""
 
     def __init__(
         self, lighthouse: Lighthouse, visibility: Visibility, ccd: Ccd | None, lidars: Sequence[Lidar]
     ) -> None:
+        """Take the sensors.
+
+        Args:
+            lighthouse: the lighthouse's light.
+            visibility: the lighthouse's rays through the scene.
+            ccd: the cameras, if any.
+            lidars: the LiDARs.
+        """
         self.lighthouse, self.visibility, self.ccd, self.lidars = lighthouse, visibility, ccd, tuple(lidars)
 
     def sight(self, truth: PeriodTruth) -> NDArray[np.int8]:
@@ -33,13 +41,13 @@ class Sensors:
         return out
 
     def signals(self, truth: PeriodTruth, frame: int, lit: Bools, rotor: Rotor | None = None) -> Signals:
-        """Return everything that the craft learn in one period.
+        """Return all that the craft receive in one period.
 
         Args:
-            truth: the true motion.
+            truth: true motion over the period.
             frame: number of the period.
-            lit: (C, K, 2), the photodiodes that the light reaches as each fan sweeps.
-            rotor: how the rotor turns, if not as it should.
+            lit: photodiodes that the light reaches as each fan sweeps, (C, K, 2).
+            rotor: motion of the rotor; None: nominal.
         """
         return Signals(
             pulses=self.lighthouse.sweep(truth, frame, lit, rotor),

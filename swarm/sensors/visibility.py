@@ -1,4 +1,4 @@
-"""Which photodiodes the lighthouse's light reaches: field, range, incidence, then a ray against every craft's shape.
+"""Visibility of the lighthouse from the photodiodes: field, range, incidence, then a ray against every craft's shape.
 
 Lighthouse frame = MuJoCo's world frame: the light starts at the origin and goes along +z. A photodiode at p with normal
 n is lit when
@@ -8,12 +8,14 @@ n is lit when
     -n . p / |p| >= cos(incidence_max)                          it faces the light
     first hit of the ray from the origin to p is not nearer than |p| - 1 mm
 
-The ray meets the surfaces that MuJoCo's own `mj_ray` meets: meshes by their triangles (not their convex hull), every
-geom that is not fully transparent, of every body but the lighthouse's. The millimetre is the photodiode's thickness: a
-photodiode stands on a surface, which would else shade it by a rounding error, and may be drawn by a geom that thick.
+The ray meets the same surfaces as MuJoCo's `mj_ray`: meshes by their triangles (not their convex hull), and every geom
+that is not fully transparent, of every body except the lighthouse. The millimetre is the photodiode's thickness: a
+photodiode lies on a surface, which would otherwise shade it by a rounding error, and a geom of that thickness may
+represent the photodiode itself.
 
-All rays start at one point, so a grid of directions (`broad_phase`) tells which craft could stand in a ray, and a test
-in closed form (`hits`) whether a convex geom of theirs does. Of geoms that are not convex, MuJoCo's own ray decides.
+All rays start at one point, so a grid of directions (`broad_phase`) lists the craft that could block a ray, and a
+closed-form test (`hits`) decides for each of their convex geoms. MuJoCo's own ray decides for geoms that are not
+convex.
 """
 
 from collections.abc import Sequence
@@ -38,14 +40,14 @@ THICKNESS_M = 1e-3
 """A surface that is nearer than the photodiode by less than this does not shade it [m]."""
 
 WIDEST_HALF_FIELD_RAD = 1.57
-"""Just below pi/2: the field is a rectangle on the plane z = 1."""
+"""Largest half field, just below pi/2: the field is a rectangle on the plane z = 1."""
 
 
 class Visibility:
-    """Casts the lighthouse's rays; neither the world's state nor the model is touched.
+    """The lighthouse's rays through a scene of craft; neither the world's state nor the model is modified.
 
-    A photodiode that lies more than a millimetre inside its craft is dark: give the drawn layout, on the surface. The
-    mounting error shifts the photodiode against its drawing, but not into the craft.
+    A photodiode that lies more than a millimetre inside its craft is dark, so the layout must be the drawn one, on the
+    surface. The mounting error shifts a photodiode from its drawn place, but not into the craft.
     """
 
     def __init__(
@@ -57,19 +59,19 @@ class Visibility:
         station: Lighthouse,
         frame: Frame = WORLD,
     ) -> None:
-        """Prepare the shapes that can stand in the light.
+        """Prepare the shapes that can block the light.
 
         Args:
             model: The model of the world.
-            photodiodes: Their layout as drawn.
+            photodiodes: The layout of the photodiodes as drawn.
             craft_bodies: The craft's root bodies (C,), each with a free joint, in the order of `photodiodes`.
             lighthouse_body: The station's body, which does not shade its own light.
-            station: The scenario's table.
+            station: The scenario's table of the station.
             frame: The station's frame in the world.
 
         Raises:
             ValueError: A root body has no free joint, the numbers of craft differ, or the lighthouse carries geoms on
-                bodies below its own (a ray leaves out one body only).
+                bodies below its own (a ray can leave out only one body).
         """
         self._model = model
         self._photodiodes = photodiodes
@@ -84,7 +86,7 @@ class Visibility:
                 raise ValueError(f"body {model.body(body).name!r} would shade the lighthouse that it belongs to")
         self._solids, self._geoms = read_solids(model, craft_bodies, lighthouse_body)
         self._likely = _likely_planes(self._solids, photodiodes)
-        # The scene, owner number C, never moves: its body frame is the world's.
+        # The scene, owner number C, never moves: its body frame is the world frame.
         self._placed = Placed(np.tile(np.eye(3), (craft + 1, 1, 1)), *(np.zeros((craft + 1, 3)) for _ in range(3)))
         if not frame.is_world:
             self._placed.rotation[craft] = frame.rotation.T
@@ -95,17 +97,23 @@ class Visibility:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Craft and photodiodes (C, K)."""
+        """Numbers of craft and of photodiodes per craft, (C, K)."""
         craft, photodiodes = self._photodiodes.present.shape
         return craft, photodiodes
 
     def lit(self, position: Floats, quaternion: Floats) -> Bools:
-        """Which photodiodes (C, K) are lit with the craft at `position` (C, 3) [m], `quaternion` (C, 4) wxyz."""
+        """Return which photodiodes (C, K) are lit.
+
+        The craft are at `position` (C, 3) [m] with attitude `quaternion` (C, 4) wxyz.
+        """
         lit: Bools = self.state(position, quaternion) == Sight.LIT
         return lit
 
     def state(self, position: Floats, quaternion: Floats) -> NDArray[np.int8]:
-        """The `Sight` of every photodiode, (C, K), for craft at `position` (C, 3) [m], `quaternion` (C, 4) wxyz."""
+        """Return the `Sight` of every photodiode, (C, K); raise ValueError for poses of wrong shape.
+
+        The craft are at `position` (C, 3) [m] with attitude `quaternion` (C, 4) wxyz.
+        """
         craft = len(self._address)
         if position.shape != (craft, 3) or quaternion.shape != (craft, 4):
             raise ValueError(f"poses of {craft} craft needed, not {position.shape}, {quaternion.shape}")
@@ -127,7 +135,10 @@ class Visibility:
         return out
 
     def _ask_mujoco(self, position: Floats, quaternion: Floats, unsure: Ints, out: NDArray[np.int8]) -> None:
-        """Let MuJoCo's rays decide of the rays (craft, photodiode) that may meet a geom, (n, 3), that is not convex."""
+        """Let MuJoCo's rays decide about geoms that are not convex.
+
+        unsure: (n, 3), craft, photodiode and geom of every ray that may meet such a geom. out: (C, K), updated.
+        """
         model, data, start = self._model, self._placed_data(position, quaternion), self._frame.position
         rotation = matrix_from_quaternion(quaternion)
         for c, k, number in unsure:
@@ -147,7 +158,7 @@ class Visibility:
 
     @property
     def solids(self) -> Solids:
-        """What can stand in the light, by craft."""
+        """The solids that can block the light, by owner."""
         return self._solids
 
     def blocked(
@@ -158,10 +169,16 @@ class Visibility:
         quaternion: Floats,
         through_lighthouse: bool = False,
     ) -> Bools:
-        """Whether something stands between `origin` (3,) [m], a camera, and each of the points (N, 3) [m].
+        """Return whether anything blocks the line from a camera to each point, (N,).
 
-        The craft are at `position` (C, 3), `quaternion` (C, 4). The camera's own craft blocks too: a pinhole stands
-        clear of its surface. through_lighthouse: the lighthouse's own body does not, as for its own light.
+        The camera's own craft blocks too: a pinhole stands clear of its surface.
+
+        Args:
+            origin: Position of the camera, (3,) [m].
+            point: Points, (N, 3) [m].
+            position: Positions of the craft, (C, 3) [m].
+            quaternion: Attitudes of the craft, (C, 4) wxyz.
+            through_lighthouse: Ignore the lighthouse's own body, as for its own light.
         """
         ray = point - origin
         distance = np.linalg.norm(ray, axis=-1)
@@ -180,14 +197,14 @@ class Visibility:
             dist=hit,
             normal=None,
             nray=count,
-            # What stands farther than the farthest point cannot shade any.
+            # A surface beyond the farthest point cannot block any line.
             cutoff=float(distance.max()),
         )
         hidden: Bools = (hit >= 0) & (hit < distance - THICKNESS_M)
         return hidden
 
     def _placed_data(self, position: Floats, quaternion: Floats) -> mujoco.MjData:
-        """The rays' own `MjData` with every craft's geoms moved; the rest of the scene stays where the model has it."""
+        """Return the rays' own `MjData` with every craft's geoms moved; the rest of the scene stays in place."""
         if self._data is None:
             self._data = mujoco.MjData(self._model)
         self._data.qpos[self._address[:, None] + np.arange(3)] = position
@@ -197,7 +214,7 @@ class Visibility:
 
 
 def _likely_planes(solids: Solids, photodiodes: Photodiodes) -> Ints:
-    """For every photodiode (C, K) the plane of its own craft's hulls that it is farthest outside of; -1 for none."""
+    """Return the plane of its craft's hulls that every photodiode (C, K) is farthest outside of; -1 for none."""
     out = np.full(photodiodes.present.shape, -1, dtype=np.int64)
     for shape in range(len(solids.first) - 1):
         hulls = range(int(solids.first[shape]), int(solids.first[shape + 1]))
@@ -212,7 +229,7 @@ def _likely_planes(solids: Solids, photodiodes: Photodiodes) -> Ints:
 
 
 def _free_joint_address(model: mujoco.MjModel, body: int) -> int:
-    """Where the free joint of `body` starts in qpos: 3 of position, 4 of quaternion."""
+    """Return the address in qpos of the free joint of `body`: 3 of position, 4 of quaternion."""
     joint = model.body_jntadr[body]
     if joint < 0 or model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_FREE:
         raise ValueError(f"body {model.body(body).name!r} has no free joint")
@@ -220,7 +237,7 @@ def _free_joint_address(model: mujoco.MjModel, body: int) -> int:
 
 
 def _is_part_of(model: mujoco.MjModel, body: int, whole: int) -> bool:
-    """Whether `body` hangs below `whole`; parents come before their children, the world is nobody's part."""
+    """Return whether `body` hangs below `whole`, which must not be the world; parents come before their children."""
     while body > whole:
         body = int(model.body_parentid[body])
     return body == whole > 0

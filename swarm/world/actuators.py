@@ -1,4 +1,4 @@
-"""What thrusters and wheels make of their orders: the wrench on every craft, and the work that is booked.
+"""The execution of orders by thrusters and wheels: the wrench on every craft, and the work done.
 
 In the world every pulse has its thruster's own error and faults (`swarm.world.execution`) and turns with the craft's
 true attitude, and the wheels' momentum turns with the craft. Propellant is not taken off the mass.
@@ -17,10 +17,11 @@ from swarm.world.wrench import OnboardWrench
 
 
 class Drive(NamedTuple):
-    """What moves C craft in one period.
+    """Wrench on C craft in one period.
 
-    force: (C, 3) [N] and torque: (C, 3) [N m], lighthouse frame, on the craft without actuators. onboard: the wrench of
-    the others' actuators; None where there are none.
+    force: force on the craft without actuators, (C, 3) [N], lighthouse frame.
+    torque: torque on the craft without actuators, (C, 3) [N m], lighthouse frame.
+    onboard: wrench of the other craft's actuators; None where there are none.
     """
 
     force: Floats
@@ -29,10 +30,11 @@ class Drive(NamedTuple):
 
 
 class ActuatorWork(NamedTuple):
-    """The true work of C craft's actuators up to the end of a period, (C,) each; NaN where a craft has none of it.
+    """True work of C craft's actuators up to the end of a period, (C,) each; NaN where a craft has no such actuator.
 
-    delta_v_m_s: impulse of the thrusters, or of the ideal force, over the mass [m/s]. thrusters_open: number of
-    thrusters that were open in the period. wheel_momentum_nms: size of the reaction wheels' total momentum [N m s].
+    delta_v_m_s: impulse of the thrusters, or of the ideal force, over the mass [m/s].
+    thrusters_open: number of thrusters that were open in the period.
+    wheel_momentum_nms: magnitude of the reaction wheels' total momentum [N m s].
     """
 
     delta_v_m_s: Floats
@@ -41,7 +43,7 @@ class ActuatorWork(NamedTuple):
 
 
 class Actuators:
-    """The thrusters and wheels of C craft as they really are."""
+    """The thrusters and wheels of C craft with their true errors."""
 
     def __init__(
         self,
@@ -56,11 +58,11 @@ class Actuators:
 
         Args:
             fitted: thrusters and wheels of every craft, C in number.
-            actuators: the same for the A craft that carry some, padded.
-            mass: (C,) [kg].
+            actuators: thrusters and wheels of the A craft that carry some, padded.
+            mass: masses, (C,) [kg].
             period_s: length of a lighthouse period [s].
-            steps: physics steps in a period.
-            seed: of the thrusters' errors.
+            steps: number of physics steps in a period.
+            seed: seed of the thrusters' errors.
         """
         self._set, self._mass = actuators, mass
         self._period_s, self._steps = period_s, steps
@@ -77,11 +79,14 @@ class Actuators:
 
     @property
     def any(self) -> bool:
-        """Whether any craft carries thrusters or wheels."""
+        """True where any craft carries thrusters or wheels."""
         return len(self._set.who) > 0
 
     def drive(self, order: Order, stuck: Sequence[StuckThruster] = ()) -> Drive:
-        """Carry out an order. stuck: thrusters that do not obey, which nobody on board knows."""
+        """Carry out an order, and return the wrench on the craft.
+
+        stuck: thrusters that do not obey, unknown on board.
+        """
         ideal, who = ~self._thrusting, self._set.who
         self._delta_v[ideal] += np.linalg.norm(order.force[ideal], axis=1) / self._mass[ideal] * self._period_s
         if not len(who):
@@ -91,7 +96,7 @@ class Actuators:
         wheels = np.einsum("aw,awi->ai", order.wheel_torque, self._set.axis)
         out.force[:, who] = np.einsum("san,ani->sai", opened, self._force)
         out.torque[:, who] = np.einsum("san,ani->sai", opened, self._pulse_torque) + wheels
-        # The order has the wheels' momentum at the end of the period; in mid-step they had lost less to the craft.
+        # The order gives the wheels' momentum at the end of the period; by mid-step less of it has gone to the craft.
         to_go = self._period_s * (1 - (np.arange(self._steps) + 0.5) / self._steps)
         out.wheel_momentum[:, who] = order.wheel_momentum + to_go[:, None, None] * wheels
         impulse = np.einsum("san,an->a", opened, np.linalg.norm(self._force, axis=2)) * self._period_s / self._steps
@@ -101,7 +106,7 @@ class Actuators:
         return Drive(order.force, order.torque, out)
 
     def work(self) -> ActuatorWork:
-        """Return what has been done up to the end of the last period."""
+        """Return the work done up to the end of the last period."""
         firing = np.where(self._thrusting, np.count_nonzero(self._open, axis=1), np.nan)
         momentum = np.where(self._has_wheels, self._momentum, np.nan)
         return ActuatorWork(self._delta_v.copy(), firing, momentum)

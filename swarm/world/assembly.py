@@ -1,8 +1,9 @@
-"""One MuJoCo model of many craft: each a copy of its file's one rigid body, attached where it starts.
+"""One MuJoCo model of many craft, each a copy of its file's one rigid body, attached at its starting pose.
 
-Attaching costs time in proportion to what the parent holds already, so craft are gathered in groups of BATCH, groups
-in groups of groups, and so on: the time grows as C log C. Compiling stays quadratic in C (MuJoCo finds every body's
-inverse inertia through the mass matrix of all): 0.2 s for 1000 craft and half a minute for 10 000.
+Attaching takes time in proportion to the number of elements that the parent holds already, so craft are gathered in
+groups of BATCH, groups in groups of groups, and so on: the time grows as C log C. Compiling stays quadratic in C
+(MuJoCo finds every body's inverse inertia through the mass matrix of all): 0.2 s for 1000 craft and half a minute for
+10 000.
 """
 
 from collections.abc import Sequence
@@ -18,14 +19,19 @@ from swarm.world.craft import FilePose, load_static, quiet
 from swarm.world.docking import add_latches
 
 LIGHTHOUSE = "lighthouse"
-"""The lighthouse's prefix in the MuJoCo model; no craft may have this name."""
+"""Prefix of the lighthouse in the MuJoCo model; no craft may have this name."""
 BATCH = 32
-"""Craft, or groups of craft, attached to one parent."""
+"""Largest number of craft, or groups of craft, attached to one parent."""
 
 
 class Placement(NamedTuple):
-    """One thing to attach: its name, its file's one body and that body's pose there, its position (3,) [m] and
-    quaternion (4,) wxyz.
+    """One object to attach.
+
+    name: name of the object.
+    spec: its file's one body.
+    file_pose: pose of that body in the file.
+    position: position in the world, (3,) [m].
+    quaternion: attitude in the world, (4,) wxyz.
     """
 
     name: str
@@ -38,9 +44,16 @@ class Placement(NamedTuple):
 def assemble(
     craft: Sequence[Placement], lighthouse: Path, timestep_s: float, latches: Sequence[tuple[int, int]] = ()
 ) -> mujoco.MjModel:
-    """The compiled model: world, lighthouse, and the craft in their order. Raises SwarmError as `load_static` does.
+    """Return the compiled model: world, lighthouse, and the craft in their order.
 
-    latches: pairs of craft that can be latched together.
+    Args:
+        craft: the craft, at their starting poses.
+        lighthouse: path of the lighthouse's model file.
+        timestep_s: length of a physics step [s].
+        latches: pairs of craft, by index, that can be latched together.
+
+    Raises:
+        SwarmError: `load_static` refuses the lighthouse's model.
     """
     world = _empty(timestep_s)
     with quiet():
@@ -54,7 +67,7 @@ def assemble(
 
 
 def _attach_group(parent: mujoco.MjSpec, craft: Sequence[Placement], timestep_s: float) -> None:
-    """Attach the craft to `parent`, in groups of equal size where they are more than BATCH."""
+    """Attach the craft to `parent`, in groups of equal size where there are more than BATCH."""
     if len(craft) <= BATCH:
         for single in craft:
             _attach(parent, single)
@@ -70,10 +83,10 @@ def _attach_group(parent: mujoco.MjSpec, craft: Sequence[Placement], timestep_s:
 
 
 def _memory_bytes(craft: int) -> int:
-    """MuJoCo's working memory: room for all pairs of bodies, which its broad phase reserves, and for the contacts.
+    """Return the size of MuJoCo's working memory: all pairs of bodies, which its broad phase reserves, and contacts.
 
-    The system hands it out as it is used, so that a swarm without contacts takes a few megabytes of it. MuJoCo's own
-    guess grows with the square of 6 C doubles: more than there is from 10 000 craft on.
+    The operating system provides the memory as it is used, so that a swarm without contacts takes a few megabytes.
+    MuJoCo's own estimate grows with the square of 6 C doubles: more than the machine has from 10 000 craft on.
     """
     return (64 << 20) + 4 * craft * craft + (16 << 10) * craft
 
@@ -85,14 +98,14 @@ def _empty(timestep_s: float) -> mujoco.MjSpec:
     spec.option.timestep = timestep_s
     spec.option.gravity = np.zeros(3)
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    # After a reset the run would go on from its start as if nothing had happened. Free bodies have no springs.
+    # An automatic reset would silently continue the run from its start. Free bodies have no springs or dampers.
     off = mujoco.mjtDisableBit
     spec.option.disableflags |= int(off.mjDSBL_AUTORESET) | int(off.mjDSBL_SPRING) | int(off.mjDSBL_DAMPER)
     return spec
 
 
 def _attach(parent: mujoco.MjSpec, craft: Placement) -> None:
-    """Attach a copy of the root body so that it stands at the given pose, whatever its pose in its own file."""
+    """Attach a copy of the root body so that it has the given pose, whatever its pose in its own file."""
     spec, file_pose = craft.spec, craft.file_pose
     turn = quaternion_multiply(craft.quaternion, file_pose[1] * [1, -1, -1, -1])
     place = craft.position - matrix_from_quaternion(turn) @ file_pose[0]

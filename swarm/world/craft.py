@@ -1,12 +1,11 @@
-"""A craft's model file: MJCF read, checked, reduced to one rigid body, and what it says about the craft.
+"""A craft's model file: MJCF read, checked, and reduced to one rigid body, with the hardware that the file defines.
 
 The body frame `b` is the frame of the file's one root body. Bodies below it that no joint moves are fused into it
-(geoms, photodiodes and inertia included), its pose in the file and its free joint are dropped: the world places it.
-The photodiodes are the sites whose name starts with `photodiode`; a site's z axis is the photodiode's outward normal.
-Cameras and lights of the CCD sensor: `swarm.world.optics`; thrusters and reaction wheels: `swarm.world.propulsion`;
-docking ports: `swarm.world.docking`.
-The site `lidar`, if there is one, is where a LiDAR sits: its z axis is the spin axis. A mesh file (OBJ, STL) is a craft
-of one part.
+(geoms, photodiodes and inertia included); its pose in the file and its free joint are dropped, since the world places
+it. The photodiodes are the sites whose name starts with `photodiode`; a site's z axis is the photodiode's outward
+normal. Cameras and lights of the CCD sensor: `swarm.world.optics`; thrusters and reaction wheels:
+`swarm.world.propulsion`; docking ports: `swarm.world.docking`. The site `lidar`, if there is one, is the frame of a
+LiDAR: its z axis is the spin axis. A mesh file (OBJ, STL) is a craft of one part.
 """
 
 import re
@@ -31,14 +30,14 @@ from swarm.world.optics import cameras_of, lights_of
 from swarm.world.propulsion import thrusters_of, wheels_of
 
 LEAST_PHOTODIODES = 4
-"""What PnP needs (section 2 of source 1)."""
+"""Smallest number of photodiodes for PnP (section 2 of source 1)."""
 FREE_JOINT = "free"
-"""Name, before the craft's prefix, of the joint that the loader gives every craft."""
+"""Name, without the craft's prefix, of the joint that the loader gives every craft."""
 LIDAR_SITE = "lidar"
 REFERRING = ("keys", "sensors", "actuators", "tendons", "equalities", "pairs", "excludes", "tuples", "flexes", "skins")
 """Elements outside the tree of bodies that refer to it."""
 DRAWN_GROUPS = 3
-"""MuJoCo's viewer shows geom groups 0, 1, 2; by convention collision-only geoms are in group 3 and above."""
+"""Number of geom groups that MuJoCo's viewer shows (0, 1, 2); by convention, later groups are only for collisions."""
 
 
 FilePose = tuple[Floats, Floats]
@@ -46,17 +45,29 @@ FilePose = tuple[Floats, Floats]
 
 
 class Visual(NamedTuple):
-    """One coloured part of a craft: vertex (V, 3) [m] in the body frame, face (F, 3) outward, rgba (4,) in 0..1."""
+    """One coloured part of a craft.
+
+    mesh: triangles in the body frame [m], facing outward.
+    rgba: colour, (4,) in 0..1.
+    """
 
     mesh: shapes.Mesh
     rgba: Floats
 
 
 class CraftModel(NamedTuple):
-    """What a model file says. inertia: (3, 3) [kg m^2] in the body frame about the centre of mass at com_m (3,).
+    """Contents of a craft's model file, in the body frame.
 
-    point_m (K, 3) [m] and normal (K, 3) in the body frame, in the order of the sites' numbers. spec: one rigid root
-    body with a free joint, without sites; copied, never moved, by whoever attaches it.
+    path: the file.
+    spec: one rigid root body with a free joint, without sites; attaching copies it and never moves it.
+    file_pose: pose of the root body in the file.
+    mass: mass [kg].
+    com_m: centre of mass, (3,) [m].
+    inertia: inertia about the centre of mass, (3, 3) [kg m^2].
+    point_m, normal: photodiodes in the order of the sites' numbers, (K, 3) [m] and (K, 3).
+    visuals: drawn parts.
+    cameras, lights, thrusters, wheels: other hardware, empty where the file has none.
+    port: docking port; None without one.
     """
 
     path: Path
@@ -69,7 +80,7 @@ class CraftModel(NamedTuple):
     normal: Floats
     visuals: tuple[Visual, ...]
     lidar: tuple[Floats, Floats] | None
-    """Where the scanner sits: rotation (3, 3) R_b_s and position (3,) [m]; None without one."""
+    """Frame of the scanner: rotation R_b_s (3, 3) and position (3,) [m]; None without one."""
     cameras: Cameras
     lights: Lights
     thrusters: Thrusters
@@ -82,7 +93,7 @@ def _load_version(path: Path, modified_ns: int) -> CraftModel:
     spec, model = rigid(path)
     sites = photodiode_sites(model)
     turn = matrix_from_quaternion(model.body_iquat[1])
-    # Read, sites and numbers have done their duty: MuJoCo would place every site at every step.
+    # Sites and numbers are not needed once they are read: MuJoCo would compute every site's pose at every step.
     for element in [*spec.sites, *spec.numerics]:
         spec.delete(element)
     return CraftModel(
@@ -105,10 +116,15 @@ def _load_version(path: Path, modified_ns: int) -> CraftModel:
 
 
 def load_craft(path: Path, passive: bool = False) -> CraftModel:
-    """Read a craft's model file; read once per process as long as the file does not change.
+    """Read a craft's model file, once per process as long as the file does not change.
 
-    passive: it navigates by nothing, and needs no photodiodes. Raises SwarmError: no such file, MuJoCo does not compile
-    it (with its message), not exactly one root body, a joint inside the craft, or fewer than four photodiodes.
+    Args:
+        path: the file.
+        passive: the craft does not navigate, and needs no photodiodes.
+
+    Raises:
+        SwarmError: The file does not exist, MuJoCo does not compile it (with its message), it has not exactly one root
+            body, a joint moves a part of the craft, or it has fewer than four photodiodes.
     """
     craft = _load_version(path.resolve(), _modified_ns(path))
     if not passive and len(craft.point_m) < LEAST_PHOTODIODES:
@@ -120,7 +136,7 @@ def load_craft(path: Path, passive: bool = False) -> CraftModel:
 
 
 def load_static(path: Path) -> tuple[mujoco.MjSpec, FilePose]:
-    """The MJCF of something that does not move, such as the lighthouse: one root body without a joint, and its pose.
+    """Return the MJCF of a motionless object, such as the lighthouse: one root body without a joint, and its pose.
 
     Raises SwarmError as `load_craft` does.
     """
@@ -130,14 +146,14 @@ def load_static(path: Path) -> tuple[mujoco.MjSpec, FilePose]:
 
 
 def visuals(path: Path) -> tuple[Visual, ...]:
-    """What to draw of any model file with one root body, in the root body's frame. Raises SwarmError."""
+    """Return the drawn parts of any model file with one root body, in the root body's frame. Raises SwarmError."""
     _modified_ns(path)
     return visuals_of(rigid(path, free=False)[1])
 
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Keep MuJoCo from printing warnings and writing MUJOCO_LOG.TXT: the caller reads them where they count."""
+    """Keep MuJoCo from printing warnings and writing MUJOCO_LOG.TXT; the caller reads the warnings that matter."""
     before = mujoco.MjLogConfig.get()
     mujoco.MjLogConfig().set()
     try:
@@ -160,9 +176,9 @@ def _modified_ns(path: Path) -> int:
 
 
 def rigid(path: Path, free: bool = True) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
-    """The file's one root body with everything fused into it, and it compiled.
+    """Return the file's one root body with everything fused into it, and its compiled model.
 
-    Raises SwarmError as `load_craft` does, but for photodiodes that are missing.
+    Raises SwarmError as `load_craft` does, except for missing photodiodes.
     """
     try:
         with quiet():
@@ -183,7 +199,7 @@ def _fuse(spec: mujoco.MjSpec, path: Path, free: bool) -> mujoco.MjModel:
         if joint.parent.name != root.name or joint.type != mujoco.mjtJoint.mjJNT_FREE:
             raise SwarmError(f"{path}: joint {joint.name!r} moves a part; a craft must be one rigid body")
         spec.delete(joint)
-    # What refers to a body would keep it from being fused, and means nothing to one rigid body.
+    # Elements that refer to a body would keep it from being fused, and have no meaning for one rigid body.
     for kind in REFERRING:
         for element in list(getattr(spec, kind)):
             spec.delete(element)
@@ -199,7 +215,7 @@ def _fuse(spec: mujoco.MjSpec, path: Path, free: bool) -> mujoco.MjModel:
 
 
 def photodiode_sites(model: mujoco.MjModel) -> list[int]:
-    """Site indices in the order of the numbers in their names: photodiode2 before photodiode10."""
+    """Return site indices in the order of the numbers in their names: photodiode2 before photodiode10."""
     found = []
     for site in range(model.nsite):
         name = model.site(site).name
@@ -217,7 +233,7 @@ def _lidar_site(model: mujoco.MjModel) -> tuple[Floats, Floats] | None:
 
 
 def visuals_of(model: mujoco.MjModel) -> tuple[Visual, ...]:
-    """What to draw of body 1 of a model, in its frame."""
+    """Return the drawn parts of body 1 of a model, in its frame."""
     geoms = np.flatnonzero(model.geom_bodyid == 1)
     drawn = geoms[model.geom_group[geoms] < DRAWN_GROUPS]
     parts = []
@@ -234,7 +250,7 @@ def visuals_of(model: mujoco.MjModel) -> tuple[Visual, ...]:
 
 
 def _mesh(model: mujoco.MjModel, geom: int) -> shapes.Mesh | None:
-    """The geom in its own frame; None for what has no closed surface of its own (planes, height fields)."""
+    """Return the geom's triangles in its own frame; None for geoms without a closed surface (planes, height fields)."""
     shape = mujoco.mjtGeom
     kind, size = shape(int(model.geom_type[geom])), np.array(model.geom_size[geom])
     if kind in (shape.mjGEOM_MESH, shape.mjGEOM_SDF):

@@ -1,10 +1,10 @@
-"""A craft's hull: where on its surface a photodiode could be mounted, found on the real geometry.
+"""A craft's hull: the places on its surface where a photodiode could be mounted, found on the real geometry.
 
 Body frame `b`, metres. The surface is that of every geom that is drawn and not fully transparent, as light meets it:
-the geoms' triangles are sampled evenly by area, and each sample is moved onto the real surface, with its true normal,
-by a ray cast towards it from just outside. A sample can carry a photodiode where the disc of its housing rests on the
-surface all around: not across an edge, in a corner, on a rod thinner than itself, or under another part. The places
-of the photodiodes that the craft has already belong to it as well.
+the geoms' triangles are sampled evenly by area, and a ray cast towards each sample from just outside moves it onto the
+real surface, with its true normal. A sample can carry a photodiode where the disc of its housing rests on the surface
+all around: not across an edge, in a corner, on a rod thinner than itself, or under another part. The places of the
+photodiodes that the craft has already are included.
 """
 
 from pathlib import Path
@@ -19,40 +19,46 @@ from swarm.errors import SwarmError
 from swarm.world.craft import Visual, photodiode_sites, rigid, visuals_of
 
 PROUD_M = 5e-4
-"""How far a photodiode's face stands above its surface, as on the shipped craft [m]."""
+"""Height of a photodiode's face above its surface, as on the shipped craft [m]."""
 HOUSING_M = 2.5e-3
 """Radius of the disc that must rest on the surface: 3 mm of photodiode and 1 mm of mount around it [m]."""
 FLAT_M = 2.5e-4
-"""The surface may fall away or rise under the housing's rim by so much [m]."""
+"""Largest deviation of the surface from flat under the housing's rim [m]."""
 RIM = 8
-"""Points of the rim that are tried."""
+"""Number of points of the rim that are tested."""
 APPROACH = 0.02
-"""A sample is approached from so far outside, against the geom's size: round shapes are sampled on their chords."""
+"""Distance outside a sample at which its ray starts, relative to the geom's size: the samples of round shapes lie on
+chords, below the surface.
+"""
 
 
 class Mount(NamedTuple):
-    """Places for photodiodes: point_m (N, 3), the faces' centres, and normal (N, 3), unit, in the body frame."""
+    """Places for N photodiodes, in the body frame.
+
+    point_m: centres of the faces, (N, 3) [m].
+    normal: unit normals, (N, 3).
+    """
 
     point_m: Floats
     normal: Floats
 
     def at(self, index: Ints) -> "Mount":
-        """Some of the places."""
+        """Return the places with these indices."""
         return Mount(self.point_m[index], self.normal[index])
 
 
 class Hull:
     """One rigid craft alone, without a lighthouse: `model` has it as body `body`, with a free joint.
 
-    It needs no photodiodes yet: a hull is where they are designed. visuals: its drawn surface; shipped: where the
-    file's photodiodes sit, none perhaps.
+    The craft needs no photodiodes yet: a hull is where they are designed. visuals: drawn surface. shipped: places of
+    the file's photodiodes, perhaps none.
     """
 
     body = 1
     world_body = 0
 
     def __init__(self, path: Path) -> None:
-        """Read a craft's MJCF. Raises SwarmError as `load_craft` does, but for photodiodes that are missing."""
+        """Read a craft's model file. Raises SwarmError as `load_craft` does, except for missing photodiodes."""
         self.path = path
         self.model = rigid(path.resolve())[1]
         self.visuals: tuple[Visual, ...] = visuals_of(self.model)
@@ -66,9 +72,9 @@ class Hull:
         mujoco.mj_kinematics(self.model, self._data)
 
     def mounts(self, samples: int) -> Mount:
-        """Places all over the hull, evenly by area, of `samples` that are tried.
+        """Return places all over the hull, evenly by area: those of `samples` trial places that can carry a photodiode.
 
-        Raises SwarmError where the craft has no surface that a photodiode fits on.
+        Raises SwarmError where no photodiode fits on the craft's surface.
         """
         point, normal = self._on_surface(*_samples(self.visuals, samples))
         rests = self._rests(point, normal) & self._outside(point + PROUD_M * normal, normal)
@@ -83,21 +89,21 @@ class Hull:
         )
 
     def clear(self, point: Floats, direction: Floats) -> Bools:
-        """Whether the way from points (N, 3) just above the surface in a direction (3,) is free, for drawing."""
+        """Return whether the path from points (N, 3) just above the surface in a direction (3,) is free."""
         hit, _ = self._cast(point, np.broadcast_to(direction, point.shape).copy())
         return hit < 0
 
     def _on_surface(self, point: Floats, normal: Floats, reach: Floats) -> tuple[Floats, Floats]:
-        """Where the rays from `reach` above the samples, down their normals, meet the hull first, and its normals."""
+        """Return points and normals where rays from `reach` above the samples, against their normals, meet the hull."""
         hit, up = self._cast(point + reach[:, None] * normal, -normal)
         near = (hit >= 0) & (hit <= 2 * reach)
         out = point + (reach - hit)[:, None] * normal
-        # A normal of MuJoCo may point away from the ray on either side of a thin sheet.
+        # MuJoCo's normal of a thin sheet may point away from the ray.
         up *= np.where(np.sum(up * normal, axis=1) < 0, -1.0, 1.0)[:, None]
         return out[near], up[near]
 
     def _rests(self, point: Floats, normal: Floats) -> Bools:
-        """Whether the housing's rim has the surface under it all around."""
+        """Return whether the housing's rim has the surface under it all around."""
         across = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal), axis=1)])
         across /= np.linalg.norm(across, axis=1, keepdims=True)
         along = np.cross(normal, across)
@@ -109,13 +115,13 @@ class Hull:
         return rests
 
     def _outside(self, point: Floats, direction: Floats) -> Bools:
-        """Whether points (N, 3) are outside of every part: what a ray meets then, it meets from outside."""
+        """Return whether points (N, 3) are outside every part: a ray from there meets the next surface from outside."""
         hit, normal = self._cast(point, direction)
         out: Bools = (hit < 0) | (np.sum(normal * direction, axis=1) < 0)
         return out
 
     def _cast(self, start: Floats, direction: Floats) -> tuple[Floats, Floats]:
-        """The distance (N,) [m], -1 for none, and the normal (N, 3) of what each ray meets first."""
+        """Return the distance (N,) [m], -1 for none, and the normal (N, 3) of the first surface that each ray meets."""
         distance, normal = np.empty(len(start)), np.zeros((len(start), 3))
         geom = np.empty(1, dtype=np.int32)
         for i in range(len(start)):
@@ -126,7 +132,7 @@ class Hull:
 
 
 def _samples(parts: tuple[Visual, ...], count: int) -> tuple[Floats, Floats, Floats]:
-    """Points (N, 3) evenly by area on the triangles, their normals (N, 3), and how far to approach each from (N,)."""
+    """Return points (N, 3) evenly by area on the triangles, their normals (N, 3), and start distances of rays (N,)."""
     seen = [part.mesh for part in parts if part.rgba[3] > 0]
     corner = np.concatenate([mesh.vertex[mesh.face] for mesh in seen] or [np.empty((0, 3, 3))])
     size = np.repeat([np.ptp(mesh.vertex, axis=0).max() for mesh in seen], [len(mesh.face) for mesh in seen])
@@ -136,7 +142,7 @@ def _samples(parts: tuple[Visual, ...], count: int) -> tuple[Floats, Floats, Flo
     corner, size, cross, twice_area = corner[real], size[real], cross[real], twice_area[real]
     if not len(corner):
         return np.empty((0, 3)), np.empty((0, 3)), np.empty(0)
-    # Low discrepancy: equal steps along the area, the R2 sequence across each triangle.
+    # Low-discrepancy sampling: equal steps in area, and the R2 sequence across each triangle.
     step = np.arange(count)
     face = np.searchsorted(np.cumsum(twice_area), (step + 0.5) / count * twice_area.sum()).clip(max=len(corner) - 1)
     a, b = (0.5 + 0.7548776662466927 * step) % 1, (0.5 + 0.5698402909980532 * step) % 1

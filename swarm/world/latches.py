@@ -1,4 +1,4 @@
-"""The latches of a flight's docking pairs: they close when two ports have met."""
+"""The latches of a flight's docking pairs: a latch closes when two ports have met."""
 
 from collections.abc import Sequence
 
@@ -11,14 +11,18 @@ from swarm.world.world import PeriodTruth, World
 
 
 class Latches:
-    """A latch per docking pair. closed: (C,), the switches in the craft's ports."""
+    """One latch per docking pair. closed: switches in the craft's ports, (C,)."""
 
     def __init__(self, world: World, matings: Sequence[Mating]) -> None:
         self._world, self.matings = world, tuple(matings)
         self.closed: Bools = np.zeros(len(world.names), dtype=np.bool_)
 
     def meet(self, truth: PeriodTruth) -> list[tuple[int, Closing]]:
-        """Close the latches that have met in a period; return who docks, and how its ports stand at the epoch."""
+        """Close the latches whose ports met in a period.
+
+        Returns:
+            For every docking pair the index of the docking craft, and its ports' relative pose and speed at the epoch.
+        """
         epoch, last = len(truth.time_s) // 2, -1
         for number, mating in enumerate(self.matings):
             i = mating.craft
@@ -30,6 +34,6 @@ class Latches:
 
 
 def _closing(mating: Mating, truth: PeriodTruth, knot: int) -> Closing:
-    """Return how the two ports stand at one knot of the period."""
+    """Return the relative pose and speed of the two ports at one knot of the period."""
     at = truth.state(knot)
     return mating.closing(at.rotation, at.position, at.velocity, at.angular_rate)

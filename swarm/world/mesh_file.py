@@ -1,6 +1,7 @@
-"""A bare mesh (OBJ, STL) as a craft: one rigid body in the file's own frame, which must be metres.
+"""A bare mesh (OBJ, STL) as a craft: one rigid body in the file's own frame, in metres.
 
-For targets of which nothing but the shape is known. Its mass is that of its convex hull at `DENSITY`, a spacecraft's.
+It serves for targets of which only the shape is known. The mass is that of the convex hull with `DENSITY`, typical of a
+spacecraft.
 """
 
 from pathlib import Path
@@ -11,16 +12,16 @@ from swarm.errors import SwarmError
 
 SUFFIXES = (".obj", ".stl")
 DENSITY = 100.0
-"""kg/m^3."""
+"""Density of the convex hull [kg/m^3]."""
 
 
 def mesh_spec(path: Path) -> mujoco.MjSpec:
-    """The file as an MjSpec with one root body. Raises SwarmError where it cannot be read."""
+    """Return the file as an MjSpec with one root body. Raises SwarmError where the file does not exist."""
     spec = mujoco.MjSpec()
     spec.modelname = path.stem
     spec.meshdir = str(path.parent)
     mesh = spec.add_mesh(name=path.stem, file=path.name)
-    # Drawn spacecraft are seldom watertight: their convex hull always is.
+    # Meshes of spacecraft are seldom watertight; their convex hulls always are.
     mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
     body = spec.worldbody.add_body(name=path.stem)
     body.add_freejoint()

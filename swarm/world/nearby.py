@@ -1,9 +1,10 @@
-"""Whether any two craft could touch within one period: only then need MuJoCo look for contacts.
+"""Test of whether any two craft could touch within one period; only then does MuJoCo search for contacts.
 
-Around every craft's centre of mass stands a sphere that holds all its geoms, whatever its attitude. Without a contact
-a constant force F moves the centre of mass by at most (|v| + |F| T / m) T in a period T, so craft whose spheres, grown
-by that, stay apart cannot touch in it; neither can a craft and the lighthouse. Spheres are sorted into cubes as wide as
-the largest of them, of which each looks into the 27 around it: the time grows with the number of craft, not its square.
+A sphere around every craft's centre of mass holds all its geoms, whatever its attitude. Without a contact, a constant
+force F moves the centre of mass by at most (|v| + |F| T / m) T in a period T, so craft whose spheres, enlarged by that,
+do not overlap cannot touch in it; the same holds for a craft and the lighthouse. The spheres are sorted into cubes as
+wide as the largest of them, and each is compared with those in the 27 cubes around it: the time grows with the number
+of craft, not its square.
 """
 
 import mujoco
@@ -18,14 +19,20 @@ class Neighbourhood:
     """The spheres of C craft and of the lighthouse."""
 
     def __init__(self, model: mujoco.MjModel, craft_bodies: Ints, lighthouse_body: int) -> None:
-        """model: with the craft's bodies (C,) and the lighthouse's where they start; every geom is on one of them."""
+        """Compute the spheres' radii.
+
+        Args:
+            model: compiled model, with every geom on the body of a craft or of the lighthouse.
+            craft_bodies: bodies of the craft, (C,).
+            lighthouse_body: body of the lighthouse.
+        """
         craft = len(craft_bodies)
         owner = np.full(model.nbody, -1, dtype=np.int64)
         owner[craft_bodies], owner[lighthouse_body] = np.arange(craft), craft
         colliding = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
         of = owner[model.geom_bodyid]
         reach = np.zeros(craft + 1)
-        # The centre of a geom's own bounding sphere is its position; one without a bound (a plane) is everywhere.
+        # The centre of a geom's bounding sphere is its position; a geom without one (a plane) is unbounded.
         distance = np.linalg.norm(model.geom_pos - model.body_ipos[model.geom_bodyid], axis=1)
         bound = np.where(model.geom_rbound > 0, distance + model.geom_rbound + model.geom_margin, np.inf)
         np.maximum.at(reach, of[colliding], bound[colliding])
@@ -38,11 +45,18 @@ class Neighbourhood:
         self._scratch = np.empty((craft + 1, 4))
 
     def radius(self, craft: int) -> float:
-        """Of the sphere around a craft's centre of mass that holds all its geoms [m]."""
+        """Return the radius of the sphere around a craft's centre of mass that holds all its geoms [m]."""
         return float(self._radius[craft])
 
     def can_touch(self, pose: Floats, rate: Floats, force: Floats, period_s: float) -> bool:
-        """Whether a contact is possible from pose (C, 7), rate (C, 6), as MuJoCo keeps them, under force (C, 3) [N]."""
+        """Return whether a contact is possible within a period.
+
+        Args:
+            pose: MuJoCo's position and quaternion of the craft at the beginning, (C, 7).
+            rate: MuJoCo's velocity and body angular rate of the craft at the beginning, (C, 6).
+            force: bound on the force on each craft, (C, 3) [N].
+            period_s: length of the period [s].
+        """
         spheres = self._scratch
         spheres[-1, :3], spheres[-1, 3] = self._lighthouse_m, self._radius[-1]
         _grow_into(pose, rate, force, self._mass, self._com_m, self._radius, period_s, spheres)
@@ -55,7 +69,7 @@ def _grow_into(
 ) -> None:
     """Write centre and radius (C, 4) of the spheres that hold the craft during the period."""
     for c in range(len(pose)):
-        # The centre of mass, and its velocity in the body frame's axes and in the lighthouse's.
+        # The centre of mass in the body frame, the body rate, and a bound on the speed of the centre of mass.
         a, b, e = com[c, 0], com[c, 1], com[c, 2]
         p, q, r = rate[c, 3], rate[c, 4], rate[c, 5]
         speed = np.sqrt(rate[c, 0] ** 2 + rate[c, 1] ** 2 + rate[c, 2] ** 2)
@@ -70,7 +84,7 @@ def _grow_into(
 
 @kernel
 def _overlap(sphere: Floats) -> bool:
-    """Whether any two of the spheres (N, 4), centre and radius, overlap; also where a number is not finite."""
+    """Return whether any two of the spheres (N, 4), centre and radius, overlap; True where a number is not finite."""
     count = len(sphere)
     widest, farthest = 0.0, 0.0
     for i in range(count):
@@ -79,7 +93,7 @@ def _overlap(sphere: Floats) -> bool:
                 return True
         widest = max(widest, sphere[i, 3])
         farthest = max(farthest, max(abs(sphere[i, 0]), max(abs(sphere[i, 1]), abs(sphere[i, 2]))))
-    # Cubes so small that their numbers would not fit belong to spheres that are points.
+    # The lower limit keeps the cubes' integer indices in range where the spheres are nearly points.
     side = max(2 * widest, farthest * 1e-6 + 1e-9)
     size = 1
     while size < 2 * count:
@@ -107,5 +121,5 @@ def _overlap(sphere: Floats) -> bool:
 
 @kernel
 def _slot(x: int, y: int, z: int, size: int) -> int:
-    """A place for a cube in a table of `size`, a power of two; cubes may share it."""
+    """Return the slot of a cube in a hash table of `size`, a power of two; cubes may share a slot."""
     return (x * 73856093 ^ y * 19349663 ^ z * 83492791) & (size - 1)

@@ -1,8 +1,8 @@
-"""A model's cameras and lights for the CCD sensor, as a craft's MJCF file has them.
+"""A model's cameras and lights for the CCD sensor, as a craft's MJCF file defines them.
 
-Cameras are those named `ccd...`, the main one first by the number in the name, none or two; MuJoCo's cameras look along
-their -z with y up, ours along +z with y down: half a turn about x. Lights are the sites named `light...`, by number; a
-site's z axis is the direction in which the light shines.
+Cameras are those named `ccd...`, ordered by the number in the name with the main one first; a craft has none or two.
+MuJoCo's cameras look along their -z with y up, the cameras here along +z with y down: half a turn about x. Lights are
+the sites named `light...`, ordered by number; a site's z axis is the direction in which the light shines.
 """
 
 import re
@@ -19,7 +19,10 @@ HALF_TURN_ABOUT_X = np.diag([1.0, -1.0, -1.0])
 
 
 def cameras_of(model: mujoco.MjModel, path: Path) -> Cameras:
-    """The cameras of the one rigid body of `model`, read from `path`. Raises SwarmError for one camera or three."""
+    """Return the cameras of the one rigid body of `model`, read from `path`.
+
+    Raises SwarmError where there are neither none nor two.
+    """
     found = numbered([model.cam(i).name for i in range(model.ncam)], "ccd")
     if len(found) not in (0, 2):
         raise SwarmError(f"{path}: {len(found)} cameras (whose name starts with 'ccd'): a pair is two, main and backup")
@@ -28,14 +31,14 @@ def cameras_of(model: mujoco.MjModel, path: Path) -> Cameras:
 
 
 def lights_of(model: mujoco.MjModel) -> Lights:
-    """The lights of the one rigid body of `model`; any number, also none."""
+    """Return the lights of the one rigid body of `model`; there may be none."""
     found = numbered([model.site(i).name for i in range(model.nsite)], "light")
     normal = matrix_from_quaternion(model.site_quat[found].reshape(-1, 4))[..., 2]
     return Lights(model.site_pos[found].reshape(-1, 3).copy(), normal)
 
 
 def numbered(names: list[str], prefix: str) -> list[int]:
-    """Indices of the names that start with `prefix`, by the number in the name: light2 before light10."""
+    """Return the indices of the names that start with `prefix`, by the number in the name: light2 before light10."""
     found = []
     for index, name in enumerate(names):
         if name.startswith(prefix):

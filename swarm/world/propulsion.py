@@ -1,9 +1,9 @@
-"""A model's thrusters and reaction wheels, as a craft's MJCF file has them.
+"""A model's thrusters and reaction wheels, as a craft's MJCF file defines them.
 
-Thrusters are the sites whose name starts with `thruster`, wheels those named `wheel...`, each by number. Like that of
-every site here, a thruster's z axis points away from the craft: it is where the exhaust goes, and the force on the
-craft is the other way. A wheel's z axis is the one that it turns about; where it sits does not matter. What they can do
-stands in the file's `<custom>` numbers, each a single value for all or one value per thruster (wheel):
+Thrusters are the sites whose name starts with `thruster`, wheels those named `wheel...`, ordered by number. As for
+every site here, a thruster's z axis points away from the craft: it is the exhaust's direction, and the force on the
+craft is opposite. A wheel's z axis is its spin axis; its position does not matter. Their capabilities are in the file's
+`<custom>` numbers, each a single value for all or one value per thruster (wheel):
 
     thruster_force_n, thruster_minimum_impulse_mns, wheel_torque_mnm, wheel_momentum_mnms
 """
@@ -27,7 +27,10 @@ NUMBERS = {
 
 
 def thrusters_of(model: mujoco.MjModel, path: Path) -> Thrusters:
-    """The thrusters of the one rigid body of `model`, read from `path`. Raises SwarmError where a number is missing."""
+    """Return the thrusters of the one rigid body of `model`, read from `path`.
+
+    Raises SwarmError where a number is missing or out of range.
+    """
     sites = _sites(model, "thruster")
     force, minimum = _numbers(model, path, "thruster", len(sites))
     if np.any(minimum < 0):
@@ -37,7 +40,10 @@ def thrusters_of(model: mujoco.MjModel, path: Path) -> Thrusters:
 
 
 def wheels_of(model: mujoco.MjModel, path: Path) -> Wheels:
-    """The reaction wheels of the one rigid body of `model`, read from `path`. Raises SwarmError as `thrusters_of`."""
+    """Return the reaction wheels of the one rigid body of `model`, read from `path`.
+
+    Raises SwarmError where a number is missing or out of range.
+    """
     sites = _sites(model, "wheel")
     torque, momentum = _numbers(model, path, "wheel", len(sites))
     if np.any(momentum <= 0):
@@ -55,7 +61,7 @@ def _axes(model: mujoco.MjModel, sites: Sequence[int]) -> Floats:
 
 
 def _numbers(model: mujoco.MjModel, path: Path, prefix: str, count: int) -> tuple[Floats, Floats]:
-    """Both numbers of `count` thrusters (wheels), one value each; the first is the size and must be positive."""
+    """Return both numbers of `count` thrusters (wheels), one value each; the first (force or torque) is positive."""
     found: list[Floats] = []
     for name in NUMBERS[prefix]:
         index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, name)

@@ -1,7 +1,7 @@
-"""What moves craft beside their own control: random accelerations, drift, and blows.
+"""Pushes on the craft other than their own control: random accelerations, drift, and blows.
 
-Random accelerations add to the control's wrench; a drifting craft has no control, and a blow is all that acts on a
-craft in its period.
+Random accelerations add to the control's wrench; a drifting craft has no control, and a blow replaces every other push
+on a craft in its period.
 """
 
 from typing import NamedTuple
@@ -15,22 +15,26 @@ from swarm.world.world import World
 
 
 class Blow(NamedTuple):
-    """Changes that C craft get in one period: velocity (C, 3) [m/s] and angular_rate (C, 3) [rad/s]; zero for most."""
+    """Changes of rates that a fault causes in one period; zero for craft that are not struck.
+
+    velocity: change of velocity, (C, 3) [m/s].
+    angular_rate: change of angular rate, (C, 3) [rad/s].
+    """
 
     velocity: Floats
     angular_rate: Floats
 
 
 class Surroundings:
-    """Everything that pushes C craft beside their actuators."""
+    """All pushes on C craft other than their actuators."""
 
     def __init__(self, world: World, random: Pushes, motions: Fleet, period_s: float) -> None:
         """Take the sources of the pushes.
 
         Args:
-            world: gives the wrench for a wanted acceleration.
-            random: the random accelerations of the scenario's craft.
-            motions: the motions, of which those that drift are pushed.
+            world: the world, which gives the wrench for a wanted acceleration.
+            random: random accelerations of the scenario's craft.
+            motions: motions of the craft, some of which drift.
             period_s: length of a lighthouse period [s].
         """
         self._world, self._random, self._motions, self._period_s = world, random, motions, period_s
@@ -40,13 +44,13 @@ class Surroundings:
 
         Args:
             frame: number of the period.
-            force: (C, 3) [N], of the control.
-            torque: (C, 3) [N m], of the control.
-            blow: what a fault does to craft in this period, if anything.
+            force: force of the control, (C, 3) [N].
+            torque: torque of the control, (C, 3) [N m].
+            blow: blow of a fault in this period, if any.
         """
         if self._random.pushed.any():
             more = self._world.inertial_wrench(*self._random.at(frame))
-            # The control's own wrench already has what the spin asks for.
+            # The control's own wrench already contains the wrench that the spin requires.
             still = np.zeros_like(force)
             spin = self._world.inertial_wrench(still, still)
             force, torque = force + more[0] - spin[0], torque + more[1] - spin[1]

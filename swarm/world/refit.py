@@ -1,8 +1,8 @@
-"""A craft's MJCF with other photodiodes: everything else stays as it is in the file.
+"""A craft's MJCF with its photodiodes replaced: all else stays as in the file.
 
-The sites whose name starts with `photodiode` go; new ones, numbered from 0, come onto the root body, in its frame, and
-look like the first of the old ones. Included files are written out; comments inside the file are lost. Meshes and
-textures stay where they are: the new file names their folder relative to its own.
+The sites whose name starts with `photodiode` are removed; new ones, numbered from 0, are added to the root body, in its
+frame, with the appearance of the first of the old ones. Included files are written out; comments inside the file are
+lost. Meshes and textures stay where they are: the new file names their folder relative to its own.
 """
 
 import os
@@ -17,16 +17,23 @@ from swarm.world.hull import Mount
 
 PREFIX = "photodiode"
 LOOKS = {"type": "cylinder", "size": "0.0015 0.0004", "rgba": "0.75 0.1 0.15 1"}
-"""How a photodiode is drawn on a craft that had none."""
+"""Appearance of a photodiode on a craft that had none."""
 LOOK_KEYS = ("class", "type", "size", "material", "group", "rgba", "user")
 FOLDERS = {"meshdir": ("meshes", "hfields", "skins"), "texturedir": ("textures",)}
-"""The compiler's folders, and what is looked for there."""
+"""The compiler's folders, and the kinds of assets in each."""
 
 
 def refit(path: Path, mount: Mount, target: Path, about: str) -> str:
-    """The MJCF text of the craft in `path` with photodiodes at `mount`, to be written as `target`.
+    """Return the MJCF text of a craft with other photodiodes.
 
-    about: a line for the head of the file. Raises SwarmError where MuJoCo does not compile `path`.
+    Args:
+        path: model file of the craft.
+        mount: poses of the photodiodes.
+        target: file to which the text will be written; it is not written here.
+        about: line for the head of the file.
+
+    Raises:
+        SwarmError: MuJoCo does not compile `path`.
     """
     try:
         with quiet():
@@ -49,7 +56,7 @@ def refit(path: Path, mount: Mount, target: Path, about: str) -> str:
 
 
 def _remove_photodiodes(root: ElementTree.Element) -> dict[str, str]:
-    """Take the photodiodes out, and say how the first one looks on the root body."""
+    """Remove the photodiodes, and return the appearance of the first one on the root body."""
     looks: dict[str, str] | None = None
     body = root.find("worldbody/body")
     for parent in root.iter():
@@ -57,7 +64,7 @@ def _remove_photodiodes(root: ElementTree.Element) -> dict[str, str]:
             if site.get("name", "").startswith(PREFIX):
                 parent.remove(site)
                 own = {key: site.attrib[key] for key in LOOK_KEYS if key in site.attrib}
-                # What a part of the craft sets for its own sites does not reach the root body.
+                # Defaults that a part of the craft sets for its own sites do not apply on the root body.
                 if looks is None and (parent is body or "class" in own or "type" in own):
                     looks = own
     return LOOKS if looks is None else looks

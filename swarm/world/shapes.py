@@ -1,4 +1,4 @@
-"""Triangle meshes of MuJoCo's primitive shapes, for drawing: vertices (V, 3) [m] and faces (F, 3), outward."""
+"""Triangle meshes of MuJoCo's primitive shapes, for drawing: vertices (V, 3) [m] and faces (F, 3), facing outward."""
 
 from typing import NamedTuple
 
@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from estimators.arrays import Floats
 
 AROUND = 24
-"""Facets around a round shape."""
+"""Number of facets around a round shape."""
 ALONG = 12
-"""Facets from pole to pole of a sphere; even, so that a capsule can be cut at its equator."""
+"""Number of facets from pole to pole of a sphere; even, so that a capsule can be cut at its equator."""
 
 
 class Mesh(NamedTuple):
@@ -21,7 +21,7 @@ class Mesh(NamedTuple):
 
 
 def box(half: Floats) -> Mesh:
-    """A box with half sizes (3,) [m]."""
+    """Return a box with half sizes (3,) [m]."""
     corner = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     face = [triangle for a, b, c, d in quads for triangle in ((a, b, c), (a, c, d))]
@@ -29,19 +29,19 @@ def box(half: Floats) -> Mesh:
 
 
 def ellipsoid(radius: Floats) -> Mesh:
-    """An ellipsoid with radii (3,) [m]; a sphere where they are equal."""
+    """Return an ellipsoid with radii (3,) [m]; a sphere where they are equal."""
     polar = np.linspace(0, np.pi, ALONG + 1)[1:-1]
     unit = _revolve(np.sin(polar), np.cos(polar), 1.0, -1.0)
     return Mesh(unit.vertex * radius, unit.face)
 
 
 def cylinder(radius: float, half_length: float) -> Mesh:
-    """A cylinder along z [m]."""
+    """Return a cylinder along z [m]."""
     return _revolve(np.full(2, radius), np.array([half_length, -half_length]), half_length, -half_length)
 
 
 def capsule(radius: float, half_length: float) -> Mesh:
-    """A capsule along z [m]: the half length is that of its straight part."""
+    """Return a capsule along z [m]; the half length is that of its straight part."""
     polar = np.linspace(0, np.pi / 2, ALONG // 2 + 1)[1:]
     across, height = radius * np.sin(polar), radius * np.cos(polar) + half_length
     top = radius + half_length
@@ -49,7 +49,7 @@ def capsule(radius: float, half_length: float) -> Mesh:
 
 
 def _revolve(across: Floats, height: Floats, top: float, bottom: float) -> Mesh:
-    """Turn a profile, from the top pole down to the bottom one, about z."""
+    """Revolve a profile, from the top pole down to the bottom one, about z."""
     turn = np.arange(AROUND) * 2 * np.pi / AROUND
     rings = np.stack(
         [np.outer(across, np.cos(turn)), np.outer(across, np.sin(turn)), np.outer(height, np.ones(AROUND))], axis=-1

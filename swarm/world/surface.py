@@ -1,4 +1,4 @@
-"""The shape of a craft as somebody who inspects it knows it: all its drawn parts as one mesh, for registration."""
+"""The shape of a craft as an inspecting craft knows it: all its drawn parts as one mesh, for registration."""
 
 from functools import lru_cache
 from pathlib import Path
@@ -12,7 +12,7 @@ from swarm.world.craft import load_craft
 
 
 def surface(path: Path) -> tuple[Floats, NDArray[np.int32]]:
-    """Vertices (V, 3) [m] and faces (F, 3) of a model file, in the craft's body frame. Raises SwarmError."""
+    """Return vertices (V, 3) [m] and faces (F, 3) of a model file, in the craft's body frame. Raises SwarmError."""
     meshes = [part.mesh for part in load_craft(path, passive=True).visuals]
     first = np.cumsum([0] + [len(mesh.vertex) for mesh in meshes])
     return (
@@ -23,5 +23,5 @@ def surface(path: Path) -> tuple[Floats, NDArray[np.int32]]:
 
 @lru_cache(maxsize=8)
 def known_shape(path: Path) -> Shape:
-    """The shape of a model file; takes about two seconds, once per process. Raises SwarmError."""
+    """Return the shape of a model file; takes about two seconds, once per process. Raises SwarmError."""
     return Shape(*surface(path))

@@ -7,8 +7,9 @@ rigid body with a free joint. A step h of MuJoCo's `implicitfast` integrator is
 
 so the motion between two knots is a straight line and a constant-rate rotation, both at the rates of the LATER knot.
 A craft's position and velocity are those of the origin of its body frame, by convention its centre of mass.
-In an orbit the frame turns with the station, and gravity and that turning accelerate every craft (`swarm.world.orbit`);
-the attitude is the one against this frame, whose own turning (n = 1e-3 rad/s) a craft's rotation does not feel.
+In an orbit the frame turns with the station, and gravity and this rotation accelerate every craft
+(`swarm.world.orbit`). Attitudes are relative to this frame; its own angular rate (n = 1e-3 rad/s) does not act on the
+craft's rotation.
 """
 
 from collections.abc import Sequence
@@ -33,16 +34,23 @@ from swarm.world.orbit import NO_ORBIT, orbit_step, velocity_before
 from swarm.world.wrench import OnboardWrench, most_force, wrench_into
 
 LARGEST = 1e6
-"""A coordinate [m], velocity [m/s] or rate [rad/s] beyond this is a simulation that has blown up."""
+"""Limit of a coordinate [m], velocity [m/s] or rate [rad/s]; beyond it the simulation counts as unstable."""
 LARGE_CRAFT_M = 50.0
-"""A craft that is wider was perhaps drawn in millimetres."""
+"""Size above which a craft was probably drawn in millimetres [m]."""
 
 NO_CONTACT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
 
 
 class CraftStart(NamedTuple):
-    """One craft at time 0: position (3,) [m], quaternion (4,) wxyz, velocity (3,) [m/s], angular_rate (3,) [rad/s], all
-    in the lighthouse frame. model: its MJCF file. passive: it has no photodiodes, or they are not on board.
+    """One craft at time 0, in the lighthouse frame.
+
+    name: name of the craft.
+    model: path of its model file.
+    position: position, (3,) [m].
+    quaternion: attitude, (4,) wxyz.
+    velocity: velocity, (3,) [m/s].
+    angular_rate: angular rate, (3,) [rad/s].
+    passive: True for a craft without working photodiodes; those in its model file are left out.
     """
 
     name: str
@@ -57,9 +65,14 @@ class CraftStart(NamedTuple):
 class PeriodTruth(NamedTuple):
     """The true motion over one lighthouse period, at n + 1 knots from t_k to t_k + T, in the lighthouse frame.
 
-    time_s: (n+1,). position: (n+1, C, 3) [m]. quaternion: (n+1, C, 4) wxyz. velocity: (n+1, C, 3) [m/s].
-    angular_rate: (n+1, C, 3) [rad/s]. contact: (C,), touched something during the period. The rates at a knot are
-    those of the interval that ends there.
+    The rates at a knot are those of the interval that ends there.
+
+    time_s: times of the knots, (n + 1,) [s].
+    position: positions, (n + 1, C, 3) [m].
+    quaternion: attitudes, (n + 1, C, 4) wxyz.
+    velocity: velocities, (n + 1, C, 3) [m/s].
+    angular_rate: angular rates, (n + 1, C, 3) [rad/s].
+    contact: craft that touched something during the period, (C,).
     """
 
     time_s: Floats
@@ -71,12 +84,12 @@ class PeriodTruth(NamedTuple):
 
     @property
     def epoch(self) -> int:
-        """The knot in the middle of the period."""
+        """Index of the knot in the middle of the period."""
         return len(self.time_s) // 2
 
     @property
     def mid_sweep(self) -> tuple[int, int]:
-        """The knots in the middle of the two sweeps, X then Y."""
+        """Indices of the knots in the middle of the two sweeps, X then Y."""
         steps = len(self.time_s) - 1
         return steps // 4, 3 * steps // 4
 
@@ -91,7 +104,7 @@ class PeriodTruth(NamedTuple):
 
 
 class World:
-    """The one place that holds MuJoCo's state. Arrays over craft are in the order of the `CraftStart` records."""
+    """The only holder of MuJoCo's state. Arrays over craft are in the order of the `CraftStart` records."""
 
     def __init__(
         self,
@@ -102,11 +115,19 @@ class World:
         orbit: RelativeOrbit | None = None,
         latches: Sequence[tuple[int, int]] = (),
     ) -> None:
-        """Build the world; rate_hz is the lighthouse's; orbit: the station's, or weightless space. latches: pairs of
-        craft that `latch` can hold together.
+        """Build the world.
 
-        Raises SwarmError: two craft of one name, a model that `load_craft` refuses, or a craft that is inside another
-        one or inside the lighthouse.
+        Args:
+            craft: the craft and their states at time 0.
+            lighthouse: path of the lighthouse's model file.
+            rate_hz: rate of the lighthouse periods [Hz].
+            steps_per_period: number of physics steps per period.
+            orbit: the station's orbit; None: weightless space.
+            latches: pairs of craft, by index, that `latch` can hold together.
+
+        Raises:
+            SwarmError: Two craft have the same name, `load_craft` refuses a model, or a craft starts inside another
+                one or inside the lighthouse.
         """
         self.names = tuple(start.name for start in craft)
         _check_names(self.names)
@@ -130,7 +151,7 @@ class World:
         self._craft_of_geom = np.searchsorted(self.craft_bodies, self.model.geom_bodyid)
         self._craft_of_geom[self.model.geom_bodyid == self.lighthouse_body] = -1
         self._neighbourhood = Neighbourhood(self.model, self.craft_bodies, self.lighthouse_body)
-        # Nothing but free joints, attached in order: the state is one table of seven and one of six columns per craft.
+        # All joints are free joints, attached in order: qpos is a table of seven columns, qvel one of six.
         self._pose = self._data.qpos.reshape(-1, 7)
         self._rate = self._data.qvel.reshape(-1, 6)
         self._pose[:] = np.concatenate([position, quaternion], axis=1)
@@ -159,15 +180,19 @@ class World:
         self._check_overlap()
 
     def visuals(self, craft: int) -> tuple[Visual, ...]:
-        """What to draw of a craft, in its body frame; the same object for every craft of one model."""
+        """Return the drawn parts of a craft, in its body frame; the same object for every craft of one model."""
         return self._models[craft].visuals
 
     def advance(self, force: Floats, torque: Floats, onboard: OnboardWrench | None = None) -> PeriodTruth:
-        """Fly one lighthouse period under a constant wrench on every craft.
+        """Advance the world by one lighthouse period under a constant wrench on every craft.
 
-        force: (C, 3) [N], through the centre of mass, and torque: (C, 3) [N m] about it, in the lighthouse frame.
-        onboard: what the craft's actuators add, turning with them.
-        Raises SwarmError, with the craft and the time, where the wrench is not finite or the simulation unstable.
+        Args:
+            force: force through the centre of mass, (C, 3) [N], lighthouse frame.
+            torque: torque about the centre of mass, (C, 3) [N m], lighthouse frame.
+            onboard: wrench of the craft's actuators, which turns with the craft.
+
+        Raises:
+            SwarmError: The wrench is not finite or the simulation is unstable; the message gives craft and time.
         """
         count, steps = len(self.names), self._steps
         pose, rate = np.empty((steps + 1, count, 7)), np.empty((steps + 1, count, 6))
@@ -176,7 +201,7 @@ class World:
         if not (np.isfinite(force).all() and np.isfinite(torque).all()):
             who = self.names[int(np.argmin(np.isfinite(force).all(axis=1) & np.isfinite(torque).all(axis=1)))]
             raise SwarmError(f"craft {who!r}: force or torque is not finite at {self._frame / self._rate_hz:.4f} s")
-        # The craft's bodies are the last ones, in order.
+        # The bodies of the craft are the last ones, in order.
         self._data.xfrc_applied[-count:, :3] = force
         self._data.xfrc_applied[-count:, 3:] = torque
         n, period_s = self._orbit.n, 1 / self._rate_hz
@@ -204,11 +229,11 @@ class World:
         return PeriodTruth(time_s, position, quaternion, velocity, angular_rate, contact)
 
     def latch(self, number: int) -> None:
-        """Close a latch, by its place among those of the world: its craft stay together from now on, as they stand."""
+        """Close a latch, by its index: from now on its two craft keep their present relative pose."""
         docking.close(self.model, self._data, number)
 
     def inertial_wrench(self, acceleration: Floats, angular_acceleration: Floats) -> tuple[Floats, Floats]:
-        """Force (C, 3) [N] and torque (C, 3) [N m] that give every craft these accelerations now.
+        """Return the force (C, 3) [N] and torque (C, 3) [N m] that give every craft these accelerations now.
 
         acceleration: (C, 3) [m/s^2] of the body frame's origin; angular_acceleration: (C, 3) [rad/s^2]; lighthouse
         frame. F = m a, M = I alpha + w x I w: the rate in the lighthouse frame then changes by alpha T.
@@ -241,7 +266,7 @@ class World:
         )
 
     def _begin_in_orbit(self, orbit: RelativeOrbit, timestep_s: float) -> None:
-        """Make the velocities those that MuJoCo's steps begin with (`swarm.world.orbit`)."""
+        """Replace the velocities by those with which MuJoCo's steps begin (`swarm.world.orbit`)."""
         rotation = matrix_from_quaternion(self._pose[:, 3:])
         com = np.array([model.com_m for model in self._models]).reshape(-1, 3)
         arm = (rotation @ com[..., None])[..., 0]
@@ -251,7 +276,7 @@ class World:
         self._rate[:, :3] += before - velocity
 
     def _look_for_contacts(self, wanted: bool) -> None:
-        """Let MuJoCo look for contacts, or spare it the search where there can be none."""
+        """Switch MuJoCo's search for contacts on, or off where no contact is possible."""
         flags = int(self.model.opt.disableflags)
         self.model.opt.disableflags = flags & ~NO_CONTACT if wanted else flags | NO_CONTACT
 
@@ -299,8 +324,9 @@ def _unpack_into(
     velocity: Floats,
     angular_rate: Floats,
 ) -> bool:
-    """Write MuJoCo's pose (n, C, 7) and rate (n, C, 6) as (n, C, 3) and (n, C, 4), the angular rate turned from the
-    body into the lighthouse frame; False where a number is not below `largest`.
+    """Write MuJoCo's pose (n, C, 7) and rate (n, C, 6) as arrays (n, C, 3) and (n, C, 4).
+
+    The angular rate is turned from the body into the lighthouse frame. Returns False where a number reaches `largest`.
     """
     good = True
     for n in range(pose.shape[0]):

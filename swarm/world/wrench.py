@@ -1,4 +1,4 @@
-"""What moves the craft in a physics step: the constant wrench, their actuators, which turn with them, and the orbit."""
+"""Wrench on the craft in a physics step: a constant one, the actuators' in the body frame, and the orbit's."""
 
 from typing import NamedTuple
 
@@ -11,10 +11,11 @@ from swarm.world.orbit import orbit_acceleration_into
 
 
 class OnboardWrench(NamedTuple):
-    """What the craft's own actuators do in each physics step of a period, (S, C, 3), in the body frame.
+    """Wrench of the craft's own actuators in each physics step of a period, (S, C, 3), body frame.
 
-    force [N] through, torque [N m] about the centre of mass. wheel_momentum [N m s]: of the wheels in mid-step, which
-    the craft has to turn with itself.
+    force: force through the centre of mass [N].
+    torque: torque about the centre of mass [N m].
+    wheel_momentum: momentum of the wheels in mid-step, which turns with the craft [N m s].
     """
 
     force: Floats
@@ -32,15 +33,22 @@ def most_force(
     n: float,
     period_s: float,
 ) -> Floats:
-    """A force (C, 3) [N] at least as long as any that moves a craft within one period, for the search for contacts.
+    """Return a force (C, 3) [N] at least as large as any on a craft within one period, for the search for contacts.
 
-    pose (C, 7), rate (C, 6): MuJoCo's, at the beginning. mass: (C,) [kg]. com_m: (C, 3) [m]. force: (C, 3) [N].
-    n: the orbit's mean motion [rad/s], 0 without one.
+    Args:
+        pose: MuJoCo's position and quaternion at the beginning, (C, 7).
+        rate: MuJoCo's velocity and body angular rate at the beginning, (C, 6).
+        mass: masses, (C,) [kg].
+        com_m: centres of mass, (C, 3) [m], body frame.
+        force: constant force, (C, 3) [N].
+        onboard: wrench of the actuators, if any.
+        n: the orbit's mean motion, 0 without one [rad/s].
+        period_s: length of a lighthouse period [s].
     """
     push = np.linalg.norm(force, axis=1)
     if onboard is not None:
         push += np.linalg.norm(onboard.force, axis=2).max(axis=0)
-    # (CW) is at most 3 n^2 |p| + 2 n |v|; within a period it grows by a share of n T, and by 2 n T of the push.
+    # (CW) is at most 3 n^2 |p| + 2 n |v|; within a period it grows by a fraction of n T, and by 2 n T of the push.
     arm = np.linalg.norm(com_m, axis=1)
     distance = np.linalg.norm(pose[:, :3], axis=1) + arm
     speed = np.linalg.norm(rate[:, :3], axis=1) + np.linalg.norm(rate[:, 3:], axis=1) * arm
@@ -69,9 +77,28 @@ def wrench_into(
     b: float,
     out: Floats,
 ) -> None:
-    """Write force and torque (C, 6) about the centre of mass, lighthouse frame, for one step from MuJoCo's pose (C, 7)
-    and rate (C, 6): the constant ones, the actuators' from the body frame, the wheels' -w x h, and the orbit's, whose
-    `OrbitStep` is axes ... b.
+    """Write force and torque about the centre of mass, lighthouse frame, for one step.
+
+    The wrench is the sum of the constant one, the actuators' from the body frame, the wheels' torque -w x h, and the
+    orbit's force. The orbit's arguments `axes` to `b` are the fields of an `OrbitStep`.
+
+    Args:
+        pose: MuJoCo's position and quaternion, (C, 7).
+        rate: MuJoCo's velocity and body angular rate, (C, 6).
+        com: centres of mass, (C, 3) [m], body frame.
+        mass: masses, (C,) [kg].
+        force: constant force, (C, 3) [N], lighthouse frame.
+        torque: constant torque, (C, 3) [N m], lighthouse frame.
+        onboard_force: force of the actuators, (C, 3) [N], body frame.
+        onboard_torque: torque of the actuators, (C, 3) [N m], body frame.
+        wheel_momentum: momentum of the wheels, (C, 3) [N m s], body frame.
+        axes: V-bar, H-bar, R-bar as rows in the lighthouse frame, (3, 3).
+        n: mean motion [rad/s].
+        h: length of the step [s].
+        d: coefficient d [1/s].
+        s: coefficient s [1/s^2].
+        b: coefficient b [1/s].
+        out: output, force [N] and torque [N m], (C, 6).
     """
     place, speed, pull, body = np.empty(3), np.empty(3), np.empty(3), np.empty((2, 3))
     for c in range(len(pose)):

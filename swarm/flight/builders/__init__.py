@@ -1,7 +1,7 @@
-"""Build what flies from a validated scenario and the models of its craft.
+"""Builders of all parts of a flight, from a validated scenario and the models of its craft.
 
 Mistakes that the scenario alone cannot show, such as a craft inside another one or a model without photodiodes, are
-found here, before anything is written.
+found here, before any file is written.
 """
 
 from swarm.flight.builders.assembly import (
@@ -59,7 +59,11 @@ __all__ = [
 
 
 def check(settings: Scenario) -> None:
-    """Build everything once. Raises SwarmError as the builders do."""
+    """Build everything once.
+
+    Raises:
+        SwarmError: a part cannot be built.
+    """
     motions = fleet(settings)
     made = world(settings, motions)
     believed_layout(settings, made.photodiodes)

@@ -1,4 +1,4 @@
-"""The parts of a flight, put together from a validated scenario: sensors, computers, actuators, pushes."""
+"""Assembly of the parts of a flight from a validated scenario: sensors, computers, actuators, pushes."""
 
 import numpy as np
 
@@ -31,7 +31,16 @@ from swarm.world.world import World
 
 
 def sensors(scenario: Scenario, world: World, motions: Fleet) -> Sensors:
-    """Return all sensors. Raises SwarmError where a model lacks the cameras, lights or LiDAR that a table wants."""
+    """Return all sensors.
+
+    Args:
+        scenario: the scenario.
+        world: the world, for its models.
+        motions: motions of the craft, for the cameras' targets.
+
+    Raises:
+        SwarmError: a model lacks the cameras, lights or LiDAR that a table requires.
+    """
     station, layout = scenario.lighthouse, photodiodes(scenario, world)
     visibility = Visibility(world.model, layout, world.craft_bodies, world.lighthouse_body, station)
     pairs = [true for true, _ in cameras(scenario, world, motions.at(0.0))]
@@ -44,12 +53,22 @@ def sensors(scenario: Scenario, world: World, motions: Fleet) -> Sensors:
 
 
 def own_layout(scenario: Scenario, world: World) -> Photodiodes:
-    """Return the photodiodes on board, where every craft believes them to be."""
+    """Return the photodiodes on board, at the positions that every craft assumes."""
     return believed_layout(scenario, world.photodiodes)._replace(present=photodiodes(scenario, world).present)
 
 
 def computer(scenario: Scenario, world: World, motions: Fleet, suite: Sensors) -> Computer:
-    """Return the computers of all craft. Raises SwarmError where a calibration does not fit them."""
+    """Return the computers of all craft.
+
+    Args:
+        scenario: the scenario.
+        world: the world, for its models.
+        motions: motions of the craft, for the cameras' targets.
+        suite: all sensors, for the LiDARs.
+
+    Raises:
+        SwarmError: a calibration does not fit the craft.
+    """
     layout = own_layout(scenario, world)
     known = [known for _, known in cameras(scenario, world, motions.at(0.0))]
     return Computer(
@@ -60,14 +79,21 @@ def computer(scenario: Scenario, world: World, motions: Fleet, suite: Sensors) -
 
 
 def measured_by(scenario: Scenario, world: World) -> Believed:
-    """Return what the craft go by when they measure angles, for a calibration."""
+    """Return the layout, fan errors and noise that the craft assume when they measure angles, for a calibration."""
     settings = navigation(scenario)
     fans = settings.fan_x, settings.fan_y
     return believed(world.names, own_layout(scenario, world), fans, angle_noise(scenario))
 
 
 def pilot(scenario: Scenario, world: World, motions: Fleet, latches: Latches) -> Pilot:
-    """Return the guidance, control and actuator computers of all craft."""
+    """Return the guidance, control and actuator computers of all craft.
+
+    Args:
+        scenario: the scenario.
+        world: the world, for mass, inertia and actuators of the craft.
+        motions: reference motions of the craft.
+        latches: latches of all docking pairs.
+    """
     period_s, guides = 1 / scenario.lighthouse.rate_hz, guidance(scenario, latches.matings, motions.at(0.0))
     actuators = actuator_set(fitted(scenario, world), world.com_m)
     actuation = Actuation(actuators, world.mass, world.inertia, period_s)
@@ -81,7 +107,13 @@ def latches(scenario: Scenario, world: World) -> Latches:
 
 
 def surroundings(scenario: Scenario, world: World, motions: Fleet) -> Surroundings:
-    """Return what pushes the craft beside their actuators."""
+    """Return the forces on the craft beside their actuators.
+
+    Args:
+        scenario: the scenario.
+        world: the world.
+        motions: motions of the craft.
+    """
     return Surroundings(world, pushes(scenario), motions, 1 / scenario.lighthouse.rate_hz)
 
 
@@ -97,5 +129,5 @@ def start_state(scenario: Scenario, motions: Fleet) -> State:
 
 
 def no_command(craft: int) -> Command:
-    """Return the command of `craft` craft that order nothing."""
+    """Return a command that orders nothing, for `craft` craft."""
     return Command(*np.zeros((2, craft, 3)))

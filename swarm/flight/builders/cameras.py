@@ -1,4 +1,4 @@
-"""The pairs of cameras on board, and what their craft know of them."""
+"""The pairs of cameras on board, and the craft's knowledge of them."""
 
 import math
 from math import sqrt
@@ -14,15 +14,15 @@ from swarm.world.world import World
 
 
 def cameras(settings: Scenario, world: World, station: Reference) -> list[tuple[Pair, CcdCalibration]]:
-    """Return every pair of cameras, as it is and as its craft knows it.
+    """Return every pair of cameras, with its true properties and with those that its craft assumes.
 
     Args:
-        settings: The scenario.
-        world: The world, for the cameras and lights of the models.
-        station: The reference of every craft at time 0.
+        settings: the scenario.
+        world: the world, for the cameras and lights of the models.
+        station: reference of every craft at time 0.
 
     Raises:
-        SwarmError: A model lacks the cameras or the lights; the message names scenario, key and value.
+        SwarmError: a model lacks the cameras or the lights; the message names scenario, key and value.
     """
     craft, names = scenario.craft(settings), list(settings.craft_names)
     found = []

@@ -1,4 +1,4 @@
-"""The craft of a scenario: their motions, the world that they start in, their photodiodes, the pushes on them."""
+"""The craft of a scenario: their motions, their world at the start, their photodiodes, and the pushes on them."""
 
 import re
 from collections.abc import Iterator
@@ -29,7 +29,8 @@ from swarm.world.world import CraftStart, World
 def fleet(settings: Scenario) -> Fleet:
     """Return the motion of every craft, in the order of `scenario.craft`.
 
-    Raises SwarmError, naming scenario, key and value, where a motion makes no sense.
+    Raises:
+        SwarmError: a motion makes no sense; the message names scenario, key and value.
     """
     craft, courses = scenario.craft(settings), list[Course]()
     with _blame(settings, craft):
@@ -50,7 +51,7 @@ def fleet(settings: Scenario) -> Fleet:
 
 
 def places(settings: Scenario, craft: list[Craft]) -> list[Place]:
-    """Return what the courses of the craft may depend on."""
+    """Return the data that the courses of the craft may depend on."""
     noise = si(settings.navigation)
     common = Place(
         seed=settings.seed,
@@ -58,16 +59,16 @@ def places(settings: Scenario, craft: list[Craft]) -> list[Place]:
         angular_acceleration_noise_rad_s2=noise.angular_acceleration_noise_rad_s2,
         orbit=orbit(settings),
     )
-    return [replace(common, index=c.index, count=c.count, key=i) for i, c in enumerate(craft)]
+    return [replace(common, index=c.index, count=c.count, key=random.key(c.name)) for c in craft]
 
 
 def steers_by_estimate(settings: Scenario) -> Bools:
-    """Return the craft whose controller gets their own estimate, not the truth, (C,)."""
+    """Return the craft whose controller uses their own estimate, not the truth, (C,)."""
     return np.array([craft.table.feedback == "estimate" for craft in scenario.craft(settings)], dtype=np.bool_)
 
 
 def start(settings: Scenario, motions: Fleet) -> Start:
-    """Return how every craft starts; its scatter is drawn from the seed and its name alone."""
+    """Return the start state of every craft; its scatter is drawn from the seed and its name alone."""
     first = motions.start()
     craft = scenario.craft(settings)
     scatter = [si(c.table.scatter) for c in craft]
@@ -88,9 +89,10 @@ def start(settings: Scenario, motions: Fleet) -> Start:
 
 
 def world(settings: Scenario, motions: Fleet) -> World:
-    """Return the world with every craft where its motion starts.
+    """Return the world with every craft at the start of its motion.
 
-    Raises SwarmError, naming scenario, key and value: a model that cannot fly, or a craft inside another one.
+    Raises:
+        SwarmError: a model cannot fly, or a craft is inside another one; the message names scenario, key and value.
     """
     craft = scenario.craft(settings)
     first = start(settings, motions)
@@ -119,7 +121,7 @@ def world(settings: Scenario, motions: Fleet) -> World:
 
 
 def photodiodes(settings: Scenario, world: World) -> Photodiodes:
-    """Return the photodiodes on board: none of a craft with `lighthouse = false`."""
+    """Return the photodiodes on board; a craft with `lighthouse = false` has none."""
     on_board = np.array([c.table.lighthouse for c in scenario.craft(settings)], dtype=np.bool_)
     return world.photodiodes._replace(present=world.photodiodes.present & on_board[:, None])
 
@@ -133,7 +135,7 @@ def pushes(settings: Scenario) -> Pushes:
 
 @contextmanager
 def _named(craft: Craft) -> Iterator[None]:
-    """Name the craft that a mistake is about."""
+    """Name the craft that a mistake concerns."""
     try:
         yield
     except SwarmError as error:
@@ -142,7 +144,7 @@ def _named(craft: Craft) -> Iterator[None]:
 
 @contextmanager
 def _blame(settings: Scenario, craft: list[Craft]) -> Iterator[None]:
-    """Name the keys of the scenario that a mistake comes from, where its message names a craft or a model's file."""
+    """Name the keys of the scenario that cause a mistake, if its message names a craft or a model's file."""
     try:
         yield
     except SwarmError as error:

@@ -10,7 +10,7 @@ from swarm.world.world import World
 
 
 def orbit(settings: Scenario) -> RelativeOrbit | None:
-    """Return the lighthouse's orbit, None in weightless space."""
+    """Return the lighthouse's orbit; None in weightless space."""
     table = settings.orbit
     return None if table is None else circular(si(table).altitude_m, table.boresight)
 
@@ -28,7 +28,7 @@ def fitted(settings: Scenario, world: World) -> list[Fitted]:
 
 
 def actuators(settings: Scenario, world: World) -> Actuators:
-    """Return the thrusters and wheels of every craft as they really are."""
+    """Return the thrusters and wheels of every craft with their true properties."""
     own = fitted(settings, world)
     period_s, steps = 1 / settings.lighthouse.rate_hz, settings.physics.steps_per_period
     return Actuators(own, actuator_set(own, world.com_m), world.mass, period_s, steps, settings.seed)

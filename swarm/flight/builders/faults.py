@@ -15,12 +15,12 @@ def faults(settings: Scenario, world: World, sensors: Sensors) -> NoFaults:
     """Return all faults of the run, or a null object.
 
     Args:
-        settings: The scenario.
-        world: The world, for the craft's photodiodes and thrusters.
-        sensors: The sensors, whose light and pulses the faults change.
+        settings: the scenario.
+        world: the world, for the craft's photodiodes and thrusters.
+        sensors: the sensors, whose light and pulses the faults change.
 
     Raises:
-        SwarmError: As `check_faults`.
+        SwarmError: as `check_faults`.
     """
     if not settings.fault:
         return NoFaults(len(settings.craft_names))
@@ -30,7 +30,11 @@ def faults(settings: Scenario, world: World, sensors: Sensors) -> NoFaults:
 
 
 def check_faults(settings: Scenario, world: World) -> None:
-    """Raise SwarmError, naming scenario, key and value, where a craft has no such photodiode or thruster."""
+    """Check that every craft has the photodiodes and thrusters that its faults name.
+
+    Raises:
+        SwarmError: a craft lacks one; the message names scenario, key and value.
+    """
     names = settings.craft_names
     fitted = {
         "photodiodes": world.photodiodes.present.sum(axis=1).tolist(),

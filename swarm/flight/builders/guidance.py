@@ -1,4 +1,4 @@
-"""What guides the craft of a scenario: docking, formations, station keeping."""
+"""The guidance of the craft of a scenario: docking, formations, station keeping."""
 
 from collections.abc import Sequence
 
@@ -22,9 +22,10 @@ from swarm.world.docking import Mating
 
 
 def matings(settings: Scenario) -> list[Mating]:
-    """Return every pair of ports that a craft of the scenario wants to bring together.
+    """Return every pair of ports that a craft of the scenario is to bring together.
 
-    Raises SwarmError, naming scenario, key and value, where a model has no port.
+    Raises:
+        SwarmError: a model has no port; the message names scenario, key and value.
     """
     craft, names = scenario.craft(settings), settings.craft_names
     found = []
@@ -47,7 +48,10 @@ def _port(craft: Craft, where: str) -> Port:
 
 
 def facing_port(mating: Mating, station: Reference) -> tuple[float, float, float]:
-    """Return the turns about x, y, z [rad] of a craft whose port faces the target's. station: of the target alone."""
+    """Return the turns about x, y, z [rad] of a craft whose port faces the target's.
+
+    station: reference of the target alone.
+    """
     port = placed(mating.at, station.rotation[0], station.position[0])
     rotation, _ = docked_pose(mating.own, port)
     about_x, about_y, about_z = Rotation.from_matrix(rotation).as_euler("XYZ").tolist()
@@ -55,12 +59,12 @@ def facing_port(mating: Mating, station: Reference) -> tuple[float, float, float
 
 
 def guidance(settings: Scenario, pairs: Sequence[Mating], station: Reference) -> Guidance | None:
-    """Return everything that guides, None where nothing does.
+    """Return the guidance of all guided craft; None without any.
 
     Args:
-        settings: The scenario.
-        pairs: The pairs of ports (`matings`).
-        station: The reference of every craft at time 0.
+        settings: the scenario.
+        pairs: pairs of ports (`matings`).
+        station: reference of every craft at time 0.
     """
     craft, period_s = scenario.craft(settings), 1 / settings.lighthouse.rate_hz
     tables = [c.table.motion if isinstance(c.table.motion, Guided) else None for c in craft]

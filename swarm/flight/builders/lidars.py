@@ -15,7 +15,8 @@ from swarm.world.world import World
 def lidars(settings: Scenario, world: World) -> list[Lidar]:
     """Return every LiDAR, in the order of its craft.
 
-    Raises SwarmError, naming scenario, key and value, where a model has no place for one.
+    Raises:
+        SwarmError: a model has no site for one; the message names scenario, key and value.
     """
     found = []
     for i, (c, key) in enumerate(zip(scenario.craft(settings), random.keys(settings.craft_names), strict=True)):

@@ -1,4 +1,4 @@
-"""The settings of every craft's computer, and the layout that it assumes."""
+"""The settings of every craft's computer, and the photodiode layout that it assumes."""
 
 from dataclasses import replace
 from math import inf, pi, sqrt
@@ -14,16 +14,17 @@ from swarm.scenario import Scenario
 from swarm.units import si
 
 SPEED_TOLERANCE = 20e-6
-"""A rotor whose speed is off by less errs by 31 urad at boresight: below the rotor's part of the angle noise."""
+"""Largest relative speed error of a rotor to ignore: 31 urad at boresight, below the rotor's part of the noise."""
 
 
 def navigation(settings: Scenario) -> NavigationSettings:
     """Return the settings of every craft's computer.
 
-    Raises SwarmError where the calibration file cannot be read.
+    Raises:
+        SwarmError: the calibration file cannot be read.
     """
     table, station = si(settings.navigation), si(settings.lighthouse)
-    # A flash and a sweep, each rounded to a tick: variance tick^2 / 12 each. No craft may believe it does better.
+    # A flash and a sweep, each rounded to a tick: variance tick^2 / 12 each. This is the least noise to assume.
     rounding_rad = 2 * pi * station.rate_hz * station.tick_s / sqrt(6)
     noise, correlation = table.angle_noise_rad, table.rotor_correlation
     made = NavigationSettings(
@@ -51,7 +52,7 @@ def _integrity(settings: Scenario) -> IntegritySettings:
     faultless = drawn.mounting_error_mm == 0 and drawn.fan_x == drawn.fan_y == scenario.Fan()
     uncalibrated = settings.navigation.calibration is None and not faultless
     test = settings.navigation.motion_compensation and not uncalibrated
-    # Two flashes, each a tick's rounding and eight sigma of jitter off at worst.
+    # Two flashes, each off by at most a tick's rounding and eight sigma of jitter.
     doubt = (2 * station.tick_s + 8 * sqrt(2) * station.sync_jitter_s) * station.rate_hz
     return IntegritySettings(
         residual_test=test if table.residual_test is None else table.residual_test,
@@ -67,10 +68,12 @@ def _integrity(settings: Scenario) -> IntegritySettings:
 
 
 def believed_layout(settings: Scenario, drawn: Photodiodes) -> Photodiodes:
-    """Return the photodiodes as every craft assumes them: as drawn, or as its calibration has found them.
+    """Return the photodiodes as every craft assumes them: at their design positions, or at those of its calibration.
 
-    A calibration's [photodiodes.NAME] is for the craft or the model of that name, the craft's going first. Raises
-    SwarmError where it fits no craft, or has another number of photodiodes.
+    A calibration's [photodiodes.NAME] applies to the craft or the model of that name; a craft's name has precedence.
+
+    Raises:
+        SwarmError: the calibration fits no craft, or has another number of photodiodes.
     """
     file = settings.navigation.calibration
     if file is None:

@@ -9,9 +9,9 @@ from swarm.scenario import Scenario
 from swarm.units import si
 
 FAN_ERROR_MAX_RAD = 0.1
-"""Largest systematic error of a sweep angle; the decoder accepts angles so far outside of the field."""
+"""Largest systematic error of a sweep angle [rad]; the decoder accepts angles up to this far outside the field."""
 WIDEST_HALF_FIELD_RAD = 1.57
-"""Just below pi/2: no fan is visible from behind."""
+"""Largest half field [rad], just below pi/2: no fan is visible from behind."""
 
 
 def decoder(settings: Scenario, present: Bools) -> PulseDecoder:
@@ -22,7 +22,7 @@ def decoder(settings: Scenario, present: Bools) -> PulseDecoder:
 
 
 def angle_noise(settings: Scenario) -> Noise:
-    """Return the random error of one sweep angle, its own part and the sweep's, of lighthouse and circuits (19)."""
+    """Return the random error of one sweep angle (19) from lighthouse and circuits, its own part and the sweep's."""
     station = si(settings.lighthouse)
     w = 2 * pi * station.rate_hz
     rho, variance = station.rotor_correlation, station.angle_noise_rad**2

@@ -1,1 +1,1 @@
-"""What goes wrong in a run, by time or at random: `schedule` says when, `injection` does it where it happens."""
+"""Faults of a run, by time or at random: `schedule` determines their times, `injection` applies them."""

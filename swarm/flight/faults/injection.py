@@ -1,14 +1,14 @@
-"""The faults of one run, done where they happen: in the light, in the pulses, in a craft's control or its computer.
+"""The faults of one run, applied at their place: in the light, in the pulses, in a craft's control or its computer.
 
-Per lighthouse period: `begin`, and then what the run loop asks on its way,
+Per lighthouse period the run loop calls `begin`, and then
 
-    idle, blow, thrusters              whose control does nothing, who is struck, which thrusters no longer obey
-    light, rotor                       what the lighthouse still gives, and how it turns
+    idle, blow, thrusters              craft without control, changes of motion, thrusters that do not obey
+    light, rotor                       remaining light of the lighthouse, and the rotor's speed
     pulses                             photodiodes dead or stuck, reflections, missed flashes
-    restarting                         whose computer forgets all it knows
-    states                             what is wrong with every craft, for the telemetry
+    restarting                         craft whose computer forgets its state
+    states                             faults of every craft, for the telemetry
 
-No craft on board is told of any of it.
+The craft's computers receive none of this information.
 """
 
 from collections.abc import Sequence
@@ -48,31 +48,31 @@ BLOCK = 64
 
 
 class NoFaults:
-    """A run of C craft in which nothing goes wrong."""
+    """A run of C craft without faults."""
 
     names: tuple[str, ...] = ()
-    """What may be wrong with a craft at one time; none where nothing is."""
+    """Names of the combinations of faults that a craft may have at one time; empty without faults."""
 
     def __init__(self, craft: int) -> None:
         self._nobody = np.zeros(craft, dtype=np.bool_)
 
     def begin(self, frame: int) -> None:
-        """Turn to period `frame`."""
+        """Advance to period `frame`."""
 
     def states(self) -> Ints | None:
-        """Return which of `names` is true of every craft (C,); None without faults."""
+        """Return the index in `names` of every craft's faults, (C,); None without faults."""
         return None
 
     def idle(self) -> Bools:
-        """Return the craft (C,) whose control does nothing: lost ones, and those whose computer is starting again."""
+        """Return the craft (C,) whose control does nothing: lost ones, and those whose computer is restarting."""
         return self._nobody
 
     def restarting(self) -> Bools | None:
-        """Return the craft (C,) whose computer is starting again; None where no run has any."""
+        """Return the craft (C,) whose computer is restarting; None if no craft of the run ever does."""
         return None
 
     def blow(self) -> Blow | None:
-        """Return the changes of motion that craft get in this period, if any."""
+        """Return the sudden changes of the craft's motion in this period, if any."""
         return None
 
     def thrusters(self) -> Sequence[StuckThruster]:
@@ -80,26 +80,26 @@ class NoFaults:
         return ()
 
     def light(self, lit: Bools) -> Bools:
-        """Return the photodiodes (C, K, 2) that have light, of those that are in its way."""
+        """Return the photodiodes (C, K, 2) that receive light, of those in its way."""
         return lit
 
     def rotor(self) -> Rotor | None:
-        """Return how the rotor turns at mid-period, if not as it should."""
+        """Return the rotor's speed and phase at mid-period; None if they are nominal."""
         return None
 
     def pulses(self, truth: Motion, lit: Bools, given: Pulses) -> Pulses:
         """Return the pulses of this period as the craft log them.
 
         Args:
-            truth: the true motion.
-            lit: (C, K, 2), the photodiodes that have light.
-            given: what the lighthouse gives to them.
+            truth: true motion of the craft.
+            lit: photodiodes that receive light, (C, K, 2).
+            given: pulses that the lighthouse causes in them.
         """
         return given
 
 
 class Faults(NoFaults):
-    """What goes wrong with C craft; the same in the same period, in whatever order the streams of others are asked."""
+    """The faults of C craft; those of a period do not depend on the order in which the random streams are used."""
 
     def __init__(
         self,
@@ -111,7 +111,17 @@ class Faults(NoFaults):
         lighthouse: Lighthouse,
         visibility: Visibility,
     ) -> None:
-        """names, keys: of the craft, as `Schedule` has them."""
+        """Draw the schedule of all faults.
+
+        Args:
+            faults: faults of the scenario.
+            names: names of the craft.
+            keys: number of each craft's random streams.
+            seed: seed of the run.
+            duration_s: length of the run [s].
+            lighthouse: lighthouse, whose pulses the faults change.
+            visibility: visibility of the photodiodes, for reflections.
+        """
         self._rate_hz = lighthouse.settings.rate_hz
         self.schedule = Schedule(faults, names, keys, seed, self._rate_hz, duration_s)
         super().__init__(len(names))
@@ -123,19 +133,19 @@ class Faults(NoFaults):
         self._draws: dict[tuple[int, int], Blocks[Floats]] = {}
 
     def begin(self, frame: int) -> None:
-        """Turn to period `frame`."""
+        """Advance to period `frame`."""
         self._frame, self._now = frame, self.schedule.at(frame)
 
     def states(self) -> Ints:
-        """Which of the schedule's `names` is true of every craft (C,)."""
+        """Return the index in `names` of every craft's faults, (C,)."""
         return self.schedule.states(self._frame)
 
     def idle(self) -> Bools:
-        """Return the craft (C,) that are lost, or whose computer is starting again."""
+        """Return the craft (C,) that are lost, or whose computer is restarting."""
         return self._of(CraftLost) | self._of(Restart)
 
     def blow(self) -> Blow | None:
-        """Return the changes of motion that craft get in this period, if any."""
+        """Return the sudden changes of the craft's motion in this period, if any."""
         out = np.zeros((2, len(self._names), 3))
         for window in self._now:
             if isinstance(window.fault, CraftLost) and window.first == self._frame:
@@ -144,7 +154,7 @@ class Faults(NoFaults):
         return Blow(out[0], out[1]) if out.any() else None
 
     def thrusters(self) -> list[StuckThruster]:
-        """The thrusters that do not obey."""
+        """Return the thrusters that do not obey."""
         return [
             StuckThruster(window.craft, window.fault.thruster, window.fault.state == "on")
             for window in self._now
@@ -152,16 +162,16 @@ class Faults(NoFaults):
         ]
 
     def restarting(self) -> Bools:
-        """Whose computer is starting again (C,)."""
+        """Return the craft (C,) whose computer is restarting."""
         return self._of(Restart)
 
     def light(self, lit: Bools) -> Bools:
-        """Which photodiodes (C, K, 2) have light, of those that are in its way."""
+        """Return the photodiodes (C, K, 2) that receive light, of those in its way."""
         dark = any(isinstance(window.fault, LighthouseDark) for window in self._now)
         return np.zeros_like(lit) if dark else lit
 
     def rotor(self) -> Rotor | None:
-        """How the rotor turns, if not as it should: at mid-period."""
+        """Return the rotor's speed and phase at mid-period; None if they are nominal."""
         speed, phase_s = 0.0, 0.0
         for window in self._now:
             if isinstance(window.fault, RotorDrift):
@@ -171,11 +181,15 @@ class Faults(NoFaults):
         return Rotor(1 + speed, phase_s) if speed or phase_s else None
 
     def pulses(self, truth: Motion, lit: Bools, given: Pulses) -> Pulses:
-        """The pulses of this period as the craft log them, of what the lighthouse has `given` to the photodiodes `lit`
-        (C, K, 2).
+        """Return the pulses of this period as the craft log them.
+
+        Args:
+            truth: true motion of the craft.
+            lit: photodiodes that receive light, (C, K, 2).
+            given: pulses that the lighthouse causes in them.
         """
         rows: dict[int, Row] = {}
-        # What comes to a photodiode, then what it does, then what the circuit misses.
+        # First the light at a photodiode, then the photodiode's faults, then the flashes that the circuit misses.
         for kind in (Reflection, Ghosts, PhotodiodeStuck, PhotodiodeDead, SyncLoss):
             for window in self._now:
                 if isinstance(window.fault, kind):
@@ -184,7 +198,7 @@ class Faults(NoFaults):
         return pulses.with_rows(given, rows) if rows else given
 
     def _changed(self, window: Window, row: Row, truth: Motion, lit: Bools) -> Row:
-        """One craft's row after one of its faults."""
+        """Return one craft's row after one of its faults."""
         clock, fault = self._clock(window.craft), window.fault
         match fault:
             case Reflection():
@@ -206,7 +220,10 @@ class Faults(NoFaults):
                 raise TypeError(f"{fault.kind} is no fault of pulses")
 
     def _reflected(self, fault: Reflection, craft: int, row: Row, clock: Clock, truth: Motion, lit: Bools) -> Row:
-        """With the sweeps by way of mirrors, as the craft stand at the physics' knot in mid-sweep."""
+        """Return the row with the sweeps that mirrors reflect.
+
+        The reflections are those of the craft's poses at the physics' knot in mid-sweep.
+        """
         if any(isinstance(window.fault, LighthouseDark) for window in self._now):
             return row
         named = [self._names.index(name) for name in fault.mirrors]
@@ -240,7 +257,7 @@ class Faults(NoFaults):
         return Clock(float(start), tick_s, period_s)
 
     def _draw(self, window: Window, shape: tuple[int, ...]) -> Floats:
-        """Uniform random numbers of this period, a stream per fault and craft."""
+        """Return uniform random numbers of this period, from a stream per fault and craft."""
         own = (window.number, self._keys[window.craft])
         if own not in self._draws:
 

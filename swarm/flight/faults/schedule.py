@@ -1,8 +1,8 @@
-"""When which fault strikes whom: the `[[fault]]` tables of a scenario as windows of lighthouse periods.
+"""The schedule of faults: the `[[fault]]` tables of a scenario as windows of lighthouse periods.
 
-A fault is on in the periods that begin within [from, to). At random, the gaps between its end and its next strike are
-exponential with the given rate, a stream of its own for every fault and craft: another craft, or another fault, changes
-none of them.
+A fault is on in the periods that begin within [from, to). For random faults, the gaps between the end of a fault and
+its next onset are exponential with the given rate, from a separate stream for every fault and craft: the draws for one
+are independent of the other craft and faults.
 """
 
 from collections.abc import Iterable, Sequence
@@ -16,13 +16,13 @@ from swarm.random import Purpose
 from swarm.scenario.faults import KINDS, AnyFault, OfCraft
 
 NONE = "none"
-"""The name of no fault."""
+"""Name of the state without a fault."""
 
 
 class Window(NamedTuple):
     """One fault of one craft, or of the lighthouse (craft -1), in the periods first ... past - 1.
 
-    number: the fault's place in the scenario.
+    number: index of the fault in the scenario.
     """
 
     fault: AnyFault
@@ -44,7 +44,16 @@ class Schedule:
         rate_hz: float,
         end_s: float,
     ) -> None:
-        """names, keys: of the craft; a key numbers a craft's streams, whatever its place. end_s: of the run."""
+        """Draw the windows of all faults.
+
+        Args:
+            faults: faults of the scenario.
+            names: names of the craft.
+            keys: number of each craft's random streams, independent of the craft's index.
+            seed: seed of the run.
+            rate_hz: lighthouse periods per second [Hz].
+            end_s: length of the run [s].
+        """
         self._craft = len(names)
         self.windows: list[Window] = []
         for number, fault in enumerate(faults):
@@ -52,7 +61,7 @@ class Schedule:
                 key = keys[craft] if craft >= 0 else 0
                 spans = _spans(fault, random.stream(seed, Purpose.FAULT, number, key), end_s)
                 for from_s, to_s in spans:
-                    # A time on a period's edge belongs to the period that begins there, whatever its last bit.
+                    # A time on a period's edge belongs to the period that begins there, despite rounding.
                     first, past = (int(np.ceil(time_s * rate_hz - 1e-6)) for time_s in (from_s, to_s))
                     self.windows.append(Window(fault, number, craft, first, max(past, first + 1)))
         self._first = np.array([window.first for window in self.windows], dtype=np.int64)
@@ -61,14 +70,14 @@ class Schedule:
         codes = {int(code) for frame in changes for code in self._bits(int(frame))}
         self._codes = np.array(sorted(codes | {0}), dtype=np.int64)
         self.names = tuple(_name(int(code)) for code in self._codes)
-        """What may be wrong with a craft at one time, "none" first."""
+        """Names of the combinations of faults that a craft may have at one time, "none" first."""
 
     def at(self, frame: int) -> list[Window]:
-        """The windows that a period is in, in the order of the scenario."""
+        """Return the windows that contain a period, in the order of the scenario."""
         return [self.windows[i] for i in np.flatnonzero((self._first <= frame) & (frame < self._past))]
 
     def states(self, frame: int) -> Ints:
-        """Which of `names` is true of every craft (C,)."""
+        """Return the index in `names` of every craft's faults, (C,)."""
         out: Ints = np.searchsorted(self._codes, self._bits(frame))
         return out
 
@@ -91,7 +100,7 @@ def _struck(fault: AnyFault, names: Sequence[str]) -> Iterable[int]:
 
 
 def _spans(fault: AnyFault, stream: np.random.Generator, end_s: float) -> list[tuple[float, float]]:
-    """Beginnings and ends [s] within the run."""
+    """Return the beginnings and ends [s] of a fault within the run."""
     length_s: float | None = fault.for_s
     until_s: float | None = getattr(fault, "until_s", None)
     if fault.at_s is not None:
@@ -110,9 +119,14 @@ def _spans(fault: AnyFault, stream: np.random.Generator, end_s: float) -> list[t
 
 
 def speed_swing(time_s: Floats | float, length_s: float, amplitude: float) -> tuple[Floats, Floats]:
-    """Speed error and phase [s] of a rotor that hunts once, as a sine, `time_s` [s] after it began: see `RotorDrift`.
+    """Return speed error and phase [s] of a rotor whose speed swings once, as a sine: see `RotorDrift`.
 
     With d = amplitude sin(2 pi t / length) the rotor runs ahead by the integral of d: its zero comes that much sooner.
+
+    Args:
+        time_s: time t since the beginning of the swing [s].
+        length_s: length of the swing [s].
+        amplitude: largest relative speed error.
     """
     angle = 2 * np.pi * np.asarray(time_s) / length_s
     return amplitude * np.sin(angle), -amplitude * length_s / (2 * np.pi) * (1 - np.cos(angle))

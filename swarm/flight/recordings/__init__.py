@@ -1,1 +1,1 @@
-"""Recordings of real lighthouses: read, cut into periods, and the calibration of their stations."""
+"""Recordings of real lighthouses: their reading, their division into periods, and the calibration of their stations."""

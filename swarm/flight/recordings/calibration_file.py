@@ -1,4 +1,4 @@
-"""Our calibration file, written: TOML that `read_calibration` reads, each value's standard deviation beside it."""
+"""Writing of this project's calibration file: TOML for `read_calibration`, with each value's standard deviation."""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -21,8 +21,13 @@ def calibration_text(
     point_sigma_m: dict[str, Floats],
     head: Iterable[str] = (),
 ) -> str:
-    """The file's text. fan_sigma: per fan, point_sigma_m: per name (K, 3), standard deviations, 0 for what was not
-    estimated. head: comment lines that say where it comes from. Reading the text gives the same numbers, to the bit.
+    """Return the file's text; reading it gives the same numbers, to the bit.
+
+    Args:
+        station: the calibration.
+        fan_sigma: standard deviations per fan, 0 for values that were not estimated.
+        point_sigma_m: standard deviations of the photodiodes' positions per name, (K, 3) [m], 0 likewise.
+        head: comment lines that state the source.
     """
     lines = [*(f"# {line}".rstrip() for line in head), "", "# After each value: its standard deviation."]
     for name, fan, sigmas in zip(("fan_x", "fan_y"), (station.fan_x, station.fan_y), fan_sigma, strict=True):
@@ -39,7 +44,11 @@ def calibration_text(
 
 
 def place_for(file: Path, *, force: bool) -> Path:
-    """`file`, if it can be written there. Raises SwarmError where something is in the way, before any work is done."""
+    """Return `file` after checking that it can be written.
+
+    Raises:
+        SwarmError: the folder is missing, or the file exists and `force` is False.
+    """
     if not file.parent.is_dir():
         raise SwarmError(f"cannot write {file}: there is no folder {file.parent}")
     refuse_existing(file, force=force)
@@ -47,7 +56,11 @@ def place_for(file: Path, *, force: bool) -> Path:
 
 
 def held_parts(text: str) -> tuple[str, ...]:
-    """The parts that a list such as "curve,gibbous" names. Raises SwarmError for one that there is not."""
+    """Return the parts that a list such as "curve,gibbous" names.
+
+    Raises:
+        SwarmError: a part does not exist, or none is left to be estimated.
+    """
     parts = tuple(dict.fromkeys(part.strip() for part in text.split(",") if part.strip()))
     for part in parts:
         if part not in PARTS:
@@ -58,10 +71,14 @@ def held_parts(text: str) -> tuple[str, ...]:
 
 
 def _key(name: str) -> str:
-    """A name as a TOML key."""
+    """Return a name as a TOML key."""
     return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else toml_value(name)
 
 
 def write_calibration(path: Path, text: str) -> None:
-    """Write a file's text in one step. Raises SwarmError where it cannot be written."""
+    """Write a file's text in one step.
+
+    Raises:
+        SwarmError: the file cannot be written.
+    """
     write_text(path, text)

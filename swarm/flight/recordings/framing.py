@@ -1,8 +1,8 @@
-"""Where the periods of one station begin in a recording: the ticks of its X flashes that announce a sweep.
+"""Framing of a recording: the ticks at which one station's periods begin, its X flashes that announce a sweep.
 
-Two stations alternate: each sweeps X and Y in one rotor turn, then it is the other's turn, and a period is two turns.
-libsurvive's number 1 flashes first, its number 0 follows 20 000 ticks later; with one station there is only number 0.
-Where flashes are missing, the periods between are put at equal distances, so that none is left out.
+Two stations alternate: each sweeps X and Y in one rotor turn, then the other does in the next, and a period is two
+turns. libsurvive's number 1 flashes first, its number 0 follows 20 000 ticks later; with one station there is only
+number 0. Where flashes are missing, the periods between are placed at equal distances, so that none is left out.
 """
 
 from typing import NamedTuple
@@ -15,24 +15,27 @@ from swarm.messages import FAN_BIT, SKIP_BIT, SYNC_WIDTH_S, SYNC_WIDTH_STEP_S
 from swarm.onboard.decoder import SLOT_S, SYNC_TOLERANCE_S
 
 RATE_HZ = 60.0
-"""Turns of a Lighthouse 1.0 rotor per second."""
+"""Turns of a Lighthouse 1.0 rotor per second [Hz]."""
 TURN_TICKS = 1 / RATE_HZ / TICK_S
 _TOLERANCE = SYNC_TOLERANCE_S / TICK_S
 _DRIFT = 1e-4
-"""How far an object's clock may be off, relative: four times that of the worst one seen."""
+"""Largest relative error of an object's clock: four times that of the worst one seen."""
 
 
 class Framing(NamedTuple):
-    """start: (N,) X flash of each period [ticks]. turns: rotor turns per period: 2 if two stations share, else 1."""
+    """Periods of one station.
+
+    start: X flash of each period, (N,) [ticks]. turns: rotor turns per period: 2 if two stations share, else 1.
+    """
 
     start: Floats
     turns: int
 
 
 def frame_pulses(pulses: PulseLog, lighthouse: int) -> Framing:
-    """The periods of a station among raw pulses; none if its flashes are not among them."""
+    """Return the periods of a station among raw pulses; none if its flashes are not among them."""
     rise, code = _flashes(pulses)
-    # Which slot of a pair: 0 with a partner after it, 1 with one before it, -1 without.
+    # Slot within a pair: 0 with a partner after it, 1 with one before it, -1 without.
     gap, slot = SLOT_S / TICK_S, np.full(len(rise), -1)
     follows = np.flatnonzero((np.abs(np.diff(rise) - gap) < _TOLERANCE) & (((code[1:] ^ code[:-1]) & FAN_BIT) == 0))
     slot[follows], slot[follows + 1] = 0, 1
@@ -43,7 +46,7 @@ def frame_pulses(pulses: PulseLog, lighthouse: int) -> Framing:
 
 
 def frame_angles(angles: AngleLog, lighthouse: int) -> Framing:
-    """The periods of a station among decoded sweeps; none if it has no sweep."""
+    """Return the periods of a station among decoded sweeps; none if it has no sweep."""
     mine = angles.lighthouse == lighthouse
     flash, fan = x_flash(angles)[mine], angles.fan[mine]
     order = np.argsort(flash, kind="stable")
@@ -55,14 +58,20 @@ def frame_angles(angles: AngleLog, lighthouse: int) -> Framing:
 
 
 def x_flash(angles: AngleLog) -> Floats:
-    """Tick of the X flash that each angle implies (N,); from fan Y to 12 us, as its flash is not exactly T/2 later."""
+    """Return the tick of the X flash that each angle implies, (N,).
+
+    For fan Y it is accurate to 12 us, because the Y flash is not exactly half a turn later.
+    """
     since_own_flash = (angles.angle_rad + np.pi / 2) / (2 * np.pi) * TURN_TICKS
     out: Floats = angles.middle_tick - since_own_flash - 0.5 * TURN_TICKS * angles.fan
     return out
 
 
 def _flashes(pulses: PulseLog) -> tuple[Floats, Ints]:
-    """Rise [ticks] and code (-1: none) of every flash: overlapping pulses of a flash's length are one, as on board."""
+    """Return rise [ticks] and code (-1: none) of every flash.
+
+    Overlapping pulses of a flash's length are one flash, as on board.
+    """
     wide = pulses.width_tick >= SYNC_WIDTH_S / TICK_S / 2
     wide &= pulses.width_tick <= (SYNC_WIDTH_S + 7.5 * SYNC_WIDTH_STEP_S) / TICK_S
     rise: list[int] = []
@@ -78,7 +87,7 @@ def _flashes(pulses: PulseLog) -> tuple[Floats, Ints]:
 
 
 def _fill(mark: Floats, period: float) -> Floats:
-    """Marks a whole number of periods apart, with those that are missing put in and those that do not fit left out.
+    """Return marks a whole number of periods apart, with missing ones inserted and those that do not fit left out.
 
     A mark fits if it lies whole periods after the last one, or if the next mark confirms it: then the rhythm changed.
     """

@@ -1,13 +1,13 @@
-"""Recordings of real Lighthouse 1.0 hardware, as libsurvive writes them: one event a line, `time_s source OP ...`.
+"""Recordings of real Lighthouse 1.0 hardware by libsurvive: one event per line, `time_s source OP ...`.
 
     CONFIG json             the object: lighthouse_config.modelPoints [m], modelNormals, channelMap
     C channel rise width    a raw light pulse, ticks of the object's 48 MHz clock, which wraps at 32 bits
     A sensor acode rise width_s angle lighthouse     libsurvive's own sweep angle [rad] from boresight; acode & 1: fan Y
-    POSE x y z qw qx qy qz  libsurvive's own pose of the object's head in its world: a peer's answer, not the truth
-    LH_POSE (same)          where libsurvive put a station (the source is the station's number)
+    POSE x y z qw qx qy qz  libsurvive's own pose of the object's head in its world: a peer's estimate, not the truth
+    LH_POSE (same)          libsurvive's pose of a station (the source is the station's number)
 
-Other lines are not read. A photodiode is the index of its channel in channelMap. Lines that end early or hold nonsense
-are counted and skipped, as real recordings have some; a file that is mostly such lines is no recording.
+Other lines are not read. A photodiode is the index of its channel in channelMap. Lines that end early or have invalid
+values are counted and skipped, because real recordings contain some; a file that is mostly such lines is rejected.
 """
 
 import gzip
@@ -33,8 +33,10 @@ _WRAP = 1 << 32
 
 
 class PulseLog(NamedTuple):
-    """N raw pulses in order of rise: time_s (N,), when the host logged it; photodiode (N,), -1 for an unknown channel;
-    rise_tick (N,), unwrapped; width_tick (N,).
+    """N raw pulses in order of rise, (N,) each.
+
+    time_s: time at which the host logged the pulse. photodiode: -1 for an unknown channel. rise_tick: unwrapped.
+    width_tick: [ticks].
     """
 
     time_s: Floats
@@ -46,7 +48,8 @@ class PulseLog(NamedTuple):
 class AngleLog(NamedTuple):
     """N sweeps as libsurvive decoded them, in the file's order, (N,) each.
 
-    fan: 0 X, 1 Y. lighthouse: libsurvive's number. middle_tick: of the pulse, unwrapped. angle_rad: from boresight.
+    time_s: time at which the host logged the sweep. photodiode: index. fan: 0 for X, 1 for Y. lighthouse: libsurvive's
+    number. middle_tick: middle of the pulse, unwrapped. angle_rad: angle from boresight.
     """
 
     time_s: Floats
@@ -65,10 +68,11 @@ class WorldPose(NamedTuple):
 
 
 class Recording(NamedTuple):
-    """What one object of a recording saw.
+    """Data of one object of a recording.
 
-    photodiodes: its layout, a batch of one, in its own model frame. peer_time_s (N,), peer (N, ...): its `POSE` lines,
-    as poses of that frame. stations: the last `LH_POSE` of each. damaged_lines: those that could not be read.
+    path: file. device: name of the object. photodiodes: its layout, a batch of one, in its own model frame. pulses,
+    angles: its light. peer_time_s (N,), peer (N, ...): its `POSE` lines, as poses of the model frame. stations: last
+    `LH_POSE` of each. damaged_lines: number of lines that could not be read.
     """
 
     path: Path
@@ -83,10 +87,11 @@ class Recording(NamedTuple):
 
 
 def read_libsurvive(path: str | Path, device: str) -> Recording:
-    """Read what `device` (such as "HMD") saw from a recording, gzip or plain.
+    """Read the data of `device` (such as "HMD") from a recording, gzip or plain.
 
-    Raises SwarmError, naming file and line, for a file that is missing, truncated, damaged or no recording, and for a
-    device that is not in it or whose CONFIG is missing or unusable.
+    Raises:
+        SwarmError: the file is missing, truncated, damaged or no recording, or the device is not in it, or its CONFIG
+            is missing or unusable; the message names file and line.
     """
     file = Path(path)
     reader = _Reader(file, device)
@@ -113,7 +118,7 @@ def _lines(path: Path) -> Iterator[str]:
 
 
 class _Reader:
-    """Collects the lines of one device; numbers of the CONFIG line are kept for messages."""
+    """Collector of the lines of one device; the number of the CONFIG line is kept for messages."""
 
     def __init__(self, path: Path, device: str) -> None:
         self._path, self._device = path, device
@@ -166,14 +171,14 @@ class _Reader:
             width_s, angle, lighthouse = _finite(token[6]), _finite(token[7]), _within(int(token[8]), 0, 2)
             if not (0 <= width_s < 1 and abs(angle) < math.pi / 2):
                 raise ValueError
-            # The file has the width in microseconds, rounded: to half a tick of the middle it does not matter.
+            # The file has the width rounded to microseconds; the effect on the middle is within half a tick.
             middle = self._unwrap(token[5]) + 0.5 * width_s / TICK_S
             self._angles.append(
                 (time_s, _within(int(token[3]), 0, 1 << 15), int(token[4]) & 1, lighthouse, middle, angle)
             )
 
     def _unwrap(self, text: str) -> int:
-        """The tick of a 32-bit counter that is nearest to the last one read."""
+        """Return the tick of a 32-bit counter that is nearest to the last one read."""
         tick = _within(int(text), 0, _WRAP)
         if self._last_tick is not None:
             tick = self._last_tick + (tick - self._last_tick + _WRAP // 2) % _WRAP - _WRAP // 2
@@ -181,7 +186,7 @@ class _Reader:
         return tick
 
     def recording(self, lines: int) -> Recording:
-        """What was collected, as arrays. Raises SwarmError where it does not make a recording."""
+        """Return the collected data as arrays; raise SwarmError if they do not make a recording."""
         if not self._devices or self._damaged > self._good:
             raise SwarmError(
                 f"{self._path}: not a libsurvive recording: of {lines} lines, "
@@ -228,7 +233,7 @@ class _Reader:
 
 
 def _of_model(position: Floats, quaternion: Floats, tracked: TrackedObject) -> WorldPose:
-    """Poses of the model frame from poses of the head frame: (N, 3) [m] and (N, 4) wxyz."""
+    """Return poses of the model frame from poses of the head frame: (N, 3) [m] and (N, 4) wxyz."""
     head = rot.matrix_from_quaternion(quaternion)
     model = head @ tracked.head_rotation.T
     return WorldPose(position - model @ tracked.head_position, rot.quaternion_from_matrix(model))

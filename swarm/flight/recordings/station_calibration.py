@@ -1,9 +1,9 @@
-"""A station's calibration, to be taken off its sweep angles: from libsurvive's file, or from one of ours.
+"""A station's calibration, to be subtracted from its sweep angles: from libsurvive's file, or from this project's.
 
-libsurvive writes `"key":"value"` pairs and `"lighthouse0":{...}` tables with commas and outer braces left out at will;
-real JSON is read, too. Its `fcal*` values, two each (X sweep, Y sweep), become `FanErrors` through
-`estimators.lighthouse.sweep.from_libsurvive`, which says the signs and frames; `pose` is where it put the station in
-its world. Ours is TOML, in SI units, with every value that is not given zero:
+libsurvive writes `"key":"value"` pairs and `"lighthouse0":{...}` tables in which commas and outer braces may be
+missing; real JSON is read, too. Its `fcal*` values, two each (X sweep, Y sweep), become `FanErrors` through
+`estimators.lighthouse.sweep.from_libsurvive`, which defines the signs and frames; `pose` is the station's pose in
+libsurvive's world. This project's file is TOML, in SI units; values that are not given are zero:
 
     [fan_x]
     phase_rad = 0.0586
@@ -13,10 +13,10 @@ its world. Ours is TOML, in SI units, with every value that is not given zero:
     gibbous_magnitude = 0.0047
     [fan_y]
     ...
-    [photodiodes.craft-0]                     # optional, any number: where those of a craft, or of all craft of a
-    point_m = [[0.07, 0.02, 0.03], ...]       # model, or of a recording's object, really are, in its body frame
+    [photodiodes.craft-0]                     # optional, any number: true positions of the photodiodes of a craft, of
+    point_m = [[0.07, 0.02, 0.03], ...]       # all craft of a model, or of a recording's object, in its body frame
 
-A plain [photodiodes] is for the one object of a replay. `swarm.flight.recordings.calibration_file` writes it.
+A plain [photodiodes] is for the one object of a replay. `swarm.flight.recordings.calibration_file` writes the file.
 """
 
 import json
@@ -40,9 +40,10 @@ _TOKEN = re.compile(r'(?P<space>\s*)(?P<token>"(?:[^"\\]|\\.)*"|[{}\[\]:,]|[^\s{
 
 
 class StationCalibration(NamedTuple):
-    """Systematic errors of a station's fans; if known, its pose, and where photodiodes are (K, 3) [m].
+    """Systematic errors of a station's fans and, if known, the station's pose and positions of photodiodes.
 
-    point_m: of whoever it is used for. by_name: of the craft, models or objects of these names.
+    fan_x, fan_y: errors of the fans. pose: the station's pose in libsurvive's world. point_m: positions of the
+    photodiodes of any object, (K, 3) [m]. by_name: the same for the craft, models or objects of these names.
     """
 
     fan_x: FanErrors
@@ -52,14 +53,18 @@ class StationCalibration(NamedTuple):
     by_name: Mapping[str, Floats] = MappingProxyType({})
 
     def places(self, name: str) -> Floats | None:
-        """Where the photodiodes of `name` are (K, 3) [m], or None where this does not say."""
+        """Return the positions of the photodiodes of `name`, (K, 3) [m], or None if the calibration has none."""
         return self.by_name.get(name, self.point_m)
 
 
 def read_calibration(path: str | Path, lighthouse: int = 0) -> StationCalibration:
-    """Read the calibration of one station; `lighthouse` chooses it in libsurvive's file, ours has only one.
+    """Read the calibration of one station.
 
-    Raises SwarmError, naming file, key, value and the nearest valid name.
+    `lighthouse` selects the station in libsurvive's file; this project's file has only one.
+
+    Raises:
+        SwarmError: the file cannot be read or is invalid; the message names file, key, value and the nearest valid
+            name.
     """
     file = Path(path)
     try:
@@ -100,7 +105,7 @@ def _from_libsurvive(data: dict[str, Any], file: Path, lighthouse: int) -> Stati
 
 
 def _numbers(table: dict[str, Any], key: str, count: int, where: str) -> list[float]:
-    """`count` finite numbers under a key of libsurvive's, where numbers are written as strings."""
+    """Return the `count` finite numbers under a key of libsurvive's file, in which numbers are written as strings."""
     if key not in table:
         raise SwarmError(f"{where}: {key} is missing{did_you_mean(key, table)}")
     try:
@@ -153,7 +158,7 @@ def _known(table: dict[str, Any], keys: tuple[str, ...], where: str) -> None:
 
 
 def _tolerant(text: str, file: Path) -> dict[str, Any]:
-    """JSON in which commas and the outer braces may be missing; line numbers in messages stay the file's."""
+    """Parse JSON in which commas and the outer braces may be missing; line numbers in messages are the file's."""
     out, previous, end = [], "", 0
     for match in _TOKEN.finditer(text):
         if match.start() != end:

@@ -1,7 +1,7 @@
-"""What a tracked object's own configuration says: where its photodiodes sit, on which channels, and where its head is.
+"""Configuration of a tracked object: the positions of its photodiodes, their channels, and the pose of its head.
 
-The JSON of a libsurvive recording's CONFIG line, as the manufacturer stored it in the object. Model frame b: that of
-`modelPoints` [m]. Poses that libsurvive gives out are of the head frame h, given either as the quaternion (x, y, z, w)
+It is the JSON of a libsurvive recording's CONFIG line, as the manufacturer stored it in the object. Model frame b: that
+of `modelPoints` [m]. libsurvive outputs poses of the head frame h, which is given either as the quaternion (x, y, z, w)
 and position of `trackref_from_head`, or as the axes and position of `head`; without either, h is b.
 """
 
@@ -16,9 +16,10 @@ from swarm.errors import SwarmError, did_you_mean
 
 
 class TrackedObject(NamedTuple):
-    """One object: point_m (K, 3) [m], unit normal (K, 3), channels (K), and the head's pose in the model frame.
+    """One tracked object.
 
-    head_rotation (3, 3) R_b_h and head_position (3,) [m].
+    point_m: positions of the photodiodes, (K, 3) [m]. normal: unit normals, (K, 3). channels: channel of each, (K,).
+    head_rotation: R_b_h, (3, 3). head_position: of the head in the model frame, (3,) [m].
     """
 
     point_m: Floats
@@ -29,7 +30,11 @@ class TrackedObject(NamedTuple):
 
 
 def read_config(text: str, where: str) -> TrackedObject:
-    """Read a CONFIG line's JSON; `where` opens every message. Raises SwarmError naming the key and what is wrong."""
+    """Read a CONFIG line's JSON; `where` opens every error message.
+
+    Raises:
+        SwarmError: the JSON is damaged, or a key is missing or invalid; the message names the key and the mistake.
+    """
     try:
         config = json.loads(text)
     except json.JSONDecodeError as error:
@@ -51,7 +56,7 @@ def read_config(text: str, where: str) -> TrackedObject:
 
 
 def _head(config: dict[str, Any], where: str) -> tuple[Floats, Floats]:
-    """R_b_h (3, 3) and the head's position (3,) [m]."""
+    """Return R_b_h (3, 3) and the head's position (3,) [m]."""
     if "trackref_from_head" in config:
         values = _numbers(config, "trackref_from_head", (7,), where)
         quaternion = rot.wxyz_from_xyzw(values[:4])
@@ -76,7 +81,7 @@ def _length(vector: Floats, key: str, where: str) -> float:
 
 
 def _numbers(table: dict[str, Any], key: str, shape: tuple[int, ...], where: str) -> Floats:
-    """The finite numbers under a key, of a shape in which -1 stands for any size."""
+    """Return the finite numbers under a key, of a shape in which -1 stands for any size."""
     if key not in table:
         raise SwarmError(f"{where} has no {key}{did_you_mean(key, table)}")
     try:

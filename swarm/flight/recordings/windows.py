@@ -1,14 +1,15 @@
-"""A recording cut into periods: what the on-board code eats, one lighthouse period of one craft at a time.
+"""A recording divided into periods: the input of the on-board code, one lighthouse period of one craft at a time.
 
-Windows follow each other without a gap; where the recording has nothing, they are empty, so that a decoder and a filter
-that advance by one period per window keep time. Two sources:
+Windows follow each other without a gap; where the recording has no data they are empty, so that a decoder and a filter
+that advance by one period per window keep time. There are two sources:
 
 - "pulses": the raw pulses from shortly before the station's X flash to shortly before its next one, for a
-  `PulseDecoder` to decode; nothing more is read from them here than where those flashes are.
+  `PulseDecoder` to decode; only the times of those flashes are read from them here.
 - "angles": libsurvive's own sweep angles.
 
-A station of libsurvive's looks along -z with y up; ours along +z with y down: turned by pi about x. Hence, for its pose
-(R_w_s, t_s) and an object's (R_w_o, t_o) in libsurvive's world w, with F = diag(1, -1, -1) and l our lighthouse frame:
+A station looks along -z with y up in libsurvive's convention and along +z with y down in this project's: turned by pi
+about x. Hence, for its pose (R_w_s, t_s) and an object's (R_w_o, t_o) in libsurvive's world w, with F = diag(1, -1, -1)
+and l this project's lighthouse frame:
 
     R_l_o = F R_w_s^T R_w_o,    t_l = F R_w_s^T (t_o - t_s)
 """
@@ -28,9 +29,9 @@ from swarm.messages import Pulses
 from swarm.onboard.decoder import SweepAngles
 
 LEAD_S = 600e-6
-"""A window starts this long before its X flash [s]: after the last sweep, before the other station's flash (417 us)."""
+"""Time from a window's start to its X flash [s]: after the last sweep, before the other station's flash (417 us)."""
 PEER_REACH_S = 0.05
-"""A peer's pose comes from two of its poses, one on either side of the epoch, at most this far from it [s]."""
+"""Largest distance in time [s] from the epoch to the two peer poses, one on either side, that are interpolated."""
 _FROM_SURVIVE = np.diag([1.0, -1.0, -1.0])
 
 Source = Literal["pulses", "angles"]
@@ -39,9 +40,9 @@ Source = Literal["pulses", "angles"]
 class Window(NamedTuple):
     """One period of one craft (C = 1).
 
-    time_s: of the epoch, on the recording's clock. pulses or angles: of this period, None for the other source.
-    peer_position (1, 3) [m], peer_quaternion (1, 4) wxyz: the recording's own pose of the object at the epoch, in our
-    lighthouse frame, NaN where there is none.
+    time_s: epoch on the recording's clock. pulses, angles: data of this period, None for the other source.
+    peer_position (1, 3) [m], peer_quaternion (1, 4) wxyz: the recording's own pose of the object at the epoch, in this
+    project's lighthouse frame, NaN if there is none.
     """
 
     time_s: float
@@ -54,16 +55,23 @@ class Window(NamedTuple):
 class Windows:
     """The periods of one station in a recording, in order; iterate for `Window`s.
 
-    frame_s: from one epoch to the next. tick_s: of the object's clock. slot: the station that a `PulseDecoder` is to
-    follow. photodiodes: the object's layout.
+    frame_s: time from one epoch to the next [s]. tick_s: tick of the object's clock [s]. slot: station for a
+    `PulseDecoder` to follow. photodiodes: the object's layout.
     """
 
     def __init__(
         self, recording: Recording, lighthouse: int, source: Source = "pulses", station: WorldPose | None = None
     ) -> None:
-        """lighthouse: libsurvive's number of the station. station: its pose, for the peer's poses (default: LH_POSE).
+        """Find the periods of the station.
 
-        Raises SwarmError where the recording has nothing of this station from this source.
+        Args:
+            recording: recording of one object.
+            lighthouse: libsurvive's number of the station.
+            source: raw "pulses" or decoded "angles".
+            station: pose of the station, for the peer's poses (default: LH_POSE).
+
+        Raises:
+            SwarmError: the recording has no data of this station from this source.
         """
         if source not in get_args(Source):
             raise SwarmError(
@@ -88,7 +96,7 @@ class Windows:
         self.photodiodes = recording.photodiodes
         log = recording.pulses if source == "pulses" else recording.angles
         tick = recording.pulses.rise_tick if source == "pulses" else recording.angles.middle_tick
-        # The host logs each event some milliseconds late, irregularly: one straight line through all of them.
+        # The host logs each event some milliseconds late, irregularly: fit one straight line to all of them.
         line = np.polynomial.Polynomial.fit(tick, log.time_s, 1)
         self._time_s = line(self._start + TURN_TICKS / 2)
         self._peer = _peer_poses(recording, self._time_s, station or recording.stations.get(lighthouse))
@@ -145,7 +153,7 @@ class Windows:
 
 
 def _peer_poses(recording: Recording, time_s: Floats, station: WorldPose | None) -> WorldPose:
-    """The recording's own poses of the object at the times (N,), in our frame of the station, NaN where it has none."""
+    """Return the recording's own poses of the object at the times (N,), NaN if none, in the lighthouse frame."""
     position, quaternion = np.full((len(time_s), 3), np.nan), np.full((len(time_s), 4), np.nan)
     known = recording.peer_time_s
     if station is None or len(known) < 2:

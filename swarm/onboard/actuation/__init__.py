@@ -1,1 +1,1 @@
-"""Actuation: which thrusters and wheels make the wrench that the control wants, and what comes of it."""
+"""Actuation: the choice of thrusters and wheels that make the wanted wrench, and the wrench that results."""

@@ -1,9 +1,9 @@
-"""From the wrench that control wants to what each craft orders its thrusters and wheels to do.
+"""Conversion of the wanted wrench into each craft's orders to its thrusters and wheels.
 
-A craft turns the wanted force and torque into its body frame by the attitude that it believes in, and orders pulses and
-wheel torques (`swarm.onboard.actuation.orders`). The orders stand for accelerations, which its own navigation takes
-into account. A craft without thrusters orders the wanted force itself, one with neither thrusters nor wheels the whole
-wrench.
+A craft turns the wanted force and torque into its body frame by its estimated attitude, and orders pulses and wheel
+torques (`swarm.onboard.actuation.orders`). The orders correspond to accelerations, which its own navigation takes into
+account. A craft without thrusters orders the wanted force itself; a craft with neither thrusters nor wheels orders the
+whole wrench.
 """
 
 import numpy as np
@@ -23,8 +23,8 @@ class Actuation:
 
         Args:
             actuators: thrusters and wheels of the A craft that carry some.
-            mass: (C,) [kg].
-            inertia: (C, 3, 3) [kg m^2] about the centre of mass, body frame.
+            mass: mass of each craft, (C,) [kg].
+            inertia: inertia about the centre of mass, body frame, (C, 3, 3) [kg m^2].
             period_s: length of a lighthouse period [s].
         """
         self._orders = Orders(actuators, period_s)
@@ -33,13 +33,13 @@ class Actuation:
         self._nothing = np.zeros(actuators.has_thruster.shape), np.zeros(actuators.torque_nm.shape)
 
     def order(self, force: Floats, torque: Floats, believed: State, command: Command) -> Order:
-        """Order what comes nearest to the wanted wrench.
+        """Return the orders that come nearest to the wanted wrench.
 
         Args:
-            force: (C, 3) [N], wanted, lighthouse frame.
-            torque: (C, 3) [N m], wanted, about the centre of mass, lighthouse frame.
-            believed: the states in which the wrench is wanted; a craft that does not know its attitude orders nothing.
-            command: the accelerations that the wanted wrench stands for.
+            force: wanted force, lighthouse frame, (C, 3) [N].
+            torque: wanted torque about the centre of mass, lighthouse frame, (C, 3) [N m].
+            believed: states for which the wrench is wanted; a craft that does not know its attitude orders nothing.
+            command: accelerations that the wanted wrench corresponds to.
         """
         who = self._who
         if not len(who):
@@ -62,7 +62,7 @@ class Actuation:
     def _accelerations(
         self, command: Command, given: BodyOrder, rotation: Floats, rate: Floats, stored: Floats
     ) -> Command:
-        """Return the accelerations that the orders stand for: F / m, and I^-1 (M - w x (I w + h)), lighthouse frame."""
+        """Return the accelerations that the orders cause: F / m, and I^-1 (M - w x (I w + h)), lighthouse frame."""
         who, thrusting = self._who, self._thrusting[self._who]
         momentum = (self._inertia @ rate[..., None])[..., 0] + stored
         change = np.linalg.solve(self._inertia, (given.wrench[:, 3:] - np.cross(rate, momentum))[..., None])

@@ -1,17 +1,17 @@
-"""Which actuators make a wrench: bounded least squares, craft by craft, as one compiled loop.
+"""Control allocation by bounded least squares: the actuators' shares of a wrench, per craft, as one compiled loop.
 
-The six numbers w (force [N], torque about the centre of mass [N m], body frame) are to come from n actuators, each of
-which makes b_i u_i with u_i between its bounds. In units of what is available, x = u / unit and S, one over a typical
-force and torque,
+The six components w (force [N], torque about the centre of mass [N m], body frame) are to be produced by n actuators,
+each of which contributes b_i u_i with u_i between its bounds. With x = u / unit, scaled by the available action, and
+S the inverse of a typical force and torque,
 
     minimise  |S (B x - w)|^2 + sum_i cost_i (x_i - wanted_i)^2    subject to  low <= x <= high
 
-with costs so small (1e-6 and less) that they decide among equally good answers only: how strongly an actuator is
-preferred, and where it would rather be. With a positive cost the minimum is unique. It is found by the active set
-method of C. L. Lawson and R. J. Hanson, *Solving Least Squares Problems* (1974), for two bounds after P. B. Stark and
-R. L. Parker, *Bounded-variable least squares*, Comput. Stat. 10 (1995) 129: solve for the free x; where that leaves the
-bounds, go as far as they allow and hold what met its bound; else release the held one that would gain most, until none
-would.
+The costs are so small (1e-6 and less) that they only decide among equally good solutions: how strongly an actuator is
+preferred, and which value it prefers. With positive costs the minimum is unique. It is found by the active set method
+of C. L. Lawson and R. J. Hanson, *Solving Least Squares Problems* (1974), for two bounds after P. B. Stark and R. L.
+Parker, *Bounded-variable least squares*, Comput. Stat. 10 (1995) 129: solve for the free x; where the solution leaves
+the bounds, go as far as they allow and hold the variable that met its bound; else release the held variable that would
+gain most, until none would.
 """
 
 import numpy as np
@@ -21,17 +21,25 @@ from estimators.kernel import kernel
 from estimators.linear import solve_spd
 
 ROUNDS_PER_ACTUATOR = 10
-"""The method ends after a few rounds per actuator; so many would mean that it turns in circles by rounding."""
+"""Limit on the rounds per actuator; the method needs a few, and reaches the limit only if rounding makes it cycle."""
 
 
 def allocate(
     effect: Floats, scale: Floats, cost: Floats, wanted: Floats, low: Floats, high: Floats, wrench: Floats
 ) -> tuple[Floats, Ints]:
-    """The x (C, n) above, and the rounds that it took, (C,).
+    """Return the x that minimises the cost above, (C, n), and the number of rounds per craft, (C,).
 
-    effect: (C, 6, n), B: the wrench of a unit of each. scale: (C, 6), S. cost, wanted: (C, n), cost positive. low,
-    high: (C, n), an actuator between equal bounds stays there. wrench: (C, 6). Raises ValueError where shapes do not
-    fit, a cost is not positive or a bound above the other.
+    Args:
+        effect: B, wrench of a unit of each actuator, (C, 6, n).
+        scale: S, (C, 6).
+        cost: cost of each actuator, positive, (C, n).
+        wanted: preferred x, (C, n).
+        low: lower bounds, (C, n); an actuator between equal bounds stays there.
+        high: upper bounds, (C, n).
+        wrench: w, (C, 6) [N, N m].
+
+    Raises:
+        ValueError: shapes do not fit, a cost is not positive, or a lower bound is above the upper one.
     """
     craft, actuators = cost.shape
     shapes = (effect.shape, scale.shape, wrench.shape, wanted.shape, low.shape, high.shape)
@@ -57,7 +65,7 @@ def _allocate_into(
     out: Floats,
     rounds: Ints,
 ) -> None:
-    """`allocate` of every craft, into `out` (C, n) and `rounds` (C,)."""
+    """Write the results of `allocate` into `out` (C, n) and `rounds` (C,)."""
     n = cost.shape[1]
     normal, right = np.empty((n, n)), np.empty(n)
     for c in range(len(cost)):
@@ -76,9 +84,9 @@ def _allocate_into(
 
 @kernel
 def _solve(normal: Floats, right: Floats, low: Floats, high: Floats, x: Floats) -> int:
-    """Minimise x^T N x / 2 - r^T x between bounds into `x` (n,), N positive definite; the number of rounds."""
+    """Minimise x^T N x / 2 - r^T x between bounds into `x` (n,), N positive definite; return the number of rounds."""
     n = len(right)
-    # Held at the low bound, at the high one, or free.
+    # Each variable is held at the low bound, held at the high one, or free.
     free = np.zeros(n, np.bool_)
     at_high = np.zeros(n, np.bool_)
     z, a, scratch = np.empty(n), np.empty((n, n)), np.empty((n, n))
@@ -88,7 +96,7 @@ def _solve(normal: Floats, right: Floats, low: Floats, high: Floats, x: Floats) 
         at_high[i] = x[i] == high[i]
     just_freed = -1
     for turn in range(ROUNDS_PER_ACTUATOR * n):
-        # N z = r for the free ones; the held ones stand in the same system as z = x.
+        # N z = r for the free variables; the held ones are in the same system as z = x.
         for i in range(n):
             z[i] = right[i] if free[i] else x[i]
             for j in range(n):
@@ -112,11 +120,11 @@ def _solve(normal: Floats, right: Floats, low: Floats, high: Floats, x: Floats) 
             at_high[blocking] = z[blocking] > high[blocking]
             x[blocking] = high[blocking] if at_high[blocking] else low[blocking]
             free[blocking] = False
-            # Released and at once back at its bound: what it would gain was rounding.
+            # It was released and is at once back at its bound: its gain was rounding.
             if blocking == just_freed and share <= 0.0:
                 return turn + 1
             continue
-        # The free ones are where they want to be: does any that is held pull away from its bound?
+        # The free variables are at their optimum: does any held one pull away from its bound?
         best, gain = -1, 0.0
         for i in range(n):
             if free[i] or low[i] == high[i]:

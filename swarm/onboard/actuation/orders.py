@@ -1,17 +1,17 @@
-"""What a craft's computer orders its thrusters and wheels to do, per period, for a wanted force F and torque M.
+"""Orders of a craft's computer to its thrusters and wheels, per period, for a wanted force F and torque M.
 
 Everything is in the body frame, for all craft that have actuators:
 
     W = (F, M + w x h) + c            h: the wheels' momentum, which turns at the rate w; c: carried over
     u = allocate(W)                   thrusters 0 ... F_i, wheels within torque and momentum (`allocation`)
     pulses of the thrusters           `modulation`: nothing below the shortest pulse
-    wheels again, pulses given        they make up for what the pulses miss of the torque
-    c = B (u - what is ordered)       what is too small to fire adds up until it is not
+    wheels again, pulses given        they compensate the torque that the pulses miss
+    c = B (u - ordered u)             impulses too small to fire add up until they are not
 
-What the thrusters cannot give for lack of force is not carried over. A wheel that has stored most of what it can is
-unloaded: the thrusters owe it the momentum that it should give up, and get it as a torque of their own once a pulse is
-long enough; the wheel, which makes up for that torque, then turns slower. The computer goes by the design: it knows
-neither the errors nor the faults of its thrusters (`execution`).
+Force beyond the thrusters' limits is not carried over. A wheel near its largest momentum is unloaded: the thrusters owe
+it the momentum that it should give up, and give it as a torque of their own once a pulse is long enough; the wheel
+compensates that torque and so slows down. The computer uses the design values: it knows neither the errors nor the
+faults of its thrusters (`execution`).
 """
 
 from typing import NamedTuple
@@ -24,17 +24,20 @@ from swarm.onboard.actuation.allocation import allocate
 from swarm.onboard.actuation.modulation import on_time
 
 THRUSTER_COST, WHEEL_COST = 1e-7, 1e-10
-"""Of the squared share of an actuator's most, beside the squared share of the wrench that is missed: wheels before
-thrusters, which cost propellant."""
+"""Cost of the squared share of an actuator's most, relative to the squared share of the missed wrench: wheels are
+preferred to thrusters, which cost propellant.
+"""
 UNLOAD_ABOVE, UNLOAD_TO = 0.8, 0.1
-"""Shares of its largest momentum at which a wheel begins and ends to be unloaded."""
+"""Shares of a wheel's largest momentum at which its unloading begins and ends."""
 UNLOAD_S = 2.0
-"""The time in which a wheel would be empty at its unloading torque, if that is within its limit."""
+"""Time in which a wheel would be empty at its unloading torque, if that is within its limit [s]."""
 
 
 class BodyOrder(NamedTuple):
-    """What A craft order for one period: open_s (A, N), how long each thruster opens; wheel_torque (A, W) [N m] on the
-    craft; wrench (A, 6) [N, N m], the mean force and torque of both, body frame.
+    """Orders of A craft for one period, body frame.
+
+    open_s: opening time of each thruster, (A, N) [s]. wheel_torque: torque of each wheel on the craft, (A, W) [N m].
+    wrench: mean force and torque of both, (A, 6) [N, N m].
     """
 
     open_s: Floats
@@ -43,10 +46,10 @@ class BodyOrder(NamedTuple):
 
 
 class Orders:
-    """The computers of A craft, from one period to the next.
+    """The actuator computers of A craft, from one period to the next.
 
-    momentum: (A, W) [N m s], what each wheel has stored, which it measures. A torque t of a wheel on the craft for a
-    time T leaves it with momentum - t T.
+    momentum: measured momentum stored in each wheel, (A, W) [N m s]. A wheel that exerts a torque t on the craft for a
+    time T is left with momentum - t T.
     """
 
     def __init__(self, hardware: ActuatorSet, period_s: float) -> None:
@@ -61,10 +64,13 @@ class Orders:
         self._cost = np.tile(np.repeat([THRUSTER_COST, WHEEL_COST], [thrusters, wheels]), (len(hardware.who), 1))
 
     def give(self, force: Floats, torque: Floats, rate: Floats, able: Bools) -> BodyOrder:
-        """Order what comes nearest to force (A, 3) [N] and torque (A, 3) [N m] of craft that turn at rate (A, 3)
-        [rad/s].
+        """Return the orders that come nearest to the wanted force and torque.
 
-        able: (A,), the craft that order anything at all.
+        Args:
+            force: wanted force, body frame, (A, 3) [N].
+            torque: wanted torque, body frame, (A, 3) [N m].
+            rate: angular rate of the craft, body frame, (A, 3) [rad/s].
+            able: craft that order anything at all, (A,).
         """
         wanted = np.concatenate([force, torque + np.cross(rate, self.stored)], axis=1) + self._carried
         wanted[~able] = 0.0
@@ -83,7 +89,7 @@ class Orders:
 
     @property
     def stored(self) -> Floats:
-        """The wheels' momentum together, (A, 3) [N m s], body frame."""
+        """The total momentum of each craft's wheels, (A, 3) [N m s], body frame."""
         out: Floats = np.einsum("aw,awi->ai", self.momentum, self._hardware.axis)
         return out
 
@@ -91,10 +97,10 @@ class Orders:
         return allocate(self._effect, self._scale, self._cost, np.zeros_like(low), low, high, wanted)[0]
 
     def _bounds(self) -> tuple[Floats, Floats]:
-        """Lowest and highest (A, N + W) of every actuator, in shares of its most."""
+        """Return the lowest and highest share of every actuator, (A, N + W) each, relative to its most."""
         limit, real = self._hardware.momentum_nms, self._hardware.torque_nm > 0
         full = np.where(real, self._hardware.torque_nm, 1.0) * self._period_s
-        # So that the momentum stays within its limit to the end of the period.
+        # The momentum must stay within its limit to the end of the period.
         low = np.clip((self.momentum - limit) / full, -1.0, 1.0) * real
         high = np.clip((self.momentum + limit) / full, -1.0, 1.0) * real
         thrusters = self._hardware.has_thruster
@@ -102,7 +108,7 @@ class Orders:
         return np.concatenate([shut, low], axis=1), np.concatenate([thrusters, high], axis=1)
 
     def _with_what_is_owed(self, wanted: Floats, best: Floats, low: Floats, high: Floats) -> Floats:
-        """Shares (A, N + W), as `best`, but with the thrusters giving what they owe to the wheels as well."""
+        """Return shares (A, N + W) as `best`, with the thrusters also giving the momentum owed to the wheels."""
         limit, thrusters = self._hardware.momentum_nms, self._hardware.has_thruster.shape[1]
         full = np.abs(self.momentum) / np.where(limit > 0, limit, 1.0)
         self._unloading = (full > UNLOAD_ABOVE) | (self._unloading & (full > UNLOAD_TO))
@@ -118,19 +124,19 @@ class Orders:
         return np.where(can[:, None], self._allocate(wanted + more, low, high), best)
 
     def _book_what_is_owed(self, missed: Floats) -> None:
-        """Keep owing the torque that thrusters miss, by (A, N) of their shares, of what they were asked for."""
+        """Keep as owed the torque of the shares (A, N) that thrusters were asked for and do not give."""
         torque = _wrench(self._effect[:, 3:, : missed.shape[1]], missed)
         self._owed = np.clip(torque * self._period_s, np.minimum(self._owed, 0.0), np.maximum(self._owed, 0.0))
 
 
 def _wrench(effect: Floats, share: Floats) -> Floats:
-    """What actuators of `effect` (A, k, n) give at shares (A, n) of their most: (A, k)."""
+    """Return the wrench (A, k) of actuators of `effect` (A, k, n) at shares (A, n) of their most."""
     out: Floats = (effect @ share[..., None])[..., 0]
     return out
 
 
 def _scale(effect: Floats) -> Floats:
-    """(A, 6): one over the largest force, and the largest torque, of any actuator of `effect` (A, 6, n)."""
+    """Return one over the largest force, and the largest torque, of any actuator of `effect` (A, 6, n), as (A, 6)."""
     force = np.linalg.norm(effect[:, :3], axis=1).max(axis=1, initial=0.0)
     torque = np.linalg.norm(effect[:, 3:], axis=1).max(axis=1, initial=0.0)
     size = np.stack([force, torque], axis=1)

@@ -1,1 +1,1 @@
-"""Where craft decide to fly: docking, formations, station keeping, by what each knows and by what others broadcast."""
+"""Guidance of docking, formations and station keeping, from each craft's own estimate and the others' broadcasts."""

@@ -1,18 +1,21 @@
-"""The acceleration nearest to the one wanted with which a craft keeps clear of the others: a barrier certificate.
+"""Collision avoidance by a barrier certificate: the acceleration nearest to the wanted one that keeps a craft clear.
 
-For craft i and its neighbour j, with dp = p_i - p_j, dv = v_i - v_j, D the least distance and u_max what each can
-brake with, the pair is safe while (Wang, Ames and Egerstedt, IEEE Trans. Robotics 33(3), 2017, equation 8)
+For craft i and its neighbour j, with dp = p_i - p_j, dv = v_i - v_j, D the least distance and u_max the acceleration
+with which each can brake, the pair is safe while (Wang, Ames and Egerstedt, IEEE Trans. Robotics 33(3), 2017,
+equation 8)
 
     h = sqrt(4 u_max (|dp| - D)) + dp . dv / |dp| >= 0                                                              (B1)
 
-which each keeps up by doing its half of dh/dt >= -gamma h^3, linear in its own acceleration u (their 11 and 14)
+Each craft maintains this by doing its half of dh/dt >= -gamma h^3, which is linear in its own acceleration u (their 11
+and 14)
 
     -dp . u <= b / 2,
     b = gamma h^3 |dp| - (dp . dv)^2 / |dp|^2 + |dv|^2 + 2 u_max dp . dv / sqrt(4 u_max (|dp| - D))                 (B2)
 
-Among all u that meet (B2) for every neighbour, the one nearest to what the craft wants is a least-distance problem,
-solved exactly by non-negative least squares (Lawson and Hanson, "Solving Least Squares Problems", chapter 23). Where no
-u meets all, the craft pushes away from those that press it most.
+Among all u that meet (B2) for every neighbour, the one nearest to the wanted acceleration is the solution of a
+least-distance problem, solved exactly by non-negative least squares (Lawson and Hanson, "Solving Least Squares
+Problems", chapter 23). If no u meets all conditions, the craft accelerates away from the neighbours whose conditions
+its wanted acceleration violates, in proportion to the violation.
 """
 
 from typing import NamedTuple
@@ -24,14 +27,15 @@ from estimators.arrays import Bools, Floats, Ints
 from swarm.onboard.guidance.broadcast import Heard
 
 GAMMA = 2.0
-"""How soon (B1) may be used up [s/m^2]: the larger, the later and the harder a craft gives way."""
+"""Coefficient gamma of (B2) [s/m^2]: the larger it is, the later and the harder a craft gives way."""
 LEAST_GAP_M = 1e-3
-"""Nearer to the least distance than this, (B2) is taken as if it were this far: it has no value there."""
+"""Smallest gap |dp| - D for which (B2) is evaluated [m]; it is singular at zero, so smaller gaps are replaced by it."""
 
 
 class Barrier(NamedTuple):
-    """Conditions a . u <= limit on the accelerations of craft, one per pair (P,): craft: who; normal: a (P, 3), of unit
-    length; limit: (P,) [m/s^2].
+    """Conditions normal . u <= limit on the accelerations u of craft, one per pair, P pairs.
+
+    craft: index of the craft, (P,). normal: unit vector, (P, 3). limit: (P,) [m/s^2].
     """
 
     craft: Ints
@@ -42,9 +46,15 @@ class Barrier(NamedTuple):
 def barriers(
     who: Ints, position: Floats, velocity: Floats, heard: Heard, distance_m: Floats, brake_m_s2: Floats
 ) -> Barrier:
-    """The conditions (B2) of the craft `who` (M,), which are at position (M, 3) with velocity (M, 3) as they know them.
+    """Return the conditions (B2) of M craft towards every other craft that is heard.
 
-    distance_m, brake_m_s2: (M,), D and u_max. A craft has none towards itself, nor towards who is not heard.
+    Args:
+        who: indices of the craft, (M,).
+        position: their own estimated positions, (M, 3) [m].
+        velocity: their own estimated velocities, (M, 3) [m/s].
+        heard: positions and velocities of all craft by their broadcasts.
+        distance_m: least distance D of each craft, (M,) [m].
+        brake_m_s2: braking acceleration u_max of each craft, (M,) [m/s^2].
     """
     dp = position[:, None] - heard.position[None]
     dv = velocity[:, None] - heard.velocity[None]
@@ -63,9 +73,15 @@ def barriers(
 
 
 def safe(acceleration: Floats, barrier: Barrier, most_m_s2: Floats) -> tuple[Floats, Bools]:
-    """The accelerations (C, 3) nearest to `acceleration` that meet the conditions, and who had to give way (C,).
+    """Return the accelerations (C, 3) nearest to the wanted ones that meet all conditions, and the craft that gave way.
 
-    most_m_s2: (C,), what a craft that gives way does at most.
+    Args:
+        acceleration: wanted accelerations, (C, 3) [m/s^2].
+        barrier: conditions on them.
+        most_m_s2: largest acceleration of a craft that gives way, (C,) [m/s^2].
+
+    Returns:
+        The accelerations (C, 3) [m/s^2], and the mask (C,) of the craft whose acceleration was changed.
     """
     out, gave_way = acceleration.copy(), np.zeros(len(acceleration), dtype=np.bool_)
     excess = np.einsum("pk,pk->p", barrier.normal, acceleration[barrier.craft]) - barrier.limit
@@ -82,7 +98,7 @@ def safe(acceleration: Floats, barrier: Barrier, most_m_s2: Floats) -> tuple[Flo
 
 
 def nearest(g: Floats, h: Floats) -> Floats | None:
-    """The shortest x (n,) with g x >= h, g (m, n), h (m,); None where there is none."""
+    """Return the shortest x (n,) with g x >= h, for g (m, n) and h (m,); None if there is none."""
     scale = float(np.abs(h).max())
     if scale == 0:
         return np.zeros(g.shape[1])

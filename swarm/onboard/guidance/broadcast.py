@@ -1,7 +1,7 @@
-"""What craft tell each other: once per lighthouse period, each its own position and velocity as it believes them.
+"""Broadcasts between craft: once per lighthouse period, each sends its own estimated position and velocity.
 
-A message is heard one period after its estimate was made. Who is not heard (its filter knows nothing, or it is lost) is
-believed to fly on straight from its last message, for some seconds; then it is forgotten.
+A message is heard one period after its estimate was made. A craft that is not heard (its filter has no estimate, or it
+is lost) is assumed to fly on straight from its last message for some seconds; then it is forgotten.
 """
 
 from typing import NamedTuple
@@ -11,11 +11,14 @@ import numpy as np
 from estimators.arrays import Bools, Floats
 
 FORGOTTEN_S = 5.0
-"""Nobody can say where a craft is that has been silent for so long."""
+"""Age of the last message beyond which the position of a silent craft counts as unknown [s]."""
 
 
 class Heard(NamedTuple):
-    """Where C craft are by their broadcasts: position (C, 3) [m], velocity (C, 3) [m/s]; known: (C,)."""
+    """States of C craft by their broadcasts.
+
+    position: (C, 3) [m]. velocity: (C, 3) [m/s]. known: craft whose last message is recent enough, (C,).
+    """
 
     position: Floats
     velocity: Floats
@@ -23,7 +26,7 @@ class Heard(NamedTuple):
 
 
 class Broadcasts:
-    """The last message of every craft, and how old it is."""
+    """The last message of every craft, and its age."""
 
     def __init__(self, craft: int, period_s: float) -> None:
         self._period_s = period_s
@@ -32,9 +35,12 @@ class Broadcasts:
         self._sent: tuple[Floats, Floats, float] | None = None
 
     def tell(self, position: Floats, velocity: Floats, age_s: float) -> None:
-        """Every craft sends position (C, 3) [m] and velocity (C, 3) [m/s] of `age_s` ago, NaN where it knows none.
+        """Send the state of every craft; it is heard from the next call on.
 
-        They are heard from the next call on.
+        Args:
+            position: (C, 3) [m], NaN for a craft that does not know its own.
+            velocity: (C, 3) [m/s], NaN likewise.
+            age_s: age of the estimates [s].
         """
         self._age_s += self._period_s
         if self._sent is not None:
@@ -45,7 +51,7 @@ class Broadcasts:
         self._sent = position.copy(), velocity.copy(), age_s
 
     def heard(self) -> Heard:
-        """Where everybody is now, as far as they have said."""
+        """Return the present state of every craft, extrapolated from its last message."""
         known = self._age_s <= FORGOTTEN_S
         age = np.where(known, self._age_s, 0.0)[:, None]
         return Heard(self._position + self._velocity * age, self._velocity.copy(), known)

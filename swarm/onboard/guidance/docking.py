@@ -1,14 +1,14 @@
-"""One craft's way to a docking port: from hold point to hold point along the docking axis, at last softly to contact.
+"""One craft's approach to a docking port: from hold point to hold point along the docking axis, then slowly to contact.
 
     WAIT -> TRANSFER -> HOLD -> APPROACH -> HOLD ... -> FINAL -> DOCKED
                           ^--------- RETREAT <-----'       (out of the corridor, or the port missed)
-    any -> LOST -> RETREAT or what it was                  (no pose for a while, or a poor one)
+    any -> LOST -> RETREAT or the phase before             (no pose for a while, or a poor one)
 
-The craft decides by its own estimate, and by a switch in the port that says when the latch has closed. It leaves a hold
-point inwards only while it is inside the corridor (`swarm.onboard.guidance.corridor`) and its navigation is good; out
-of the corridor it flies back to the hold point that it came from. While its navigation is lost it brakes, on what its
-filter predicts by the craft's own orders, and stays; found again, it retreats if it was on the axis. After some
-retreats it gives up.
+The craft decides by its own estimate, and by a switch in the port that reports when the latch has closed. It leaves a
+hold point inwards only while it is inside the corridor (`swarm.onboard.guidance.corridor`) and its navigation is good;
+out of the corridor it flies back to the hold point that it came from. While its navigation is lost it brakes, by the
+state that its filter predicts from the craft's own orders, and stays; once the navigation is back, the craft retreats
+if it was on the axis. After a number of retreats it gives up.
 
 The reference is a point moved by `swarm.onboard.guidance.glideslope`; in the last leg it passes the port at the closing
 speed.
@@ -25,23 +25,23 @@ from swarm.scenario import Dock
 from swarm.units import si
 
 ARRIVED_M = 0.01
-"""Nearer to a hold point than this, the craft is there."""
+"""Distance from a hold point below which the reference has arrived there [m]."""
 OVERTRAVEL_M = 0.02
-"""So far beyond the port the craft feels for contact."""
+"""Distance that the reference moves on beyond the port to make contact [m]."""
 
 
 class Docking:
     """The state of one approach; `step` once per lighthouse period."""
 
     def __init__(self, craft: int, own: Port, target: Port, table: Dock, period_s: float) -> None:
-        """Begin where the table says.
+        """Begin at the position that the table gives.
 
         Args:
-            craft: The index of the craft.
-            own: The craft's port in its body frame.
-            target: The target's port in the lighthouse frame.
-            table: The scenario's table.
-            period_s: The time between two steps [s].
+            craft: index of the craft.
+            own: the craft's port in its body frame.
+            target: the target's port in the lighthouse frame.
+            table: the scenario's table.
+            period_s: time between two steps [s].
         """
         self.craft, self.own, self.target, self.phase = craft, own, target, Phase.WAIT
         self._plan, self._ranges_m = si(table), table.hold_ranges_m
@@ -51,7 +51,7 @@ class Docking:
         self._axis = target.rotation[:, 2]
         self._docked_m = docked_pose(own, target)[1]
         self._leg = 0
-        """The hold point that it is at, or flies to, or came from in FINAL."""
+        """Index of the hold point at which the craft is, to which it flies, or from which it came in FINAL."""
         self._since_s = 0.0
         self._good_s = self._blind_s = 0.0
         self._retreats = 0
@@ -67,17 +67,22 @@ class Docking:
         sigma_m: float,
         latched: bool,
     ) -> Moving:
-        """Where the craft should be at `time_s` [s], and how it should move on from there for a period.
+        """Return the craft's reference at `time_s`, with the acceleration of the period that begins.
 
-        position, velocity: (3,), its own, as it believes them, NaN where it knows none; at: how it believes its port
-        to stand to the target's. tracking: whether it has had a pose this period; sigma_m: of its position. latched:
-        the switch in the port.
+        Args:
+            time_s: beginning of the period [s].
+            position: the craft's estimated position, (3,) [m], NaN if unknown.
+            velocity: the craft's estimated velocity, (3,) [m/s], NaN if unknown.
+            at: estimated range, offset, angle and closing speed of its port relative to the target's.
+            tracking: whether the craft has had a pose in this period.
+            sigma_m: standard deviation of its position [m].
+            latched: state of the switch in the port.
         """
         self._judge_navigation(tracking and sigma_m <= self._plan.sigma_limit_m)
         self._decide(time_s, position, velocity, at, latched)
         now = self._reference
         self._reference = self._follow(now)
-        # What leads on from here is the acceleration of the step that follows.
+        # The acceleration of the step that follows leads on from here.
         return Moving(now.position, now.velocity, self._reference.acceleration)
 
     def _judge_navigation(self, good: bool) -> None:
@@ -88,7 +93,7 @@ class Docking:
         self.phase, self._since_s = phase, time_s
 
     def _decide(self, time_s: float, position: Floats, velocity: Floats, at: Closing, latched: bool) -> None:
-        """Which phase it is from now on."""
+        """Choose the phase of the period that begins."""
         plan, trusted = self._plan, self._good_s >= self._plan.settle_s
         inwards = self.phase in (Phase.APPROACH, Phase.FINAL)
         if self.phase == Phase.DOCKED:
@@ -111,12 +116,12 @@ class Docking:
             self._leave_inwards(time_s, at)
 
     def _missed(self) -> bool:
-        """Whether it should have been latched by now."""
+        """Return whether the port should have latched by now."""
         beyond = float((self._docked_m - self._reference.position) @ self._axis)
         return self.phase == Phase.FINAL and beyond > OVERTRAVEL_M
 
     def _retreat(self, time_s: float) -> None:
-        """Back to the hold point that it came from; after too many times, to the first one for good."""
+        """Retreat to the hold point that the craft came from; after too many retreats, to the first one for good."""
         if self.phase == Phase.APPROACH:
             self._leg -= 1
         self._retreats += 1
@@ -127,7 +132,7 @@ class Docking:
             self._enter(Phase.RETREAT, time_s)
 
     def _found(self, time_s: float, position: Floats, velocity: Floats) -> None:
-        """Its navigation is back: on from where it is."""
+        """Continue from the present estimate after the navigation has come back."""
         self._reference = Moving(position, velocity, np.zeros(3))
         if self._interrupted in (Phase.APPROACH, Phase.FINAL):
             if self._interrupted == Phase.APPROACH:
@@ -154,7 +159,7 @@ class Docking:
         return there and float(np.linalg.norm(self._reference.velocity)) < self._slope.slope_per_s * ARRIVED_M * 2
 
     def _follow(self, now: Moving) -> Moving:
-        """The reference one period later."""
+        """Return the reference one period later."""
         plan, period = self._plan, self._period_s
         if self.phase in (Phase.WAIT, Phase.LOST, Phase.DOCKED):
             return brake(now, plan.brake_m_s2, period)

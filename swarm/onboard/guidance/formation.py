@@ -1,11 +1,12 @@
-"""A formation through its figures: at given times every craft gets a place in the next one and flies there in step.
+"""A formation that passes through figures: at given times every craft gets a place in the next one and flies there.
 
-From its place a(t) in the figure left to its place b(t) in the next one, with tau the share of the transfer's time D:
+All craft fly in step, each from its place a(t) in the present figure to its place b(t) in the next one. With tau the
+elapsed share of the transfer's time D,
 
     p(t) = a(t) + s(tau) (b(t) - a(t)),   s(tau) = 10 tau^3 - 15 tau^4 + 6 tau^5                                    (F1)
 
-from rest to rest with the least jerk; its peak speed is 15/8 of the mean, so D = 15/8 max |b - a| / v for all craft
-alike. Places are shared out by `assignment`, from what all have heard of all: every craft finds the same.
+from rest to rest with the least jerk. The peak speed is 15/8 of the mean, so D = 15/8 max |b - a| / v for all craft.
+Places are assigned by `assignment`, from the broadcasts that all craft have heard: every craft gets the same result.
 """
 
 import numpy as np
@@ -29,12 +30,12 @@ class Formation:
         """Begin in the first figure.
 
         Args:
-            craft: The indices of the craft, (N,).
-            table: The scenario's table.
-            orbit: The lighthouse's orbit, None in weightless space.
+            craft: indices of the craft, (N,).
+            table: the scenario's table.
+            orbit: the lighthouse's orbit; None in weightless space.
 
         Raises:
-            SwarmError: A figure needs an orbit, and there is none.
+            SwarmError: a figure needs an orbit, and there is none.
         """
         self.craft = craft
         self._table = table
@@ -45,7 +46,10 @@ class Formation:
         self._begun_s, self._length_s = 0.0, 0.0
 
     def at(self, time_s: float, heard: Heard) -> Motion:
-        """Where the craft of the formation should be now, (N, 3) each. heard: decides places when a figure ends."""
+        """Return the reference motion of the formation's craft at `time_s` [s], (N, 3) each.
+
+        When a figure ends, the places in the next one are assigned by the positions `heard`.
+        """
         after = self._current + 1
         if after < len(self._shapes) and time_s >= self._table.figures[after].at_s:
             self._begin(time_s, heard)
@@ -64,20 +68,20 @@ class Formation:
         )
 
     def transferring(self, time_s: float) -> bool:
-        """Whether the craft are between two figures."""
+        """Return whether the craft are between two figures."""
         return time_s < self._begun_s + self._length_s
 
     def phase(self, time_s: float) -> Phase:
-        """What all of them are doing."""
+        """Return the phase, which all craft of the formation share."""
         return Phase.TRANSFER if self.transferring(time_s) else Phase.KEEP
 
     def _begin(self, time_s: float, heard: Heard) -> None:
-        """Leave for the next figure."""
+        """Begin the transfer to the next figure."""
         self._current += 1
         shape = self._shapes[self._current]
         now = self.at_figure(time_s)
         there = shape.at(time_s, len(self.craft)).position
-        # Who is not heard keeps its place in the figure, as far as the others can know.
+        # The others assume that a craft they do not hear keeps its place in the figure.
         believed = np.where(heard.known[self.craft, None], heard.position[self.craft], now)
         place = assign(believed, there)
         self._from, self._to = self._to, (shape, place)
@@ -86,11 +90,11 @@ class Formation:
         self._length_s = PEAK_TO_MEAN * farthest / self._table.speed_m_s
 
     def at_figure(self, time_s: float) -> Floats:
-        """The places (N, 3) [m] in the figure last wanted."""
+        """Return the places (N, 3) [m] in the figure that was begun last."""
         shape, place = self._to
         return _taken(shape, place, time_s).position
 
 
 def _taken(shape: Shape, place: Ints, time_s: float) -> Motion:
-    """The places of a shape, in the order of the craft that have taken them."""
+    """Return the motion of a shape's places, in the order of the craft assigned to them."""
     return Motion(*(part[place] for part in shape.at(time_s, len(place))))

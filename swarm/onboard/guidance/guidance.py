@@ -1,7 +1,7 @@
-"""Everything that guides: once per lighthouse period, where the guided craft should be, and how they keep clear.
+"""All guidance: once per lighthouse period, the references of the guided craft, and their collision avoidance.
 
-Every craft is guided by its own estimate and by what the others broadcast; what is computed here for several at once is
-what each computes for itself. The craft that steer by the truth are guided by it, to compare with.
+Every craft is guided by its own estimate and by the others' broadcasts; the results computed here for several craft at
+once are those that each craft computes for itself. Craft that steer by the truth are guided by it, for comparison.
 """
 
 from collections.abc import Sequence
@@ -24,8 +24,10 @@ from swarm.onboard.guidance.phase import Phase
 
 
 class Knowledge(NamedTuple):
-    """What else C craft know: tracking (C,), whether each has had a pose in the last period; sigma_m (C,), of its
-    position; latched (C,), the switch in its port.
+    """Further inputs of the guidance of C craft, (C,) each.
+
+    tracking: whether the craft has had a pose in the last period. sigma_m: standard deviation of its position [m].
+    latched: state of the switch in its port.
     """
 
     tracking: Bools
@@ -34,8 +36,9 @@ class Knowledge(NamedTuple):
 
 
 class Clearance(NamedTuple):
-    """Who keeps clear of whom: craft (M,) at least distance_m (M,) away from every other craft that it hears, with a
-    braking acceleration of brake_m_s2 (M,).
+    """Distances that M craft keep from every other craft that they hear, (M,) each.
+
+    craft: index. distance_m: least distance [m]. brake_m_s2: braking acceleration [m/s^2].
     """
 
     craft: Ints
@@ -44,7 +47,7 @@ class Clearance(NamedTuple):
 
 
 class Guidance:
-    """The guided craft among C, period by period: `steer`, then `clear` of what the control makes of it."""
+    """The guided craft among C, period by period: `steer`, then `clear` with the command that the control wants."""
 
     def __init__(
         self,
@@ -55,24 +58,39 @@ class Guidance:
         clearance: Clearance,
         broadcasts: Bools,
     ) -> None:
-        """gains: of every craft, None of those that are not guided. broadcasts: (C,), who tells the others."""
+        """Start with every guided craft in its place.
+
+        Args:
+            period_s: length of a lighthouse period [s].
+            gains: feedback gains of each of the C craft; None for a craft that is not guided.
+            dockings: approaches to docking ports.
+            formations: formations.
+            clearance: distances that craft keep from each other.
+            broadcasts: craft that broadcast their state, (C,).
+        """
         count = len(gains)
         self._dockings, self._formations = list(dockings), list(formations)
         self._clearance, self._speaks = clearance, broadcasts
         self._air = Broadcasts(count, period_s)
         guided = np.array([g is not None for g in gains], dtype=np.bool_)
         self.feedback: Feedback = feedback(count)
-        """Of every craft: the regulator's, of those that are guided."""
+        """Feedback of every craft; that of a guided craft is its regulator's."""
         for i, own in enumerate(gains):
             if own is not None:
                 self.feedback.stiffness[i], self.feedback.damping[i] = own
         self.phase: Ints = np.where(guided, Phase.KEEP, Phase.NONE).astype(np.int64)
-        """(C,), of `Phase`."""
+        """Phase of every craft, (C,), codes of `Phase`."""
         self.gave_way: Bools = np.zeros(count, dtype=np.bool_)
-        """(C,), who did not do what it wanted, to keep clear."""
+        """Craft whose wanted acceleration was changed to keep clear, (C,)."""
 
     def steer(self, time_s: float, believed: State, known: Knowledge) -> Steered:
-        """Where the craft that do not follow a fixed path should be at `time_s` [s]."""
+        """Return the references of the craft that do not follow a fixed path.
+
+        Args:
+            time_s: beginning of the period [s].
+            believed: states by which the C craft steer, NaN where unknown.
+            known: further inputs of their guidance.
+        """
         silent = ~self._speaks[:, None]
         self._air.tell(np.where(silent, np.nan, believed.position), np.where(silent, np.nan, believed.velocity), 0.0)
         craft: list[Ints] = []
@@ -97,8 +115,9 @@ class Guidance:
         return Steered(who, Motion(*parts), self.phase[who] == Phase.DOCKED)
 
     def clear(self, command: Command, believed: State) -> Command:
-        """The command nearest to `command` that keeps the craft clear of each other
-        (`swarm.onboard.guidance.avoidance`).
+        """Return the command nearest to `command` that keeps the craft clear of each other.
+
+        `swarm.onboard.guidance.avoidance` finds it from the broadcasts.
         """
         self.gave_way[:] = False
         watching = self._clearance
@@ -114,7 +133,7 @@ class Guidance:
 
 
 def _stands(docking: Docking, believed: State) -> Closing:
-    """How the craft believes its port to stand to the target's, which is at rest."""
+    """Return the estimated closing of the craft's port on the target's, which is at rest."""
     i = docking.craft
     own = placed(docking.own, believed.rotation[i], believed.position[i])
     arm = believed.rotation[i] @ docking.own.position

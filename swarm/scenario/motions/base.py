@@ -36,7 +36,7 @@ class Place:
 
 
 class Course(NamedTuple):
-    """How one craft should move: where it should be, how it is turned, and what is left to itself; SI units.
+    """The motion that one craft should follow: its path, its attitude, and what is left free; SI units.
 
     facing: the front follows the direction to the lighthouse. turn_rad: turns about the body's axes x, y and z after
     that. spin_rad_s: a steady spin about the body's z axis. free: nothing is held after the start. rate_rad_s: the

@@ -36,8 +36,8 @@ Pose = tuple[Floats, Floats]
 class Calibrated(NamedTuple):
     """A calibration and what it was made of.
 
-    points: per craft, its rows of `result.point_m`. before, after: how poses of held-out seconds fit with what was
-    believed and with what was found. poses: used. wall_s: time it took.
+    points: per craft, its rows of `result.point_m`. before, after: fit of the poses of held-out seconds with what was
+    believed and with what was found. poses: number used. wall_s: time it took.
     """
 
     seen: Observations
@@ -50,7 +50,7 @@ class Calibrated(NamedTuple):
     wall_s: float
 
     def station(self) -> StationCalibration:
-        """As a calibration file holds it: photodiodes that nothing was found of are left out, unless others were."""
+        """Return what a calibration file holds; craft of which no photodiode was placed are left out."""
         fan_x, fan_y = fan_errors(self.result.fans)
         by_name = {
             name: self.result.point_m[points]
@@ -61,10 +61,15 @@ class Calibrated(NamedTuple):
 
 
 def calibrate_survey(seen: Observations, how: Poses | None = None, hold: Sequence[str] = ()) -> Calibrated:
-    """Calibrate from a survey, with poses "truth" or "own" (default: the truth where there is one).
+    """Calibrate from a survey.
 
-    hold: of `estimators.calibration.problem.PARTS`, what stays as it is believed. Raises SwarmError where the survey
-    does not do.
+    Args:
+        seen: What the craft of the survey saw.
+        how: Go by the poses "truth" or "own"; default: the truth where there is one.
+        hold: Parts that stay as they are believed to be, of `estimators.calibration.problem.PARTS`.
+
+    Raises:
+        SwarmError: The survey does not suffice.
     """
     began = time.perf_counter()
     how = how or ("own" if seen.truth is None else "truth")
@@ -104,14 +109,14 @@ def calibrate_survey(seen: Observations, how: Poses | None = None, hold: Sequenc
 
 
 def held_out(seen: Observations) -> Bools:
-    """(N,): the rows that are kept to check."""
+    """Return the mask (N,) of the rows that are kept to check."""
     first = seen.time_s[0] if len(seen.time_s) else 0.0
     out: Bools = np.floor(seen.time_s - first).astype(np.int64) % HELD_OUT_EVERY == HELD_OUT_EVERY // 2
     return out
 
 
 def line_rates(seen: Observations, pose: Pose) -> Pose:
-    """Angular rates and velocities of every row, from the poses of its craft."""
+    """Return angular rates and velocities of every row, from the poses of its craft."""
     rate, velocity = np.full((2, len(seen.time_s), 3), np.nan)
     for craft in np.unique(seen.craft):
         mine = seen.craft == craft
@@ -120,7 +125,16 @@ def line_rates(seen: Observations, pose: Pose) -> Pose:
 
 
 def to_survey(seen: Observations, fans: Floats, point_m: Floats, pose: Pose, rates: Pose, take: Bools) -> Survey:
-    """The survey of the rows `take` (N,) that have a pose and rates; photodiodes seen by both fans."""
+    """Return the survey of some rows: those with a pose and rates, and the photodiodes that both fans hit.
+
+    Args:
+        seen: What the craft saw, N rows.
+        fans: Believed errors of the fans.
+        point_m: Believed places of the photodiodes, all craft's, one after the other [m].
+        pose: Pose of every row.
+        rates: Rates of every row.
+        take: Rows to take (N,).
+    """
     complete: Bools = np.isfinite(pose[1].sum(axis=1) + rates[1].sum(axis=1)) & take
     rows = np.flatnonzero(complete)
     lit: Bools = np.isfinite(seen.theta[rows].sum(axis=2))
@@ -147,9 +161,15 @@ def to_survey(seen: Observations, fans: Floats, point_m: Floats, pose: Pose, rat
 
 
 def fit(seen: Observations, fans: Floats, point_m: Floats, pose: Pose, rates: Pose, take: Bools) -> Fit:
-    """The poses of the rows `take` (N,), solved from their angles with these fans and photodiodes; other rows left out.
+    """Solve the poses of some rows from their angles. A photodiode that no craft has is NaN, and so never lit.
 
-    A photodiode that no craft has is NaN in `seen.theta`, and so never lit.
+    Args:
+        seen: What the craft saw, N rows.
+        fans: Errors of the fans.
+        point_m: Places of the photodiodes, all craft's, one after the other [m].
+        pose: Pose of every row, to start from.
+        rates: Rates of every row.
+        take: Rows to take (N,).
     """
     padded = np.zeros((len(seen.believed.craft), seen.theta.shape[1], 3))
     for i, points in enumerate(_slices(seen)):

@@ -1,4 +1,4 @@
-"""What a calibration has found, for the reader at a terminal and for the head of its file."""
+"""The result of a calibration, for the terminal and for the head of its file."""
 
 from datetime import UTC, datetime
 from math import hypot
@@ -26,7 +26,7 @@ UNKNOWABLE = (
 
 
 def fan_sigmas(found: Calibrated) -> tuple[FanErrors, FanErrors]:
-    """Standard deviations of both fans' errors, 0 for what was held."""
+    """Return the standard deviations of both fans' errors, 0 for what was held."""
     result, covariance = found.result, found.result.covariance
     out = []
     for fan in (0, 1):
@@ -41,7 +41,7 @@ def fan_sigmas(found: Calibrated) -> tuple[FanErrors, FanErrors]:
 
 
 def findings(found: Calibrated) -> list[str]:
-    """What it was made of and how well it fits, in sentences."""
+    """Return in sentences what the calibration was made of, and how well it fits."""
     result, seen = found.result, found.seen
     noise = seen.believed.noise
     total, dropped = len(result.used), int(np.count_nonzero(~result.used))
@@ -60,7 +60,7 @@ def findings(found: Calibrated) -> list[str]:
 
 
 def file_text(found: Calibrated) -> str:
-    """The calibration file."""
+    """Return the text of the calibration file."""
     now = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
     station = found.station()
     point_sigma = {
@@ -72,7 +72,13 @@ def file_text(found: Calibrated) -> str:
 
 
 def print_calibration(console: Console, found: Calibrated, file: Path) -> None:
-    """Print what was found, and where it is."""
+    """Print what was found, and where it is.
+
+    Args:
+        console: Where to print.
+        found: The calibration.
+        file: Its file.
+    """
     station = found.station()
     for i, line in enumerate(findings(found)):
         bad = line.startswith("Held-out") and not found.after.ratio <= LIMIT

@@ -1,4 +1,4 @@
-"""What a survey has to say: the angles and poses of a run that wrote them, or of a recording of a real station."""
+"""The observations of a survey: angles and poses of a run that wrote them, or of a recording of a real station."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -15,7 +15,7 @@ from swarm.scenario import for_replay
 
 
 class Observations(NamedTuple):
-    """What the craft of a survey saw, N rows, one per period and craft.
+    """The observations of a survey's craft, N rows, one per period and craft.
 
     source: its name. time_s, period, craft: (N,). theta, offset_s: (N, K, 2), NaN where not seen. own: each craft's own
     poses, R_l_b (N, 3, 3) and position (N, 3) [m], NaN where it had none. truth: the true ones, and true_rates: angular
@@ -35,7 +35,7 @@ class Observations(NamedTuple):
 
 
 def observe_run(folder: str | Path) -> Observations:
-    """The survey in a run's folder. Raises SwarmError where it is no run, or one without angles."""
+    """Return the survey in a run's folder. Raises SwarmError where it is no run, or one without angles."""
     run = open_run(folder)
     angles = read_angles(run.folder)
     rows = TelemetryTable.of_run(run.folder)
@@ -73,7 +73,17 @@ def observe_run(folder: str | Path) -> Observations:
 def observe_recording(
     recording: str | Path, object_name: str | None, lighthouse: int, start: str | Path | None = None
 ) -> Observations:
-    """What an object of a libsurvive recording saw of a station; start: what is believed of both. Raises SwarmError."""
+    """Return what an object of a libsurvive recording saw of a station.
+
+    Args:
+        recording: File of the recording.
+        object_name: The tracked object; None: the only one.
+        lighthouse: Number of the station.
+        start: Calibration file with what is believed of both.
+
+    Raises:
+        SwarmError: The file cannot be read, or has no such object or station.
+    """
     playback = Playback(recording, for_replay(Path(recording)), object_name or "", lighthouse, start)
     times, theta, offset, rotation, position = [], [], [], [], []
     for period in playback.fly():

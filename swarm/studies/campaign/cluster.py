@@ -1,4 +1,4 @@
-"""Where the runs of a study are flown: in this process, on this machine's cores, or on any dask cluster.
+"""The places where a study's runs are flown: this process, this machine's cores, or any dask cluster.
 
 The only file that knows dask. An order goes out as one task; dask sends it to another worker where the first one died,
 and gives it up after the `allowed-failures` of its configuration. TLS is dask's own too: a `tls://` address, with the
@@ -25,13 +25,16 @@ CONNECT_S = 10.0
 
 
 def in_this_process(orders: Sequence[Order]) -> Iterator[Flown]:
-    """One after the other: the plain loop that every other way must equal."""
+    """Fly one run after the other: the plain loop that every other way must equal."""
     yield from map(fly, orders)
 
 
 @contextmanager
 def on_this_machine(workers: int | None = None) -> Iterator[Fleet]:
-    """So many worker processes with one thread each, one per core unless told otherwise; reached from nowhere else."""
+    """Start worker processes with one thread each, reached from nowhere else.
+
+    workers: their number; default: one per core.
+    """
     import dask
     from distributed import Client, LocalCluster
 
@@ -52,7 +55,7 @@ def on_this_machine(workers: int | None = None) -> Iterator[Fleet]:
 
 @contextmanager
 def on_cluster(address: str) -> Iterator[Fleet]:
-    """The workers of the scheduler at `address`, such as tcp://host:8786. Raises SwarmError where none answers."""
+    """Connect to the scheduler at `address`, such as tcp://host:8786. Raises SwarmError where none answers."""
     from distributed import Client
 
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
@@ -67,9 +70,9 @@ def on_cluster(address: str) -> Iterator[Fleet]:
 
 @contextmanager
 def _workers_deaf_to_ctrl_c() -> Iterator[None]:
-    """What is started in the block never gets the terminal's Ctrl-C: it is for this process to stop the workers.
+    """Keep the terminal's Ctrl-C from what is started in the block: it is for this process to stop the workers.
 
-    Nor does this process, for the few seconds of the block: only what is ignored is inherited.
+    This process does not get it either, for the few seconds of the block: only what is ignored is inherited.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -82,7 +85,7 @@ def _workers_deaf_to_ctrl_c() -> Iterator[None]:
 
 
 def cores() -> int:
-    """How many cores this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

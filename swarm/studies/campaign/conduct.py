@@ -18,7 +18,7 @@ from swarm.studies.campaign.task import COMPLETE, FAILED, Flown, Order
 from swarm.version import VERSION
 
 OVERHEAD_CRAFT = 10
-"""What a run costs beside its craft, in craft: for the time left."""
+"""The fixed cost of a run, in units of the cost of a craft; for the time left."""
 
 
 class StudyProgress(NamedTuple):

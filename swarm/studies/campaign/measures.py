@@ -1,4 +1,4 @@
-"""What a study can measure beside a run's summary, by the names in the study's `measure`.
+"""The measurements of a study beside a run's summary, by the names in the study's `measure`.
 
 onboard       time of the craft's computers (`swarm.studies.campaign.onboard_cost`)
 central       a central solver in their place (`swarm.studies.campaign.central_cost`)

@@ -1,6 +1,6 @@
 """The processor time of the craft's computers, as a swarm in one batch and as one craft by itself.
 
-`OnboardCost` stands in the place of the flight's computers, steps them as they are, and times it.
+`OnboardCost` takes the place of the flight's computers, steps them as they are, and takes the time.
 After the flight craft 0 flies once more on a computer of its own, a batch of one that gets its own pulses and nothing
 else, as a real craft would. Medians over the periods, without the first ones, in which it searches.
 """
@@ -40,7 +40,13 @@ class OnboardCost(Computer):
         flight.computer = self
 
     def step(self, signals: Signals, command: Command | None = None, off: Bools | None = None) -> Known:
-        """Step all computers, and keep what craft 0 got; arguments as of any computer."""
+        """Step all computers, and keep what craft 0 got.
+
+        Args:
+            signals: Signals of the period.
+            command: Commands to the actuators, if there are any.
+            off: Craft whose computers are off (C,).
+        """
         pulses, few = signals.pulses, int(signals.pulses.total[0])
         self._pulses.append(
             Pulses(

@@ -34,7 +34,7 @@ class PlannedRun(NamedTuple):
 
 
 def plan(study: Study) -> list[PlannedRun]:
-    """Every run of the study, in the order of the grid, then samples, then seeds.
+    """Return every run of the study, in the order of the grid, then samples, then seeds.
 
     Raises SwarmError where not one of them can fly: then the study itself is wrong.
     """
@@ -91,5 +91,5 @@ def _draw(seed: int, key: str, sample: int, limits: Range) -> float | int:
 
 
 def default_folder(study: Study) -> Path:
-    """Where a study is kept unless told otherwise."""
+    """Return the folder of a study that is not told another one."""
     return Path("runs") / str(study.name)

@@ -33,7 +33,7 @@ MOST_RUNS = 1_000_000
 
 
 class Range(Table):
-    """Where random values of a key lie."""
+    """The range of a key's random values."""
 
     low: float = Field(description="The least value.")
     high: float = Field(description="The largest value.")
@@ -41,7 +41,7 @@ class Range(Table):
     integer: bool = Field(default=False, description="Whole numbers, both ends among them.")
 
     def between_keys(self) -> Iterator[Mistake]:
-        """The range is not empty, and its logarithm exists."""
+        """Check that the range is not empty, and that its logarithm exists."""
         if self.low >= self.high:
             yield f"low ({self.low:g}) must be below high ({self.high:g})", "low", "high"
         if self.log and self.low <= 0:
@@ -80,7 +80,7 @@ class Study(Table):
     random: dict[str, Range] = Field(default={}, description="Scenario keys, each with the range of its random values.")
 
     def between_keys(self) -> Iterator[Mistake]:
-        """Random keys and samples go together, no key is set twice, and the study is not absurdly large."""
+        """Check that random keys come with samples, no key is set twice, and the study is not absurdly large."""
         if self.random and not self.samples:
             yield "must be at least 1: [random] has keys", "samples"
         if self.samples and not self.random:
@@ -105,10 +105,17 @@ def load_study(
     seeds: int | None = None,
     workers: int | None = None,
 ) -> Study:
-    """The study of a file, or a shipped one by its name, its `base` a name or an absolute path.
+    """Return the study of a file, or a shipped one by its name. Its `base` is a name or an absolute path.
 
-    overrides: more of them, "key=value". craft: replaces the grid of swarm.count. seeds, workers: replace the file's.
-    Raises SwarmError, naming file, key and value.
+    Args:
+        name_or_path: Name or file of the study.
+        overrides: More overrides, "key=value" each.
+        craft: Numbers of craft; they replace the grid of swarm.count.
+        seeds: Number of seeds; replaces the file's.
+        workers: Number of workers; replaces the file's.
+
+    Raises:
+        SwarmError: Something is wrong; the message names file, key and value.
     """
     path = find_study(name_or_path)
     data = read_toml(path)
@@ -139,7 +146,7 @@ def load_study(
 
 
 def study_toml(study: Study, comments: Sequence[str] = ()) -> str:
-    """The study as TOML text that `load_study` reads back to an equal one. comments: lines for its head."""
+    """Return the study as TOML text that `load_study` reads back to an equal one. comments: lines for its head."""
     lines = [f"# {line}" for line in comments]
     for key in Study.model_fields:
         value = getattr(study, key)
@@ -154,7 +161,7 @@ def study_toml(study: Study, comments: Sequence[str] = ()) -> str:
 
 
 def _base(base: str, file: Path) -> str:
-    """`base` as it can be found from anywhere."""
+    """Return `base` as it can be found from anywhere."""
     if base in scenarios():
         return base
     beside = file.parent / base

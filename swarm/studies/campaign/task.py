@@ -1,4 +1,4 @@
-"""One run of a study, as a pure function of small arguments: what a worker does, wherever it is.
+"""One run of a study, as a pure function of small arguments: the work of a worker, wherever it is.
 
     Order -> fly -> Row     (parameters, seed, metrics with units in their names, status, reason, seconds)
 
@@ -26,7 +26,10 @@ SECONDS = "seconds"
 
 @dataclass(frozen=True)
 class Order:
-    """What a worker needs to fly one run. scenario: a `Scenario` as `model_dump` gives it; version: who may fly it."""
+    """The order to fly one run, complete for any worker.
+
+    scenario: a `Scenario` as `model_dump` gives it. version: the program's version that may fly it.
+    """
 
     number: int
     key: str
@@ -37,7 +40,7 @@ class Order:
 
 
 class Flown(NamedTuple):
-    """How an order ended. metrics: by name. telemetry: a Parquet file, where it was ordered."""
+    """The end of an order. metrics: figures by name. telemetry: a Parquet file, where it was ordered."""
 
     number: int
     key: str
@@ -82,7 +85,7 @@ def _fly(order: Order) -> tuple[dict[str, Any], bytes | None]:
 
 
 def _criteria(summary: Mapping[str, Any]) -> dict[str, Any]:
-    """Whether all criteria held, which did not, and the value of each."""
+    """Return whether all criteria held, which did not, and the value of each."""
     verdicts = summary.get("criteria")
     if not verdicts:
         return {}
@@ -106,5 +109,5 @@ def _flat(figures: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, A
 
 
 def is_wall_clock(column: str) -> bool:
-    """Whether a column says how long something took: the only ones that differ between two runs of the same."""
+    """Tell whether a column holds a duration: only these differ between two runs of the same."""
     return column == SECONDS or column.endswith("_us")

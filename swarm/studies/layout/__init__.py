@@ -1,1 +1,1 @@
-"""Where a craft's photodiodes should sit: candidates on its hull, the search, the judgement, and what is written."""
+"""The layout of a craft's photodiodes: candidates on its hull, the search, the judgement, and the files."""

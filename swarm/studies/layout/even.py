@@ -11,7 +11,16 @@ from estimators.arrays import Floats, Ints
 
 
 def farthest_points(point: Floats, count: int, first: int) -> Ints:
-    """Indices (n,) of `count` of the points (N, 3), each the farthest from those before, from `first` on."""
+    """Spread points one after the other, each where it is farthest from those before.
+
+    Args:
+        point: Points to choose from (N, 3) [m].
+        count: Number of points n.
+        first: Index of the first.
+
+    Returns:
+        Indices (n,).
+    """
     chosen = np.empty(count, dtype=np.int64)
     chosen[0] = first
     nearest = np.linalg.norm(point - point[first], axis=1)
@@ -22,18 +31,27 @@ def farthest_points(point: Floats, count: int, first: int) -> Ints:
 
 
 def outermost(point: Floats) -> int:
-    """The point of (N, 3) that is farthest from the middle of all."""
+    """Return the index of the point of (N, 3) that is farthest from the middle of all."""
     return int(np.argmax(np.linalg.norm(point - point.mean(axis=0), axis=1)))
 
 
 def even_spreads(point: Floats, count: int, firsts: int) -> list[Ints]:
-    """Spreads (n,) of `count` of the points (N, 3) from so many firsts, the most even one first."""
+    """Return several spreads, the most even one first.
+
+    Args:
+        point: Points to choose from (N, 3) [m].
+        count: Number of points n of a spread.
+        firsts: Number of spreads, each from another first point.
+
+    Returns:
+        Indices (n,) of every spread.
+    """
     starts = np.unique(np.linspace(0, len(point) - 1, firsts).round().astype(np.int64))
     spreads = [farthest_points(point, count, int(first)) for first in starts]
     return sorted(spreads, key=lambda chosen: -least_distance(point[chosen]))
 
 
 def least_distance(point: Floats) -> float:
-    """The distance between the nearest two of the points (n, 3), n >= 2."""
+    """Return the distance between the nearest two of the points (n, 3), n >= 2."""
     distance = np.linalg.norm(point[:, None] - point, axis=-1)
     return float(distance[np.triu_indices(len(point), 1)].min())

@@ -23,7 +23,13 @@ TICKS = [m * 10.0**k for k in range(-4, 4) for m in (1, 2, 5)]
 
 
 def draw(task: Task, judged: Sequence[Judged], tried: Callable[[Floats], Floats]) -> Figure:
-    """The picture of judged layouts, the design first. tried: an error's values at the poses that were measured."""
+    """Draw judged layouts.
+
+    Args:
+        task: What the layouts are for.
+        judged: The layouts, the design first.
+        tried: Function that picks an error's values at the poses that were measured.
+    """
     figure, axes = page(1, 3, 3.4, 10.0)
     _curves(axes[0, 0], task, judged)
     for each, (side, towards) in zip(axes[0, 1:], VIEWS.items(), strict=True):
@@ -60,7 +66,7 @@ def _curves(axes: Axes, task: Task, judged: Sequence[Judged]) -> None:
 
 
 def _hull(axes: Axes, hull: Hull, mount: Mount, towards: Floats) -> None:
-    """The surface's triangles that face the viewer, the farthest first, and the photodiodes that nothing hides."""
+    """Draw the hull's triangles that face the viewer, the farthest first, and the photodiodes that nothing hides."""
     towards = towards / np.linalg.norm(towards)
     right = np.cross([0.0, 1.0, 0.0], towards)
     right /= np.linalg.norm(right)
@@ -88,7 +94,7 @@ def _hull(axes: Axes, hull: Hull, mount: Mount, towards: Floats) -> None:
 
 
 def _pieces(hull: Hull) -> tuple[Floats, Floats]:
-    """The surface's triangles (N, 3, 3), halved until they are small, and their colours (N, 3)."""
+    """Return the surface's triangles (N, 3, 3), halved until they are small, and their colours (N, 3)."""
     corner = np.concatenate([part.mesh.vertex[part.mesh.face] for part in hull.visuals])
     colour = np.concatenate([np.tile(part.rgba[:3], (len(part.mesh.face), 1)) for part in hull.visuals])
     largest = FINEST * float(np.ptp(corner.reshape(-1, 3), axis=0).max())

@@ -1,4 +1,4 @@
-"""How good layouts are at poses that no search has seen: predicted, and measured by solving noisy angles.
+"""The judgement of layouts at poses that no search has seen: predicted, and measured by solving noisy angles.
 
 Layouts are compared by the q-th percentile of the mixed error over the poses. A pose that a layout cannot solve has an
 infinite error. Where that makes a percentile infinite, two more comparisons stay finite:
@@ -27,10 +27,10 @@ from swarm.world.hull import Mount
 POSES = 6000
 SEED = 2
 TRIED_EVERY = 2
-"""Of the poses, every so many-th is measured too."""
+"""Every n-th pose is measured too."""
 TRIALS = 60
 COLD_EVERY = 20
-"""Of the solvable poses, every so many-th is solved from nothing."""
+"""Every n-th solvable pose is solved from nothing."""
 RIGHT_RAD = np.pi / 36
 """A mirror pose is tens of degrees off, noise at most one or two."""
 
@@ -74,12 +74,18 @@ class Comparison(NamedTuple):
 
 
 def sample(task: Task) -> Poses:
-    """The poses that judge."""
+    """Return the poses that judge."""
     return lattice(task.within, POSES, SEED)
 
 
 def judge(task: Task, layouts: Sequence[tuple[str, Mount]], measured: Sequence[str]) -> list[Judged]:
-    """Every layout, by its name; those named in `measured` by Monte Carlo too."""
+    """Judge every layout.
+
+    Args:
+        task: What the layouts are for.
+        layouts: Names and layouts.
+        measured: Names of the layouts that are measured by Monte Carlo too.
+    """
     poses = sample(task)
     predictions = predict(task, [mount for _, mount in layouts], poses)
     return [
@@ -89,7 +95,7 @@ def judge(task: Task, layouts: Sequence[tuple[str, Mount]], measured: Sequence[s
 
 
 def tried(error: Floats) -> Floats:
-    """Of an error at all poses (P,), that at the poses which are measured."""
+    """Return an error's values at the poses that are measured, of those at all poses (P,)."""
     return error[::TRIED_EVERY]
 
 
@@ -108,7 +114,7 @@ def _measured(task: Task, mount: Mount, poses: Poses, found: Prediction) -> Meas
 
 
 def _found(task: Task, mount: Mount, poses: Poses, found: Prediction) -> float:
-    """The share of poses that the on-board search decides on, rightly, from one period with noise."""
+    """Return the share of poses that the on-board search decides on, rightly, from one period with noise."""
     mix, rng = task.mix, np.random.default_rng([SEED, 1])
     own = mix.angle_noise_rad * np.sqrt(1 - mix.rotor_correlation)
     right = []
@@ -123,7 +129,13 @@ def _found(task: Task, mount: Mount, poses: Poses, found: Prediction) -> float:
 
 
 def compare(ours: Floats, theirs: Floats, share: float) -> Comparison:
-    """Two layouts' errors (P,) at the same poses, at the percentile `share`."""
+    """Compare two layouts' errors at the same poses.
+
+    Args:
+        ours: Errors of one layout (P,).
+        theirs: Errors of the other one (P,).
+        share: The percentile, as a share.
+    """
     both = np.isfinite(ours) & np.isfinite(theirs)
     both_solve = float(np.mean(both))
     part = share * float(np.mean(np.isfinite(theirs)))
@@ -138,7 +150,7 @@ def compare(ours: Floats, theirs: Floats, share: float) -> Comparison:
 
 
 def lit_share(found: Prediction, least: int = WANTED_LIT) -> float:
-    """The share of poses at which at least so many photodiodes are lit."""
+    """Return the share of poses at which at least `least` photodiodes are lit."""
     return float(np.mean(np.count_nonzero(found.lit, axis=1) >= least))
 
 

@@ -39,9 +39,14 @@ class Poses(NamedTuple):
 
 
 def lattice(within: PoseRange, count: int, seed: int | None = None) -> Poses:
-    """`count` poses spread evenly over the range; with a seed, the lattice shifted at random in all six numbers.
+    """Spread poses evenly over a range.
 
     Shifted lattices are independent samples without bias, far more even than random poses (Cranley and Patterson 1976).
+
+    Args:
+        within: The range.
+        count: Number of poses P.
+        seed: Shift the lattice at random in all six numbers; None: leave it.
     """
     shift = np.full(6, 0.5) if seed is None else np.random.default_rng(seed).random(6)
     step = np.arange(count)

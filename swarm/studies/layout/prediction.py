@@ -1,4 +1,4 @@
-"""What a layout will measure poses with, predicted: lit photodiodes by ray cast, errors by ADOP and PDOP (22), (24).
+"""The prediction of a layout's errors: lit photodiodes by ray cast, then ADOP and PDOP (22), (24).
 
 The mixed error of a pose is e, e^2 = (attitude / wanted attitude)^2 + (position / wanted position)^2; it is infinite
 where the pose is not solvable, fewer than four photodiodes lit or ones that determine no pose.
@@ -47,19 +47,31 @@ class Prediction(NamedTuple):
 
 
 def second_sample(within: PoseRange) -> Poses:
-    """Poses that no search has seen, to choose between its results by."""
+    """Return poses that no search has seen, for the choice between its results."""
     return lattice(within, SECOND_POSES, SECOND_SEED)
 
 
 def predict(task: Task, mounts: Sequence[Mount], poses: Poses) -> list[Prediction]:
-    """The prediction for every layout at P poses at rest."""
+    """Predict what every layout measures at poses at rest.
+
+    Args:
+        task: What the layouts are for.
+        mounts: The layouts.
+        poses: The poses.
+    """
     every = Mount(np.concatenate([m.point_m for m in mounts]), np.concatenate([m.normal for m in mounts]))
     reached = np.split(lit(task.hull, every, task.station, poses), np.cumsum([len(m.point_m) for m in mounts])[:-1], 1)
     return [_predicted(task, mount, poses, seen) for mount, seen in zip(mounts, reached, strict=True)]
 
 
 def mixed(mix: Mix, attitude_rad: Floats, position_m: Floats) -> Floats:
-    """e (P,) of attitude and position errors; inf where one of them is missing."""
+    """Return the mixed error e (P,); inf where one of both errors is missing.
+
+    Args:
+        mix: Errors of one.
+        attitude_rad: Attitude errors (P,) [rad].
+        position_m: Position errors (P,) [m].
+    """
     return _known(np.hypot(attitude_rad / mix.attitude_rad, position_m / mix.position_m))
 
 

@@ -8,7 +8,6 @@ from math import degrees, isfinite
 from typing import Any
 
 import numpy as np
-from rich import box
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -19,6 +18,7 @@ from swarm.studies.layout.judgement import Comparison, Judged, compare, lit_shar
 from swarm.studies.layout.prediction import Task
 from swarm.studies.layout.request import Request
 from swarm.studies.layout.smallest import meets
+from swarm.tables import table
 
 Figures = Mapping[str, Any]
 WAYS = ("all_poses", "same_poses", "same_share")
@@ -26,7 +26,13 @@ PERCENTILES = tuple(range(5, 100, 5))
 
 
 def figures(request: Request, task: Task, judged: Sequence[Judged]) -> dict[str, Any]:
-    """Everything that was found, ready for JSON. judged: the design, the even layout, the others."""
+    """Return everything that was found, ready for JSON.
+
+    Args:
+        request: What the user asked for.
+        task: The request in SI units.
+        judged: The design, the even layout, the others.
+    """
     ours = judged[0]
     share = task.share
     compared = {
@@ -115,7 +121,7 @@ def _number(value: float) -> float | None:
 
 
 def print_report(console: Console, made: Figures) -> None:
-    """The tables and what they mean."""
+    """Print the tables, and what they mean."""
     one, q = made["error_of_one"], f"{made['percentile']:g} %"
     asked = made["asked"]
     cone = "all attitudes" if asked["cone_deg"] >= 180 else f"+z within {asked['cone_deg']:g}° of the lighthouse"
@@ -129,13 +135,13 @@ def print_report(console: Console, made: Figures) -> None:
     console.print(
         Text(f"error e: e² = (attitude / {one['attitude_deg']:g}°)² + (position / {one['position_mm']:g} mm)²")
     )
-    table = _table("layout", "photo-\ndiodes", "unsolvable\n%", f"{WANTED_LIT} lit\n%", "e\nmedian", f"e\n{q}")
-    for head in (f"attitude\n° {q}", f"position\nmm {q}", f"measured\ne {q}", "measured /\npredicted"):
-        table.add_column(head, justify="right")
+    found = ("e\nmedian", f"e\n{q}", f"att., °\n{q}", f"pos., mm\n{q}", f"meas. e\n{q}", "/ pre-\ndicted")
+    heads = ("layout", "photo-\ndiodes", "unsolv-\nable, %", f"{WANTED_LIT} lit\n%", *found)
+    printed = table(*heads, tight=True, wrap=True)
     layouts = made["layouts"]
     for name, layout in layouts.items():
         predicted, measured = layout["predicted"], layout["measured"]
-        table.add_row(
+        printed.add_row(
             name,
             str(layout["photodiodes"]),
             f"{100 * layout['unsolvable_share']:.1f}",
@@ -144,10 +150,10 @@ def print_report(console: Console, made: Figures) -> None:
             _shown(measured["error"]),
             _shown(measured["median_ratio_to_predicted"]),
         )
-    console.print(table)
+    console.print(printed)
     console.print(
         Text(
-            "Solvable poses that one period's angles tell, right and certain, from nothing: "
+            "Solvable poses that are found without a start, rightly and for certain, from one period's angles: "
             + ", ".join(
                 f"{name} {_percent(each['measured']['found_from_nothing_share'])}" for name, each in layouts.items()
             )
@@ -156,13 +162,13 @@ def print_report(console: Console, made: Figures) -> None:
     if made["wanted_precision_met"] is not None:
         verdict = "met" if made["wanted_precision_met"] else "NOT met"
         console.print(Text(f"The wanted precision is {verdict} by the design at {q} of the poses, as predicted."))
-    console.print(Text(f"Design against ..., by the {q} percentile of e; unsolvable poses count as ∞:"))
+    console.print(Text(f"Design against the other layouts, by the {q} percentile of e; unsolvable poses count as ∞:"))
     console.print(_against(made))
     against = made["design_against_every_even_spread"]
     low, high = (100 * share for share in against["unsolvable"])
     console.print(
         Text(
-            f"Shown is the most even of {against['spreads']} even spreads (farthest points, from different firsts). "
+            f"The even layout is the most even of {against['spreads']} spreads (farthest points, other first ones). "
             f"They leave {low:.1f} % to {high:.1f} % unsolvable. Design over even, predicted: "
             + "; ".join(f"{_way(way)} {_span(against['ratio'][way])}" for way in WAYS)
         )
@@ -170,7 +176,8 @@ def print_report(console: Console, made: Figures) -> None:
 
 
 def _against(made: Figures) -> Table:
-    table = _table("", "poses", "predicted\ndesign", "\nother", "\nchange", "measured\ndesign", "\nother", "\nchange")
+    change = ("\nother", "\nchange")
+    printed = table("", "poses", "predicted\ndesign", *change, "measured\ndesign", *change, left=2, tight=True)
     for name, ways in made["design_against"].items():
         predicted, measured = ways["predicted"], ways["measured"]
         notes = {
@@ -180,21 +187,14 @@ def _against(made: Figures) -> Table:
         }
         for way, note in notes.items():
             cells = [*_cells(predicted[way]), *_cells(measured[way])]
-            table.add_row(name if way == WAYS[0] else "", note, *cells)
-    return table
+            printed.add_row(name if way == WAYS[0] else "", note, *cells)
+    return printed
 
 
 def _cells(pair: Figures) -> tuple[str, str, str]:
     ratio = pair["ratio"]
     change = "–" if ratio is None else "∞ → finite" if ratio == 0 else f"{100 * (ratio - 1):+.0f} %"
     return _shown(pair["design"]), _shown(pair["other"]), change
-
-
-def _table(*heads: str) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for i, head in enumerate(heads):
-        table.add_column(head, justify="left" if i == 0 or head == "poses" else "right")
-    return table
 
 
 def _way(way: str) -> str:

@@ -1,4 +1,4 @@
-"""What a user asks of a layout: checked, every mistake naming the option, its value and the limit."""
+"""The user's request for a layout, checked: every mistake names the option, its value and the limit."""
 
 from collections.abc import Sequence
 from math import radians
@@ -17,7 +17,7 @@ from swarm.units import si
 from swarm.world.hull import Hull
 
 ATTITUDE_DEG, POSITION_MM = 0.1, 2.0
-"""What counts as an error of one where nothing is asked for: the orders of source 1's static experiment."""
+"""The errors of one if the user names no precision: the orders of source 1's static experiment."""
 SHARE_MIN, SHARE_MAX = 0.5, 0.99
 
 
@@ -39,7 +39,7 @@ class Request(NamedTuple):
 
 
 def task(request: Request) -> Task:
-    """The checked request, in SI units, with the craft's hull. Raises SwarmError."""
+    """Return the checked request, in SI units, with the craft's hull. Raises SwarmError."""
     wanted = request.attitude_deg, request.position_mm
     if request.photodiodes is None and wanted == (None, None):
         raise SwarmError("how many photodiodes? give --photodiodes, or a precision: --attitude-deg, --position-mm")

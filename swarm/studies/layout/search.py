@@ -22,7 +22,7 @@ from swarm.world.hull import Mount
 SAMPLES = 8000
 """Places that are tried on the hull."""
 CANDIDATES = 250
-"""Of them, evenly spread, those that the search chooses from."""
+"""Places that the search chooses from, evenly spread among the samples."""
 POSES = 4800
 """Poses of the search, by which unsolvable ones are counted."""
 EVERY = 8
@@ -55,7 +55,7 @@ class Found(NamedTuple):
 
 
 def places(task: Task) -> Places:
-    """Where photodiodes could sit. Raises SwarmError where fewer than four places are lit at any pose."""
+    """Return where photodiodes could sit. Raises SwarmError where fewer than four places are lit at any pose."""
     fine = task.hull.mounts(SAMPLES)
     exposed = lit(task.hull, fine, task.station, lattice(task.within, EXPOSING_POSES)).any(axis=0)
     if np.count_nonzero(exposed) < FEWEST_LIT:
@@ -70,9 +70,17 @@ def places(task: Task) -> Places:
 
 
 def find(task: Task, at: Places, count: int, *, quick: bool = False, seed: int = 0) -> Found:
-    """The best layout of `count` photodiodes that was found. quick: from fewer starts, for a first impression.
+    """Search the best layout.
 
-    Raises SwarmError where the hull has fewer places.
+    Args:
+        task: What the layout is for.
+        at: Places for photodiodes.
+        count: Number of photodiodes.
+        quick: Search from fewer starts, for a first impression.
+        seed: Seed of the search.
+
+    Raises:
+        SwarmError: The hull has fewer places.
     """
     if count > len(at.coarse.point_m):
         raise SwarmError(f"--photodiodes {count}: the hull has only {len(at.coarse.point_m)} places for photodiodes")
@@ -94,7 +102,7 @@ def _seen(task: Task, mount: Mount, poses: Poses) -> Sightings:
 
 
 def _finer(task: Task, at: Places, mount: Mount) -> Mount:
-    """The layout after an exchange for places between the coarse ones, around each of its photodiodes."""
+    """Exchange each photodiode of a layout for places between the coarse ones around it."""
     near: list[Ints] = []
     for i, point in enumerate(mount.point_m):
         around = np.flatnonzero(np.linalg.norm(at.fine.point_m - point, axis=1) <= NEAR * at.spacing_m)

@@ -12,7 +12,17 @@ from swarm.world.hull import Hull, Mount
 
 
 def lit(hull: Hull, mount: Mount, station: Lighthouse, poses: Poses) -> Bools:
-    """Which of N places are lit at P poses, (P, N): in field and range, facing the light, and nothing in between."""
+    """Tell which places are lit: in field and range, facing the light, and nothing in between.
+
+    Args:
+        hull: The craft's hull.
+        mount: N places on it.
+        station: The lighthouse, with its field and range.
+        poses: P poses.
+
+    Returns:
+        Mask (P, N).
+    """
     sight = Visibility(hull.model, pad([mount.point_m], [mount.normal]), [hull.body], hull.world_body, station)
     quaternion = quaternion_from_matrix(poses.rotation)
     out = np.empty((len(quaternion), len(mount.point_m)), dtype=np.bool_)

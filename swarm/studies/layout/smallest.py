@@ -17,11 +17,20 @@ PHOTODIODES_MAX = 64
 def smallest(
     task: Task, at: Places, attitude_deg: float | None, position_mm: float | None, say: Callable[[str], None]
 ) -> int:
-    """The least number of photodiodes whose predicted errors, at the percentile, are as wanted; None: any will do.
+    """Return the least number of photodiodes whose predicted errors, at the percentile, are as wanted.
 
     Quick searches, up in steps that grow with what is missing (the errors of photodiodes at the same places fall with
-    the root of their number), then down by halves; a longer search might do with fewer. say: is told each step. Raises
-    SwarmError, with what the largest number reaches, where it is not enough.
+    the root of their number), then down by halves; a longer search might do with fewer.
+
+    Args:
+        task: What the layout is for.
+        at: Places for photodiodes.
+        attitude_deg: Wanted attitude error [deg]; None: any will do.
+        position_mm: Wanted position error [mm]; None: any will do.
+        say: Is told each step.
+
+    Raises:
+        SwarmError: The largest number is not enough; the message says what it reaches.
     """
     most = min(PHOTODIODES_MAX, len(at.coarse.point_m))
     too_few, count = FEWEST_LIT - 1, FEWEST_LIT
@@ -51,12 +60,19 @@ def smallest(
 
 
 def meets(found: Prediction, share: float, attitude_deg: float | None, position_mm: float | None) -> bool:
-    """Whether the errors at the percentile are as wanted."""
+    """Tell whether the errors at the percentile are as wanted.
+
+    Args:
+        found: Prediction of a layout.
+        share: The percentile, as a share.
+        attitude_deg: Wanted attitude error [deg]; None: any will do.
+        position_mm: Wanted position error [mm]; None: any will do.
+    """
     return _ratio(found, share, attitude_deg, position_mm) <= 1
 
 
 def _ratio(found: Prediction, share: float, attitude_deg: float | None, position_mm: float | None) -> float:
-    """The larger of the errors at the percentile over what is wanted."""
+    """Return the larger of the errors at the percentile over what is wanted."""
     attitude = degrees(percentile(found.attitude_rad, share)) / (inf if attitude_deg is None else attitude_deg)
     position = 1e3 * percentile(found.position_m, share) / (inf if position_mm is None else position_mm)
     return float(np.nanmax([attitude, position])) if found.unsolvable <= 1 - share else inf

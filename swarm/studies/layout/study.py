@@ -34,24 +34,35 @@ DESIGNED, SHIPPED, EVEN = "designed", "shipped", "even"
 
 
 class Study(NamedTuple):
-    """What was found and written: figures as in the JSON, and the files."""
+    """A layout that was found and written: figures as in the JSON, and the files."""
 
     figures: dict[str, Any]
     files: tuple[Path, ...]
 
 
 def files_of(out: Path) -> tuple[Path, ...]:
-    """The model, the figures and the pictures of a layout that is written as `out`."""
+    """Return the files of the model, the figures and the pictures of a layout that is written as `out`."""
     return (out, *(out.with_name(f"{out.stem}-layout{suffix}") for suffix in (".json", ".png", ".svg")))
 
 
 def default_out(request: Request, model: Path) -> Path:
-    """Where a layout goes if the user does not say."""
+    """Return where a layout goes if the user does not say."""
     return Path("runs") / f"layout-{model.stem}-{request.photodiodes or 'smallest'}" / model.name
 
 
 def study(request: Request, out: Path | None, force: bool, say: Callable[[str], None], seed: int = 0) -> Study:
-    """Find a layout and write it. say: is told what is going on. Raises SwarmError; nothing is written then."""
+    """Find a layout and write it.
+
+    Args:
+        request: What the user asks for.
+        out: File of the new model; default: below runs/.
+        force: Replace files that are there.
+        say: Is told what is going on.
+        seed: Seed of the search.
+
+    Raises:
+        SwarmError: Something is wrong; nothing is written then.
+    """
     asked = task(request)
     model = asked.hull.path
     out = default_out(request, model) if out is None else out
@@ -79,7 +90,7 @@ def study(request: Request, out: Path | None, force: bool, say: Callable[[str], 
 
 
 def tidy(mount: Mount) -> Mount:
-    """The photodiodes in order, front faces first, then around the craft, at rounded positions."""
+    """Return the photodiodes in order, front faces first, then around the craft, at rounded positions."""
     azimuth = np.arctan2(mount.point_m[:, 1], mount.point_m[:, 0])
     order = np.lexsort((azimuth, -mount.normal[:, 2].round(3)))
     sorted_ = mount.at(order)

@@ -31,7 +31,7 @@ FIRST_TICK, CLOCK_S = 1e6, 1200.0
 
 
 class Motion(NamedTuple):
-    """How N rows move within their period, in straight lines at constant rates about the epoch.
+    """The motion of N rows within their period, in straight lines at constant rates about the epoch.
 
     rotation (N, 3, 3), position (N, 3) [m] at the epoch; angular_rate (N, 3) [rad/s], velocity (N, 3) [m/s].
     """
@@ -70,7 +70,7 @@ class Bench:
     settings: SI
     """The station, in SI units."""
     layout: Photodiodes
-    """Of the one craft, (1, K)."""
+    """The photodiodes of the one craft, (1, K)."""
 
     def __init__(self, model: str = "mockup") -> None:
         """Build the craft's world, for its shape. Raises SwarmError where there is no such model."""

@@ -38,7 +38,7 @@ class Line(NamedTuple):
 
     @property
     def met(self) -> bool | None:
-        """Whether all of ours lies in the target; None without a target."""
+        """The answer to whether all of ours lies in the target; None without a target."""
         if self.target is None:
             return None
         low, high = self.target
@@ -69,7 +69,7 @@ Columns = dict[str, tuple[Any, str]]
 
 
 class Outcome(NamedTuple):
-    """What an experiment found. notes: sentences printed below the comparison. grids: printed above it."""
+    """The findings of an experiment. notes: sentences printed below the comparison. grids: printed above it."""
 
     comparison: list[Line]
     data: Table
@@ -79,7 +79,7 @@ class Outcome(NamedTuple):
 
 
 class Request(NamedTuple):
-    """What an experiment is asked for. progress: is told the share that is done, and what is being done."""
+    """The order of an experiment. progress: is told the share that is done, and what is being done."""
 
     seed: int
     sizes: Mapping[str, int]

@@ -54,7 +54,7 @@ REDUCTION, NEAR_STATIC = (5.0, None), (None, 1.2)
 
 
 class Errors(NamedTuple):
-    """Of each run (N,): RMS and largest of (25); NaN for a run without a pose."""
+    """RMS and largest of (25) of each run (N,); NaN for a run without a pose."""
 
     rotation_rms_deg: Floats
     rotation_max_deg: Floats
@@ -102,11 +102,7 @@ def run(request: Request) -> Outcome:
 
 
 EXPERIMENT = Experiment(
-    LIGHTHOUSE,
-    "table 2",
-    "accuracy in the hand, error by error, and what removes it",
-    {"runs": 10, "seconds": 30},
-    run,
+    LIGHTHOUSE, "table 2", "accuracy in the hand, error by error, and what removes it", {"runs": 10, "seconds": 30}, run
 )
 
 

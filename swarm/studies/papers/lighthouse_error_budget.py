@@ -151,7 +151,16 @@ def random_sizes(bench: Bench) -> Sizes:
 
 
 def draw_motion(bench: Bench, rng: np.random.Generator, poses: int) -> tuple[Motion, Bools]:
-    """Draw poses all over the volume, each moving in its own way; return them with their lit photodiodes (P, K)."""
+    """Draw poses all over the volume, each moving in its own way.
+
+    Args:
+        bench: The craft before its lighthouse.
+        rng: Source of the draws.
+        poses: Number of poses P.
+
+    Returns:
+        The motion, and the photodiodes that are lit (P, K).
+    """
     each = [bench.random_pose(rng, BOX) for _ in range(poses)]
     rotation, position = (
         np.concatenate([getattr(pose, part) for pose, _ in each]) for part in ("rotation", "position")

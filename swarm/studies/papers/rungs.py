@@ -60,7 +60,7 @@ LADDER = (
 
 
 class Knowledge(NamedTuple):
-    """What a calibrated craft knows of the station's fans, and of its photodiodes (1, K, 3) [m]."""
+    """A calibrated craft's knowledge of the station's fans, and of its photodiodes (1, K, 3) [m]."""
 
     fans: FanPair
     photodiodes: Photodiodes

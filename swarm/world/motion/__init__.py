@@ -1,1 +1,1 @@
-"""Where craft should be: reference motions, and what pushes those that drift."""
+"""Reference motions of the craft, and the disturbances of those that drift."""

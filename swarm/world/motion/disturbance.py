@@ -1,7 +1,7 @@
-"""What pushes a craft beside its own control: white accelerations, constant over each lighthouse period.
+"""Disturbance of a craft apart from its own control: white accelerations, constant over each lighthouse period.
 
-They are the filter's own model of motion: with the same sigmas in both, a craft under control is as uncertain as its
-filter believes it to be.
+They match the filter's own model of motion: with the same sigmas in both, a craft under control is as uncertain as its
+filter predicts.
 """
 
 from collections.abc import Sequence
@@ -14,11 +14,15 @@ from swarm import random
 from swarm.random import Blocks, Purpose
 
 BLOCK = 256
-"""Lighthouse periods per block of random draws."""
+"""Number of lighthouse periods per block of random draws."""
 
 
 class Disturbance(NamedTuple):
-    """What pushes C craft over one period: acceleration (C, 3) [m/s^2], angular_acceleration (C, 3) [rad/s^2]."""
+    """Accelerations of C craft over one period.
+
+    acceleration: linear accelerations, (C, 3) [m/s^2].
+    angular_acceleration: angular accelerations, (C, 3) [rad/s^2].
+    """
 
     acceleration: Floats
     angular_acceleration: Floats
@@ -41,12 +45,12 @@ class Pushes:
 
     @property
     def pushed(self) -> Bools:
-        """(C,), who is pushed at all."""
+        """Craft with any acceleration at all, (C,)."""
         pushed: Bools = np.any(self._sigma, axis=(1, 2))
         return pushed
 
     def at(self, frame: int) -> Disturbance:
-        """The accelerations in lighthouse period `frame`."""
+        """Return the accelerations in lighthouse period `frame`."""
         draws, place = self._draws.at(frame)
         push = self._sigma * draws[place]
         return Disturbance(push[:, 0], push[:, 1])

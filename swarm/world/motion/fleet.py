@@ -1,12 +1,12 @@
-"""Where every craft should be: the courses of a scenario as smooth functions of time.
+"""References of all craft: the courses of a scenario as smooth functions of time.
 
 Everything is in the lighthouse frame, SI units. The attitude of a craft on its path p(t) is
 
     R_l_b(t) = F(p(t)) Rx(yaw) Ry(pitch) Rz(roll + spin t)
 
 with F the facing frame of `swarm.world.motion.pointing` (body +z towards the lighthouse), or the identity where
-`facing` is off. A wandering craft is turned by three random angles more (`swarm.world.motion.wander`). The reference of
-a free craft is its start, carried on at its first rates, and not held.
+`facing` is off. A wandering craft is turned by three additional random angles (`swarm.world.motion.wander`). The
+reference of a free craft is its start, carried on at its initial rates; the craft is not held to it.
 """
 
 from collections.abc import Sequence
@@ -29,11 +29,17 @@ from swarm.world.motion.paths import grouped
 from swarm.world.motion.pointing import facing
 
 LEAST_OFF_AXIS_M = 1e-6
-"""Nearer to the lighthouse's y axis than this, "facing with down below" means nothing."""
+"""Smallest distance from the lighthouse's y axis [m]; nearer to it, facing with down below is undefined."""
 
 
 class Start(NamedTuple):
-    """How C craft start: position (C, 3) [m], quaternion (C, 4) wxyz, velocity (C, 3), angular_rate (C, 3) [rad/s]."""
+    """Initial states of C craft, in the lighthouse frame.
+
+    position: positions, (C, 3) [m].
+    quaternion: attitudes, (C, 4) wxyz.
+    velocity: velocities, (C, 3) [m/s].
+    angular_rate: angular rates, (C, 3) [rad/s].
+    """
 
     position: Floats
     quaternion: Floats
@@ -45,7 +51,10 @@ class Fleet:
     """The references of all craft, in the order of the courses."""
 
     def __init__(self, courses: Sequence[Course], seed: int = 0) -> None:
-        """Prepare the paths. seed: of the random pushes. Raises SwarmError where a craft cannot face the lighthouse."""
+        """Prepare the paths.
+
+        seed: seed of the random pushes. Raises SwarmError where a craft cannot face the lighthouse.
+        """
         every = [course.path for course in courses]
         self._paths = grouped(every)
         self._turns = {i: path.turn for i, path in enumerate(every) if isinstance(path, Wandering)}
@@ -70,7 +79,10 @@ class Fleet:
         self._free_rate = self._spin[:, None] * start.rotation[:, :, 2] + tumbling.reshape(-1, 3)
 
     def at(self, time_s: float, steered: Steered | None = None) -> Reference:
-        """Return the reference of every craft at `time_s` [s]; steered: of those that guidance wants elsewhere."""
+        """Return the reference of every craft at `time_s` [s].
+
+        steered: motions of the craft whose paths guidance replaces.
+        """
         held = self._on_path(time_s, self._facing & ~self._free, steered)
         if not self._free.any():
             return held
@@ -83,18 +95,18 @@ class Fleet:
         )
 
     def start(self) -> Start:
-        """Return how every craft starts: its reference at time 0."""
+        """Return the initial state of every craft: its reference at time 0."""
         first = self.at(0.0)
         quaternion = rot.quaternion_from_matrix(first.rotation)
         return Start(first.position, quaternion, first.velocity, first.angular_rate)
 
     @property
     def pushed(self) -> Bools:
-        """The craft that `disturbance` pushes, (C,)."""
+        """Craft that `disturbance` pushes, (C,)."""
         return self._pushes.pushed
 
     def disturbance(self, frame: int) -> Disturbance:
-        """Return what pushes the drifting craft in lighthouse period `frame`; zero for the others."""
+        """Return the accelerations of the drifting craft in lighthouse period `frame`; zero for the others."""
         return self._pushes.at(frame)
 
     def _paths_at(self, time_s: float) -> Motion:

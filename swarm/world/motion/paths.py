@@ -15,7 +15,7 @@ class Paths(Protocol):
     """The paths of C craft."""
 
     def at(self, time_s: float) -> Motion:
-        """Return where the craft are at `time_s` [s]."""
+        """Return position, velocity and acceleration of the craft at `time_s` [s]."""
 
 
 class Circles:
@@ -30,7 +30,7 @@ class Circles:
         self._rate = np.array([[single.rate] for single in singles])
 
     def at(self, time_s: float) -> Motion:
-        """Return where the craft are at `time_s` [s]."""
+        """Return position, velocity and acceleration of the craft at `time_s` [s]."""
         angle = self._phase + self._rate * time_s
         cosine, sine = self._radius * np.cos(angle), self._radius * np.sin(angle)
         arm = cosine * self._first + sine * self._second
@@ -51,7 +51,7 @@ class Polynomials:
                 self._coefficient[i, n, : len(piece)] = piece
 
     def at(self, time_s: float) -> Motion:
-        """Return where the craft are at `time_s` [s]."""
+        """Return position, velocity and acceleration of the craft at `time_s` [s]."""
         out = Motion(*np.empty((3, len(self._start), 3)))
         _polynomials_into(time_s, self._start, self._coefficient, out.position, out.velocity, out.acceleration)
         return out
@@ -84,7 +84,7 @@ class Wanderings:
         self._singles = singles
 
     def at(self, time_s: float) -> Motion:
-        """Return where the craft are at `time_s` [s]."""
+        """Return position, velocity and acceleration of the craft at `time_s` [s]."""
         out = Motion(*np.empty((3, len(self._singles), 3)))
         for i, single in enumerate(self._singles):
             offset, out.velocity[i], out.acceleration[i] = single.offset.at(time_s)
@@ -93,7 +93,7 @@ class Wanderings:
 
 
 def grouped(paths: Sequence[Path]) -> list[tuple[Ints, Paths]]:
-    """Return the paths of every kind together, each with the indices of its craft."""
+    """Return the paths grouped by kind, each group with the indices of its craft."""
     circles = {i: path for i, path in enumerate(paths) if isinstance(path, Circle)}
     pieces = {i: path for i, path in enumerate(paths) if isinstance(path, Pieces)}
     wandering = {i: path for i, path in enumerate(paths) if isinstance(path, Wandering)}

@@ -21,7 +21,12 @@ from estimators.kernel import kernel
 
 
 class Facing(NamedTuple):
-    """rotation (N, 3, 3), angular_rate (N, 3) [rad/s], angular_acceleration (N, 3) [rad/s^2]; lighthouse frame."""
+    """Frames that face the lighthouse, in the lighthouse frame.
+
+    rotation: attitudes, (N, 3, 3).
+    angular_rate: angular rates, (N, 3) [rad/s].
+    angular_acceleration: angular accelerations, (N, 3) [rad/s^2].
+    """
 
     rotation: Floats
     angular_rate: Floats
@@ -29,7 +34,13 @@ class Facing(NamedTuple):
 
 
 def facing(position: Floats, velocity: Floats, acceleration: Floats) -> Facing:
-    """The facing frames at positions (N, 3) [m], moving with velocity (N, 3) and acceleration (N, 3)."""
+    """Return the facing frames along N paths.
+
+    Args:
+        position: positions, (N, 3) [m].
+        velocity: velocities, (N, 3) [m/s].
+        acceleration: accelerations, (N, 3) [m/s^2].
+    """
     count = len(position)
     out = Facing(np.empty((count, 3, 3)), np.empty((count, 3)), np.empty((count, 3)))
     path = np.ascontiguousarray(position), np.ascontiguousarray(velocity), np.ascontiguousarray(acceleration)
@@ -41,7 +52,7 @@ def facing(position: Floats, velocity: Floats, acceleration: Floats) -> Facing:
 def _facing_into(
     position: Floats, velocity: Floats, acceleration: Floats, rotation: Floats, rate: Floats, change: Floats
 ) -> None:
-    """`facing`, into its three arrays."""
+    """Write the results of `facing` into its three arrays."""
     for c in range(len(position)):
         p, v, a = position[c], velocity[c], acceleration[c]
         distance = np.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
@@ -56,7 +67,7 @@ def _facing_into(
         e0 = -(a[0] - outward * u0 - 2 * radial * t0) / distance
         e1 = -(a[1] - outward * u1 - 2 * radial * t1) / distance
         e2 = -(a[2] - outward * u2 - 2 * radial * t2) / distance
-        # e_y x (a, b, c) = (c, 0, -a): n, n' and n'' have no y.
+        # e_y x (a, b, c) = (c, 0, -a): the y components of n, n' and n'' are zero.
         size = np.sqrt(z2 * z2 + z0 * z0)
         x0, x2 = z2 / size, -z0 / size
         # y = z x x, with x_y = 0

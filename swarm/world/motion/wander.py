@@ -1,4 +1,4 @@
-"""The turn of a wandering craft: three random angles against the frame F that its attitude gives it.
+"""The turn of a wandering craft: three random angles relative to the frame F that its attitude prescribes.
 
 R_l_b = F O,  O = Rx(a) Ry(b) Rz(c),   w_O = a' x + b' Rx y + c' Rx Ry z
 """
@@ -13,7 +13,12 @@ from swarm.scenario.motions.tones import Tones
 
 
 class Turn(NamedTuple):
-    """The rotation O (3, 3), its rate [rad/s] and the rate's derivative, (3,), in the frame F."""
+    """The turn O relative to the frame F, in F.
+
+    rotation: O, (3, 3).
+    rate: angular rate, (3,) [rad/s].
+    change: derivative of the rate, (3,) [rad/s^2].
+    """
 
     rotation: Floats
     rate: Floats
@@ -21,7 +26,7 @@ class Turn(NamedTuple):
 
 
 def turn(fixed: Floats, tones: Tones, time_s: float) -> Turn:
-    """Return O at one time.
+    """Return O, its rate and its acceleration at one time.
 
     Args:
         fixed: The constant parts of the angles a, b, c, (3,) [rad].
