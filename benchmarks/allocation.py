@@ -17,7 +17,7 @@ import scipy
 from scipy.optimize import lsq_linear
 
 from swarm.assets import find_model
-from swarm.hardware import Fitted, hardware
+from swarm.hardware import Fitted, actuator_set
 from swarm.onboard.actuation.allocation import allocate
 from swarm.onboard.actuation.orders import THRUSTER_COST, WHEEL_COST
 from swarm.world.craft import load_craft
@@ -28,7 +28,7 @@ CRAFT, BY_SCIPY, REPEATS = 2000, 300, 5
 def problems():
     """What `allocate` takes, for CRAFT wrenches."""
     model, rng = load_craft(find_model("cubesat12u")), np.random.default_rng(0)
-    effect = hardware([Fitted(model.thrusters, model.wheels, (0.0, 0.0), 0)], model.com_m[None]).effect
+    effect = actuator_set([Fitted(model.thrusters, model.wheels, (0.0, 0.0), 0)], model.com_m[None]).effect
     effect = np.tile(effect, (CRAFT, 1, 1))
     thrusters, wheels = len(model.thrusters.force_n), len(model.wheels.torque_nm)
     low = np.tile(np.repeat([0.0, -1.0], [thrusters, wheels]), (CRAFT, 1))

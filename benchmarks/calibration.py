@@ -121,7 +121,7 @@ def main() -> None:
         folder = Path(temporary)
         for seed in range(1, options.seeds + 1):
             scenario = load("survey", [f"duration_s={options.duration}"], seed)
-            truth = Flight(scenario).lighthouse
+            truth = Flight(scenario).sensors.lighthouse
             run = simulate(scenario, out=folder / f"survey-{seed}", record=False)
             for how in ("truth", "own"):
                 found = calibrate_survey(observe_run(run.folder), how)

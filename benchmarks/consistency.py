@@ -36,6 +36,7 @@ def samples(seed: int) -> tuple[list[float], list[float]]:
         truth, estimate = period.truth, period.estimate
         if (craft := at.get(frame)) is None:
             continue
+        assert truth is not None
         error = np.concatenate(
             [
                 rot.log(rot.matrix_from_quaternion(truth.quaternion[craft]) @ estimate.rotation[craft].T),

@@ -139,8 +139,8 @@ def _cell(value: Any) -> str:
 
 def finish(benchmark: str, result: Mapping[str, Any], out: Path | None) -> None:
     """Name the machine, and write JSON if asked to."""
-    head = {"benchmark": benchmark, "machine": machine(), "versions": versions()}
-    about = head["machine"]
+    about = machine()
+    head = {"benchmark": benchmark, "machine": about, "versions": versions()}
     print(f"\n{about['processor']}, {about['cores']} cores, pinned to one; load {about['load_average']}")
     if out is not None:
         out.write_text(json.dumps({**head, **result}, indent=2, default=float) + "\n", encoding="utf-8")

@@ -35,6 +35,7 @@ class Tally:
         for frame in range(round(seconds / flight.period_s)):
             period = flight.period(frame)
             truth, estimate = period.truth, period.estimate
+            assert truth is not None
             turn, own = matrix_from_quaternion(truth.quaternion), estimate.integrity
             tracking = estimate.status == Status.TRACKING
             every = np.ones_like(tracking)

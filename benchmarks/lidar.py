@@ -92,7 +92,7 @@ def peers(reference: Shape) -> tuple[dict[str, Solver], dict[str, Solver]]:
         return icp(scan.point, found.transformation, 0.1)
 
     def open3d_track(scan: Scan, rotation: Floats, position: Floats) -> Floats:
-        return icp(scan.point, np.linalg.inv(matrix(rotation, position)), REACH_M)
+        return icp(scan.point, np.asarray(np.linalg.inv(matrix(rotation, position)), dtype=np.float64), REACH_M)
 
     gicp_target = small_gicp.PointCloud(reference.point)
     tree = small_gicp.KdTree(gicp_target, num_threads=1)

@@ -7,6 +7,8 @@ the truth: the greatest difference of the two filters' states and covariances af
 entry of each; and that the estimate comes nearer to the truth than the single pose.
 """
 
+from functools import partial
+
 import numpy as np
 from harness import finish, interleaved, options, show
 from period import captured
@@ -37,7 +39,7 @@ def main() -> None:
         bank.predict(1 / 60, mask)
         bank.update_pose(mask, solution.rotation, c.truth.position + moved, covariance, precision.rate_coupling)
 
-    times = interleaved({name: (lambda name=name: step(name)) for name in banks}, chosen.repeats)
+    times = interleaved({name: partial(step, name) for name in banks}, chosen.repeats)
     one, other = banks.values()
     difference = {
         name: float(

@@ -19,14 +19,15 @@ import os
 import platform
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from functools import partial
 from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 
 from estimators import rotation as rot
-from estimators.arrays import Floats
+from estimators.arrays import Bools, Floats
 from estimators.stereo.cameras import refine_cameras
 from estimators.stereo.closed_form import stereo_pose
 from swarm.studies.papers import stereo
@@ -48,6 +49,12 @@ def best(work: Callable[[], Any]) -> float:
         work()
         out.append(time.perf_counter() - start)
     return min(out)
+
+
+def each(solve: Callable[[Any], Any], rows: Iterable[Any]) -> None:
+    """Solve one by one."""
+    for one in rows:
+        solve(one)
 
 
 def report(poses: Poses, solved: Solved) -> dict[str, Any]:
@@ -75,7 +82,7 @@ def ours(poses: Poses, uv: Floats, start: Solved) -> dict[str, Any]:
         pose = stereo_pose(uv[rows], both[rows], MARKER_M, rig)
         return pose.rotation, pose.position
 
-    def fit(which: Floats, from_closed: bool) -> Callable[[slice], Solved]:
+    def fit(which: Bools, from_closed: bool) -> Callable[[slice], Solved]:
         def solve(rows: slice) -> Solved:
             begin = closed(rows) if from_closed else (start[0][rows], start[1][rows])
             pose = refine_cameras(uv[rows], which[rows], MARKER_M, rig, *begin).pose
@@ -93,9 +100,9 @@ def ours(poses: Poses, uv: Floats, start: Solved) -> dict[str, Any]:
         found = solve(slice(None))
         single = min(200, len(uv))
         out[name] = {
-            "us_per_pose_in_one_call": 1e6 * best(lambda s=solve: s(slice(None))) / len(uv),
+            "us_per_pose_in_one_call": 1e6 * best(partial(solve, slice(None))) / len(uv),
             "us_per_pose_one_by_one": 1e6
-            * best(lambda s=solve, n=single: [s(slice(i, i + 1)) for i in range(n)])
+            * best(partial(each, solve, [slice(i, i + 1) for i in range(single)]))
             / single,
             "errors": report(poses, found),
         }
@@ -136,7 +143,7 @@ def opencv(cv2: Any, poses: Poses, uv: Floats, start: Solved) -> dict[str, Any]:
         rotation, position = (np.array(part) for part in zip(*found, strict=True))
         single = min(500, len(uv))
         out[name] = {
-            "us_per_pose_one_by_one": 1e6 * best(lambda s=solve, n=single: [s(i) for i in range(n)]) / single,
+            "us_per_pose_one_by_one": 1e6 * best(partial(each, solve, range(single))) / single,
             "errors": report(poses, (rotation, position)),
         }
     return out

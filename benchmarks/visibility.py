@@ -8,6 +8,7 @@ given with and without). Found the truth: the share of those rays with the answe
 """
 
 import importlib
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -82,7 +83,7 @@ def main() -> None:
 
         scene = build()
 
-        def embree(in_scene: object = scene) -> np.ndarray:
+        def embree(in_scene: Any = scene) -> np.ndarray:
             return np.asarray(in_scene.run(origin, direction, limit.copy(), query="OCCLUDED")) < 0
 
         answers["Embree"] = embree()

@@ -110,6 +110,7 @@ class Loop:
         if not counted:
             self.stages.seconds.clear()
         truth, estimate = period.truth, period.estimate
+        assert truth is not None
         known = np.isfinite(estimate.position[:, 0])
         self.errors.append(np.linalg.norm(estimate.position - truth.position, axis=1)[known])
         self.tracking = float(np.mean(estimate.status == Status.TRACKING))

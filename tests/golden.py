@@ -27,6 +27,7 @@ import time
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -545,12 +546,12 @@ def _replay(object_name: str, source: Any, folder: Path) -> Values:
 
 
 REST: dict[str, Callable[[Path], Values]] = {
-    **{name: lambda folder, flight=flight: _record(flight, folder) for name, flight in RECORDED.items()},
-    **{f"experiment-{name}": lambda folder, name=name: _experiment(name, folder) for name in EXPERIMENTS},
+    **{name: partial(_record, flight) for name, flight in RECORDED.items()},
+    **{f"experiment-{name}": partial(_experiment, name) for name in EXPERIMENTS},
     "study": _study,
     "calibration": _calibration,
     **{
-        f"replay-{name}-{source}": lambda folder, name=name, source=source: _replay(name, source, folder)
+        f"replay-{name}-{source}": partial(_replay, name, source)
         for name in ("HMD", "T20")
         for source in ("pulses", "angles")
     },
@@ -687,7 +688,11 @@ def main() -> int:
     for case in cases:
         start = time.process_time()
         try:
-            verdict = check(case) if not asked.update else keep(case)
+            if asked.update:
+                keep(case)
+                verdict = None
+            else:
+                verdict = check(case)
         except Absent as reason:
             print(f"{case}: left out: {reason}")
             continue

@@ -1,7 +1,7 @@
 """A made-up run for the tests of results: craft on a turning ring, with an estimate whose errors are drawn from a
 known covariance. No navigation runs, so every figure that telemetry and summary must find is known beforehand."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -61,7 +61,10 @@ def period_of(
     sight: Ints | None = None,
 ) -> Period:
     """The run's record of one period; nobody reads the sweep angles."""
-    return Period(frame, time_s, truth, sight, None, estimate, peer)
+    angles: Any = None
+    seen: Any = sight
+    known: Any = estimate
+    return Period(frame, time_s, truth, seen, angles, known, peer)
 
 
 def truth_at(time_s: float, craft: int = 8, rate_rad_s: float = 0.3, radius_m: float = 1.0) -> Truth:
@@ -146,7 +149,10 @@ def lost(estimate: Estimate, craft: int) -> Estimate:
             blank(pnp.cost),
         ),
         Dop(*(blank(values) for values in dop)),
-        *(blank(getattr(estimate, name)) for name in ("rotation", "position", "angular_rate", "velocity")),
+        blank(estimate.rotation),
+        blank(estimate.position),
+        blank(estimate.angular_rate),
+        blank(estimate.velocity),
         blank(estimate.covariance),
         blank(estimate.nis),
         estimate.missed_sync,

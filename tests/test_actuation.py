@@ -1,6 +1,6 @@
 """Thrusters and wheels: what is ordered, what MuJoCo makes of it, and the errors and faults in between."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -48,6 +48,7 @@ class Chain:
     def drive(self, force, torque, believed, command, stuck=()):
         order = self.computers.order(force, torque, believed, command)
         drive = self.actuators.drive(order, stuck)
+        assert drive.onboard is not None
         return Driven(drive.force, drive.torque, drive.onboard, order.command)
 
     def work(self):
@@ -124,7 +125,7 @@ def test_pulses_have_their_impulse_and_their_place():
 def test_the_craft_moves_as_it_has_ordered():
     """Whatever comes of quantisation, MuJoCo's craft gets the mean accelerations that the filter is told."""
     world, actuators = flight([cubesat()], rate=(0.02, 0.05, -0.03))
-    rng, truth = np.random.default_rng(1), None
+    rng = np.random.default_rng(1)
     state = resting(1, (0.02, 0.05, -0.03))
     for _ in range(40):
         drive = push(actuators, state, rng.normal(size=3), 0.01 * rng.normal(size=3))
@@ -355,7 +356,8 @@ def test_a_model_says_what_its_thrusters_and_wheels_can_do(tmp_path):
     assert craft.thrusters.exhaust == pytest.approx(np.array([[0, 0, -1.0], [1, 0, 0]]))
     assert craft.thrusters.force_n.tolist() == [0.5, 2]
     assert craft.thrusters.minimum_impulse_ns.tolist() == [1e-3, 1e-3]
-    assert craft.wheels == Wheels(pytest.approx(np.array([[0, 1.0, 0]])), pytest.approx([5e-3]), pytest.approx([0.03]))
+    expected: list[Any] = [pytest.approx(np.array([[0, 1.0, 0]])), pytest.approx([5e-3]), pytest.approx([0.03])]
+    assert craft.wheels == Wheels(*expected)
     assert not load_craft(find_model("mockup")).thrusters.force_n.size
     assert not craft.spec.sites
     assert not craft.spec.numerics
@@ -384,7 +386,11 @@ def test_a_model_that_does_not_say_so_is_refused(tmp_path, numbers, message):
 
 def test_a_flight_on_thrusters_by_the_crafts_own_estimate(tmp_path):
     """Beside an ideal one on the same path: it arrives, with errors of its thrusters, for at most twice the delta-v."""
-    motion = {"kind": "waypoints", "points_m": [[0.2, 0.0, 3.0], [0.0, 0.0, 2.8]], "times_s": [1.0, 9.0]}
+    motion: dict[str, Any] = {
+        "kind": "waypoints",
+        "points_m": [[0.2, 0.0, 3.0], [0.0, 0.0, 2.8]],
+        "times_s": [1.0, 9.0],
+    }
     motion["attitude"] = {"yaw_deg": 10.0, "pitch_deg": 15.0}
     other = {**motion, "points_m": [[-1.2, 0.0, 3.0], [-1.4, 0.0, 2.8]]}
     errors = {"thrust_error_percent": 3.0, "thrust_direction_error_deg": 1.0}

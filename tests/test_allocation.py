@@ -69,9 +69,8 @@ def test_no_wrench_asks_for_nothing_and_no_actuator_gives_none():
     effect, scale, cost, wanted, low, high, wrench = problems(5)
     found, _ = allocate(effect, scale, cost, 0 * wanted, low, high, 0 * wrench)
     assert np.array_equal(found, np.zeros_like(found))
-    assert allocate(
-        *(part[..., :0] for part in (effect,)), scale, *(p[:, :0] for p in (cost, wanted, low, high)), wrench
-    )[0].shape == (5, 0)
+    none = [part[:, :0] for part in (cost, wanted, low, high)]
+    assert allocate(effect[..., :0], scale, none[0], none[1], none[2], none[3], wrench)[0].shape == (5, 0)
 
 
 def test_a_craft_gets_the_same_alone():

@@ -25,6 +25,7 @@ def test_least_change_is_that_of_a_general_solver():
                 method="SLSQP",
                 options={"ftol": 1e-14},
             )
+            assert found is not None
             assert np.all(g @ found >= h - 1e-9)
             assert found @ found == pytest.approx(other.fun, abs=1e-6)
 

@@ -188,7 +188,7 @@ def test_errors_are_as_large_as_their_covariance_says(poses_known):
         found = calibrate(made, NOISE, poses_known=poses_known)
         basis = Problem(made, NOISE, poses_known=poses_known).basis
         off = basis.T @ error(found, truth, made.point_m, poses_known)
-        total += off @ np.linalg.solve(basis.T @ found.covariance @ basis, off)
+        total += float(off @ np.linalg.solve(basis.T @ found.covariance @ basis, off))
         freedom += len(off)
         residual.append(found.residual)
     low, high = chi2.ppf([0.001, 0.999], freedom)

@@ -144,7 +144,7 @@ def test_a_light_behind_the_target_or_its_post_is_hidden(scene):
                 distance, geom = np.linalg.norm(ray), np.zeros(1, np.int32)
                 hit = mujoco.mj_ray(scene.world.model, data, eye, ray / distance, None, True, -1, geom)
                 assert seen[camera, light] == (hit < 0 or hit >= distance - 1e-3)
-        hidden += np.count_nonzero(~seen)
+        hidden += int(np.count_nonzero(~seen))
     assert hidden > 0
 
 
@@ -305,6 +305,7 @@ def flight(*overrides):
     for frame in range(round(11 / f.period_s)):
         period = f.period(frame)
         true, e = period.truth, period.estimate
+        assert true is not None
         turn = rot.matrix_from_quaternion(true.quaternion[0]) @ e.rotation[0].T
         error = np.concatenate([rot.log(turn), true.position[0] - e.position[0]])
         covariance = e.covariance[0][np.ix_(POSE_COLUMNS, POSE_COLUMNS)]

@@ -1,6 +1,8 @@
 """Docking: ports against SciPy's rotations, the glideslope against its closed form, the phases with a craft that flies
 exactly as told."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -15,7 +17,7 @@ from swarm.units import si
 
 T = 1 / 60
 SLOPE = Glideslope(slope_per_s=0.25, speed_m_s=0.2, acceleration_m_s2=0.02)
-PLAN = {
+PLAN: dict[str, Any] = {
     "kind": "dock",
     "target": "berth",
     "from_m": (0.3, 0.0, 3.0),
@@ -98,8 +100,8 @@ def test_reference_arrives_at_rest_within_speed_and_acceleration():
     for _ in range(round(60 / T)):
         before, point = point, towards(point, goal, SLOPE, T)
         fastest, hardest = (
-            max(fastest, np.linalg.norm(point.velocity)),
-            max(hardest, np.linalg.norm(point.acceleration)),
+            max(fastest, float(np.linalg.norm(point.velocity))),
+            max(hardest, float(np.linalg.norm(point.acceleration))),
         )
         # Position and velocity are exactly those of the acceleration, held for a period.
         assert np.allclose(point.velocity, before.velocity + point.acceleration * T, atol=1e-15)

@@ -24,7 +24,7 @@ from swarm.sensors.lighthouse import Lighthouse
 from swarm.studies.papers import EXPERIMENTS, find, reproduce, rungs
 from swarm.studies.papers import lighthouse_dynamic as dynamic
 from swarm.studies.papers import lighthouse_error_budget as budget
-from swarm.studies.papers.alignment import align
+from swarm.studies.papers.alignment import NONE, align
 from swarm.studies.papers.bench import Bench, Box, Motion
 from swarm.studies.papers.experiment import Experiment, Grid, Line, Outcome, Request, data
 from swarm.studies.papers.results import CONTENTS, print_comparison, write
@@ -145,7 +145,7 @@ def test_contributions_of_random_sources_are_their_dilution(bench):
     }
     for name, (shared, own) in variances.items():
         pose = budget.solve(bench, rest, lit, drawn, name, rng)
-        found = np.sqrt(budget.mean_squares(rest, pose, budget.NONE))
+        found = np.sqrt(budget.mean_squares(rest, pose, NONE))
         rho = shared / (shared + own)
         d = dilution(
             rest.rotation, rest.position, lit, points, np.zeros((*lit.shape, 2)), still, still, rho, np.ones(600, bool)

@@ -13,6 +13,7 @@ from estimators.rotation import quaternion_from_matrix
 from swarm.errors import SwarmError
 from swarm.flight.faults.schedule import Schedule, speed_swing
 from swarm.flight.flight import Flight
+from swarm.messages import Pulses
 from swarm.onboard.decoder import PulseDecoder
 from swarm.onboard.settings import Status
 from swarm.scenario.faults import KINDS, LighthouseDark, PhotodiodeDead, SyncLoss
@@ -33,7 +34,7 @@ def schedule(*faults, names=NAMES, keys=KEYS, end_s=10.0, seed=0):
 
 
 def test_a_fault_lasts_from_the_period_that_begins_then_until_the_one_that_begins_at_its_end():
-    dead = PhotodiodeDead(kind="photodiode-dead", craft="b", photodiodes=(1,), at_s=0.5, for_s=0.2)
+    dead = PhotodiodeDead(kind="photodiode-dead", craft=("b",), photodiodes=(1,), at_s=0.5, for_s=0.2)
     dark = LighthouseDark(kind="lighthouse-dark", at_s=0.6, until_s=1.0)
     made = schedule(dead, dark)
     assert [(w.craft, w.first, w.past) for w in made.windows] == [(1, 30, 42), (-1, 36, 60)]
@@ -119,7 +120,7 @@ def test_a_stuck_register_repeats_the_first_sweeps_that_it_had_from_both_fans():
 
 
 def test_rows_go_back_wider_and_narrower_than_they_came():
-    given = pulses.Pulses(
+    given = Pulses(
         np.array([[0, 1], [0, -1]], dtype=np.int16),
         np.array([[5, 6], [7, 0]]),
         np.ones((2, 2), dtype=np.int32),
@@ -346,6 +347,7 @@ def test_a_computer_that_restarts_beside_a_stuck_photodiode_finds_itself_at_once
     for frame in range(222):
         period = flight.period(frame)
         truth, estimate = period.truth, period.estimate
+        assert truth is not None
         status.append(int(estimate.status[2]))
         error.append(np.linalg.norm(estimate.position[2] - truth.position[2]))
         dropped.append(int(estimate.integrity.dropped[2]))
@@ -390,7 +392,9 @@ def test_thrusters_do_not_obey():
     flight = Flight(swarm.load("static", ["swarm.count=0", craft, stuck, "duration_s=1"]))
     opened = []
     for frame in range(20):
-        opened.append(flight.period(frame).work.thrusters_open[0])
+        work = flight.period(frame).work
+        assert work is not None
+        opened.append(work.thrusters_open[0])
     assert opened[:6] == [0] * 6, "at rest nothing fires"
     assert min(opened[6:12]) >= 1
 

@@ -14,7 +14,7 @@ from estimators.filter.error_state import innovation_into
 from estimators.filter.filterpy_bank import PoseFilterBank
 
 T, COUNT = 1 / 60, 5
-BANKS = [PoseFilterBank, CompiledFilterBank]
+BANKS: list[type[FilterBank]] = [PoseFilterBank, CompiledFilterBank]
 SCALE = np.repeat([1e-3, 0.1, 1e-3, 0.05], 3)
 """Sizes of an error state: attitude, angular rate, position, velocity."""
 
@@ -104,7 +104,7 @@ def test_rows_beyond_the_count_are_not_read(kind: type[FilterBank]) -> None:
     y, h, r = rows_of(np.random.default_rng(3), one, 2)
     more: list[Any] = [np.full((COUNT, 5), np.nan), np.full((COUNT, 5, 12), np.nan), np.full((COUNT, 5, 5), np.nan)]
     more[0][:, :2], more[1][:, :2], more[2][:, :2, :2] = y, h, r
-    results = one.update(every(), y, h, r), other.update(every(), *more, np.full(COUNT, 2))
+    results = one.update(every(), y, h, r), other.update(every(), more[0], more[1], more[2], np.full(COUNT, 2))
     np.testing.assert_array_equal(results[0].nis, results[1].nis)
     np.testing.assert_array_equal(one.position, other.position)
     np.testing.assert_array_equal(one.covariance, other.covariance)

@@ -77,6 +77,8 @@ def test_docking_columns_are_the_geometry_of_the_truth(docking):
         row = table.filter(pc.equal(table["craft"], name)).slice(k, 1).to_pylist()[0]
         quaternion = np.array([row[f"true_q{a}"] for a in "wxyz"])
         poses[name] = matrix_from_quaternion(quaternion), np.array([row[f"true_p{a}_m"] for a in "xyz"]), row
+    assert own is not None
+    assert target is not None
     here, there = placed(own, *poses["servicer"][:2]), placed(target, *poses["berth"][:2])
     away = there.rotation.T @ (here.position - there.position)
     row = poses["servicer"][2]
@@ -88,6 +90,8 @@ def test_docking_columns_are_the_geometry_of_the_truth(docking):
 
 def test_a_latch_keeps_two_craft_as_they_are_and_their_momentum():
     own, target = (load_craft(models()[name]).port for name in ("servicer", "berth"))
+    assert own is not None
+    assert target is not None
     rotation, position = docked_pose(own, target)
     start = [
         CraftStart("berth", models()["berth"], np.array([0.0, 0, 2]), NOWHERE, np.zeros(3), np.zeros(3)),
@@ -169,6 +173,7 @@ def test_what_does_not_broadcast_is_not_heard_and_craft_without_guidance_fly_as_
     flight = Flight(swarm.load("docking", SHORT_DOCKING))
     flight.period(0)
     flight.period(1)
+    assert flight.pilot.guidance is not None
     heard = flight.pilot.guidance._air.heard()
     assert not heard.known[1], "the berth has no lighthouse on board, and says nothing"
     plain = Flight(swarm.load("formation"))

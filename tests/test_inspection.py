@@ -1,6 +1,6 @@
 """On board: scans become a target's pose in the lighthouse frame, lost and found again, per observer and fused."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ class Own(NamedTuple):
     sensor: np.ndarray
 
 
-def own() -> Own:
+def own() -> Any:
     turn = np.stack([np.eye(3), rot.exp(np.array([0, 0, np.pi / 2])), np.full((3, 3), np.nan)])
     place = np.array([[0.0, 0, 0], [5.0, -5.0, 0], [np.nan] * 3])
     return Own(
@@ -181,9 +181,9 @@ def test_a_scan_is_moved_to_its_epoch():
             + back @ (still.direction[i] * still.range_m[i] - target.position)
         )
         then.append(rot.exp(me.angular_rate * tau[i]).T @ (x - me.velocity * tau[i]))
-    then = np.array(then)
-    depth = np.linalg.norm(then, axis=1)
-    scan = LidarScan(then / depth[:, None], depth, tau[hit], still.line[hit], still.step[hit])
+    points = np.array(then)
+    depth = np.linalg.norm(points, axis=1)
+    scan = LidarScan(points / depth[:, None], depth, tau[hit], still.line[hit], still.step[hit])
     found = at_epoch(scan, PATTERN, me, target, 0.0)
     assert found.point == pytest.approx(still.point, abs=1e-9)
     unmoved = at_epoch(scan, PATTERN, me, None, 0.0)

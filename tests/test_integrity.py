@@ -3,6 +3,8 @@
 Jacobians are central differences of (2), (3), so that nothing of the kernels is in the oracles.
 """
 
+from typing import Any
+
 import numpy as np
 import pytest
 from convex_target import ANGLE_NOISE, RHO, angle_errors, angles, draw, sweep_offsets
@@ -113,7 +115,7 @@ def oracle_slopes(scene: Scene, craft: int) -> tuple[float, float, int, Floats]:
     m = np.eye(2 * n) - j @ gain
     u = m @ np.kron(np.eye(2), np.ones((n, 1)))
     a = m - u @ np.linalg.inv((1 - RHO) / RHO * np.eye(2) + u.T @ u) @ u.T
-    worst = [0.0, 0.0, 0, np.zeros(2)]
+    worst: list[Any] = [0.0, 0.0, 0, np.zeros(2)]
     for k in range(n):
         pick = [k, n + k]
         for i, rows in enumerate((slice(0, 3), slice(3, 6))):
@@ -129,8 +131,9 @@ def oracle_slopes(scene: Scene, craft: int) -> tuple[float, float, int, Floats]:
 def test_slopes_are_the_greatest_generalised_eigenvalues():
     scene = Scene(4, 30)
     d = scene.truth
-    motion = scene.offset, *scene.rate
-    ours = dilution(d.rotation, d.position, d.lit, d.point, *motion, RHO, np.ones(30, np.bool_))
+    rate, velocity = scene.rate
+    every = np.ones(30, np.bool_)
+    ours = dilution(d.rotation, d.position, d.lit, d.point, scene.offset, rate, velocity, RHO, every)
     for c in range(30):
         attitude, position, _, _ = oracle_slopes(scene, c)
         # Central differences leave 1e-10 of J, which the geometry amplifies by up to 1e4.
@@ -164,7 +167,9 @@ def test_a_fault_as_large_as_the_level_allows_for_is_missed_as_seldom_as_it_says
     exact = angles(d.rotation, d.position, d.point, scene.offset, *still)
     theta = np.repeat(exact, samples, axis=0) + angle_errors(np.random.default_rng(6), samples, 12)
     theta[:, np.flatnonzero(d.lit[0])[k]] += bias
-    many = [np.repeat(part, samples, axis=0) for part in (d.lit, d.point, d.rotation, d.position, scene.offset)]
+    many: list[Any] = [
+        np.repeat(part, samples, axis=0) for part in (d.lit, d.point, d.rotation, d.position, scene.offset)
+    ]
     rest = np.zeros((samples, 3))
     solution = refine(theta, many[0], many[1], many[2], many[3], many[4], rest, rest)
     sweeps = Sweeps(theta, many[0], many[1], many[4], rest, rest)

@@ -8,8 +8,8 @@ from convex_target import ANGLE_NOISE, RHO, dome, random_position, random_rotati
 from scipy.stats import chi2
 
 from estimators.arrays import Floats, Ints
-from estimators.layout.design import EXCESS, LACKING, MARGIN, SHORT, TAIL, cover, design, objective, refine_design
-from estimators.layout.error import WANTED_LIT, WORST, Mix, Sightings, mixed_errors, percentile, sightings
+from estimators.layout.design import EXCESS, MARGIN, SHORT, TAIL, cover, design, objective, refine_design
+from estimators.layout.error import LACKING, WANTED_LIT, WORST, Mix, Sightings, mixed_errors, percentile, sightings
 from estimators.lighthouse.dop import dilution
 from estimators.lighthouse.pose_trials import scatter
 

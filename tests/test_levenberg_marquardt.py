@@ -17,7 +17,7 @@ def test_a_step_that_does_not_lower_the_cost_is_refused(next_cost: float) -> Non
 
 
 def test_damping_falls_tenfold_and_ends_at_zero() -> None:
-    assert judged(1.0, 0.5, 0.1) == (True, pytest.approx(0.01))
+    assert judged(1.0, 0.5, 0.1) == pytest.approx((True, 0.01))
     assert judged(1.0, 0.5, FIRST_DAMPING**2) == (True, 0.0)
 
 

@@ -96,7 +96,9 @@ def test_craft_hide_each_other_and_move_during_the_scan():
     ]
     world = World(starts, find_model("lighthouse"))
     settings = Table(target="far", horizontal_field_deg=4.0, lines=4, vertical_field_deg=2.0, range_noise_mm=0.0)
-    lidar = Lidar(world.model, world.craft_bodies, [Mount(0, *world.lidars[0])], settings, 0, [0])
+    scanner = world.lidars[0]
+    assert scanner is not None
+    lidar = Lidar(world.model, world.craft_bodies, [Mount(0, *scanner)], settings, 0, [0])
     place = np.array([s.position for s in starts])
     clear = lidar.still(place, np.tile(UPRIGHT, (3, 1)))[0]
     assert np.nanmin(clear.range_m) > 18

@@ -165,7 +165,9 @@ def test_primitive_shapes_enclose_their_volume(mesh, volume, smaller):
 def test_documented_model_loads(tmp_path):
     text = (Path(__file__).parents[1] / "docs" / "models.md").read_text()
     path = tmp_path / "my_probe.xml"
-    path.write_text(re.search(r"```xml\n(.*?)```", text, re.DOTALL)[1])
+    example = re.search(r"```xml\n(.*?)```", text, re.DOTALL)
+    assert example is not None
+    path.write_text(example[1])
     craft = load_craft(path)
     assert craft.mass == 1.5
     assert np.allclose(craft.normal, [[0, 0, 1]] * 5 + [[1, 0, 0]], atol=1e-12)

@@ -1,5 +1,7 @@
 """References: their rates against finite differences, their places against geometry, their draws against statistics."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from pydantic import ValidationError
@@ -52,7 +54,7 @@ def wander(size_m, speed_m_s, turn_rad, turn_rate_rad_s, bandwidth_hz, **more):
     return Wander(kind="wander", size_m=size_m, speed_m_s=speed_m_s, bandwidth_hz=bandwidth_hz, **turning, **more)
 
 
-FREE = {"position_m": (0.0, 0.5, 3.0), "velocity_m_s": (0.1, 0.2, -0.1), "attitude": TURNED}
+FREE: dict[str, Any] = {"position_m": (0.0, 0.5, 3.0), "velocity_m_s": (0.1, 0.2, -0.1), "attitude": TURNED}
 MOTIONS = {
     "hold": hold((0.4, -0.3, 2.0)),
     "hold, spinning": hold((0.4, -0.3, 2.0), attitude=TURNED),

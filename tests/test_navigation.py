@@ -39,7 +39,8 @@ def layout_of(points: np.ndarray) -> Photodiodes:
 def alone(pulses: Pulses, craft: int) -> Pulses:
     total = int(pulses.total[craft])
     one = slice(craft, craft + 1)
-    return Pulses(*(part[one, :total] for part in pulses[:3]), pulses.total[one])
+    photodiode, rise, width = pulses.photodiode, pulses.rise_tick, pulses.width_tick
+    return Pulses(photodiode[one, :total], rise[one, :total], width[one, :total], pulses.total[one])
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +59,7 @@ def swarm_run() -> tuple[Flight, list[Pulses], list[Estimate]]:
     pulses: list[Pulses] = []
     decoder = flight.computer.decoder
     decode = decoder.decode
-    decoder.decode = lambda p: decode(pulses.append(p) or p)  # type: ignore[method-assign, func-returns-value]
+    decoder.decode = lambda p: decode(pulses.append(p) or p)  # type: ignore[method-assign, assignment, func-returns-value]
     return flight, pulses, [flight.period(frame).estimate for frame in range(180)]
 
 
@@ -151,6 +152,7 @@ def test_the_evidence_of_a_flat_target_never_decides_for_the_mirror_pose():
             )
             if len(hypotheses.evidence) == 0 or hypotheses.decided:
                 break
+        assert hypotheses is not None
         if len(hypotheses.evidence) and hypotheses.decided:
             decided += 1
             # The mirror pose of a plane tilted by 15 degrees or more is at least some 20 degrees away.

@@ -171,7 +171,8 @@ def test_the_smallest_number_is_the_smallest(needed: int, monkeypatch: pytest.Mo
         return search.Found(mount, fake(0.1, 2.0 * (needed / count) ** 0.5, 0.0 if count > 5 else 0.06))
 
     monkeypatch.setattr(smallest, "find", find)
-    at = search.Places(*([Mount(np.zeros((200, 3)), np.zeros((200, 3)))] * 2), 0.01, None, None)  # type: ignore[arg-type]
+    free = Mount(np.zeros((200, 3)), np.zeros((200, 3)))
+    at = search.Places(free, free, 0.01, None, None)  # type: ignore[arg-type]
     said: list[str] = []
     assert smallest.smallest(asked, at, 0.1, 2.0, said.append) == max(needed, 6)
     assert len(tries) == len(said) <= 12
@@ -183,7 +184,8 @@ def test_a_precision_out_of_reach_says_what_there_is(monkeypatch: pytest.MonkeyP
     asked = task(Request("mockup", None, 0.1, 2.0))
     mount = Mount(np.zeros((4, 3)), np.zeros((4, 3)))
     monkeypatch.setattr(smallest, "find", lambda *a, **k: search.Found(mount, fake(0.2, 1.0)))
-    at = search.Places(*([Mount(np.zeros((20, 3)), np.zeros((20, 3)))] * 2), 0.01, None, None)  # type: ignore[arg-type]
+    free = Mount(np.zeros((20, 3)), np.zeros((20, 3)))
+    at = search.Places(free, free, 0.01, None, None)  # type: ignore[arg-type]
     with pytest.raises(SwarmError, match=r"20 photodiodes .* within 0\.200° and 1\.00 mm; wanted: 0\.1°, 2 mm"):
         smallest.smallest(asked, at, 0.1, 2.0, lambda text: None)
 

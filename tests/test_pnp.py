@@ -64,7 +64,7 @@ def test_rows_by_finite_differences() -> None:
     numeric = np.stack([(seen(step * e) - seen(-step * e)) / (2 * step) for e in np.eye(6)], axis=-1)
     for c, i, fan in np.ndindex(20, 12, 2):
         table, place = scene.table(c)
-        value, z, r0, r1, r2, g, gz = project(table, 12 * fan + i, d.rotation[c], place[fan], place[2])
+        value, z, r0, r1, r2, g, gz = project(table, 12 * fan + i, d.rotation[c], float(place[fan]), float(place[2]))
         row = np.array([r0, r1, r2, 0.0, 0.0, gz])
         row[3 + fan] = g
         assert value == pytest.approx(projections(scene.theta)[c, i, fan], abs=1e-14)
@@ -89,7 +89,7 @@ def test_curvature_by_finite_differences() -> None:
     for c, i, fan in np.ndindex(5, 12, 2):
         out = np.zeros((6, 6))
         table, place = scene.table(c)
-        add_curvature(table, 12 * fan + i, fan, d.rotation[c], place[fan], place[2], 1.0, out)
+        add_curvature(table, 12 * fan + i, fan, d.rotation[c], float(place[fan]), float(place[2]), 1.0, out)
         # Second differences at h = 1e-4: rounding 1e-16 (u up to 2) / h^2 = 1e-8 some times over, truncation as small.
         np.testing.assert_allclose(out, np.tril(numeric[c, i, fan]), atol=2e-7)
 

@@ -7,7 +7,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -84,7 +84,8 @@ def fly(folder, craft=3, periods=90, scene=None, replay=False):
 
 def read(path, entity, column=None):
     """Rows of an entity's column, all its temporal chunks in order of frame; without column: its column names."""
-    rows, names = {}, set()
+    rows: dict[int, Any] = {}
+    names: set[str] = set()
     for chunk in RrdReader(str(path)).stream():
         if chunk.entity_path != f"/{entity}":
             continue
@@ -213,6 +214,7 @@ def test_a_box_has_twelve_edges_and_normals_outward():
     lengths = np.sort(np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1))
     np.testing.assert_allclose(lengths, np.repeat([2.0, 4.0, 6.0], 4))
     solid = drawing.solid(part)
+    assert solid is not None
     assert solid.vertex.shape == (36, 3)
     assert (np.sum(solid.vertex * solid.normal, axis=1) > 0.9).all()
     assert drawing.solid([]) is None
@@ -305,7 +307,7 @@ def test_without_a_display_the_recording_is_written_all_the_same(tmp_path, monke
     monkeypatch.setattr(viewer, "has_display", lambda: False)
     recording = Recording(tmp_path / "recording.rrd", scene_of(1), live=True)
     recording.close()
-    assert "no display" in recording.notice
+    assert "no display" in (recording.notice or "")
     assert (tmp_path / "recording.rrd").stat().st_size > 0
     with pytest.raises(SwarmError, match="--web"):
         viewer.view(tmp_path / "recording.rrd")
@@ -315,7 +317,7 @@ def test_without_a_display_the_recording_is_written_all_the_same(tmp_path, monke
 
 def test_the_null_recording_takes_everything_and_needs_no_rerun():
     null: recorder.Recorder = NullRecording()
-    null.append(None, None)
+    null.append(None, None)  # type: ignore[arg-type]
     null.close()
     assert null.notice is None
     code = "import sys, swarm.results.scene; sys.exit('rerun' in sys.modules)"
@@ -327,11 +329,11 @@ def test_the_null_recording_takes_everything_and_needs_no_rerun():
 def test_the_viewer_listens_on_this_machine_only(flight):
     port = viewer._free_port()
     command = viewer._command(str(flight[0]), "--serve-grpc", "--port", str(port))
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "start_new_session": True}
+    quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "start_new_session": True}
     with subprocess.Popen(command, **quiet) as server:
         try:
             limit = time.monotonic() + 30
-            listening = []
+            listening: list[str] = []
             while not listening and time.monotonic() < limit:
                 time.sleep(0.1)
                 tables = [Path("/proc/net/tcp").read_text(), Path("/proc/net/tcp6").read_text()]

@@ -221,7 +221,7 @@ def test_our_own_calibration_file(tmp_path: Path) -> None:
     assert read.fan_y == FanErrors()
     assert read.pose is None
     assert read.point_m is not None
-    assert_allclose(read.point_m, [[0.1, 0, 0], [0, 1, 2]])
+    assert_allclose(read.point_m, [[0.1, 0.0, 0.0], [0.0, 1.0, 2.0]])
 
 
 def test_libsurvives_calibration_file_is_read_with_and_without_commas(tmp_path: Path, calibration_file: Path) -> None:
@@ -323,12 +323,12 @@ def test_our_decoder_reads_the_real_pulses_as_libsurvive_does(device: str, light
             continue
         seen = np.isfinite(same.theta)
         assert np.isfinite(ours.theta[seen]).all()
-        more += np.count_nonzero(np.isfinite(ours.theta)) - np.count_nonzero(seen)
+        more += int(np.count_nonzero(np.isfinite(ours.theta)) - np.count_nonzero(seen))
         # It halves widths to whole ticks and writes six digits; where its 32-bit counter wraps, it loses a tick.
         wraps = (ours.epoch_tick[0] - TURN) // 2**32 != (ours.epoch_tick[0] + TURN) // 2**32
         tolerance = (3 if wraps else 1) * HALF_TICK_RAD + 0.51e-6
         assert_allclose(ours.theta[seen], same.theta[seen], rtol=0, atol=tolerance)
-        compared += np.count_nonzero(seen)
+        compared += int(np.count_nonzero(seen))
     assert more <= len(recording.photodiodes.present[0])  # The sweep in the middle of which it locked on.
     assert compared > 0.95 * np.count_nonzero(recording.angles.lighthouse == lighthouse)
 

@@ -102,7 +102,7 @@ def test_two_tilted_planes_give_the_ideal_azimuth_and_elevation() -> None:
 @pytest.mark.parametrize("fans", [LIGHTHOUSE_1, STRAIGHT, TILTED])
 def test_kernel_equals_the_array_form(fans: tuple[Fan, Fan]) -> None:
     p = np.random.default_rng(5).uniform(-1, 1, (200, 3)) + AHEAD
-    angles = [[measured_angle(*q, fan) for fan in kernel_fans(fans)] for q in p]
+    angles = [[measured_angle(q[0], q[1], q[2], fan) for fan in kernel_fans(fans)] for q in p]
     np.testing.assert_allclose(angles, measured_angles(p, fans), rtol=0, atol=3e-15)
 
 

@@ -457,7 +457,7 @@ def test_every_motion_becomes_its_course(file: Path) -> None:
     made = {kind: course_of(settings, i) for i, kind in enumerate(kinds)}
     one, four = (1.0, 2.0, 3.0), (4.0, 5.0, 6.0)
     noise = settings.navigation
-    expected = {
+    expected: dict[str, paths.Path] = {
         "hold": paths.line(one, (0.0, 0.0, 0.0)),
         "ring": paths.Circle(one, 2.0, math.pi, math.pi / 2, 0.0),
         "waypoints": paths.smooth_through((one, four), (1.0, 2.0)),

@@ -71,6 +71,7 @@ def test_drift_is_consistent_with_the_chi_square_band():
             back = frames - 1 - frame
             if back % 30 == 0 and back // 30 < len(flight.world.names):
                 craft = back // 30
+                assert truth is not None
                 error = np.concatenate(
                     [
                         rot.log(rot.matrix_from_quaternion(truth.quaternion[craft]) @ estimate.rotation[craft].T),

@@ -59,12 +59,13 @@ def test_triangulation_covariance_is_its_derivative(poses, rng):
     for camera, axis in ((0, 0), (0, 1), (1, 0), (1, 1)):
         step = np.zeros((2, 1, 2))
         step[camera, 0, axis] = h
-        moved = [triangulate(*np.moveaxis(uv + s * step, 1, 0), RIG).point_m for s in (1, -1)]
+        shifted = [uv + s * step for s in (1, -1)]
+        moved = [triangulate(images[:, 0], images[:, 1], RIG).point_m for images in shifted]
         slope.append((moved[0] - moved[1]) / (2 * h))
-    slope = np.stack(slope, axis=-1)
+    slopes = np.stack(slope, axis=-1)
     said = triangulate(uv[:, 0], uv[:, 1], RIG).covariance
     # Differences: h^2 times third derivatives (some 1e-8), and rounding of 1e-14 m over h.
-    assert said == pytest.approx(slope @ np.swapaxes(slope, -1, -2), rel=1e-6, abs=1e-6)
+    assert said == pytest.approx(slopes @ np.swapaxes(slopes, -1, -2), rel=1e-6, abs=1e-6)
 
 
 def test_any_rig_triangulates(rng):

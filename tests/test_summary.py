@@ -1,6 +1,7 @@
 """The summary against plain loops and against figures that were put into a made-up run."""
 
 import json
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -88,7 +89,7 @@ def test_a_folder_says_what_its_table_says(tmp_path, replay, monkeypatch):
 def flattened(figures, prefix=""):
     """Nested figures as one dictionary of numbers."""
     items = figures.items() if isinstance(figures, dict) else enumerate(figures)
-    out = {}
+    out: dict[str, Any] = {}
     for key, value in items:
         name = f"{prefix}.{key}"
         if isinstance(value, dict | list):
@@ -148,6 +149,7 @@ def test_the_band_of_independent_samples_is_chi_square():
     frames, craft = 2000, 6
     value = rng.chisquare(6, frames * craft)
     found = consistency(np.repeat(np.arange(frames), craft), value, PERIOD_S)
+    assert found is not None
     n = found["effective_samples"]
     assert found["band_low"] == pytest.approx(chi2.ppf(0.025, 6 * n) / n, rel=1e-9)
     assert found["band_high"] == pytest.approx(chi2.ppf(0.975, 6 * n) / n, rel=1e-9)
@@ -165,7 +167,9 @@ def test_the_band_holds_95_percent_of_the_means_of_correlated_samples(correlatio
     for _ in range(runs):
         drawn = rng.chisquare(6, (frames // correlation_frames, 1 if shared else craft))
         value = np.broadcast_to(np.repeat(drawn, correlation_frames, axis=0), (frames, craft))
-        inside += consistency(frame, value.ravel(), PERIOD_S)["inside_band"]
+        found = consistency(frame, value.ravel(), PERIOD_S)
+        assert found is not None
+        inside += found["inside_band"]
     # Binomial 200 x 0.95: 190 +- 3.1. Three sigma, and 3 % for the number of samples being estimated from 60 blocks.
     assert 175 <= inside <= 199
 

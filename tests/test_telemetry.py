@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -68,7 +69,7 @@ def test_errors_and_nees_are_those_of_a_plain_loop(tmp_path):
         e = np.concatenate([turn, shift])
         pnp_turn = (true * Rotation.from_matrix(estimate.pnp.rotation[i]).inv()).magnitude()
         # Both are double precision over a few dozen operations on numbers near one.
-        close = {"rel": 1e-10}
+        close: dict[str, Any] = {"rel": 1e-10}
         assert row["attitude_error_deg"] == pytest.approx(np.degrees(np.linalg.norm(turn)), **close)
         assert row["position_error_m"] == pytest.approx(np.linalg.norm(shift), **close)
         assert row["pnp_attitude_error_deg"] == pytest.approx(np.degrees(pnp_turn), **close)
@@ -207,6 +208,7 @@ def test_a_killed_run_leaves_what_it_had(tmp_path):
     code = KILLED.format(tests=str(ROOT / "tests"), folder=str(tmp_path / "killed"))
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, env=environment) as run:
+        assert run.stdout is not None
         assert run.stdout.readline() == b"ready\n"
         run.send_signal(signal.SIGKILL)
     left = read_telemetry(tmp_path / "killed")

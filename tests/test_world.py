@@ -1,5 +1,7 @@
 """The world against closed forms, conservation laws, MuJoCo's own integration, and its messages."""
 
+from typing import Any
+
 import mujoco
 import numpy as np
 import pytest
@@ -20,7 +22,7 @@ BOX = '<geom type="box" size="0.1 0.1 0.1"/>'
 
 
 def start(name="a", model="mockup", position=(0, 0, 3), quaternion=(1, 0, 0, 0), velocity=(0, 0, 0), rate=(0, 0, 0)):
-    vectors = (np.array(v, dtype=float) for v in (position, quaternion, velocity, rate))
+    vectors: list[Any] = [np.array(v, dtype=float) for v in (position, quaternion, velocity, rate)]
     return CraftStart(name, find_model(model), *vectors)
 
 
@@ -393,7 +395,12 @@ def test_sparing_mujoco_the_search_for_contacts_changes_no_bit(seed, monkeypatch
     spared = world(*crowd(seed))
     looked = []
     look = spared._look_for_contacts
-    monkeypatch.setattr(spared, "_look_for_contacts", lambda wanted: looked.append(wanted) or look(wanted))
+
+    def noting(wanted):
+        looked.append(wanted)
+        return look(wanted)
+
+    monkeypatch.setattr(spared, "_look_for_contacts", noting)
     always = world(*crowd(seed))
     monkeypatch.setattr(always._neighbourhood, "can_touch", lambda *_: True)
     touched = False
