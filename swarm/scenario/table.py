@@ -1,7 +1,7 @@
 """The base of every table of a scenario, and the types of its values.
 
 A table is frozen, refuses unknown keys, converts nothing silently and knows no infinity. A key carries its unit as a
-suffix; `swarm.units.si` converts a table to SI units.
+suffix; `swarm.units.si` converts a table to SI units. Validators are built when a table is first used.
 """
 
 from collections.abc import Iterator
@@ -26,7 +26,7 @@ Mistake = tuple[str, ...]
 class Table(BaseModel):
     """One TOML table: frozen, no unknown key, no silent conversion, no infinity."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False, defer_build=True)
 
     def between_keys(self) -> Iterator[Mistake]:
         """Yield every mistake that lies between several keys, each of them good by itself."""
