@@ -51,7 +51,8 @@ from swarm.studies.campaign.study import load_study
 from swarm.studies.campaign.task import is_wall_clock
 from swarm.studies.layout.request import Request
 from swarm.studies.layout.study import study as design_layout
-from swarm.studies.papers import EXPERIMENTS, reproduce
+from swarm.studies.papers import reproduce
+from swarm.studies.papers.catalogue import EXPERIMENTS
 
 KEPT = Path(__file__).with_suffix("")
 REAL = Path(__file__).resolve().parents[2] / "shared" / "data" / "lighthouse-v1" / "lh1_test_cal.rec.gz"

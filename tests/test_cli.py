@@ -20,7 +20,8 @@ from swarm.cli import app as cli
 from swarm.results.progress import Progress
 from swarm.results.run_folder import Run, RunFolder, open_run
 from swarm.scenario import Scenario, load, to_toml
-from swarm.studies.papers import EXPERIMENTS, find
+from swarm.studies.papers import find
+from swarm.studies.papers.catalogue import EXPERIMENTS
 
 HEAVY = {
     "mujoco",

@@ -362,9 +362,9 @@ def test_adding_a_craft_does_not_change_the_motion_of_another(motion, tmp_path):
         for one, many in zip(alone.at(time_s), among.at(time_s), strict=True):
             assert np.array_equal(one[0], many[-1])
     for frame in (0, 300):
-        own_push, pushes = alone.disturbance(frame), among.disturbance(frame)
-        assert np.array_equal(own_push.acceleration[0], pushes.acceleration[-1])
-        assert np.array_equal(own_push.angular_acceleration[0], pushes.angular_acceleration[-1])
+        push, pushes = alone.disturbance(frame), among.disturbance(frame)
+        assert np.array_equal(push.acceleration[0], pushes.acceleration[-1])
+        assert np.array_equal(push.angular_acceleration[0], pushes.angular_acceleration[-1])
     # And no two craft share their draws.
     drawn = among.disturbance(0).acceleration if "drift" in motion else among.at(1.3).position
     assert len(np.unique(drawn, axis=0)) == 6

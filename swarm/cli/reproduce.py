@@ -37,8 +37,9 @@ def reproduce(
     The files: data.parquet, figure.png, figure.svg, comparison.json.
     """
     with mistakes():
-        from swarm.studies.papers import EXPERIMENTS, find
+        from swarm.studies.papers import find
         from swarm.studies.papers import reproduce as repeat
+        from swarm.studies.papers.catalogue import EXPERIMENTS
 
         if experiment is None:
             for name in EXPERIMENTS:

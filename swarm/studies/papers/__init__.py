@@ -1,7 +1,6 @@
 """The papers' experiments, repeated: how one is found, run and written.
 
-An experiment is a module of this package: its function `run(request) -> Outcome`, and beside it its entry `EXPERIMENT`
-(`swarm.studies.papers.experiment`). The name in EXPERIMENTS is the module's, with hyphens.
+An experiment is an entry of `swarm.studies.papers.catalogue` and a module with the function `run(request) -> Outcome`.
 """
 
 from collections.abc import Callable, Mapping
@@ -10,34 +9,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from swarm.errors import SwarmError, did_you_mean
+from swarm.studies.papers.catalogue import EXPERIMENTS, Experiment
 
 if TYPE_CHECKING:
-    from swarm.studies.papers.experiment import Experiment
     from swarm.studies.papers.results import Reproduction
 
 RUNS = Path("runs")
-EXPERIMENTS = (
-    "lighthouse-static",
-    "lighthouse-dynamic",
-    "lighthouse-error-budget",
-    "stereo-accuracy",
-    "stereo-mounting",
-    "stereo-noise",
-    "stereo-baseline",
-    "stereo-fallback",
-    "lidar-acquisition",
-    "lidar-tracking",
-    "lidar-turn",
-)
-"""The names of all experiments, in the order of the papers."""
 
 
-def find(name: str) -> "Experiment":
+def find(name: str) -> Experiment:
     """Return the experiment of this name. Raises SwarmError with the nearest name that there is."""
     if name not in EXPERIMENTS:
         raise SwarmError(f"no experiment {name!r}{did_you_mean(name, EXPERIMENTS)}")
-    found: Experiment = import_module(f"{__name__}.{name.replace('-', '_')}").EXPERIMENT
-    return found
+    return EXPERIMENTS[name]
 
 
 def reproduce(
@@ -75,7 +59,7 @@ def reproduce(
             raise SwarmError(f"--{size}: {value}: must be at least 1")
         chosen[size] = value
     from swarm.results.owned_folder import refuse_taken
-    from swarm.studies.papers.experiment import Request
+    from swarm.studies.papers.experiment import Outcome, Request
     from swarm.studies.papers.results import CONTENTS, write
 
     seed = experiment.seed if seed is None else seed
@@ -84,4 +68,5 @@ def reproduce(
     folder = Path(out) if out is not None else RUNS / f"{name}-{seed}"
     refuse_taken(folder, CONTENTS, force)
     request = Request(seed, chosen, progress or (lambda share, what: None))
-    return write(folder, name, experiment, request, experiment.run(request), force)
+    outcome: Outcome = import_module(f"{__name__}.{name.replace('-', '_')}").run(request)
+    return write(folder, name, experiment, request, outcome, force)

@@ -12,10 +12,6 @@ from swarm.figures import Figure
 from swarm.results.parquet import Table, column, table_of
 from swarm.units import written_unit
 
-LIGHTHOUSE = "Chen et al., lighthouse"
-STEREO = "Zhang et al., binocular CCD"
-LIDAR = "Feng et al., LiDAR"
-
 Value = float | tuple[float, float] | str | None
 """One figure, the smallest and the largest of several, words, or nothing."""
 Limits = tuple[float | None, float | None]
@@ -106,21 +102,6 @@ class Request(NamedTuple):
         if math.prod(self.sizes[name] for name in names) < fewest:
             asked = " and ".join(f"--{name}: {self.sizes[name]}" for name in names)
             raise SwarmError(f"{asked}: {purpose} needs at least {fewest}")
-
-
-class Experiment(NamedTuple):
-    """One experiment of a paper, as the registry lists it.
-
-    source, figure: the paper, and the figure or table there. about: one line. sizes: what makes the experiment smaller,
-    by the name of the command line's option, with the full experiment's value. seed: of every random draw.
-    """
-
-    source: str
-    figure: str
-    about: str
-    sizes: Mapping[str, int]
-    run: Callable[[Request], Outcome]
-    seed: int = 1
 
 
 def data(columns: Columns) -> Table:

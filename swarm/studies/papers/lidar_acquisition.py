@@ -14,7 +14,7 @@ from estimators.arrays import Floats
 from estimators.lidar.acquisition import Acquisition, acquire
 from estimators.lidar.feature_templates import Templates
 from swarm import figures
-from swarm.studies.papers.experiment import LIDAR, Columns, Experiment, Line, Outcome, Request, data, quantiles, under
+from swarm.studies.papers.experiment import Columns, Line, Outcome, Request, data, quantiles, under
 from swarm.studies.papers.lidar import Turntable, error_deg, turned
 
 STEPS_DEG = (-10.0, -5.0, 0.0, 5.0, 10.0)
@@ -53,15 +53,6 @@ def run(request: Request) -> Outcome:
     groups = [(group, [r for r in results if r.group == group]) for group in (TURNTABLE, RANDOM)]
     lines = [line for group, part in groups if part for line in _compare(group, part)]
     return Outcome(lines, data(_columns(results)), _draw(results), notes)
-
-
-EXPERIMENT = Experiment(
-    LIDAR,
-    "figure 5",
-    "attitude from one scan: on the turntable, and from any attitude",
-    {"poses": 125, "draws": 1000},
-    run,
-)
 
 
 def random_rotations(count: int, rng: np.random.Generator) -> Floats:

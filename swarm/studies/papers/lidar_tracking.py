@@ -16,7 +16,7 @@ from estimators.lidar.scan import Scan
 from estimators.lidar.tracking import Outcome as Fate
 from estimators.lidar.tracking import TrackingSettings, chain, track
 from swarm import figures
-from swarm.studies.papers.experiment import LIDAR, Columns, Experiment, Line, Outcome, Request, data, quantiles, under
+from swarm.studies.papers.experiment import Columns, Line, Outcome, Request, data, quantiles, under
 from swarm.studies.papers.lidar import Turntable, error_deg, turned
 
 STARTS_DEG = (0.0, 5.0, -5.0, 10.0, -10.0)
@@ -66,11 +66,6 @@ def run(request: Request) -> Outcome:
     )
     drawn = draw(steps, [s.number + 1 for s in steps], "scan of the track", "Figure 6")
     return Outcome(compare(steps), data(columns(steps)), drawn, (note,))
-
-
-EXPERIMENT = Experiment(
-    LIDAR, "figure 6", "tracking random turns, with and without accumulation", {"runs": 5, "frames": 25}, run
-)
 
 
 def follow(bench: Turntable, angles_deg: Floats, number: int) -> list[Step]:

@@ -6,7 +6,7 @@ where the scanner sees the panels edge-on there are fewest returns.
 
 import numpy as np
 
-from swarm.studies.papers.experiment import LIDAR, Experiment, Line, Outcome, Request, data, under
+from swarm.studies.papers.experiment import Line, Outcome, Request, data, under
 from swarm.studies.papers.lidar import Turntable
 from swarm.studies.papers.lidar_tracking import MODEL, Step, columns, compare, draw, follow
 
@@ -36,8 +36,3 @@ def run(request: Request) -> Outcome:
     drawn = draw(steps, [s.yaw_deg for s in steps], "angle about Z, deg", "Figure 7")
     note = f"{number} scans, {STEP_DEG:g} deg apart; a new track every {TRACK_DEG:g} deg."
     return Outcome([*compare(steps, "no loss"), *edge_on], data(columns(steps)), drawn, (note,))
-
-
-EXPERIMENT = Experiment(
-    LIDAR, "figure 7", "tracking through a full turn, with and without accumulation", {"poses": 72}, run
-)

@@ -28,9 +28,7 @@ from swarm.scenario import Scenario, load
 from swarm.sensors.sight import Sight
 from swarm.studies.papers.alignment import Alignment
 from swarm.studies.papers.experiment import (
-    LIGHTHOUSE,
     Columns,
-    Experiment,
     Grid,
     Line,
     Outcome,
@@ -99,11 +97,6 @@ def run(request: Request) -> Outcome:
     )
     table = data(_columns(pnp, filtered, solved, motion))
     return Outcome(_compare(pnp), table, _draw(pnp, filtered[-1]), notes, (ladder,))
-
-
-EXPERIMENT = Experiment(
-    LIGHTHOUSE, "table 2", "accuracy in the hand, error by error, and what removes it", {"runs": 10, "seconds": 30}, run
-)
 
 
 def _fly(request: Request, scenario: Scenario, runs: int, length: int) -> Flown:

@@ -35,7 +35,7 @@ from estimators.lighthouse.sweep import FanErrors, FanPair
 from swarm import figures
 from swarm.studies.papers.alignment import NONE, Alignment, align
 from swarm.studies.papers.bench import PERFECT, Bench, Box, Motion
-from swarm.studies.papers.experiment import LIGHTHOUSE, Columns, Experiment, Grid, Line, Outcome, Request, data, under
+from swarm.studies.papers.experiment import Columns, Grid, Line, Outcome, Request, data, under
 
 CURVE, GIBBOUS, TILT = 0.002, 0.01, 0.01
 SYNC_JITTER_S, MOUNTING_M = 50e-9, 0.5e-3
@@ -129,15 +129,6 @@ def run(request: Request) -> Outcome:
     )
     grid = Grid("Contribution, RMS", COLUMNS, [(name, tuple(map(float, row))) for name, row in budget.items()])
     return Outcome(_compare(budget), data(_columns(budget)), _draw(budget), notes, (grid,))
-
-
-EXPERIMENT = Experiment(
-    LIGHTHOUSE,
-    "table 1",
-    "what every source of error contributes, at rest and moving",
-    {"draws": 400, "poses": 25},
-    run,
-)
 
 
 def random_sizes(bench: Bench) -> Sizes:

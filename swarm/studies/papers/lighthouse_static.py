@@ -20,7 +20,7 @@ from estimators.lighthouse.dop import dilution, image_dilution
 from estimators.lighthouse.pnp import PoseSolution, refine_projections
 from swarm import figures
 from swarm.studies.papers.bench import Bench, Motion
-from swarm.studies.papers.experiment import LIGHTHOUSE, Columns, Experiment, Line, Outcome, Request, data, span, under
+from swarm.studies.papers.experiment import Columns, Line, Outcome, Request, data, span, under
 from swarm.world.motion.pointing import facing
 
 TABLE_M = ((-1.5, 1.5), (0.4, 0.4), (1.0, 4.0))
@@ -77,15 +77,6 @@ def run(request: Request) -> Outcome:
     if ambiguous:
         notes.append(f"{ambiguous} poses more stayed ambiguous (two poses fit the angles) and were drawn anew.")
     return Outcome(_compare(results), data(_columns(results)), _draw(results), tuple(notes))
-
-
-EXPERIMENT = Experiment(
-    LIGHTHOUSE,
-    "figure 5",
-    "precision at rest, predicted by ADOP and PDOP against measured",
-    {"poses": 50, "frames": 3600},
-    run,
-)
 
 
 def _draw_pose(bench: Bench, rng: np.random.Generator) -> Pose:

@@ -21,7 +21,8 @@ from rich.text import Text
 from swarm.figures import save
 from swarm.results.owned_folder import Contents, OwnedFolder
 from swarm.results.parquet import write_table
-from swarm.studies.papers.experiment import Experiment, Limits, Line, Outcome, Request, Value
+from swarm.studies.papers.catalogue import Experiment
+from swarm.studies.papers.experiment import Limits, Line, Outcome, Request, Value
 from swarm.tables import table
 from swarm.version import VERSION
 

@@ -19,7 +19,7 @@ from estimators.stereo.triangulation import Rig, triangulate
 from estimators.stereo.vector_attitude import minimum_norm
 from swarm import figures
 from swarm.studies.papers import stereo
-from swarm.studies.papers.experiment import STEREO, Experiment, Line, Outcome, Request, data, under
+from swarm.studies.papers.experiment import Line, Outcome, Request, data, under
 
 POSITION_M, ATTITUDE_DEG = 1e-12, 1e-10
 
@@ -59,11 +59,6 @@ def run(request: Request) -> Outcome:
         }
     )
     return Outcome([*lines, *_lights(poses, uv, rig)], table, _draw(poses, size), (note,))
-
-
-EXPERIMENT = Experiment(
-    STEREO, "figure 3", "the closed form's own accuracy, exact images (poses: per metre)", {"poses": 512}, run
-)
 
 
 def _lights(poses: stereo.Poses, uv: Floats, rig: Rig) -> list[Line]:

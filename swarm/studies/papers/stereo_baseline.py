@@ -15,7 +15,7 @@ from estimators.stereo.precision import plane_point
 from estimators.stereo.triangulation import triangulate
 from swarm import figures
 from swarm.studies.papers import stereo
-from swarm.studies.papers.experiment import STEREO, Columns, Experiment, Line, Outcome, Request, data, rms, span, under
+from swarm.studies.papers.experiment import Columns, Line, Outcome, Request, data, rms, span, under
 
 DISTANCE_M = 10.0
 BASELINES_M = (0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5)
@@ -51,15 +51,6 @@ def run(request: Request) -> Outcome:
         "length, over the whole stretch: near the axis (24) gives sqrt(2) Z^2 sigma / (f b)."
     )
     return Outcome(lines, data(_columns(settings)), _draw(baseline, focal), (note,))
-
-
-EXPERIMENT = Experiment(
-    STEREO,
-    "section 2.2",
-    "error against baseline and focal length, (16) to (24) over the measured",
-    {"draws": 20000},
-    run,
-)
 
 
 def _measure(baseline_m: float, focal_m: float, draws: int, rng: np.random.Generator) -> Setting:

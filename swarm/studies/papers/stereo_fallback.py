@@ -23,7 +23,7 @@ from swarm.flight.flight import Flight
 from swarm.onboard.ccd import CcdState
 from swarm.results.summary import consistency
 from swarm.scenario import Scenario, load
-from swarm.studies.papers.experiment import STEREO, Columns, Experiment, Line, Outcome, Request, data, span, under
+from swarm.studies.papers.experiment import Columns, Line, Outcome, Request, data, span, under
 
 SCENARIO, CHASER, TARGET = "ccd-docking", 0, 1
 MOST_SIGMA = 3.0
@@ -80,11 +80,6 @@ def run(request: Request) -> Outcome:
     accepted = np.concatenate([f.accepted for f in flown])
     lines += under("The gate", Line("poses taken in", "", None, float(accepted.mean())))
     return Outcome(lines, data(_columns(flown)), _draw(flown))
-
-
-EXPERIMENT = Experiment(
-    STEREO, "section 2", "the backup camera fails and comes back: jumps, and the filter's NEES", {"runs": 8}, run
-)
 
 
 def _fly(request: Request, number: int, scenario: Scenario) -> Flown:

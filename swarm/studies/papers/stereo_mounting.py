@@ -12,7 +12,7 @@ from estimators.stereo.cameras import refine_cameras
 from estimators.stereo.closed_form import stereo_pose
 from swarm import figures
 from swarm.studies.papers import stereo
-from swarm.studies.papers.experiment import STEREO, Columns, Experiment, Line, Outcome, Request, data, span, under
+from swarm.studies.papers.experiment import Columns, Line, Outcome, Request, data, span, under
 
 MISPLACED_M = 1e-3
 AXES = ("x, outward", "y, along the circle", "z, out of its plane")
@@ -48,11 +48,6 @@ def run(request: Request) -> Outcome:
         "pose, whatever its distance and attitude."
     )
     return Outcome(lines, data(columns), _draw(largest, fitted), (note,))
-
-
-EXPERIMENT = Experiment(
-    STEREO, "figure 4", "a light 1 mm off its place: error against distance (poses: per metre)", {"poses": 512}, run
-)
 
 
 def _by_metre(poses: stereo.Poses, rotation: Floats, position: Floats) -> Floats:

@@ -19,7 +19,7 @@ from estimators.stereo.precision import plane_point
 from estimators.stereo.triangulation import Rig, triangulate
 from swarm import figures
 from swarm.studies.papers import stereo
-from swarm.studies.papers.experiment import STEREO, Columns, Experiment, Line, Outcome, Request, data, rms, span, under
+from swarm.studies.papers.experiment import Columns, Line, Outcome, Request, data, rms, span, under
 
 NOISE = stereo.IMAGE_NOISE_M / stereo.FOCAL_M
 WITHIN = (0.95, 1.05)
@@ -56,15 +56,6 @@ def run(request: Request) -> Outcome:
         "marker's tilt then hangs on depths. The raised light shows it sideways, which the fit to the images uses."
     )
     return Outcome(_compare(table), data(_columns(table)), _draw(table), (note,))
-
-
-EXPERIMENT = Experiment(
-    STEREO,
-    "figure 5",
-    "1 um (3 sigma): measured against propagated error (poses: per metre)",
-    {"poses": 512, "draws": 20},
-    run,
-)
 
 
 def _measure(poses: stereo.Poses, draws: int, rig: Rig, rng: np.random.Generator) -> Table:

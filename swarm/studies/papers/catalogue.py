@@ -1,0 +1,76 @@
+"""The catalogue of the papers' experiments: names, sources and sizes, without what runs them.
+
+Listing them imports nothing heavy. An experiment is one entry here and one module of this package, whose name is the
+entry's with underscores, with a function `run(request) -> Outcome` (`swarm.studies.papers.experiment`).
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+LIGHTHOUSE = "Chen et al., lighthouse"
+STEREO = "Zhang et al., binocular CCD"
+LIDAR = "Feng et al., LiDAR"
+
+
+class Experiment(NamedTuple):
+    """One experiment of a paper.
+
+    source, figure: the paper, and the figure or table there. about: one line. sizes: what makes the experiment smaller,
+    by the name of the command line's option, with the full experiment's value. seed: of every random draw.
+    """
+
+    source: str
+    figure: str
+    about: str
+    sizes: Mapping[str, int]
+    seed: int = 1
+
+
+EXPERIMENTS: dict[str, Experiment] = {
+    "lighthouse-static": Experiment(
+        LIGHTHOUSE,
+        "figure 5",
+        "precision at rest, predicted by ADOP and PDOP against measured",
+        {"poses": 50, "frames": 3600},
+    ),
+    "lighthouse-dynamic": Experiment(
+        LIGHTHOUSE, "table 2", "accuracy in the hand, error by error, and what removes it", {"runs": 10, "seconds": 30}
+    ),
+    "lighthouse-error-budget": Experiment(
+        LIGHTHOUSE, "table 1", "what every source of error contributes, at rest and moving", {"draws": 400, "poses": 25}
+    ),
+    "stereo-accuracy": Experiment(
+        STEREO, "figure 3", "the closed form's own accuracy, exact images (poses: per metre)", {"poses": 512}
+    ),
+    "stereo-mounting": Experiment(
+        STEREO, "figure 4", "a light 1 mm off its place: error against distance (poses: per metre)", {"poses": 512}
+    ),
+    "stereo-noise": Experiment(
+        STEREO,
+        "figure 5",
+        "1 um (3 sigma): measured against propagated error (poses: per metre)",
+        {"poses": 512, "draws": 20},
+    ),
+    "stereo-baseline": Experiment(
+        STEREO,
+        "section 2.2",
+        "error against baseline and focal length, (16) to (24) over the measured",
+        {"draws": 20000},
+    ),
+    "stereo-fallback": Experiment(
+        STEREO, "section 2", "the backup camera fails and comes back: jumps, and the filter's NEES", {"runs": 8}
+    ),
+    "lidar-acquisition": Experiment(
+        LIDAR,
+        "figure 5",
+        "attitude from one scan: on the turntable, and from any attitude",
+        {"poses": 125, "draws": 1000},
+    ),
+    "lidar-tracking": Experiment(
+        LIDAR, "figure 6", "tracking random turns, with and without accumulation", {"runs": 5, "frames": 25}
+    ),
+    "lidar-turn": Experiment(
+        LIDAR, "figure 7", "tracking through a full turn, with and without accumulation", {"poses": 72}
+    ),
+}
+"""Every experiment by its name, in the order of the papers."""
