@@ -32,6 +32,10 @@ class Own(NamedTuple):
     nis: Floats
     sensor: np.ndarray
 
+    @property
+    def state(self) -> State:
+        return State(self.rotation, self.position, self.velocity, self.angular_rate)
+
 
 def own() -> Any:
     turn = np.stack([np.eye(3), rot.exp(np.array([0, 0, np.pi / 2])), np.full((3, 3), np.nan)])
