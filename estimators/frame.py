@@ -24,7 +24,7 @@ class Frame:
 
     @cached_property
     def is_world(self) -> bool:
-        """Whether the frame is the world's own."""
+        """True if the frame is the world's own."""
         return bool(np.array_equal(self.rotation, np.eye(3)) and not self.position.any())
 
     def poses_into(self, position: Floats, quaternion: Floats) -> tuple[Floats, Floats]:

@@ -42,7 +42,7 @@ def formula(function: Callable[P, R]) -> Callable[P, R]:
 
 
 class _Cache(FunctionCache):
-    """What numba's `cache=True` installs, with keys that know what a kernel is made of."""
+    """The cache that numba's `cache=True` installs, with keys that know what a kernel is made of."""
 
     @cached_property
     def _digest(self) -> str:

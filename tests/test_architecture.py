@@ -48,3 +48,18 @@ def test_the_loop_is_quoted_as_it_is(method: str) -> None:
 def test_a_record_is_where_the_page_says(record: str, file: str) -> None:
     names = {node.name for node in ast.parse((ROOT / file).read_text()).body if isinstance(node, ast.ClassDef)}
     assert record in names
+
+
+def test_no_function_is_longer_than_a_screen() -> None:
+    """60 lines with the docstring; a kernel is one loop, and may be longer."""
+    found = [
+        f"{file.relative_to(ROOT)}:{node.lineno} {node.name}"
+        for package in ("swarm", "estimators")
+        for file in (ROOT / package).rglob("*.py")
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if isinstance(node, ast.FunctionDef)
+        and node.end_lineno is not None
+        and node.end_lineno - node.lineno >= 60
+        and not any(ast.unparse(one).startswith("kernel") for one in node.decorator_list)
+    ]
+    assert not found

@@ -60,6 +60,6 @@ class Computer:
             signals: all signals that the craft receive; the pulses are not used.
             command: orders of the craft to their actuators for the period.
         """
-        estimate = self.navigator.step(angles, signals.images, command)
+        estimate = self.navigator.step(angles, signals, command)
         scans = self.inspection.step(signals.scans, estimate, signals.epoch_s)
         return Known(angles, self.inspection.into(estimate), scans)

@@ -23,7 +23,7 @@ from estimators.lighthouse.dop import Dilution
 from estimators.lighthouse.pnp import PoseSolution
 from estimators.state import State
 from swarm.hardware import Photodiodes
-from swarm.messages import Command, LightImages
+from swarm.messages import Command, Signals
 from swarm.onboard.ccd import CameraFix, CcdCalibration, CcdFix
 from swarm.onboard.decoder import SweepAngles
 from swarm.onboard.integrity import Integrity
@@ -102,12 +102,12 @@ class Navigator:
         self.tracks.forget(mask)
         self._light.forget(mask)
 
-    def step(self, angles: SweepAngles, images: LightImages | None = None, command: Command | None = None) -> Estimate:
+    def step(self, angles: SweepAngles, signals: Signals | None = None, command: Command | None = None) -> Estimate:
         """Advance every craft by one lighthouse period, to the epoch of `angles`.
 
         Args:
             angles: sweep angles from every craft's decoder.
-            images: images at the epoch; required if any craft has cameras.
+            signals: the other signals that the craft receive; required if any craft has cameras.
             command: orders of the craft to their actuators for this period, from its beginning to its end.
         """
         tracks = self.tracks
@@ -115,8 +115,8 @@ class Navigator:
         light, fix = self._light.find(angles, tracks)
         fixes, taken = [fix], [tracks.take_in(fix)]
         seen = None
-        if images is not None:
-            seen, fix = self._cameras.find(images, tracks)
+        if signals is not None and signals.images is not None:
+            seen, fix = self._cameras.find(signals.images, tracks)
             fixes.append(fix)
             taken.append(tracks.take_in(fix))
             seen = seen._replace(nis=taken[-1].nis)

@@ -78,7 +78,13 @@ def html(page: Page) -> str:
 
 
 def prose(template: str, block: str, **values: Any) -> list[str]:
-    """Return the paragraphs of one block of a template of plain text, filled with `values`."""
+    """Return the paragraphs of one block of a template of plain text.
+
+    Args:
+        template: File name of the template.
+        block: Name of the block.
+        **values: Values that the block fills in, by name.
+    """
     found = _environment(autoescape=False).get_template(template)
     text = "".join(found.blocks[block](found.new_context(values)))
     return [" ".join(paragraph.split()) for paragraph in text.split("\n\n") if paragraph.strip()]

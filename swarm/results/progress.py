@@ -1,4 +1,4 @@
-"""How far a run is, told while it flies."""
+"""The progress of a run, told while it flies."""
 
 from typing import NamedTuple
 

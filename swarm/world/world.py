@@ -161,6 +161,13 @@ class World:
         if orbit is not None:
             self._begin_in_orbit(orbit, timestep_s)
 
+        self._read_models(craft)
+        with quiet():
+            mujoco.mj_forward(self.model, self._data)
+        self._check_overlap()
+
+    def _read_models(self, craft: Sequence[CraftStart]) -> None:
+        """Set the properties of the craft and of what is mounted on them."""
         self.mass: Floats = np.array([model.mass for model in self._models])
         self.com_m: Floats = np.array([model.com_m for model in self._models]).reshape(-1, 3)
         self.inertia: Floats = np.array([model.inertia for model in self._models]).reshape(-1, 3, 3)
@@ -175,9 +182,6 @@ class World:
         self.thrusters = tuple(model.thrusters for model in self._models)
         self.wheels = tuple(model.wheels for model in self._models)
         self.ports = tuple(model.port for model in self._models)
-        with quiet():
-            mujoco.mj_forward(self.model, self._data)
-        self._check_overlap()
 
     def visuals(self, craft: int) -> tuple[Visual, ...]:
         """Return the drawn parts of a craft, in its body frame; the same object for every craft of one model."""
