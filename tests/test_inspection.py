@@ -32,6 +32,12 @@ class Own(NamedTuple):
     nis: Floats
     sensor: np.ndarray
 
+    @property
+    def state(self) -> State:
+        return State(
+            rotation=self.rotation, position=self.position, velocity=self.velocity, angular_rate=self.angular_rate
+        )
+
 
 def own() -> Any:
     turn = np.stack([np.eye(3), rot.exp(np.array([0, 0, np.pi / 2])), np.full((3, 3), np.nan)])
