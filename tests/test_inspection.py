@@ -34,7 +34,9 @@ class Own(NamedTuple):
 
     @property
     def state(self) -> State:
-        return State(self.rotation, self.position, self.velocity, self.angular_rate)
+        return State(
+            rotation=self.rotation, position=self.position, velocity=self.velocity, angular_rate=self.angular_rate
+        )
 
 
 def own() -> Any:

@@ -18,7 +18,9 @@ DOCS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT
 
 def snippets(language: str) -> list[tuple[str, str]]:
     fence = re.compile(rf"^```{language}\n(.*?)^```", re.MULTILINE | re.DOTALL)
-    return [(str(page.relative_to(ROOT)), text) for page in DOCS for text in fence.findall(page.read_text("utf-8"))]
+    # The architecture page quotes the program's own code, which test_architecture holds to it.
+    pages = [page for page in DOCS if page.name != "architecture.md"]
+    return [(str(page.relative_to(ROOT)), text) for page in pages for text in fence.findall(page.read_text("utf-8"))]
 
 
 def test_it_has_two_commands_that_start_from_nothing():
