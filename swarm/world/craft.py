@@ -19,7 +19,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from estimators.arrays import Floats
+from estimators.arrays import Floats, Ints
 from estimators.rotation import matrix_from_quaternion
 from swarm.errors import SwarmError
 from swarm.hardware import Cameras, Lights, Port, Thrusters, Wheels
@@ -28,6 +28,7 @@ from swarm.world.docking import port_of
 from swarm.world.mesh_file import SUFFIXES, mesh_spec
 from swarm.world.optics import cameras_of, lights_of
 from swarm.world.propulsion import thrusters_of, wheels_of
+from swarm.world.rays import opaque
 
 LEAST_PHOTODIODES = 4
 """Smallest number of photodiodes for PnP (section 2 of source 1)."""
@@ -66,6 +67,7 @@ class CraftModel(NamedTuple):
     inertia: inertia about the centre of mass, (3, 3) [kg m^2].
     point_m, normal: photodiodes in the order of the sites' numbers, (K, 3) [m] and (K, 3).
     visuals: drawn parts.
+    surfaces: all that rays meet, drawn or not; triangles in the body frame [m], facing outward.
     cameras, lights, thrusters, wheels: other hardware, empty where the file has none.
     port: docking port; None without one.
     """
@@ -79,6 +81,7 @@ class CraftModel(NamedTuple):
     point_m: Floats
     normal: Floats
     visuals: tuple[Visual, ...]
+    surfaces: tuple[shapes.Mesh, ...]
     lidar: tuple[Floats, Floats] | None
     """Frame of the scanner: rotation R_b_s (3, 3) and position (3,) [m]; None without one."""
     cameras: Cameras
@@ -106,6 +109,7 @@ def _load_version(path: Path, modified_ns: int) -> CraftModel:
         model.site_pos[sites].copy(),
         matrix_from_quaternion(model.site_quat[sites])[:, :, 2],
         visuals_of(model),
+        tuple(part.mesh for part in surfaces_of(model)),
         _lidar_site(model),
         cameras_of(model, path),
         lights_of(model),
@@ -187,6 +191,8 @@ def rigid(path: Path, free: bool = True) -> tuple[mujoco.MjSpec, mujoco.MjModel]
             if len(roots) != 1:
                 names = ", ".join(repr(body.name) for body in roots) or "none"
                 raise SwarmError(f"{path}: exactly one root body is needed, found {len(roots)} ({names})")
+            # By default MuJoCo keeps geoms that do not collide; a file may ask otherwise, but light meets them.
+            spec.compiler.discardvisual = False
             spec.compile()
             return spec, _fuse(spec, path, free)
     except ValueError as error:
@@ -236,8 +242,17 @@ def visuals_of(model: mujoco.MjModel) -> tuple[Visual, ...]:
     """Return the drawn parts of body 1 of a model, in its frame."""
     geoms = np.flatnonzero(model.geom_bodyid == 1)
     drawn = geoms[model.geom_group[geoms] < DRAWN_GROUPS]
+    return _parts(model, drawn if len(drawn) else geoms)
+
+
+def surfaces_of(model: mujoco.MjModel) -> tuple[Visual, ...]:
+    """Return the parts of body 1 of a model that rays meet (`swarm.world.rays`), in its frame."""
+    return _parts(model, np.flatnonzero((model.geom_bodyid == 1) & opaque(model)))
+
+
+def _parts(model: mujoco.MjModel, geoms: Ints) -> tuple[Visual, ...]:
     parts = []
-    for geom in drawn if len(drawn) else geoms:
+    for geom in geoms:
         mesh = _mesh(model, int(geom))
         if mesh is None:
             continue
