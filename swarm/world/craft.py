@@ -25,7 +25,7 @@ from swarm.errors import SwarmError
 from swarm.hardware import Cameras, Lights, Port, Thrusters, Wheels
 from swarm.world import shapes
 from swarm.world.docking import port_of
-from swarm.world.mesh_file import SUFFIXES, mesh_spec
+from swarm.world.mesh_file import SUFFIXES, check_faces, mesh_spec, read_named_meshes
 from swarm.world.optics import cameras_of, lights_of
 from swarm.world.propulsion import thrusters_of, wheels_of
 from swarm.world.rays import opaque
@@ -193,8 +193,11 @@ def rigid(path: Path, free: bool = True) -> tuple[mujoco.MjSpec, mujoco.MjModel]
                 raise SwarmError(f"{path}: exactly one root body is needed, found {len(roots)} ({names})")
             # By default MuJoCo keeps geoms that do not collide; a file may ask otherwise, but light meets them.
             spec.compiler.discardvisual = False
+            read_named_meshes(spec)
             spec.compile()
-            return spec, _fuse(spec, path, free)
+            model = _fuse(spec, path, free)
+            check_faces(spec, model)
+            return spec, model
     except ValueError as error:
         raise SwarmError(f"{path} does not compile: {' '.join(str(error).split())}") from None
 

@@ -29,7 +29,7 @@ SLACK = 1e-6
 
 
 class Hits(NamedTuple):
-    """What N rays meet first.
+    """First hits of N rays.
 
     distance: distance along the unit direction, (N,) [m]; -1 where nothing is met.
     geom: number of the geom, (N,); -1 where nothing is met.
