@@ -25,13 +25,18 @@ from swarm.errors import SwarmError
 from swarm.hardware import Cameras, Lights, Port, Thrusters, Wheels
 from swarm.world import shapes
 from swarm.world.docking import port_of
-from swarm.world.mesh_file import SUFFIXES, check_faces, mesh_spec, read_named_meshes
+from swarm.world.mesh_file import check_faces, read_named_meshes
+from swarm.world.model_file import check_one_body, open_model
 from swarm.world.optics import cameras_of, lights_of
 from swarm.world.propulsion import thrusters_of, wheels_of
 from swarm.world.rays import opaque
 
 LEAST_PHOTODIODES = 4
 """Smallest number of photodiodes for PnP (section 2 of source 1)."""
+SAME_PLACE_M = 1e-5
+"""Photodiodes nearer to each other, or to a common line, than this are at one place, or on the line [m]."""
+FARTHEST_M = 1e4
+"""Largest coordinate of a part of a craft [m]."""
 FREE_JOINT = "free"
 """Name, without the craft's prefix, of the joint that the loader gives every craft."""
 LIDAR_SITE = "lidar"
@@ -128,15 +133,38 @@ def load_craft(path: Path, passive: bool = False) -> CraftModel:
 
     Raises:
         SwarmError: The file does not exist, MuJoCo does not compile it (with its message), it has not exactly one root
-            body, a joint moves a part of the craft, or it has fewer than four photodiodes.
+            body, a joint moves a part of the craft, or its photodiodes are fewer than four, at fewer than four
+            places, on one line, or nowhere.
     """
     craft = _load_version(path.resolve(), _modified_ns(path))
-    if not passive and len(craft.point_m) < LEAST_PHOTODIODES:
-        raise SwarmError(
-            f"{path}: {len(craft.point_m)} photodiodes (sites whose name starts with 'photodiode'), at least "
-            f"{LEAST_PHOTODIODES} are needed for a pose; a craft that does not cooperate is passive = true"
-        )
+    if not passive:
+        _check_layout(craft.point_m, path)
     return craft
+
+
+def _check_layout(point_m: Floats, path: Path) -> None:
+    """Raise SwarmError where photodiodes at `point_m` (K, 3) [m] never determine a pose, whatever is lit."""
+    advice = "a craft that does not cooperate is passive = true"
+    if len(point_m) < LEAST_PHOTODIODES:
+        raise SwarmError(
+            f"{path}: {len(point_m)} photodiodes (sites whose name starts with 'photodiode'), at least "
+            f"{LEAST_PHOTODIODES} are needed for a pose; {advice}"
+        )
+    apart = np.linalg.norm(point_m[:, None] - point_m, axis=2) > SAME_PLACE_M
+    # Each photodiode that is not where an earlier one is.
+    places = np.count_nonzero([row[:i].all() for i, row in enumerate(apart)])
+    across = np.linalg.svd(point_m - point_m.mean(axis=0), compute_uv=False)[1]
+    where = "at one point" if places == 1 else "on one line" if across < SAME_PLACE_M else ""
+    if where:
+        raise SwarmError(
+            f"{path}: all {len(point_m)} photodiodes are {where} (within {1e3 * SAME_PLACE_M:g} mm): such a layout "
+            f"never determines a pose; {advice}"
+        )
+    if places < LEAST_PHOTODIODES:
+        raise SwarmError(
+            f"{path}: {len(point_m)} photodiodes, but at {places} places only: at least {LEAST_PHOTODIODES} different "
+            f"places are needed for a pose; {advice}"
+        )
 
 
 def load_static(path: Path) -> tuple[mujoco.MjSpec, FilePose]:
@@ -186,17 +214,15 @@ def rigid(path: Path, free: bool = True) -> tuple[mujoco.MjSpec, mujoco.MjModel]
     """
     try:
         with quiet():
-            spec = mesh_spec(path) if path.suffix.lower() in SUFFIXES else mujoco.MjSpec.from_file(str(path))
-            roots = spec.worldbody.bodies
-            if len(roots) != 1:
-                names = ", ".join(repr(body.name) for body in roots) or "none"
-                raise SwarmError(f"{path}: exactly one root body is needed, found {len(roots)} ({names})")
+            spec = open_model(path)
+            check_one_body(spec, path)
             # By default MuJoCo keeps geoms that do not collide; a file may ask otherwise, but light meets them.
             spec.compiler.discardvisual = False
             read_named_meshes(spec)
             spec.compile()
             model = _fuse(spec, path, free)
             check_faces(spec, model)
+            _check_numbers(model, path)
             return spec, model
     except ValueError as error:
         raise SwarmError(f"{path} does not compile: {' '.join(str(error).split())}") from None
@@ -221,6 +247,20 @@ def _fuse(spec: mujoco.MjSpec, path: Path, free: bool) -> mujoco.MjModel:
     if model.nbody != 2:
         raise SwarmError(f"{path}: body {model.body(2).name!r} cannot be fused with the root body")
     return model
+
+
+def _check_numbers(model: mujoco.MjModel, path: Path) -> None:
+    """Raise SwarmError for a site, geom or camera whose place MuJoCo takes although it is no place at all."""
+    elements = ((model.site, model.site_pos), (model.geom, model.geom_pos), (model.cam, model.cam_pos))
+    for element, position in elements:
+        wrong = ~(np.abs(position) <= FARTHEST_M).all(axis=1)
+        if wrong.any():
+            one = element(int(np.argmax(wrong)))
+            kind = type(one).__name__.strip("_").removeprefix("MjModel").removesuffix("Views").lower()
+            place = " ".join(f"{value:g}" for value in one.pos)
+            raise SwarmError(f"{path}: {kind} {one.name!r}: pos = {place!r}: must be within {FARTHEST_M:g} m")
+    if not (np.isfinite(model.body_mass).all() and np.isfinite(model.body_inertia).all()):
+        raise SwarmError(f"{path}: mass or inertia is not finite: {model.body_mass[1]:g} kg, {model.body_inertia[1]}")
 
 
 def photodiode_sites(model: mujoco.MjModel) -> list[int]:
