@@ -27,7 +27,7 @@ def main() -> None:
     visibility, world = c.flight.sensors.visibility, c.flight.world
     position, quaternion = c.truth.position, c.truth.quaternion
     state = visibility.state(position, quaternion)
-    data = visibility._placed_data(position, quaternion)
+    data = visibility._placed_rays(position, quaternion)._data
     who, photodiode = np.nonzero(state != Sight.OUTSIDE)
     point = matrix_from_quaternion(quaternion[who]) @ visibility._photodiodes.point_m[who, photodiode, :, None]
     point = point[..., 0] + position[who]

@@ -1,4 +1,4 @@
-"""A LiDAR that spins: lines of rays, cast through MuJoCo at everything that is there while everything moves.
+"""A LiDAR that spins: lines of rays, cast at everything that is there while everything moves.
 
 The scanner's frame s sits on the craft (site `lidar`), z along the spin axis. Ray (i, j) of line i and step j has
 
@@ -7,7 +7,8 @@ The scanner's frame s sits on the craft (site `lidar`), z along the spin axis. R
 
 and all lines of a step fire at once. The world is looked at in the middle of each physics step, so that a scan takes as
 long as it takes, of the target as of the scanner. A ray is bent by the angular jitter, meets the first surface of any
-craft or of the lighthouse (`mj_multiRay`: meshes by their triangles, the own craft too), and returns with probability
+craft or of the lighthouse (`swarm.world.rays`: meshes by their triangles, the own craft too), and returns with
+probability
 
     (1 - dropout) (1 - (incidence / incidence_max)^8) (1 - (range / range_max)^8)
 
@@ -26,6 +27,7 @@ from swarm import random, scenario
 from swarm.messages import LidarPattern, LidarScan
 from swarm.random import Purpose
 from swarm.units import si
+from swarm.world.rays import Rays
 from swarm.world.world import PeriodTruth
 
 STEEPNESS = 8
@@ -56,8 +58,7 @@ class Lidar:
 
         keys: a number for each mount that its random draws go by.
         """
-        self._model, self._data = model, mujoco.MjData(model)
-        self._address = np.array([model.jnt_qposadr[model.body_jntadr[body]] for body in craft_bodies])
+        self._rays = Rays(model, craft_bodies)
         settings = si(table)
         self.mounts, self.settings = tuple(mounts), settings
         self._seed, self._keys = seed, list(keys)
@@ -96,7 +97,7 @@ class Lidar:
             # Half a nanosecond of slack, so that rounding never moves a ray into the next step.
             while (due := self._due(end_s - 5e-10)) > self._fired:
                 if not placed:
-                    self._place(position, quaternion)
+                    self._rays.place(position, quaternion)
                     placed = True
                 for i in range(len(self.mounts)):
                     self._fire(i, slice(self._fired, due), position, quaternion)
@@ -111,7 +112,7 @@ class Lidar:
         """Return a whole scan of every mount with all craft at rest at `position` (C, 3) [m], `quaternion` (C, 4)
         wxyz.
         """
-        self._place(position, quaternion)
+        self._rays.place(position, quaternion)
         for i in range(len(self.mounts)):
             self._fire(i, slice(0, len(self._direction)), position, quaternion)
         return [scan for scan in self._complete() if scan is not None]
@@ -130,11 +131,6 @@ class Lidar:
         self._scan, self._fired = self._scan + 1, 0
         return scans
 
-    def _place(self, position: Floats, quaternion: Floats) -> None:
-        self._data.qpos[self._address[:, None] + np.arange(3)] = position
-        self._data.qpos[self._address[:, None] + np.arange(3, 7)] = quaternion
-        mujoco.mj_kinematics(self._model, self._data)
-
     def _fire(self, mount: int, rays: slice, position: Floats, quaternion: Floats) -> None:
         s, where = self.settings, self.mounts[mount]
         body = matrix_from_quaternion(quaternion[where.craft])
@@ -145,23 +141,9 @@ class Lidar:
         bent /= np.linalg.norm(bent, axis=1, keepdims=True)
         noise, luck = rng.standard_normal(len(meant)), rng.random(len(meant))
         direction = np.ascontiguousarray(bent @ (body @ where.rotation).T)
-        geom, hit, normal = np.empty(len(meant), dtype=np.int32), np.empty(len(meant)), np.empty(3 * len(meant))
-        mujoco.mj_multiRay(
-            self._model,
-            self._data,
-            pnt=origin,
-            vec=direction.ravel(),
-            geomgroup=None,
-            flg_static=True,
-            bodyexclude=-1,
-            geomid=geom,
-            dist=hit,
-            normal=normal,
-            nray=len(meant),
-            cutoff=s.range_max_m,
-        )
+        hit, _, normal = self._rays.cast(origin, direction, reach_m=s.range_max_m)
         found = (hit >= 0) & (hit <= s.range_max_m)
-        cosine = np.abs(np.sum(normal.reshape(-1, 3) * direction, axis=1))
+        cosine = np.abs(np.sum(normal * direction, axis=1))
         incidence = np.arccos(np.clip(np.where(found, cosine, 1.0), 0.0, 1.0))
         chance = (
             (1 - s.dropout_probability)

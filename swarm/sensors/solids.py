@@ -17,6 +17,7 @@ import numpy as np
 
 from estimators.arrays import Floats, Ints
 from swarm.sensors.hits import BOX, CAPSULE, CYLINDER, ELLIPSOID, HULL, OTHER
+from swarm.world.rays import opaque
 
 FLAT = 1e-6
 """Tolerance on a vertex above a face's plane, relative to the mesh's size: vertices are stored in single precision."""
@@ -86,7 +87,7 @@ def read_solids(model: mujoco.MjModel, craft_bodies: Sequence[int] | Ints, light
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     owner = _owners(model, craft_bodies)
-    seen = np.flatnonzero((model.geom_bodyid != lighthouse_body) & _opaque(model))
+    seen = np.flatnonzero((model.geom_bodyid != lighthouse_body) & opaque(model))
     owner_of = owner[model.geom_bodyid[seen]]
     seen = seen[np.argsort(owner_of, kind="stable")]
     start = np.searchsorted(np.sort(owner_of), np.arange(len(craft_bodies) + 2))
@@ -118,15 +119,6 @@ def _owners(model: mujoco.MjModel, craft_bodies: Sequence[int] | Ints) -> Ints:
     for body in range(1, model.nbody):
         owner[body] = number.get(body, owner[model.body_parentid[body]])
     return owner
-
-
-def _opaque(model: mujoco.MjModel) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Return a mask of the geoms that `mj_ray` sees: a material's transparency overrides the geom's own."""
-    alpha = model.geom_rgba[:, 3].copy()
-    with_material = model.geom_matid >= 0
-    alpha[with_material] = model.mat_rgba[model.geom_matid[with_material], 3]
-    opaque: np.ndarray[tuple[int], np.dtype[np.bool_]] = alpha != 0
-    return opaque
 
 
 def _in_body(model: mujoco.MjModel, data: mujoco.MjData, geoms: Ints, root: int) -> tuple[Floats, Floats]:
@@ -161,10 +153,10 @@ def _solid(
                 plane = np.column_stack([normal, local[:, 3] - normal @ position])
                 centre, radius = _sphere_around(_triangles(model, mesh)[0])
                 return _Solid(HULL, size, position, rotation, position + rotation @ centre, radius, plane)
-        # The geom's own bounding box; a geom without one (such as a plane) leaves every ray to MuJoCo.
+        # The geom's own bounding box, thickened where it is flat; a plane has none and leaves every ray to MuJoCo.
         box = model.geom_aabb[geom]
-        bounded = radius > 0 and bool(np.all(box[3:] > 0))
-        size = box[3:] * (1 + FLAT) + FLAT if bounded else np.full(3, np.inf)
+        bounded = radius > 0 and model.geom_type[geom] != _SHAPE.mjGEOM_PLANE
+        size = box[3:] + FLAT * float(box[3:].max()) + FLAT if bounded else np.full(3, np.inf)
         centre = position + rotation @ box[:3] if bounded else position
         return _Solid(OTHER, size, centre, rotation, centre, float(np.linalg.norm(size)) if bounded else np.inf, none)
     return _Solid(kind, size, position, rotation, position, radius, none)

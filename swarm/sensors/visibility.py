@@ -35,6 +35,7 @@ from swarm.sensors.line_of_sight import sight_into
 from swarm.sensors.sight import Sight
 from swarm.sensors.solids import Solids, read_solids
 from swarm.units import si
+from swarm.world.rays import Rays, free_joint_address
 
 THICKNESS_M = 1e-3
 """A surface that is nearer than the photodiode by less than this does not shade it [m]."""
@@ -77,8 +78,10 @@ class Visibility:
         self._photodiodes = photodiodes
         self._lighthouse_body = lighthouse_body
         self._limits, self._frame = si(station), frame
-        self._address = np.array([_free_joint_address(model, int(body)) for body in craft_bodies], dtype=np.int64)
-        craft = len(self._address)
+        for body in craft_bodies:
+            free_joint_address(model, int(body))
+        self._craft_bodies = np.asarray(craft_bodies, dtype=np.int64)
+        craft = len(craft_bodies)
         if craft != photodiodes.craft_count:
             raise ValueError(f"{craft} craft bodies, but layouts of {photodiodes.craft_count} craft")
         for body in range(lighthouse_body + 1, model.nbody):
@@ -93,7 +96,7 @@ class Visibility:
             self._placed.position[craft] = -frame.position @ frame.rotation
         self._side = min(4 * int(np.ceil(np.sqrt(craft))) + 4, MOST_CELLS)
         self._unsure = np.empty((64, 3), dtype=np.int64)
-        self._data: mujoco.MjData | None = None
+        self._rays: Rays | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -114,7 +117,7 @@ class Visibility:
 
         The craft are at `position` (C, 3) [m] with attitude `quaternion` (C, 4) wxyz.
         """
-        craft = len(self._address)
+        craft = len(self._craft_bodies)
         if position.shape != (craft, 3) or quaternion.shape != (craft, 4):
             raise ValueError(f"poses of {craft} craft needed, not {position.shape}, {quaternion.shape}")
         limits, solids, placed = self._limits, self._solids, self._placed
@@ -139,21 +142,14 @@ class Visibility:
 
         unsure: (n, 3), craft, photodiode and geom of every ray that may meet such a geom. out: (C, K), updated.
         """
-        model, data, start = self._model, self._placed_data(position, quaternion), self._frame.position
+        rays, start = self._placed_rays(position, quaternion), self._frame.position
         rotation = matrix_from_quaternion(quaternion)
         for c, k, number in unsure:
             if out[c, k] == Sight.BLOCKED:
                 continue
             point = rotation[c] @ self._photodiodes.point_m[c, k] + position[c] - start
             distance = float(np.linalg.norm(point))
-            geom, ray = int(self._geoms[number]), point / distance
-            if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
-                hit = mujoco.mj_rayMesh(model, data, geom, start, ray)
-            elif model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_HFIELD:
-                hit = mujoco.mj_rayHfield(model, data, geom, start, ray)
-            else:
-                hit = mujoco.mj_ray(model, data, start, ray, None, True, self._lighthouse_body, None)
-            if 0 <= hit < distance - THICKNESS_M:
+            if 0 <= rays.distance_to(int(self._geoms[number]), start, point / distance) < distance - THICKNESS_M:
                 out[c, k] = Sight.BLOCKED
 
     @property
@@ -182,35 +178,22 @@ class Visibility:
         """
         ray = point - origin
         distance = np.linalg.norm(ray, axis=-1)
-        count = len(point)
-        geom = np.empty(count, dtype=np.int32)
-        hit = np.empty(count)
-        mujoco.mj_multiRay(
-            self._model,
-            self._placed_data(position, quaternion),
-            pnt=origin,
-            vec=np.ascontiguousarray(ray / distance[:, None]).ravel(),
-            geomgroup=None,
-            flg_static=True,
-            bodyexclude=self._lighthouse_body if through_lighthouse else -1,
-            geomid=geom,
-            dist=hit,
-            normal=None,
-            nray=count,
-            # A surface beyond the farthest point cannot block any line.
-            cutoff=float(distance.max()),
+        # A surface beyond the farthest point cannot block any line.
+        hit = self._placed_rays(position, quaternion).cast(
+            origin,
+            ray / distance[:, None],
+            reach_m=float(distance.max(initial=0.0)),
+            without_body=self._lighthouse_body if through_lighthouse else -1,
         )
-        hidden: Bools = (hit >= 0) & (hit < distance - THICKNESS_M)
+        hidden: Bools = (hit.distance >= 0) & (hit.distance < distance - THICKNESS_M)
         return hidden
 
-    def _placed_data(self, position: Floats, quaternion: Floats) -> mujoco.MjData:
-        """Return the rays' own `MjData` with every craft's geoms moved; the rest of the scene stays in place."""
-        if self._data is None:
-            self._data = mujoco.MjData(self._model)
-        self._data.qpos[self._address[:, None] + np.arange(3)] = position
-        self._data.qpos[self._address[:, None] + np.arange(3, 7)] = quaternion
-        mujoco.mj_kinematics(self._model, self._data)
-        return self._data
+    def _placed_rays(self, position: Floats, quaternion: Floats) -> Rays:
+        """Return the rays through the scene with every craft moved; made when they are first needed."""
+        if self._rays is None:
+            self._rays = Rays(self._model, self._craft_bodies)
+        self._rays.place(position, quaternion)
+        return self._rays
 
 
 def _likely_planes(solids: Solids, photodiodes: Photodiodes) -> Ints:
@@ -226,14 +209,6 @@ def _likely_planes(solids: Solids, photodiodes: Photodiodes) -> Ints:
             height = photodiodes.point_m[c] @ solids.plane[number, :3].T + solids.plane[number, 3]
             out[c] = number[np.argmax(height, axis=1)]
     return out
-
-
-def _free_joint_address(model: mujoco.MjModel, body: int) -> int:
-    """Return the address in qpos of the free joint of `body`: 3 of position, 4 of quaternion."""
-    joint = model.body_jntadr[body]
-    if joint < 0 or model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_FREE:
-        raise ValueError(f"body {model.body(body).name!r} has no free joint")
-    return int(model.jnt_qposadr[joint])
 
 
 def _is_part_of(model: mujoco.MjModel, body: int, whole: int) -> bool:

@@ -19,18 +19,24 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from estimators.arrays import Floats
+from estimators.arrays import Floats, Ints
 from estimators.rotation import matrix_from_quaternion
 from swarm.errors import SwarmError
 from swarm.hardware import Cameras, Lights, Port, Thrusters, Wheels
 from swarm.world import shapes
 from swarm.world.docking import port_of
-from swarm.world.mesh_file import SUFFIXES, mesh_spec
+from swarm.world.mesh_file import check_faces, read_named_meshes
+from swarm.world.model_file import check_one_body, open_model
 from swarm.world.optics import cameras_of, lights_of
 from swarm.world.propulsion import thrusters_of, wheels_of
+from swarm.world.rays import opaque
 
 LEAST_PHOTODIODES = 4
 """Smallest number of photodiodes for PnP (section 2 of source 1)."""
+SAME_PLACE_M = 1e-5
+"""Photodiodes nearer to each other, or to a common line, than this are at one place, or on the line [m]."""
+FARTHEST_M = 1e4
+"""Largest coordinate of a part of a craft [m]."""
 FREE_JOINT = "free"
 """Name, without the craft's prefix, of the joint that the loader gives every craft."""
 LIDAR_SITE = "lidar"
@@ -66,6 +72,7 @@ class CraftModel(NamedTuple):
     inertia: inertia about the centre of mass, (3, 3) [kg m^2].
     point_m, normal: photodiodes in the order of the sites' numbers, (K, 3) [m] and (K, 3).
     visuals: drawn parts.
+    surfaces: all that rays meet, drawn or not; triangles in the body frame [m], facing outward.
     cameras, lights, thrusters, wheels: other hardware, empty where the file has none.
     port: docking port; None without one.
     """
@@ -79,6 +86,7 @@ class CraftModel(NamedTuple):
     point_m: Floats
     normal: Floats
     visuals: tuple[Visual, ...]
+    surfaces: tuple[shapes.Mesh, ...]
     lidar: tuple[Floats, Floats] | None
     """Frame of the scanner: rotation R_b_s (3, 3) and position (3,) [m]; None without one."""
     cameras: Cameras
@@ -106,6 +114,7 @@ def _load_version(path: Path, modified_ns: int) -> CraftModel:
         model.site_pos[sites].copy(),
         matrix_from_quaternion(model.site_quat[sites])[:, :, 2],
         visuals_of(model),
+        tuple(part.mesh for part in surfaces_of(model)),
         _lidar_site(model),
         cameras_of(model, path),
         lights_of(model),
@@ -124,15 +133,38 @@ def load_craft(path: Path, passive: bool = False) -> CraftModel:
 
     Raises:
         SwarmError: The file does not exist, MuJoCo does not compile it (with its message), it has not exactly one root
-            body, a joint moves a part of the craft, or it has fewer than four photodiodes.
+            body, a joint moves a part of the craft, or its photodiodes are fewer than four, at fewer than four
+            places, on one line, or nowhere.
     """
     craft = _load_version(path.resolve(), _modified_ns(path))
-    if not passive and len(craft.point_m) < LEAST_PHOTODIODES:
-        raise SwarmError(
-            f"{path}: {len(craft.point_m)} photodiodes (sites whose name starts with 'photodiode'), at least "
-            f"{LEAST_PHOTODIODES} are needed for a pose; a craft that does not cooperate is passive = true"
-        )
+    if not passive:
+        _check_layout(craft.point_m, path)
     return craft
+
+
+def _check_layout(point_m: Floats, path: Path) -> None:
+    """Raise SwarmError where photodiodes at `point_m` (K, 3) [m] never determine a pose, whatever is lit."""
+    advice = "a craft that does not cooperate is passive = true"
+    if len(point_m) < LEAST_PHOTODIODES:
+        raise SwarmError(
+            f"{path}: {len(point_m)} photodiodes (sites whose name starts with 'photodiode'), at least "
+            f"{LEAST_PHOTODIODES} are needed for a pose; {advice}"
+        )
+    apart = np.linalg.norm(point_m[:, None] - point_m, axis=2) > SAME_PLACE_M
+    # Each photodiode that is not where an earlier one is.
+    places = np.count_nonzero([row[:i].all() for i, row in enumerate(apart)])
+    across = np.linalg.svd(point_m - point_m.mean(axis=0), compute_uv=False)[1]
+    where = "at one point" if places == 1 else "on one line" if across < SAME_PLACE_M else ""
+    if where:
+        raise SwarmError(
+            f"{path}: all {len(point_m)} photodiodes are {where} (within {1e3 * SAME_PLACE_M:g} mm): such a layout "
+            f"never determines a pose; {advice}"
+        )
+    if places < LEAST_PHOTODIODES:
+        raise SwarmError(
+            f"{path}: {len(point_m)} photodiodes, but at {places} places only: at least {LEAST_PHOTODIODES} different "
+            f"places are needed for a pose; {advice}"
+        )
 
 
 def load_static(path: Path) -> tuple[mujoco.MjSpec, FilePose]:
@@ -182,13 +214,16 @@ def rigid(path: Path, free: bool = True) -> tuple[mujoco.MjSpec, mujoco.MjModel]
     """
     try:
         with quiet():
-            spec = mesh_spec(path) if path.suffix.lower() in SUFFIXES else mujoco.MjSpec.from_file(str(path))
-            roots = spec.worldbody.bodies
-            if len(roots) != 1:
-                names = ", ".join(repr(body.name) for body in roots) or "none"
-                raise SwarmError(f"{path}: exactly one root body is needed, found {len(roots)} ({names})")
+            spec = open_model(path)
+            check_one_body(spec, path)
+            # By default MuJoCo keeps geoms that do not collide; a file may ask otherwise, but light meets them.
+            spec.compiler.discardvisual = False
+            read_named_meshes(spec)
             spec.compile()
-            return spec, _fuse(spec, path, free)
+            model = _fuse(spec, path, free)
+            check_faces(spec, model)
+            _check_numbers(model, path)
+            return spec, model
     except ValueError as error:
         raise SwarmError(f"{path} does not compile: {' '.join(str(error).split())}") from None
 
@@ -214,6 +249,20 @@ def _fuse(spec: mujoco.MjSpec, path: Path, free: bool) -> mujoco.MjModel:
     return model
 
 
+def _check_numbers(model: mujoco.MjModel, path: Path) -> None:
+    """Raise SwarmError for a site, geom or camera whose place MuJoCo takes although it is no place at all."""
+    elements = ((model.site, model.site_pos), (model.geom, model.geom_pos), (model.cam, model.cam_pos))
+    for element, position in elements:
+        wrong = ~(np.abs(position) <= FARTHEST_M).all(axis=1)
+        if wrong.any():
+            one = element(int(np.argmax(wrong)))
+            kind = type(one).__name__.strip("_").removeprefix("MjModel").removesuffix("Views").lower()
+            place = " ".join(f"{value:g}" for value in one.pos)
+            raise SwarmError(f"{path}: {kind} {one.name!r}: pos = {place!r}: must be within {FARTHEST_M:g} m")
+    if not (np.isfinite(model.body_mass).all() and np.isfinite(model.body_inertia).all()):
+        raise SwarmError(f"{path}: mass or inertia is not finite: {model.body_mass[1]:g} kg, {model.body_inertia[1]}")
+
+
 def photodiode_sites(model: mujoco.MjModel) -> list[int]:
     """Return site indices in the order of the numbers in their names: photodiode2 before photodiode10."""
     found = []
@@ -236,8 +285,17 @@ def visuals_of(model: mujoco.MjModel) -> tuple[Visual, ...]:
     """Return the drawn parts of body 1 of a model, in its frame."""
     geoms = np.flatnonzero(model.geom_bodyid == 1)
     drawn = geoms[model.geom_group[geoms] < DRAWN_GROUPS]
+    return _parts(model, drawn if len(drawn) else geoms)
+
+
+def surfaces_of(model: mujoco.MjModel) -> tuple[Visual, ...]:
+    """Return the parts of body 1 of a model that rays meet (`swarm.world.rays`), in its frame."""
+    return _parts(model, np.flatnonzero((model.geom_bodyid == 1) & opaque(model)))
+
+
+def _parts(model: mujoco.MjModel, geoms: Ints) -> tuple[Visual, ...]:
     parts = []
-    for geom in drawn if len(drawn) else geoms:
+    for geom in geoms:
         mesh = _mesh(model, int(geom))
         if mesh is None:
             continue

@@ -1,6 +1,6 @@
 """A craft's hull: the places on its surface where a photodiode could be mounted, found on the real geometry.
 
-Body frame `b`, metres. The surface is that of every geom that is drawn and not fully transparent, as light meets it:
+Body frame `b`, metres. The surface is that of every geom that is not fully transparent, as light meets it:
 the geoms' triangles are sampled evenly by area, and a ray cast towards each sample from just outside moves it onto the
 real surface, with its true normal. A sample can carry a photodiode where the disc of its housing rests on the surface
 all around: not across an edge, in a corner, on a rod thinner than itself, or under another part. The places of the
@@ -10,13 +10,13 @@ photodiodes that the craft has already are included.
 from pathlib import Path
 from typing import NamedTuple
 
-import mujoco
 import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.rotation import matrix_from_quaternion
 from swarm.errors import SwarmError
-from swarm.world.craft import Visual, photodiode_sites, rigid, visuals_of
+from swarm.world.craft import Visual, photodiode_sites, rigid, surfaces_of, visuals_of
+from swarm.world.rays import Rays
 
 PROUD_M = 5e-4
 """Height of a photodiode's face above its surface, as on the shipped craft [m]."""
@@ -67,16 +67,15 @@ class Hull:
             self.model.site_pos[sites].reshape(-1, 3).copy(),
             matrix_from_quaternion(self.model.site_quat[sites].reshape(-1, 4))[:, :, 2],
         )
-        self._data = mujoco.MjData(self.model)
-        self._data.qpos[:] = [0, 0, 0, 1, 0, 0, 0]
-        mujoco.mj_kinematics(self.model, self._data)
+        self._rays = Rays(self.model, [self.body])
+        self._rays.place(np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]]))
 
     def mounts(self, samples: int) -> Mount:
         """Return places all over the hull, evenly by area: those of `samples` trial places that can carry a photodiode.
 
         Raises SwarmError where no photodiode fits on the craft's surface.
         """
-        point, normal = self._on_surface(*_samples(self.visuals, samples))
+        point, normal = self._on_surface(*_samples(surfaces_of(self.model), samples))
         rests = self._rests(point, normal) & self._outside(point + PROUD_M * normal, normal)
         if not rests.any() and not len(self.shipped.point_m):
             raise SwarmError(
@@ -122,18 +121,13 @@ class Hull:
 
     def _cast(self, start: Floats, direction: Floats) -> tuple[Floats, Floats]:
         """Return the distance (N,) [m], -1 for none, and the normal (N, 3) of the first surface that each ray meets."""
-        distance, normal = np.empty(len(start)), np.zeros((len(start), 3))
-        geom = np.empty(1, dtype=np.int32)
-        for i in range(len(start)):
-            distance[i] = mujoco.mj_ray(
-                self.model, self._data, start[i], direction[i], None, True, self.world_body, geom, normal[i]
-            )
-        return distance, normal
+        hits = self._rays.cast(start, direction, without_body=self.world_body)
+        return hits.distance, hits.normal
 
 
 def _samples(parts: tuple[Visual, ...], count: int) -> tuple[Floats, Floats, Floats]:
     """Return points (N, 3) evenly by area on the triangles, their normals (N, 3), and start distances of rays (N,)."""
-    seen = [part.mesh for part in parts if part.rgba[3] > 0]
+    seen = [part.mesh for part in parts]
     corner = np.concatenate([mesh.vertex[mesh.face] for mesh in seen] or [np.empty((0, 3, 3))])
     size = np.repeat([np.ptp(mesh.vertex, axis=0).max() for mesh in seen], [len(mesh.face) for mesh in seen])
     cross = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])

@@ -14,6 +14,7 @@ import mujoco
 from swarm.errors import SwarmError
 from swarm.world.craft import quiet
 from swarm.world.hull import Mount
+from swarm.world.model_file import open_model
 
 PREFIX = "photodiode"
 LOOKS = {"type": "cylinder", "size": "0.0015 0.0004", "rgba": "0.75 0.1 0.15 1"}
@@ -37,7 +38,7 @@ def refit(path: Path, mount: Mount, target: Path, about: str) -> str:
     """
     try:
         with quiet():
-            spec = mujoco.MjSpec.from_file(str(path))
+            spec = open_model(path)
             spec.compile()
             root = ElementTree.fromstring(spec.to_xml())
     except ValueError as error:

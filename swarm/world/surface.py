@@ -1,4 +1,4 @@
-"""The shape of a craft as an inspecting craft knows it: all its drawn parts as one mesh, for registration."""
+"""The shape of a craft as an inspecting craft knows it: all that a LiDAR's rays meet, as one mesh, for registration."""
 
 from functools import lru_cache
 from pathlib import Path
@@ -8,12 +8,18 @@ from numpy.typing import NDArray
 
 from estimators.arrays import Floats
 from estimators.lidar.shape import Shape
+from swarm.errors import SwarmError
 from swarm.world.craft import load_craft
 
 
 def surface(path: Path) -> tuple[Floats, NDArray[np.int32]]:
-    """Return vertices (V, 3) [m] and faces (F, 3) of a model file, in the craft's body frame. Raises SwarmError."""
-    meshes = [part.mesh for part in load_craft(path, passive=True).visuals]
+    """Return vertices (V, 3) [m] and faces (F, 3) of a model file, in the craft's body frame.
+
+    Raises SwarmError where the file is no craft, or rays meet nothing of it.
+    """
+    meshes = load_craft(path, passive=True).surfaces
+    if not meshes:
+        raise SwarmError(f"{path}: no geom, or all are fully transparent: a LiDAR has nothing to see")
     first = np.cumsum([0] + [len(mesh.vertex) for mesh in meshes])
     return (
         np.concatenate([mesh.vertex for mesh in meshes]),
