@@ -33,7 +33,7 @@ import numpy as np
 from estimators.arrays import Floats
 from estimators.lighthouse.sweep import FanErrors, from_libsurvive
 from swarm.errors import SwarmError, did_you_mean
-from swarm.flight.recordings.libsurvive import WorldPose
+from swarm.flight.recordings.libsurvive import WorldPose, station_id
 
 _FCAL = ("fcalphase", "fcaltilt", "fcalcurve", "fcalgibpha", "fcalgibmag")
 _TOKEN = re.compile(r'(?P<space>\s*)(?P<token>"(?:[^"\\]|\\.)*"|[{}\[\]:,]|[^\s{}\[\]:,"]+)')
@@ -44,6 +44,7 @@ class StationCalibration(NamedTuple):
 
     fan_x, fan_y: errors of the fans. pose: the station's pose in libsurvive's world. point_m: positions of the
     photodiodes of any object, (K, 3) [m]. by_name: the same for the craft, models or objects of these names.
+    identity: the station's id, as `station_id` returns it.
     """
 
     fan_x: FanErrors
@@ -51,6 +52,7 @@ class StationCalibration(NamedTuple):
     pose: WorldPose | None = None
     point_m: Floats | None = None
     by_name: Mapping[str, Floats] = MappingProxyType({})
+    identity: str | None = None
 
     def places(self, name: str) -> Floats | None:
         """Return the positions of the photodiodes of `name`, (K, 3) [m], or None if the calibration has none."""
@@ -101,7 +103,8 @@ def _from_libsurvive(data: dict[str, Any], file: Path, lighthouse: int) -> Stati
         if abs(length - 1) > 1e-2:
             raise SwarmError(f"{file}, {name}: pose must end with a unit quaternion, its length is {length:.4g}")
         pose = WorldPose(values[:3], values[3:] / length)
-    return StationCalibration(fan_x, fan_y, pose)
+    identity = station_id(str(table["id"])) if table.get("id") is not None else None
+    return StationCalibration(fan_x, fan_y, pose, identity=identity)
 
 
 def _numbers(table: dict[str, Any], key: str, count: int, where: str) -> list[float]:

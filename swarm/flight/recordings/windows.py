@@ -24,7 +24,8 @@ from estimators import rotation as rot
 from estimators.arrays import Floats
 from swarm.errors import SwarmError, did_you_mean
 from swarm.flight.recordings.framing import RATE_HZ, TURN_TICKS, frame_angles, frame_pulses, x_flash
-from swarm.flight.recordings.libsurvive import TICK_S, Recording, WorldPose
+from swarm.flight.recordings.libsurvive import Recording, WorldPose
+from swarm.flight.recordings.object_clock import TICK_S
 from swarm.messages import Pulses
 from swarm.onboard.decoder import SweepAngles
 
@@ -99,7 +100,7 @@ class Windows:
         # The host logs each event some milliseconds late, irregularly: fit one straight line to all of them.
         line = np.polynomial.Polynomial.fit(tick, log.time_s, 1)
         self._time_s = line(self._start + TURN_TICKS / 2)
-        self._peer = _peer_poses(recording, self._time_s, station or recording.stations.get(lighthouse))
+        self._peer = _peer_poses(recording, self._time_s, station or recording.station(lighthouse))
 
     def __len__(self) -> int:
         return len(self._start)
