@@ -104,7 +104,7 @@ def test_a_counter_that_starts_again_is_followed(tmp_path: Path, good: Recording
     n = len(good.pulses.rise_tick)
     assert made.losses.restarts == 1
     assert made.losses.damaged == 0
-    assert "clock started again" in " ".join(made.losses.sentences())
+    assert "restarts of the object's clock" in " ".join(made.losses.sentences())
     np.testing.assert_allclose(made.pulses.rise_tick[n:], good.pulses.rise_tick + 7 * SECOND, atol=0.1 * SECOND)
     assert_array_equal(np.diff(made.pulses.rise_tick[n:]), np.diff(good.pulses.rise_tick))
     windows = Windows(made, 1)
@@ -232,6 +232,22 @@ def test_another_packing_is_named(tmp_path: Path, magic: bytes, what: str) -> No
     (tmp_path / "a.rec").write_bytes(magic + bytes(100))
     with pytest.raises(SwarmError, match=f"{what}.*unpack it first"):
         read_libsurvive(tmp_path / "a.rec", "OBJ")
+
+
+@pytest.mark.parametrize("digits", [400, 5000])
+def test_a_config_beyond_all_bounds_is_damaged(tmp_path: Path, digits: int) -> None:
+    for value in ("9" * digits, "[" * 100_000):
+        text = [line.replace("[[0.09,", f"[[{value},") for line in lines()]
+        with pytest.raises(SwarmError, match=r"line 2: CONFIG of 'OBJ'"):
+            read_libsurvive(write(tmp_path / "a.rec", text), "OBJ")
+
+
+@pytest.mark.parametrize("path", ["a\0b", "x" * 5000, "."])
+def test_a_path_that_is_no_file_is_said(path: str) -> None:
+    with pytest.raises(SwarmError):
+        read_libsurvive(path, "OBJ")
+    with pytest.raises(SwarmError):
+        read_calibration(path)
 
 
 def test_lighthouse_2_is_named(tmp_path: Path) -> None:

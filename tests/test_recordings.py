@@ -175,7 +175,7 @@ def test_a_recording_that_cannot_be_used_says_why(tmp_path: Path) -> None:
     assert "No such file" in refused(tmp_path / "none.rec")
     cut = tmp_path / "cut.rec.gz"
     cut.write_bytes(whole.read_bytes()[:100])
-    assert "truncated gzip file, it ends within line 2" in refused(cut)
+    assert "truncated gzip file, it ends within line" in refused(cut)
     assert "not a libsurvive recording" in refused(write(tmp_path / "poem.txt", ["roses are red"] * 9))
     assert "not a libsurvive recording" in refused(write(tmp_path / "empty.rec", []))
     assert "no CONFIG line" in refused(whole, "OTH")

@@ -32,6 +32,8 @@ SECOND_GENERATION = ("W", "B", "Y")
 """Operations of Lighthouse 2.0."""
 MOST_DAMAGED = 100_000
 """Damaged lines beyond twice the good ones at which a file is given up before its end."""
+MOST_NAMES = 1000
+"""Names of objects that are kept for messages."""
 _TOKENS = {"C": (6,), "A": (9,), "POSE": (10,), "LH_POSE": (10, 11)}
 
 
@@ -89,11 +91,11 @@ class Losses(NamedTuple):
         if self.end:
             out.append(f"the recording is {self.end}: the rest of it is lost, all before is used")
         if self.damaged:
-            out.append(f"{self.damaged} damaged lines were left out")
+            out.append(f"damaged lines, left out: {self.damaged}")
         if self.repeated:
-            out.append(f"{self.repeated} lines were there before, and were left out")
+            out.append(f"lines that repeat an earlier one, left out: {self.repeated}")
         if self.restarts:
-            out.append(f"the object's clock started again {self.restarts} times; the host's time bridges the gaps")
+            out.append(f"restarts of the object's clock, bridged by the host's time: {self.restarts}")
         return out
 
 
@@ -187,7 +189,7 @@ class _Reader:
             if op == "CONFIG" or op in _TOKENS:
                 self._event(time_s, source, op, line, number)
             elif op in SECOND_GENERATION and source == self._device:
-                self._devices.add(source)
+                self._note(source)
                 self._second_generation += 1
         except ValueError:
             self._damaged += 1
@@ -198,7 +200,7 @@ class _Reader:
 
     def _event(self, time_s: float, source: str, op: str, line: str, number: int) -> None:
         if op == "CONFIG":
-            self._devices.add(source)
+            self._note(source)
             if source == self._device:
                 self._config = (number, line.split("CONFIG", 1)[1])
             return
@@ -212,7 +214,7 @@ class _Reader:
             else:
                 self._stations[place] = pose
             return
-        self._devices.add(source)
+        self._note(source)
         if source != self._device:
             return
         if op == "POSE":
@@ -221,6 +223,11 @@ class _Reader:
             self._pulse(time_s, token)
         else:
             self._angle(time_s, token)
+
+    def _note(self, source: str) -> None:
+        # Of a file that is all damage, the names are without end.
+        if len(self._devices) < MOST_NAMES or source == self._device:
+            self._devices.add(source)
 
     def _pulse(self, time_s: float, token: list[str]) -> None:
         channel, width = _within(int(token[3]), -(1 << 15), 1 << 15), _within(int(token[5]), 0, 1 << 31)

@@ -75,11 +75,13 @@ def read_calibration(path: str | Path, lighthouse: int = 0) -> StationCalibratio
         raise SwarmError(f"{file}: {error.strerror or error}") from None
     except UnicodeDecodeError:
         raise SwarmError(f"{file}: not a calibration file: it is not text") from None
+    except ValueError as error:
+        raise SwarmError(f"{str(file)!r}: {error}") from None
     if text.lstrip()[:1] in ('"', "{"):
         return _from_libsurvive(_tolerant(text, file), file, lighthouse)
     try:
         data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise SwarmError(f"{file}: neither libsurvive's calibration nor TOML: {error}") from None
     return _from_toml(data, file)
 
@@ -113,7 +115,7 @@ def _numbers(table: dict[str, Any], key: str, count: int, where: str) -> list[fl
         raise SwarmError(f"{where}: {key} is missing{did_you_mean(key, table)}")
     try:
         values = [float(value) for value in table[key]]
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         values = []
     if len(values) != count or not all(map(math.isfinite, values)):
         raise SwarmError(f"{where}: {key} must be {count} numbers, not {table[key]!r}")
@@ -147,7 +149,7 @@ def _points(table: dict[str, Any], where: str) -> Floats:
     _known(table, ("point_m",), where)
     try:
         point_m = np.array(table.get("point_m"), dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         point_m = np.empty(0)
     if point_m.ndim != 2 or point_m.shape[1] != 3 or not np.isfinite(point_m).all():
         raise SwarmError(f"{where}: point_m must be rows of three finite numbers [m]")
@@ -180,4 +182,6 @@ def _tolerant(text: str, file: Path) -> dict[str, Any]:
         data = json.loads(joined if joined.lstrip().startswith("{") else "{" + joined + "}")
     except json.JSONDecodeError as error:
         raise SwarmError(f"{file}, line {error.lineno}: not a calibration file, or damaged: {error.msg}") from None
+    except (ValueError, RecursionError) as error:
+        raise SwarmError(f"{file}: not a calibration file, or damaged: {error}") from None
     return dict(data)

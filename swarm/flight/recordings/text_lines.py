@@ -58,18 +58,27 @@ class TextLines:
             SwarmError: the file cannot be read, or is of a known kind that is no text.
         """
         try:
-            with self._path.open("rb") as file:
-                yield from self._split(self._decoded(self._blocks(file)))
+            file = self._path.open("rb")
+        except ValueError as error:
+            raise SwarmError(f"{str(self._path)!r}: {error}") from None
+        except OSError as error:
+            raise SwarmError(f"{self._path}: {error.strerror or error}") from None
+        with file:
+            yield from self._split(self._decoded(self._blocks(file)))
+
+    def _read(self, file: BinaryIO) -> bytes:
+        try:
+            return file.read(BLOCK)
         except OSError as error:
             raise SwarmError(f"{self._path}: {error.strerror or error}") from None
 
     def _blocks(self, file: BinaryIO) -> Iterator[bytes]:
         """Return the file's bytes in blocks, unpacked if they are packed."""
-        head = file.read(BLOCK)
+        head = self._read(file)
         if not head.startswith(_GZIP):
             while head:
                 yield head
-                head = file.read(BLOCK)
+                head = self._read(file)
             return
         unpacker, packed = zlib.decompressobj(wbits=31), head
         while True:
@@ -83,14 +92,14 @@ class TextLines:
             yield block
             packed = unpacker.unconsumed_tail
             if unpacker.eof:
-                packed = (unpacker.unused_data or file.read(BLOCK)).lstrip(b"\0")
-                while not packed and (more := file.read(BLOCK)):
+                packed = (unpacker.unused_data or self._read(file)).lstrip(b"\0")
+                while not packed and (more := self._read(file)):
                     packed = more.lstrip(b"\0")
                 if not packed:
                     return
                 unpacker = zlib.decompressobj(wbits=31)
             elif not packed:
-                packed = file.read(BLOCK)
+                packed = self._read(file)
                 if not packed and len(block) < BLOCK:
                     self.lost = "a truncated gzip file"
                     return
