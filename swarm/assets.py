@@ -4,6 +4,7 @@
     models/craft/<name>/<name>.xml            a craft
     scenarios/<name>.toml                     a scenario
     scenarios/studies/<name>.toml             a study: many runs of a scenario
+    scenarios/recordings/<name>.rec.gz        a recording to replay, with the station's calibration in <name>.json
 
 A user names one of these, or gives the path of a file.
 """
@@ -43,6 +44,12 @@ def studies() -> dict[str, Path]:
     return {path.stem: path for path in sorted((folder("scenarios") / "studies").glob("*.toml"))}
 
 
+def recordings() -> dict[str, Path]:
+    """Return the recordings that come with the package: name -> file, with the calibration <name>.json beside it."""
+    files = sorted((folder("scenarios") / "recordings").glob("*.rec.gz"))
+    return {path.name.partition(".")[0]: path for path in files}
+
+
 def find_model(name_or_path: str | Path, relative_to: Path | None = None) -> Path:
     """Return the MJCF file of a craft or a lighthouse, given by a known name, a path to an .xml file, or its folder.
 
@@ -71,6 +78,21 @@ def find_scenario(name_or_path: str | Path) -> Path:
 def find_study(name_or_path: str | Path) -> Path:
     """Return the TOML file of a study, a known name or a path. Raises SwarmError with the nearest known name."""
     return _find_toml("study", str(name_or_path), studies())
+
+
+def find_recording(name_or_path: str | Path) -> Path:
+    """Return the file of a recording, a known name or a path. Raises SwarmError with the nearest known name."""
+    text, known = str(name_or_path), recordings()
+    try:
+        path = Path(text).expanduser()
+        there = path.exists()
+    except (OSError, ValueError, RuntimeError) as error:
+        raise SwarmError(f"{text!r} is no path: {error}") from None
+    if not there and text in known:
+        return known[text]
+    if not there and not path.suffix and path.name == text:
+        raise SwarmError(f"no recording {text!r}{did_you_mean(text, known)}; or give the path of a file")
+    return path
 
 
 def _find_toml(what: str, text: str, known: dict[str, Path]) -> Path:

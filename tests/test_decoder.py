@@ -337,3 +337,29 @@ def test_impossible_settings_are_refused(options: dict[str, Any]) -> None:
 def test_pulses_of_another_number_of_craft_are_refused() -> None:
     with pytest.raises(ValueError, match="2 craft"):
         decoder().decode(batch([], []))
+
+
+def test_of_two_pulses_in_one_sweep_the_expected_one_is_taken_if_it_stands_out() -> None:
+    start, where = 50_000, np.array(THETA)[None]
+    second = {0: 30e-3, 1: -4e-3, 2: 1e-3, 3: 30e-3}
+
+    def read(off: dict[int, float], expected: np.ndarray | None) -> tuple[SweepAngles, list[bool]]:
+        pulses = period(start)
+        for k, away in off.items():
+            pulses.append((k, *sweep(start, [THETA[k][0] + away])[0][1:]))
+        angles = decoder().decode(batch(pulses), expected)
+        return angles, np.isfinite(angles.theta[0, :, 0]).tolist()
+
+    angles, known = read(second, None)
+    assert known == [False, False, False, False, True], "nothing is expected anywhere: both are dropped"
+    assert angles.rejected[0] == 8
+    # Photodiode 0 stands out, 1 just so; 2 does not: its two pulses are as near as each other; 3 is not expected.
+    expected = where + np.array([[[0.5e-3, 0], [1.2e-3, 0], [0.5e-3, 0], [np.nan, 0], [0.2, 0]]])
+    angles, known = read(second, expected)
+    assert known == [True, True, False, False, True]
+    np.testing.assert_allclose(angles.theta[0, [0, 1, 4], 0], where[0, [0, 1, 4], 0], rtol=0, atol=2 * HALF_TICK_RAD)
+    assert angles.rejected[0] == 6
+    # One pulse alone is taken wherever it is; of two far from where they should be, none.
+    assert read({4: 30e-3}, expected)[1] == [True, True, True, True, False]
+    with pytest.raises(ValueError, match="expected must be"):
+        decoder().decode(batch(period(start)), where[:, :3])

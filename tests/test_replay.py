@@ -83,10 +83,7 @@ def test_mistakes_name_what_is_there(tmp_path, synthetic):
     recording, calibration = synthetic
     with pytest.raises(SwarmError, match=r"OBJ"):
         swarm.replay(recording, object_name="OBI", out=tmp_path / "run")
-    with pytest.raises(SwarmError, match=r"OBJ"):
-        swarm.replay(recording, out=tmp_path / "run")
-    whole = recording.read_bytes()
-    recording.write_bytes(whole[: len(whole) // 2])
+    recording.write_bytes(recording.read_bytes()[:100])
     with pytest.raises(SwarmError, match="truncated"):
         swarm.replay(recording, object_name="OBJ", calibration=calibration, out=tmp_path / "run")
     assert not (tmp_path / "run").exists(), "nothing half-written"

@@ -1,4 +1,4 @@
-"""The command `swarm list`: the scenarios, studies and craft models that there are."""
+"""The command `swarm list`: the scenarios, studies, craft models and recordings that there are."""
 
 import sys
 from pathlib import Path
@@ -9,12 +9,12 @@ from swarm.cli.terminal import mistakes
 
 
 def list_all() -> None:
-    """List the scenarios, studies and craft models."""
+    """List the scenarios, studies, craft models and recordings."""
     with mistakes():
         import tomllib
         from shutil import get_terminal_size
 
-        from swarm.assets import models, scenarios, studies
+        from swarm.assets import models, recordings, scenarios, studies
 
         lines: list[str] = []
         width = max(len(name) for name in (*scenarios(), *studies(), *models())) + 1
@@ -26,6 +26,7 @@ def list_all() -> None:
         lines += [
             f"  {name:<{width}} {_first_sentence(path.with_name('README.md'))}" for name, path in models().items()
         ]
+        lines += ["", "Recordings: swarm replay NAME", *(f"  {name}" for name in recordings())]
         room = get_terminal_size().columns if sys.stdout.isatty() else 1000
         for line in lines:
             typer.echo(line.rstrip() if len(line) <= room else f"{line[: room - 1]}…")

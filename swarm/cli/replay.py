@@ -24,11 +24,15 @@ class Source(StrEnum):
 
 def replay(
     recording: Annotated[
-        Path,
-        typer.Argument(metavar="RECORDING", help="A recording of a real lighthouse: libsurvive's .rec or .rec.gz."),
+        str,
+        typer.Argument(
+            metavar="RECORDING",
+            help="A recording of a real lighthouse: libsurvive's .rec or .rec.gz, or a name that `swarm list` shows.",
+        ),
     ],
     object_name: Annotated[
-        str | None, typer.Option("--object", metavar="NAME", help="Use this tracked object, such as HMD.")
+        str | None,
+        typer.Option("--object", metavar="NAME", help="Use this tracked object, such as HMD. Default: the only one."),
     ] = None,
     lighthouse: Annotated[
         int, typer.Option("--lighthouse", metavar="N", min=0, help="Use this station as the reference.")
@@ -42,6 +46,9 @@ def replay(
     source: Annotated[
         Source, typer.Option("--from", help="Feed raw light pulses, or the angles that the recording computed of them.")
     ] = Source.PULSES,
+    list_only: Annotated[
+        bool, typer.Option("--list", help="Only list what the recording contains, and what of it can be replayed.")
+    ] = False,
     overrides: Overrides = None,
     seed: Seed = None,
     out: Out = None,
@@ -51,22 +58,34 @@ def replay(
     """Feed a real recording to the same on-board code.
 
     \b
+    swarm replay handheld
+    swarm replay walk.rec.gz --list
     swarm replay walk.rec.gz --object HMD --lighthouse 0 \\
         --calibration config.json
     swarm replay walk.rec.gz --object HMD --from angles \\
         --set navigation.motion_compensation=false
     """
     with mistakes():
+        from swarm.assets import find_recording, recordings
+
+        file = find_recording(recording)
+        if list_only:
+            _print_contents(file)
+            return
+        notes: list[str] = []
+        if calibration is None and file in recordings().values():
+            calibration = file.with_name(recording).with_suffix(".json")
+            notes.append(f"{recording} comes with the program, and so does its station's calibration, {calibration}")
         from swarm.scenario import for_replay
 
-        settings = for_replay(recording, overrides or (), seed)
+        settings = for_replay(file, overrides or (), seed)
         folder = out or default_folder(settings.name, settings.seed)
 
         def fly(progress: Callable[["Progress"], None]) -> "Run":
             from swarm.flight.replay import replay as fly_again
 
             return fly_again(
-                recording,
+                file,
                 object_name=object_name,
                 lighthouse=lighthouse,
                 calibration=calibration,
@@ -76,6 +95,39 @@ def replay(
                 force=force,
                 record=not no_recording,
                 progress=progress,
+                tell=notes.append,
             )
 
-        fly_and_report(settings.name, folder, fly)
+        try:
+            fly_and_report(settings.name, folder, fly)
+        finally:
+            _print_notes(notes)
+
+
+def _print_notes(notes: list[str]) -> None:
+    """Print sentences about the recording."""
+    from rich.console import Console
+    from rich.text import Text
+
+    for note in notes:
+        Console(stderr=True, highlight=False).print(Text(f"note: {note}", "yellow"), soft_wrap=True)
+
+
+def _print_contents(recording: Path) -> None:
+    """Print the table of a recording's objects and stations."""
+    from rich.console import Console
+    from rich.text import Text
+
+    from swarm.flight.recordings.contents import contents
+    from swarm.tables import table
+
+    found = contents(recording)
+    made = table("object", "light", "photo-\ndiodes", "station", "periods of\npulses", "angles", "seconds", tight=True)
+    made.add_column("use")
+    for row in found.rows:
+        span = "" if row.begin_s is None or row.end_s is None else f"{row.begin_s:.1f} to {row.end_s:.1f}"
+        number = ["" if value is None else str(value) for value in (row.photodiodes, row.station)]
+        use = Text(row.remark, "yellow") if row.remark else Text("yes", "green")
+        made.add_row(Text(row.name), row.generation, *number, str(row.pulses), str(row.angles), span, use)
+    Console().print(made)
+    _print_notes(found.losses)

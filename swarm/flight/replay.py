@@ -10,22 +10,24 @@ from pathlib import Path
 
 import numpy as np
 
-from estimators.arrays import Floats
+from estimators.arrays import Floats, Ints
 from estimators.calibration.problem import Noise
+from estimators.lighthouse.integrity import Sweeps
+from estimators.lighthouse.sweep import correct
 from swarm.assets import find_model
 from swarm.errors import SwarmError
 from swarm.flight import builders
-from swarm.flight.recordings.libsurvive import Recording, read_libsurvive
+from swarm.flight.recordings.consistency import Consistency, Sample, assess
+from swarm.flight.recordings.contents import only_object
+from swarm.flight.recordings.libsurvive import Recording, WorldPose, read_libsurvive
+from swarm.flight.recordings.receiver import Receiver
 from swarm.flight.recordings.station_calibration import StationCalibration, read_calibration
-from swarm.flight.recordings.windows import Source, Window, Windows
+from swarm.flight.recordings.windows import Source, Windows
 from swarm.flight.simulate import untold
 from swarm.hardware import Photodiodes
-from swarm.messages import Signals, no_pulses
-from swarm.onboard.computer import Computer, Known
-from swarm.onboard.decoder import PulseDecoder
-from swarm.onboard.inspection import Inspection, InspectionSettings
-from swarm.onboard.navigation import Navigator
-from swarm.onboard.settings import NavigationSettings
+from swarm.onboard.decoder import SweepAngles
+from swarm.onboard.navigation import Estimate, Navigator
+from swarm.onboard.settings import NavigationSettings, Status
 from swarm.results.angles import believed
 from swarm.results.period import Period
 from swarm.results.progress import Progress
@@ -36,6 +38,15 @@ from swarm.results.scene import Scene
 from swarm.scenario import Scenario, for_replay
 from swarm.sensors.sight import Sight
 from swarm.world.craft import visuals
+
+GUESSED_NOISE_ARCSEC = 20.0
+"""Noise of an angle where the recording does not tell it."""
+LEAST_OWN_SHARE = 0.05
+"""Least share of the noise's variance that is taken for the photodiodes' own."""
+TRIALS, TRIAL_PERIODS, TRIAL_STEP = 4, 400, 3
+"""Stretches of a recording from which its noise is found, their length, and one in how many periods counts."""
+NONE_FALSE: Ints = np.zeros(0, dtype=np.int64)
+UNTESTED = Consistency(None, NONE_FALSE, np.zeros(0))
 
 
 def replay(
@@ -50,12 +61,13 @@ def replay(
     force: bool = False,
     record: bool = True,
     progress: Callable[[Progress], None] | None = None,
+    tell: Callable[[str], None] | None = None,
 ) -> Run:
     """Replay the light that an object of a recording saw from one station, and write the run.
 
     Args:
         recording: file written by libsurvive.
-        object_name: name of the tracked object, such as HMD.
+        object_name: name of the tracked object, such as HMD; None if only one saw light.
         lighthouse: number of the station.
         calibration: file of the station's known errors, in libsurvive's format or this project's.
         source: raw "pulses", or the "angles" that the recording's own software derived from them.
@@ -64,6 +76,7 @@ def replay(
         force: replace an existing run.
         record: write recording.rrd.
         progress: function called after every period.
+        tell: function called with every sentence about the recording: what of it is lost, or left out.
 
     Returns:
         The run, opened.
@@ -71,8 +84,12 @@ def replay(
     Raises:
         SwarmError: the recording or the calibration cannot be read, or the folder cannot be written.
     """
-    settings, tell = scenario if scenario is not None else for_replay(Path(recording)), progress or untold
-    playback = Playback(recording, settings, object_name or "", lighthouse, calibration, source)
+    settings, told = scenario if scenario is not None else for_replay(Path(recording)), progress or untold
+    playback = Playback(recording, settings, object_name, lighthouse, calibration, source)
+    settings = playback.settings
+    if tell is not None:
+        for note in playback.notes:
+            tell(note)
     with writing_run(
         settings,
         out,
@@ -84,22 +101,24 @@ def replay(
     ) as writer:
         for period in playback.fly():
             writer.append(period)
-            tell(writer.progress)
+            told(writer.progress)
     return writer.run
 
 
 class Playback:
     """Light that one object saw from one station, through the same computer as a simulated craft's.
 
-    log, windows: the recording. layout: the object's photodiodes as assumed. believed: layout, fan errors and noise,
-    for a calibration. scene: description for telemetry and recording. duration_s: length of the recording [s].
+    log, windows: the recording. settings: the scenario, with the noise that was found. layout: the object's photodiodes
+    as assumed. found: noise and false photodiodes. believed: layout, fan errors and noise, for a calibration. scene:
+    description for telemetry and recording. duration_s: length of the recording [s]. notes: sentences about what of the
+    recording is lost, left out, or found.
     """
 
     def __init__(
         self,
         recording: str | Path,
         settings: Scenario,
-        object_name: str,
+        object_name: str | None,
         lighthouse: int,
         calibration: str | Path | None = None,
         source: Source = "pulses",
@@ -108,8 +127,8 @@ class Playback:
 
         Args:
             recording: file written by libsurvive.
-            settings: scenario with the navigation settings.
-            object_name: name of the tracked object, such as HMD.
+            settings: scenario with the navigation settings; the noise, if unset, is found in the recording.
+            object_name: name of the tracked object, such as HMD; None if only one saw light.
             lighthouse: number of the station.
             calibration: file of the station's known errors, in libsurvive's format or this project's.
             source: raw "pulses", or the "angles" that the recording's own software derived from them.
@@ -117,19 +136,23 @@ class Playback:
         Raises:
             SwarmError: the recording or the calibration cannot be read.
         """
-        self.log = read_libsurvive(recording, object_name)
-        known = read_calibration(calibration, lighthouse) if calibration is not None else None
-        self.windows = Windows(self.log, lighthouse, source, known.pose if known else None)
-        self.layout = _layout(self.log, known)
+        self.log = read_libsurvive(recording, object_name or only_object(recording))
+        self._known = read_calibration(calibration, lighthouse) if calibration is not None else None
+        station = _station(self.log, lighthouse, self._known)
+        self.windows = Windows(self.log, lighthouse, source, station)
+        self.layout = _layout(self.log, self._known)
         self.duration_s = len(self.windows) * self.windows.frame_s
-        navigation = self._navigation(settings, known)
-        self._computer = Computer(
-            PulseDecoder(
-                self.layout.present, self.windows.tick_s, frame_s=self.windows.frame_s, slot=self.windows.slot
-            ),
-            Navigator(self.layout, navigation),
-            Inspection((), InspectionSettings(navigation.frame_s)),
-        )
+        self.notes = self.log.losses.sentences()
+        if station is None and len(self.log.peer_time_s):
+            self.notes.append(
+                f"where station {lighthouse} is in the recording's own frame is not known, so the peer columns stay "
+                "empty: give its --calibration, with a pose or an id"
+            )
+        self.found = self._assess(settings) if settings.navigation.integrity.residual_test is not False else UNTESTED
+        self.settings = _with_noise(settings, self.found)
+        self.notes += _findings(self.found, settings, self.settings)
+        self._navigation = self._navigation_of(self.settings, tested=self.found.noise_rad is not None)
+        navigation = self._navigation
         s, rho = navigation.angle_noise_rad, navigation.rotor_correlation
         noise = Noise(s * float(np.sqrt(1 - rho)), s * float(np.sqrt(rho)))
         self.believed = believed((self.log.device,), self.layout, (navigation.fan_x, navigation.fan_y), noise)
@@ -145,33 +168,111 @@ class Playback:
     def fly(self) -> Iterator[Period]:
         """Play one lighthouse period after the other, to the end of the recording; times count from the first one."""
         first_s: float | None = None
+        navigator, receiver = self._begin(self._navigation, self.found.false)
         for frame, window in enumerate(self.windows):
             first_s = window.time_s if first_s is None else first_s
-            known = self._step(window)
+            angles, left_out = receiver.receive(window)
+            estimate = navigator.step(angles)
+            receiver.learn(estimate.state, bool(estimate.status[0] == Status.TRACKING))
+            integrity = estimate.integrity
+            dropped = np.where(integrity.dropped < 0, integrity.dropped, integrity.dropped + left_out)
             yield Period(
                 frame=frame,
                 time_s=window.time_s - first_s,
                 truth=None,
-                sight=np.where(known.angles.lit, Sight.LIT, Sight.OUTSIDE),
-                angles=known.angles,
-                estimate=known.estimate,
+                sight=np.where(angles.lit, Sight.LIT, Sight.OUTSIDE),
+                angles=angles,
+                estimate=estimate._replace(integrity=integrity._replace(dropped=dropped)),
                 peer=Peer(window.peer_position, window.peer_quaternion),
             )
 
-    def _step(self, window: Window) -> Known:
-        if window.pulses is not None:
-            return self._computer.step(Signals(window.pulses))
-        assert window.angles is not None
-        return self._computer.navigate(window.angles, Signals(no_pulses(1)))
+    def _begin(self, navigation: NavigationSettings, false: Ints) -> tuple[Navigator, Receiver]:
+        fans = navigation.fan_x, navigation.fan_y
+        return Navigator(self.layout, navigation), Receiver(self.windows, self.layout.point_m, fans, false)
 
-    def _navigation(self, settings: Scenario, known: StationCalibration | None) -> NavigationSettings:
+    def _assess(self, settings: Scenario) -> Consistency:
+        """Return the noise and the false photodiodes, from a replay that believes every photodiode."""
+        navigation = self._navigation_of(_with_noise(settings, UNTESTED), tested=False)
+        samples: list[Sample] = []
+        stretch = max(len(self.windows) // TRIALS, TRIAL_PERIODS)
+        for frame, window in enumerate(self.windows):
+            within = frame % stretch
+            if within == 0:
+                navigator, receiver = self._begin(navigation, NONE_FALSE)
+            if within >= TRIAL_PERIODS:
+                continue
+            angles = receiver.receive(window).angles
+            estimate = navigator.step(angles)
+            receiver.learn(estimate.state, bool(estimate.status[0] == Status.TRACKING))
+            if estimate.pnp.solved[0] and estimate.status[0] == Status.TRACKING and frame % TRIAL_STEP == 0:
+                samples.append(_sample(angles, estimate, self.layout, navigation))
+        return assess(samples)
+
+    def _navigation_of(self, settings: Scenario, *, tested: bool) -> NavigationSettings:
         navigation = builders.navigation(settings)
-        # A real station's noise is only guessed: the distribution of its residuals is not known.
-        untested = replace(navigation.integrity, residual_test=False, tick_s=None)
-        navigation = replace(navigation, frame_s=self.windows.frame_s, integrity=untested)
-        if known is None:
+        test = tested and navigation.integrity.residual_test
+        # The rotor's speed is not monitored: a real object's clock is off by more than the rotor.
+        integrity = replace(navigation.integrity, residual_test=test, tick_s=None)
+        navigation = replace(navigation, frame_s=self.windows.frame_s, integrity=integrity)
+        if self._known is None:
             return navigation
-        return replace(navigation, fan_x=known.fan_x, fan_y=known.fan_y)
+        return replace(navigation, fan_x=self._known.fan_x, fan_y=self._known.fan_y)
+
+
+def _station(log: Recording, lighthouse: int, known: StationCalibration | None) -> WorldPose | None:
+    """Return the station's pose in the recording's own world: the calibration's, or that of its lines."""
+    if known is not None and known.pose is not None:
+        return known.pose
+    return log.station(lighthouse, None if known is None else known.identity)
+
+
+def _sample(angles: SweepAngles, estimate: Estimate, layout: Photodiodes, navigation: NavigationSettings) -> Sample:
+    theta = correct(angles.theta, (navigation.fan_x, navigation.fan_y))
+    moves = float(navigation.motion_compensation)
+    sweeps = Sweeps(
+        theta=theta,
+        lit=angles.lit & np.isfinite(theta).all(axis=2),
+        point_m=layout.point_m,
+        offset_s=angles.offset_s,
+        angular_rate=moves * estimate.angular_rate,
+        velocity=moves * estimate.velocity,
+    )
+    return Sample(sweeps, estimate.pnp.rotation, estimate.pnp.position)
+
+
+def _with_noise(settings: Scenario, found: Consistency) -> Scenario:
+    """Return the settings with the noise of an angle: as they give it, or as found, or as guessed."""
+    table = settings.navigation
+    if table.angle_noise_arcsec is not None:
+        return settings
+    noise = GUESSED_NOISE_ARCSEC
+    if found.noise_rad is not None:
+        # What was found is the part that photodiodes do not share; the rotor's cannot be told from motion.
+        own_share = 1 - (0.0 if table.rotor_correlation is None else table.rotor_correlation)
+        noise = float(np.degrees(found.noise_rad / np.sqrt(max(own_share, LEAST_OWN_SHARE)))) * 3600
+    table = table.model_copy(update={"angle_noise_arcsec": noise})
+    return settings.model_copy(update={"navigation": table})
+
+
+def _findings(found: Consistency, given: Scenario, settings: Scenario) -> list[str]:
+    """Return sentences about the noise and the false photodiodes."""
+    out = [
+        f"photodiode {k} contradicts the others in {share:.0%} of its periods and is left out: it sees a constant "
+        "reflection, or is not where CONFIG has it"
+        for k, share in zip(found.false.tolist(), found.share.tolist(), strict=True)
+    ]
+    noise = settings.navigation.angle_noise_arcsec
+    if given.navigation.angle_noise_arcsec is not None:
+        return out
+    if found.noise_rad is None:
+        return [
+            *out,
+            f"the noise is guessed, {noise:.0f} arcsec, and residuals are not tested: too little light tells it",
+        ]
+    return [
+        *out,
+        f"the angles agree to {found.noise_rad * 1e6:.0f} urad, 1 sigma; navigation.angle_noise_arcsec = {noise:.1f}",
+    ]
 
 
 def _layout(log: Recording, known: StationCalibration | None) -> Photodiodes:

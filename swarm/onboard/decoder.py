@@ -6,7 +6,8 @@ t_0 and t_1 are the rises of the sync flashes (`swarm.onboard.flashes` decides w
 middles of a photodiode's sweep pulses, all in ticks of the craft's own clock; no other clock is used. The epoch of a
 period is half a turn after its X flash. Doubtful pulses do not become angles. The decoder rejects and counts:
 
-- two pulses of one photodiode in one sweep, both of them: the reflection cannot be told from the direct pulse here;
+- two pulses of one photodiode in one sweep: all but the one where the photodiode is expected, or all of them if it is
+  not expected anywhere or more than one is near: neither order nor width tells the direct pulse from a reflection;
 - sweep pulses outside the field, or of a sweep whose flash is not known;
 - flashes of no known code or not at their expected time; pulses of photodiodes that the craft does not have.
 
@@ -35,6 +36,11 @@ away.
 FIELD_HALF_ANGLE_RAD = 1.15
 """Half the field of 120 degrees, plus 6 degrees for the fans' systematic errors [rad]."""
 
+CHOICE_RAD = 10e-3
+"""Largest distance of a pulse from its expected angle to be chosen among several [rad]."""
+CHOICE_RATIO = 0.5
+"""Largest share of that distance in the next nearest pulse's: beyond it, the two cannot be told apart."""
+
 
 class SweepAngles(NamedTuple):
     """Sweep angles of C craft in one period; see `swarm.onboard.decoder`.
@@ -55,16 +61,27 @@ class SweepAngles(NamedTuple):
 
 @kernel
 def _read_sweeps(
-    pulses: Ints, timing: Timing, flash: Floats, swept: Bools, epoch: int, hits: Ints, theta: Floats, offset: Floats
+    pulses: Ints,
+    timing: Timing,
+    flash: Floats,
+    swept: Bools,
+    epoch: int,
+    expected: Floats,
+    hits: Ints,
+    rival: Floats,
+    theta: Floats,
+    offset: Floats,
 ) -> int:
     """Write one craft's angles [rad] and their offsets [ticks], (K, 2); return the number of rejected pulses.
 
     pulses: photodiode, rise and width, (3, P). flash, swept: each fan's flash and whether its sweep can be read, (2,).
-    hits: scratch, (K, 2).
+    expected: angles, NaN where none is, (K, 2). hits, rival: scratch, (K, 2): pulses, and the distance of the second
+    nearest from its expected angle.
     """
     two_stations = timing.period > 3 * timing.half_turn
     rejected = 0
     hits[:] = 0
+    rival[:] = np.inf
     for i in range(pulses.shape[1]):
         k, rise, width = pulses[0, i], pulses[1, i], pulses[2, i]
         if width >= timing.shortest_pulse:
@@ -77,15 +94,23 @@ def _read_sweeps(
             if swept[fan] and timing.sweep_first <= since <= timing.sweep_last:
                 belongs = True
                 hits[k, fan] += 1
-                theta[k, fan] = np.pi * since / timing.half_turn
-                offset[k, fan] = middle - epoch
+                angle = np.pi * since / timing.half_turn
+                away, before = abs(angle - expected[k, fan]), abs(theta[k, fan] - expected[k, fan])
+                if hits[k, fan] == 1 or away < before:
+                    theta[k, fan], offset[k, fan] = angle, middle - epoch
+                if hits[k, fan] > 1:
+                    rival[k, fan] = min(rival[k, fan], max(away, before))
         if not belongs:
             rejected += 1
     for k in range(len(hits)):
         for fan in range(2):
             if hits[k, fan] > 1:
-                theta[k, fan], offset[k, fan] = np.nan, 0.0
-                rejected += hits[k, fan]
+                away = abs(theta[k, fan] - expected[k, fan])
+                if away <= CHOICE_RAD and away < CHOICE_RATIO * rival[k, fan]:
+                    rejected += hits[k, fan] - 1
+                else:
+                    theta[k, fan], offset[k, fan] = np.nan, 0.0
+                    rejected += hits[k, fan]
     return rejected
 
 
@@ -96,6 +121,7 @@ def _decode(
     width: NDArray[np.int32],
     total: NDArray[np.int32],
     present: Bools,
+    expected: Floats,
     timing: Timing,
     tick: float,
     last: Floats,
@@ -104,8 +130,8 @@ def _decode(
 ) -> None:
     """Decode one period of every craft into `out`.
 
-    pulses: (C, P). present: (C, K). last, seen: flashes that each craft remembers, (C, 2) [ticks]. tick: of the craft's
-    clock [s].
+    pulses: (C, P). present: (C, K). expected: (C, K, 2). last, seen: flashes that each craft remembers, (C, 2)
+    [ticks]. tick: of the craft's clock [s].
     """
     two_stations = timing.period > 3 * timing.half_turn
     longest_pulse = timing.code_zero + 7.5 * timing.code_step
@@ -116,7 +142,7 @@ def _decode(
         np.empty(MAX_FLASHES, np.int64),
     )
     swept = np.empty(2, np.bool_)
-    hits = np.empty((present.shape[1], 2), np.int64)
+    hits, rival = np.empty((present.shape[1], 2), np.int64), np.empty((present.shape[1], 2))
     own = np.empty((3, photodiode.shape[1]), np.int64)
     for c in range(len(total)):
         p = 0
@@ -141,7 +167,16 @@ def _decode(
             if i != x and i != y and (flashes.code[i] < 0 or not (two_stations and foreign)):
                 out.rejected[c] += flashes.size[i]
         out.rejected[c] += _read_sweeps(
-            own[:, :p], timing, last[c], swept, out.epoch_tick[c], hits, out.theta[c], out.offset_s[c]
+            own[:, :p],
+            timing,
+            last[c],
+            swept,
+            out.epoch_tick[c],
+            expected[c],
+            hits,
+            rival,
+            out.theta[c],
+            out.offset_s[c],
         )
         for k in range(present.shape[1]):
             out.lit[c, k] = np.isfinite(out.theta[c, k, 0]) and np.isfinite(out.theta[c, k, 1])
@@ -216,20 +251,25 @@ class PulseDecoder:
         """Forget every flash of the craft of the mask (C,), as after a restart of their computers."""
         self._last[mask] = self._seen[mask] = np.nan
 
-    def decode(self, pulses: Pulses) -> SweepAngles:
+    def decode(self, pulses: Pulses, expected: Floats | None = None) -> SweepAngles:
         """Advance every craft by one period and read its sweeps; call it once in every period.
 
         Args:
             pulses: pulses of C craft in order of rise, from shortly before the period's X flash to shortly before the
                 next one's; a craft without any still advances its epoch.
+            expected: angles of fans X and Y at which each photodiode is expected, NaN where it is not, (C, K, 2) [rad].
 
         Raises:
-            ValueError: the pulses are of another number of craft.
+            ValueError: the pulses or the expected angles are of another number of craft or photodiodes.
         """
         craft, photodiodes = self._present.shape
         if pulses.total.shape != (craft,) or pulses.rise_tick.shape[0] != craft:
             raise ValueError(f"pulses of {len(pulses.rise_tick)} craft, but the decoder has {craft}")
         theta, offset = np.full((craft, photodiodes, 2), np.nan), np.zeros((craft, photodiodes, 2))
+        if expected is None:
+            expected = theta.copy()
+        if expected.shape != theta.shape:
+            raise ValueError(f"expected must be {theta.shape}, not {expected.shape}")
         epoch, missed, rejected = (np.zeros(craft, dtype=np.int64) for _ in range(3))
         out = SweepAngles(theta, offset, np.zeros((craft, photodiodes), dtype=np.bool_), epoch, missed, rejected)
         _decode(
@@ -238,6 +278,7 @@ class PulseDecoder:
             np.ascontiguousarray(pulses.width_tick, dtype=np.int32),
             np.ascontiguousarray(pulses.total, dtype=np.int32),
             self._present,
+            np.ascontiguousarray(expected, dtype=np.float64),
             self._timing,
             self._tick_s,
             self._last,

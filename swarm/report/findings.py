@@ -103,9 +103,24 @@ def warnings(craft: Mapping[str, Figures]) -> list[Finding]:
             + ": it moves more sharply than navigation.acceleration_noise_m_s2 and"
             " angular_acceleration_noise_deg_s2 expect, or its errors are not noise (docs/filter.md)"
         )
+    out += [sentence for name, f in craft.items() if (sentence := _untrusted(name, f))]
     if vain and len(craft) > 1:
         out.append(f"NEES above its band: {names(vain)}")
     return [Finding(sentence, "yellow") for sentence in out]
+
+
+def _untrusted(name: str, figures: Figures) -> str | None:
+    """Return what the residual test of a replay left out, None if nothing to speak of."""
+    tested = figures.get("integrity")
+    if "peer_samples" not in figures or not tested:
+        return None
+    dropped, failed = tested["mean_dropped_photodiodes"] or 0.0, tested["failed_residual_test_share"] or 0.0
+    parts = []
+    if dropped > REFUSED_MUCH:
+        parts.append(f"left out {dropped:.2f} photodiodes per period as false")
+    if failed > REFUSED_MUCH:
+        parts.append(f"refused {failed:.0%} of the poses")
+    return f"The residual test of {name} " + " and ".join(parts) + " (column dropped_photodiodes)" if parts else None
 
 
 def names(craft: list[str]) -> str:

@@ -70,11 +70,18 @@ COLUMNS = (
     NEES,
     Column(6, "95 %\nband", (_figure("band_low", inside="nees"), _figure("band_high", inside="nees")), "–"),
 )
+
+
+def _left_out(figures: Figures) -> float | None:
+    return (figures.get("integrity") or {}).get("mean_dropped_photodiodes") or None
+
+
 REPLAY_COLUMNS = (
     TRACKING,
     Column(1, "solved\n%, ≥5 lit", (_figure("solved_share_with_5_photodiodes", 100),)),
     Column(2, "residual\narcsec", (_figure("residual_median_rad", ARCSEC_PER_RAD),)),
     Column(3, "lit\nmean", (_figure("mean_visible"),)),
+    Column(3, "left out\nmean", (_left_out,)),
     Column(8, "LM steps\nmean", (_figure("mean_iterations"),)),
     Column(6, "to peer\nmm", (_figure("peer_position_scatter_mm"),)),
     Column(7, "to peer\n°", (_figure("peer_attitude_scatter_deg"),)),

@@ -129,7 +129,8 @@ def for_replay(recording: Path, overrides: Iterable[str] = (), seed: int | None 
         "description": f"Replay of {recording.name}"[:200],
         "swarm": {"count": 1},
         # What a factory calibration leaves of a real station's errors, photodiodes do not share: half of the variance.
-        "navigation": {"angle_noise_arcsec": 20.0, "rotor_correlation": 0.5},
+        # The noise itself is found in the recording.
+        "navigation": {"rotor_correlation": 0.5},
     }
     return validate(data, overrides, seed, file=shown(recording), folder=Path.cwd())
 

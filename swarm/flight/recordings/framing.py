@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.arrays import Floats, Ints
-from swarm.flight.recordings.libsurvive import TICK_S, AngleLog, PulseLog
+from swarm.flight.recordings.libsurvive import AngleLog, PulseLog
+from swarm.flight.recordings.object_clock import TICK_S
 from swarm.messages import FAN_BIT, SKIP_BIT, SYNC_WIDTH_S, SYNC_WIDTH_STEP_S
 from swarm.onboard.decoder import SLOT_S, SYNC_TOLERANCE_S
 

@@ -4,16 +4,16 @@
     C channel rise width    a raw light pulse, ticks of the object's 48 MHz clock, which wraps at 32 bits
     A sensor acode rise width_s angle lighthouse     libsurvive's own sweep angle [rad] from boresight; acode & 1: fan Y
     POSE x y z qw qx qy qz  libsurvive's own pose of the object's head in its world: a peer's estimate, not the truth
-    LH_POSE (same)          libsurvive's pose of a station (the source is the station's number)
+    LH_POSE (same) [id]     libsurvive's pose of a station; the source is its number, or with an id its channel
 
-Other lines are not read. A photodiode is the index of its channel in channelMap. Lines that end early or have invalid
-values are counted and skipped, because real recordings contain some; a file that is mostly such lines is rejected.
+Other lines are not read. A photodiode is the index of its channel in channelMap. Lines that end early, have invalid
+values, contradict the object's clock or repeat an earlier one are counted and left out, because real recordings contain
+some; a file that is mostly such lines is rejected.
 """
 
-import gzip
 import math
-import zlib
-from collections.abc import Iterator
+from array import array
+from collections.abc import Sequence
 from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
@@ -23,13 +23,18 @@ import numpy as np
 from estimators import rotation as rot
 from estimators.arrays import Floats, Ints
 from swarm.errors import SwarmError, did_you_mean
+from swarm.flight.recordings.object_clock import TICK_S, WRAP, ObjectClock
+from swarm.flight.recordings.text_lines import TextLines
 from swarm.flight.recordings.tracked_object import TrackedObject, read_config
 from swarm.hardware import Photodiodes, pad
 
-TICK_S = 1 / 48e6
-"""Nominal tick of the objects' clocks [s]."""
-_TOKENS = {"C": 6, "A": 9, "POSE": 10, "LH_POSE": 10}
-_WRAP = 1 << 32
+SECOND_GENERATION = ("W", "B", "Y")
+"""Operations of Lighthouse 2.0."""
+MOST_DAMAGED = 100_000
+"""Damaged lines beyond twice the good ones at which a file is given up before its end."""
+MOST_NAMES = 1000
+"""Names of objects that are kept for messages."""
+_TOKENS = {"C": (6,), "A": (9,), "POSE": (10,), "LH_POSE": (10, 11)}
 
 
 class PulseLog(NamedTuple):
@@ -67,12 +72,40 @@ class WorldPose(NamedTuple):
     quaternion: Floats
 
 
+class Losses(NamedTuple):
+    """Parts of a file that could not be used.
+
+    damaged: number of lines that could not be read, or contradict the object's clock. repeated: number of lines that
+    were there before. restarts: of the object's counter. end: why and where the file ends early, empty where it does
+    not.
+    """
+
+    damaged: int
+    repeated: int = 0
+    restarts: int = 0
+    end: str = ""
+
+    def sentences(self) -> list[str]:
+        """Return a sentence for each kind of loss."""
+        out = []
+        if self.end:
+            out.append(f"the recording is {self.end}: the rest of it is lost, all before is used")
+        if self.damaged:
+            out.append(f"damaged lines, left out: {self.damaged}")
+        if self.repeated:
+            out.append(f"lines that repeat an earlier one, left out: {self.repeated}")
+        if self.restarts:
+            out.append(f"restarts of the object's clock, bridged by the host's time: {self.restarts}")
+        return out
+
+
 class Recording(NamedTuple):
     """Data of one object of a recording.
 
     path: file. device: name of the object. photodiodes: its layout, a batch of one, in its own model frame. pulses,
     angles: its light. peer_time_s (N,), peer (N, ...): its `POSE` lines, as poses of the model frame. stations: last
-    `LH_POSE` of each. damaged_lines: number of lines that could not be read.
+    `LH_POSE` of each number, of lines without an id. stations_by_id: the same by id, of lines with one. losses: parts
+    of the file that could not be used.
     """
 
     path: Path
@@ -83,38 +116,53 @@ class Recording(NamedTuple):
     peer_time_s: Floats
     peer: WorldPose
     stations: dict[int, WorldPose]
-    damaged_lines: int
+    stations_by_id: dict[str, WorldPose]
+    losses: Losses
+
+    @property
+    def damaged_lines(self) -> int:
+        """Number of lines that could not be read."""
+        return self.losses.damaged
+
+    def station(self, lighthouse: int, identity: str | None = None) -> WorldPose | None:
+        """Return the pose of a station, None if it is not known.
+
+        The numbers of `LH_POSE` lines with an id are channels, not the numbers of `A` lines: they match by id only.
+
+        Args:
+            lighthouse: number of the station.
+            identity: its id, as `station_id` returns it.
+        """
+        if identity in self.stations_by_id:
+            return self.stations_by_id[identity]
+        return self.stations.get(lighthouse)
+
+
+def station_id(text: str) -> str:
+    """Return a station's id in one form: libsurvive writes the same 32 bits with and without a sign, and in hex."""
+    word = text.strip().lower().removeprefix("lhb-")
+    for base in (10, 16):
+        try:
+            return str(int(word, base) % WRAP)
+        except ValueError:
+            continue
+    return word
 
 
 def read_libsurvive(path: str | Path, device: str) -> Recording:
-    """Read the data of `device` (such as "HMD") from a recording, gzip or plain.
+    """Read the data of `device` (such as "HMD") from a recording, gzip or plain, as far as they are good.
 
     Raises:
-        SwarmError: the file is missing, truncated, damaged or no recording, or the device is not in it, or its CONFIG
-            is missing or unusable; the message names file and line.
+        SwarmError: the file is missing or no recording, or the device is not in it, or its CONFIG is missing or
+            unusable, or its light is of Lighthouse 2.0; the message names file and line.
     """
     file = Path(path)
     reader = _Reader(file, device)
+    lines = TextLines(file)
     number = 0
-    try:
-        for number, line in enumerate(_lines(file), 1):
-            reader.read(line, number)
-    except OSError as error:
-        if isinstance(error, gzip.BadGzipFile):
-            raise SwarmError(f"{file}: damaged gzip data after line {number} ({error})") from None
-        raise SwarmError(f"{file}: {error.strerror or error}") from None
-    except EOFError:
-        raise SwarmError(f"{file}: truncated gzip file, it ends within line {number + 1}") from None
-    except zlib.error as error:
-        raise SwarmError(f"{file}: damaged gzip data after line {number} ({error})") from None
-    return reader.recording(number)
-
-
-def _lines(path: Path) -> Iterator[str]:
-    with path.open("rb") as raw:
-        packed = raw.read(2) == b"\x1f\x8b"
-    with gzip.open(path, "rt", errors="replace") if packed else path.open(errors="replace") as text:
-        yield from text
+    for number, line in lines:
+        reader.read(line, number)
+    return reader.recording(number, lines.lost)
 
 
 class _Reader:
@@ -125,16 +173,14 @@ class _Reader:
         self._config: tuple[int, str] | None = None
         self._devices: set[str] = set()
         self._good = self._damaged = 0
-        self._last_tick: int | None = None
-        self._pulses: list[tuple[float, ...]] = []
-        self._angles: list[tuple[float, ...]] = []
-        self._poses: list[tuple[float, ...]] = []
+        self._second_generation = 0
+        self._clock = ObjectClock(f"{path}: {device}")
+        self._pulses, self._angles, self._poses = array("d"), array("d"), array("d")
         self._stations: dict[int, tuple[float, ...]] = {}
+        self._stations_by_id: dict[str, tuple[float, ...]] = {}
 
     def read(self, line: str, number: int) -> None:
         head = line.split(None, 3)
-        if not head:
-            return
         try:
             if len(head) < 3:
                 raise ValueError
@@ -142,71 +188,91 @@ class _Reader:
             source, op = head[1], head[2]
             if op == "CONFIG" or op in _TOKENS:
                 self._event(time_s, source, op, line, number)
+            elif op in SECOND_GENERATION and source == self._device:
+                self._note(source)
+                self._second_generation += 1
         except ValueError:
             self._damaged += 1
+            if self._damaged > MOST_DAMAGED + 2 * self._good:
+                raise self._no_recording(number) from None
         else:
             self._good += 1
 
     def _event(self, time_s: float, source: str, op: str, line: str, number: int) -> None:
         if op == "CONFIG":
-            self._devices.add(source)
+            self._note(source)
             if source == self._device:
                 self._config = (number, line.split("CONFIG", 1)[1])
             return
         token = line.split()
-        if len(token) != _TOKENS[op]:
+        if len(token) not in _TOKENS[op]:
             raise ValueError
         if op == "LH_POSE":
-            self._stations[_within(int(source), 0, 16)] = _pose(token[3:])
+            place, pose = _within(int(source), 0, 16), _pose(token[3:10])
+            if len(token) > 10:
+                self._stations_by_id[station_id(token[10])] = pose
+            else:
+                self._stations[place] = pose
             return
-        self._devices.add(source)
+        self._note(source)
         if source != self._device:
             return
         if op == "POSE":
-            self._poses.append((time_s, *_pose(token[3:])))
+            self._poses.extend((time_s, *_pose(token[3:])))
         elif op == "C":
-            channel, width = int(token[3]), _within(int(token[5]), 0, 1 << 31)
-            self._pulses.append((time_s, channel, self._unwrap(token[4]), width))
+            self._pulse(time_s, token)
         else:
-            width_s, angle, lighthouse = _finite(token[6]), _finite(token[7]), _within(int(token[8]), 0, 2)
-            if not (0 <= width_s < 1 and abs(angle) < math.pi / 2):
-                raise ValueError
-            # The file has the width rounded to microseconds; the effect on the middle is within half a tick.
-            middle = self._unwrap(token[5]) + 0.5 * width_s / TICK_S
-            self._angles.append(
-                (time_s, _within(int(token[3]), 0, 1 << 15), int(token[4]) & 1, lighthouse, middle, angle)
-            )
+            self._angle(time_s, token)
 
-    def _unwrap(self, text: str) -> int:
-        """Return the tick of a 32-bit counter that is nearest to the last one read."""
-        tick = _within(int(text), 0, _WRAP)
-        if self._last_tick is not None:
-            tick = self._last_tick + (tick - self._last_tick + _WRAP // 2) % _WRAP - _WRAP // 2
-        self._last_tick = tick
-        return tick
+    def _note(self, source: str) -> None:
+        # Of a file that is all damage, the names are without end.
+        if len(self._devices) < MOST_NAMES or source == self._device:
+            self._devices.add(source)
 
-    def recording(self, lines: int) -> Recording:
-        """Return the collected data as arrays; raise SwarmError if they do not make a recording."""
-        if not self._devices or self._damaged > self._good:
-            raise SwarmError(
-                f"{self._path}: not a libsurvive recording: of {lines} lines, "
-                f"{self._damaged} do not read 'time_s source OP ...', and {len(self._devices)} objects appear"
-            )
-        if self._device not in self._devices:
-            raise SwarmError(
-                f"{self._path}: no object {self._device!r} in this recording{did_you_mean(self._device, self._devices)}"
-            )
-        if self._config is None:
-            raise SwarmError(
-                f"{self._path}: object {self._device!r} has no CONFIG line, so where its photodiodes sit is not known"
-            )
-        number, text = self._config
-        tracked = read_config(text, f"{self._path}, line {number}: CONFIG of {self._device!r}")
+    def _pulse(self, time_s: float, token: list[str]) -> None:
+        channel, width = _within(int(token[3]), -(1 << 15), 1 << 15), _within(int(token[5]), 0, 1 << 31)
+        rise = _within(int(token[4]), 0, WRAP)
+        self._clock.add(time_s, rise, lambda tick: self._pulses.extend((time_s, channel, tick, width)))
+
+    def _angle(self, time_s: float, token: list[str]) -> None:
+        photodiode, fan, rise = _within(int(token[3]), 0, 1 << 15), int(token[4]) & 1, _within(int(token[5]), 0, WRAP)
+        width_s, angle, lighthouse = _finite(token[6]), _finite(token[7]), _within(int(token[8]), 0, 2)
+        if not (0 <= width_s < 1 and abs(angle) < math.pi / 2):
+            raise ValueError
+        # The file has the width rounded to microseconds; the effect on the middle is within half a tick.
+        half = 0.5 * width_s / TICK_S
+        self._clock.add(
+            time_s,
+            rise,
+            lambda tick: self._angles.extend((time_s, photodiode, fan, lighthouse, tick + half, angle)),
+        )
+
+    def _no_recording(self, lines: int, where: str = "") -> SwarmError:
+        return SwarmError(
+            f"{where or self._path}: not a libsurvive recording: of {lines} lines, "
+            f"{self._damaged} do not read 'time_s source OP ...', and {len(self._devices)} objects appear"
+        )
+
+    def recording(self, lines: int, lost: str) -> Recording:
+        """Return the collected data as arrays.
+
+        Args:
+            lines: number of lines of the file.
+            lost: why and where the file ends early, empty where it does not.
+
+        Raises:
+            SwarmError: the lines do not make a recording of this device.
+        """
+        self._clock.close()
+        tracked = self._tracked(lines, lost)
         index = {channel: photodiode for photodiode, channel in enumerate(tracked.channels)}
-        pulses = np.array(self._pulses, dtype=np.float64).reshape(-1, 4)
+        pulses, twice = _once(_rows(self._pulses, 4), (1, 2, 3))
         pulses = pulses[np.argsort(pulses[:, 2], kind="stable")]
-        angles = np.array([a for a in self._angles if a[1] < len(index)], dtype=np.float64).reshape(-1, 6)
-        poses = np.array(self._poses, dtype=np.float64).reshape(-1, 8)
+        angles, angles_twice = _once(_rows(self._angles, 6), (1, 2, 3, 4, 5))
+        known = angles[:, 1] < len(index)
+        unknown, angles = int(np.count_nonzero(~known)), angles[known]
+        poses, poses_twice = _once(_rows(self._poses, 8), range(8))
+        poses = poses[np.argsort(poses[:, 0], kind="stable")]
         return Recording(
             path=self._path,
             device=self._device,
@@ -227,9 +293,55 @@ class _Reader:
             ),
             peer_time_s=poses[:, 0],
             peer=_of_model(poses[:, 1:4], poses[:, 4:], tracked),
-            stations={k: WorldPose(np.array(pose[:3]), np.array(pose[3:])) for k, pose in self._stations.items()},
-            damaged_lines=self._damaged + len(self._angles) - len(angles),
+            stations={k: _world(pose) for k, pose in self._stations.items()},
+            stations_by_id={k: _world(pose) for k, pose in self._stations_by_id.items()},
+            losses=Losses(
+                self._damaged + self._clock.damaged + unknown,
+                twice + angles_twice + poses_twice,
+                self._clock.restarts,
+                lost,
+            ),
         )
+
+    def _tracked(self, lines: int, lost: str) -> TrackedObject:
+        """Return the device; raise SwarmError if the lines do not make a recording of it."""
+        where = f"{self._path}: {lost}" if lost else f"{self._path}"
+        if not self._devices or self._damaged > self._good:
+            raise self._no_recording(lines, where)
+        if self._device not in self._devices:
+            raise SwarmError(
+                f"{where}: no object {self._device!r} in this recording{did_you_mean(self._device, self._devices)}"
+            )
+        if self._second_generation and not (self._pulses or self._angles):
+            raise SwarmError(
+                f"{self._path}: {self._device!r} saw Lighthouse 2.0 stations "
+                f"({self._second_generation} W, B and Y lines): Lighthouse 2.0 is not supported yet"
+            )
+        if self._config is None:
+            raise SwarmError(
+                f"{where}: object {self._device!r} has no CONFIG line, so where its photodiodes sit is not known"
+            )
+        number, text = self._config
+        return read_config(text, f"{self._path}, line {number}: CONFIG of {self._device!r}")
+
+
+def _rows(values: "array[float]", columns: int) -> Floats:
+    return np.array(values, dtype=np.float64).reshape(-1, columns)
+
+
+def _once(rows: Floats, key: Sequence[int]) -> tuple[Floats, int]:
+    """Return the rows without those that repeat an earlier one in the columns `key`, and the number of those."""
+    if not len(rows):
+        return rows, 0
+    order = np.lexsort(rows[:, list(key)].T)
+    ordered = rows[order][:, list(key)]
+    again = np.zeros(len(rows), dtype=np.bool_)
+    again[order[1:]] = np.all(ordered[1:] == ordered[:-1], axis=1)
+    return rows[~again], int(np.count_nonzero(again))
+
+
+def _world(pose: tuple[float, ...]) -> WorldPose:
+    return WorldPose(np.array(pose[:3]), np.array(pose[3:]))
 
 
 def _of_model(position: Floats, quaternion: Floats, tracked: TrackedObject) -> WorldPose:

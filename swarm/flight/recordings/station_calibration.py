@@ -33,7 +33,7 @@ import numpy as np
 from estimators.arrays import Floats
 from estimators.lighthouse.sweep import FanErrors, from_libsurvive
 from swarm.errors import SwarmError, did_you_mean
-from swarm.flight.recordings.libsurvive import WorldPose
+from swarm.flight.recordings.libsurvive import WorldPose, station_id
 
 _FCAL = ("fcalphase", "fcaltilt", "fcalcurve", "fcalgibpha", "fcalgibmag")
 _TOKEN = re.compile(r'(?P<space>\s*)(?P<token>"(?:[^"\\]|\\.)*"|[{}\[\]:,]|[^\s{}\[\]:,"]+)')
@@ -44,6 +44,7 @@ class StationCalibration(NamedTuple):
 
     fan_x, fan_y: errors of the fans. pose: the station's pose in libsurvive's world. point_m: positions of the
     photodiodes of any object, (K, 3) [m]. by_name: the same for the craft, models or objects of these names.
+    identity: the station's id, as `station_id` returns it.
     """
 
     fan_x: FanErrors
@@ -51,6 +52,7 @@ class StationCalibration(NamedTuple):
     pose: WorldPose | None = None
     point_m: Floats | None = None
     by_name: Mapping[str, Floats] = MappingProxyType({})
+    identity: str | None = None
 
     def places(self, name: str) -> Floats | None:
         """Return the positions of the photodiodes of `name`, (K, 3) [m], or None if the calibration has none."""
@@ -73,11 +75,13 @@ def read_calibration(path: str | Path, lighthouse: int = 0) -> StationCalibratio
         raise SwarmError(f"{file}: {error.strerror or error}") from None
     except UnicodeDecodeError:
         raise SwarmError(f"{file}: not a calibration file: it is not text") from None
+    except ValueError as error:
+        raise SwarmError(f"{str(file)!r}: {error}") from None
     if text.lstrip()[:1] in ('"', "{"):
         return _from_libsurvive(_tolerant(text, file), file, lighthouse)
     try:
         data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise SwarmError(f"{file}: neither libsurvive's calibration nor TOML: {error}") from None
     return _from_toml(data, file)
 
@@ -101,7 +105,8 @@ def _from_libsurvive(data: dict[str, Any], file: Path, lighthouse: int) -> Stati
         if abs(length - 1) > 1e-2:
             raise SwarmError(f"{file}, {name}: pose must end with a unit quaternion, its length is {length:.4g}")
         pose = WorldPose(values[:3], values[3:] / length)
-    return StationCalibration(fan_x, fan_y, pose)
+    identity = station_id(str(table["id"])) if table.get("id") is not None else None
+    return StationCalibration(fan_x, fan_y, pose, identity=identity)
 
 
 def _numbers(table: dict[str, Any], key: str, count: int, where: str) -> list[float]:
@@ -110,7 +115,7 @@ def _numbers(table: dict[str, Any], key: str, count: int, where: str) -> list[fl
         raise SwarmError(f"{where}: {key} is missing{did_you_mean(key, table)}")
     try:
         values = [float(value) for value in table[key]]
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         values = []
     if len(values) != count or not all(map(math.isfinite, values)):
         raise SwarmError(f"{where}: {key} must be {count} numbers, not {table[key]!r}")
@@ -144,7 +149,7 @@ def _points(table: dict[str, Any], where: str) -> Floats:
     _known(table, ("point_m",), where)
     try:
         point_m = np.array(table.get("point_m"), dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         point_m = np.empty(0)
     if point_m.ndim != 2 or point_m.shape[1] != 3 or not np.isfinite(point_m).all():
         raise SwarmError(f"{where}: point_m must be rows of three finite numbers [m]")
@@ -177,4 +182,6 @@ def _tolerant(text: str, file: Path) -> dict[str, Any]:
         data = json.loads(joined if joined.lstrip().startswith("{") else "{" + joined + "}")
     except json.JSONDecodeError as error:
         raise SwarmError(f"{file}, line {error.lineno}: not a calibration file, or damaged: {error.msg}") from None
+    except (ValueError, RecursionError) as error:
+        raise SwarmError(f"{file}: not a calibration file, or damaged: {error}") from None
     return dict(data)

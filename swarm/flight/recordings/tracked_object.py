@@ -39,6 +39,9 @@ def read_config(text: str, where: str) -> TrackedObject:
         config = json.loads(text)
     except json.JSONDecodeError as error:
         raise SwarmError(f"{where} is damaged at column {error.colno}: {error.msg}") from None
+    except (ValueError, RecursionError) as error:
+        # Numbers of thousands of digits, tables in tables without end.
+        raise SwarmError(f"{where} is damaged: {error}") from None
     table = config.get("lighthouse_config") if isinstance(config, dict) else None
     if not isinstance(config, dict) or not isinstance(table, dict):
         near = did_you_mean("lighthouse_config", config) if isinstance(config, dict) else ""
@@ -86,7 +89,7 @@ def _numbers(table: dict[str, Any], key: str, shape: tuple[int, ...], where: str
         raise SwarmError(f"{where} has no {key}{did_you_mean(key, table)}")
     try:
         values = np.array(table[key], dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         values = np.empty(0)
     fits = values.ndim == len(shape) and all(s in (-1, v) for s, v in zip(shape, values.shape, strict=True))
     if not fits or not np.isfinite(values).all():

@@ -23,8 +23,9 @@ import numpy as np
 from estimators import rotation as rot
 from estimators.arrays import Floats
 from swarm.errors import SwarmError, did_you_mean
-from swarm.flight.recordings.framing import RATE_HZ, TURN_TICKS, frame_angles, frame_pulses, x_flash
-from swarm.flight.recordings.libsurvive import TICK_S, Recording, WorldPose
+from swarm.flight.recordings.framing import RATE_HZ, TURN_TICKS, Framing, frame_angles, frame_pulses, x_flash
+from swarm.flight.recordings.libsurvive import Recording, WorldPose
+from swarm.flight.recordings.object_clock import TICK_S
 from swarm.messages import Pulses
 from swarm.onboard.decoder import SweepAngles
 
@@ -80,15 +81,13 @@ class Windows:
         if lighthouse not in (0, 1):
             raise SwarmError(f"lighthouse must be 0 or 1, not {lighthouse}")
         self._recording, self._lighthouse, self._source = recording, lighthouse, source
-        framing = (
-            frame_pulses(recording.pulses, lighthouse)
-            if source == "pulses"
-            else frame_angles(recording.angles, lighthouse)
-        )
+        framing = _framing(recording, lighthouse, source)
         if len(framing.start) == 0:
             what = "raw pulses (C lines)" if source == "pulses" else "sweep angles (A lines)"
+            other = len(_framing(recording, 1 - lighthouse, source).start)
             raise SwarmError(
                 f"{recording.path}: no period of lighthouse {lighthouse} among the {what} of {recording.device!r}"
+                + (f"; of lighthouse {1 - lighthouse} there are {other}" if other else "")
             )
         self._start = framing.start
         self.frame_s, self.tick_s = framing.turns / RATE_HZ, TICK_S
@@ -99,7 +98,7 @@ class Windows:
         # The host logs each event some milliseconds late, irregularly: fit one straight line to all of them.
         line = np.polynomial.Polynomial.fit(tick, log.time_s, 1)
         self._time_s = line(self._start + TURN_TICKS / 2)
-        self._peer = _peer_poses(recording, self._time_s, station or recording.stations.get(lighthouse))
+        self._peer = _peer_poses(recording, self._time_s, station or recording.station(lighthouse))
 
     def __len__(self) -> int:
         return len(self._start)
@@ -150,6 +149,12 @@ class Windows:
             yield SweepAngles(
                 theta, offset, np.isfinite(theta).all(axis=2), none + epoch, none, none + (len(row) - len(once))
             )
+
+
+def _framing(recording: Recording, lighthouse: int, source: Source) -> Framing:
+    if source == "pulses":
+        return frame_pulses(recording.pulses, lighthouse)
+    return frame_angles(recording.angles, lighthouse)
 
 
 def _peer_poses(recording: Recording, time_s: Floats, station: WorldPose | None) -> WorldPose:

@@ -19,7 +19,7 @@ def groups_of(scene: Scene) -> list[Group]:
         (scene.replay, PEER),
         (bool(scene.ccd), CCD),
         (bool(scene.lidar), observer(scene.craft, scene.lidar)),
-        (simulated, integrity(scene.watched)),
+        (True, integrity(scene.watched)),
         (simulated, ACTUATION if scene.actuated else IDEAL),
         (scene.guided, GUIDANCE),
         (scene.docking, DOCKING),

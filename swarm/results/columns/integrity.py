@@ -26,7 +26,7 @@ def integrity(watched: bool) -> Group:
     """Return the group; watched: something goes wrong in the run, or may raise an alert, so that levels are plotted."""
     titles = _PLOTS if watched else {}
     columns = tuple(column._replace(plot=titles.get(column.name, "")) for column in COLUMNS)
-    return Group(columns, _fill, "in a simulation")
+    return Group(columns, _fill)
 
 
 def _fill(period: Period, out: Floats) -> None:

@@ -84,7 +84,9 @@ def observe_recording(
     Raises:
         SwarmError: The file cannot be read, or has no such object or station.
     """
-    playback = Playback(recording, for_replay(Path(recording)), object_name or "", lighthouse, start)
+    # A photodiode that is not where it is believed to be is what a calibration is for: none is left out.
+    settings = for_replay(Path(recording), ["navigation.integrity.residual_test=false"])
+    playback = Playback(recording, settings, object_name, lighthouse, start)
     times, theta, offset, rotation, position = [], [], [], [], []
     for period in playback.fly():
         times.append(period.time_s)
