@@ -4,13 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from lidar_target import box
 
 from estimators.arrays import Floats
 from swarm.errors import SwarmError
 from swarm.world.craft import load_craft
 from swarm.world.mesh_file import read_mesh, triangulated
 from swarm.world.surface import surface
-from tests.lidar_target import box
 
 SPACECRAFT = Path(__file__).resolve().parents[2] / "shared" / "data" / "spacecraft"
 BOXES = [

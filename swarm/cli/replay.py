@@ -22,27 +22,31 @@ class Source(StrEnum):
     ANGLES = "angles"
 
 
+Recording = Annotated[
+    str,
+    typer.Argument(
+        metavar="RECORDING",
+        help="A recording of a real lighthouse: libsurvive's .rec or .rec.gz, or a name that `swarm list` shows.",
+    ),
+]
+Object = Annotated[
+    str | None,
+    typer.Option("--object", metavar="NAME", help="Use this tracked object, such as HMD. Default: the only one."),
+]
+Station = Annotated[int, typer.Option("--lighthouse", metavar="N", min=0, help="Use this station as the reference.")]
+Calibration = Annotated[
+    Path | None,
+    typer.Option(
+        "--calibration", metavar="FILE", help="Remove the station's errors: libsurvive's config, or ours (TOML)."
+    ),
+]
+
+
 def replay(
-    recording: Annotated[
-        str,
-        typer.Argument(
-            metavar="RECORDING",
-            help="A recording of a real lighthouse: libsurvive's .rec or .rec.gz, or a name that `swarm list` shows.",
-        ),
-    ],
-    object_name: Annotated[
-        str | None,
-        typer.Option("--object", metavar="NAME", help="Use this tracked object, such as HMD. Default: the only one."),
-    ] = None,
-    lighthouse: Annotated[
-        int, typer.Option("--lighthouse", metavar="N", min=0, help="Use this station as the reference.")
-    ] = 0,
-    calibration: Annotated[
-        Path | None,
-        typer.Option(
-            "--calibration", metavar="FILE", help="Remove the station's errors: libsurvive's config, or ours (TOML)."
-        ),
-    ] = None,
+    recording: Recording,
+    object_name: Object = None,
+    lighthouse: Station = 0,
+    calibration: Calibration = None,
     source: Annotated[
         Source, typer.Option("--from", help="Feed raw light pulses, or the angles that the recording computed of them.")
     ] = Source.PULSES,
