@@ -123,7 +123,7 @@ def _half_turn(
         theta[made.liar[0]] += made.liar[2]
     events: list[tuple[int, str]] = []
     slow_data = rng.integers(0, 2, 2)
-    seen = np.flatnonzero(lit | (rng.random(len(lit)) < 0.1))
+    seen = np.flatnonzero(np.asarray(lit, bool) | (rng.random(len(lit)) < 0.1))
     for which, first_s in ((1, at_s), (0, at_s + 20_000 * TICK_S)):
         code = fan | 2 * slow_data[which] | (0 if which == station else 4)
         for k in seen:

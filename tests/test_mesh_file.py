@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from lidar_target import box
+from numpy.typing import NDArray
 
 from estimators.arrays import Floats
 from swarm.errors import SwarmError
@@ -23,13 +24,13 @@ QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (
 ELL = np.array([[0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2]]) * 1.0
 
 
-def area(vertex: Floats, face: Floats) -> float:
+def area(vertex: Floats, face: NDArray[np.integer]) -> float:
     corner = vertex[face]
     cross = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     return float(np.linalg.norm(cross, axis=1).sum() / 2)
 
 
-def volume(vertex: Floats, face: Floats) -> float:
+def volume(vertex: Floats, face: NDArray[np.integer]) -> float:
     """Of a closed surface that faces outward."""
     a, b, c = np.moveaxis(vertex[face], 1, 0)
     return float(np.sum(a * np.cross(b, c)) / 6)

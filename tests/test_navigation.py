@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from estimators import rotation as rot
+from estimators.arrays import Floats
 from swarm.flight import builders
 from swarm.flight.flight import Flight
 from swarm.hardware import Photodiodes, pad
@@ -59,7 +60,12 @@ def swarm_run() -> tuple[Flight, list[Pulses], list[Estimate]]:
     pulses: list[Pulses] = []
     decoder = flight.computer.decoder
     decode = decoder.decode
-    decoder.decode = lambda p: decode(pulses.append(p) or p)  # type: ignore[method-assign, assignment, func-returns-value]
+
+    def kept(found: Pulses, expected: Floats | None = None) -> SweepAngles:
+        pulses.append(found)
+        return decode(found, expected)
+
+    decoder.decode = kept  # type: ignore[method-assign, assignment]
     return flight, pulses, [flight.period(frame).estimate for frame in range(180)]
 
 

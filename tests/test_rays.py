@@ -150,8 +150,8 @@ def test_rays_are_mujocos_own(source: str, name: str) -> None:
                 short = rays.cast(origin, direction, reach, without)
                 np.testing.assert_array_equal((short.distance >= 0) & (short.distance <= reach), near)
                 np.testing.assert_array_equal(short.distance[near], wanted[0][near])
-                met[0] += np.count_nonzero(wanted[0] >= 0)
-                met[1] += np.count_nonzero(wanted[0] < 0)
+                met[0] += int(np.count_nonzero(wanted[0] >= 0))
+                met[1] += int(np.count_nonzero(wanted[0] < 0))
     assert met[0] > 200
     assert met[1] > 200 or source == "made"
 

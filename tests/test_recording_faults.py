@@ -122,7 +122,7 @@ def test_damaged_ticks_and_times_are_damaged_lines_and_make_no_periods(
         if i % 5 == 0 and " OBJ C " in line:
             # Three seconds away at least: nearer, a tick contradicts nothing.
             ticks = int(rng.integers(3 * SECOND, WRAP - 3 * SECOND)) if part == "tick" else 0
-            seconds = 0.0 if part == "tick" else float(rng.uniform(10, 60) + 89.478 * rng.integers(0, 1e6))
+            seconds = 0.0 if part == "tick" else float(rng.uniform(10, 60) + 89.478 * rng.integers(0, 1_000_000))
             text.append(later(line, seconds, ticks))
     extra = len(text) - len(lines())
     made = read_libsurvive(write(tmp_path / "bad.rec", text), "OBJ")

@@ -77,9 +77,10 @@ def test_a_constant_reflection_is_left_out_and_named(tmp_path: Path, clean: Floa
 def test_the_noise_is_taken_from_the_recording(tmp_path: Path, noise_rad: float) -> None:
     made = SHORT._replace(own_rad=noise_rad, rotor_rad=1e-6, misplaced_m=0.0)
     run, notes = replayed(tmp_path, made)
+    assert run.scenario is not None
     table = next(
         line for line in run.scenario.splitlines() if line.startswith("angle_noise_arcsec = ") and "8.8" not in line
-    )  # type: ignore[union-attr]
+    )
     found = np.radians(float(table.split("=")[1]) / 3600) * np.sqrt(0.5)
     assert found == pytest.approx(noise_rad, rel=0.15)
     assert any("the angles agree to" in note for note in notes)

@@ -40,6 +40,12 @@ Calibration = Annotated[
         "--calibration", metavar="FILE", help="Remove the station's errors: libsurvive's config, or ours (TOML)."
     ),
 ]
+From = Annotated[
+    Source, typer.Option("--from", help="Feed raw light pulses, or the angles that the recording computed of them.")
+]
+ListOnly = Annotated[
+    bool, typer.Option("--list", help="Only list what the recording contains, and what of it can be replayed.")
+]
 
 
 def replay(
@@ -47,12 +53,8 @@ def replay(
     object_name: Object = None,
     lighthouse: Station = 0,
     calibration: Calibration = None,
-    source: Annotated[
-        Source, typer.Option("--from", help="Feed raw light pulses, or the angles that the recording computed of them.")
-    ] = Source.PULSES,
-    list_only: Annotated[
-        bool, typer.Option("--list", help="Only list what the recording contains, and what of it can be replayed.")
-    ] = False,
+    source: From = Source.PULSES,
+    list_only: ListOnly = False,
     overrides: Overrides = None,
     seed: Seed = None,
     out: Out = None,
@@ -70,16 +72,13 @@ def replay(
         --set navigation.motion_compensation=false
     """
     with mistakes():
-        from swarm.assets import find_recording, recordings
+        from swarm.assets import find_recording
 
         file = find_recording(recording)
         if list_only:
             _print_contents(file)
             return
         notes: list[str] = []
-        if calibration is None and file in recordings().values():
-            calibration = file.with_name(recording).with_suffix(".json")
-            notes.append(f"{recording} comes with the program, and so does its station's calibration, {calibration}")
         from swarm.scenario import for_replay
 
         settings = for_replay(file, overrides or (), seed)
@@ -92,7 +91,7 @@ def replay(
                 file,
                 object_name=object_name,
                 lighthouse=lighthouse,
-                calibration=calibration,
+                calibration=calibration or _own_calibration(file, notes.append),
                 source=source.value,
                 scenario=settings,
                 out=folder,
@@ -106,6 +105,18 @@ def replay(
             fly_and_report(settings.name, folder, fly)
         finally:
             _print_notes(notes)
+
+
+def _own_calibration(file: Path, tell: Callable[[str], None]) -> Path | None:
+    """Return the calibration beside a recording that comes with the program, and say that it is used."""
+    from swarm.assets import recordings
+
+    name = next((name for name, own in recordings().items() if own == file), None)
+    if name is None:
+        return None
+    calibration = file.with_name(name).with_suffix(".json")
+    tell(f"{name} comes with the program, and so does its station's calibration, {calibration}")
+    return calibration
 
 
 def _print_notes(notes: list[str]) -> None:
