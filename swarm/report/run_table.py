@@ -149,7 +149,8 @@ def results(summary: Mapping[str, Any], width: int) -> RenderableType:
     navigating = {name: f for name, f in summary["craft"].items() if f.get("navigates", True)}
     craft = _chosen(navigating)
     rows = [*craft.items(), *([("swarm", swarm)] if len(navigating) > 1 else [])]
-    lines: list[RenderableType] = [_table(rows, width)]
+    nobody = Text("No craft navigates in this run, so there is no tracking and no error to show.")
+    lines: list[RenderableType] = [_table(rows, width) if navigating else nobody]
     if len(craft) < len(navigating):
         lines.append(Text(f"The {len(craft)} worst of {len(navigating)} craft; summary.json has them all.", "dim"))
     sentences = [*findings(swarm), *inspections(summary.get("lidar") or {}), *warnings(summary["craft"])]
