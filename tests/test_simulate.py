@@ -203,7 +203,9 @@ def test_a_swarm_fills_the_field_and_nearly_all_of_it_tracks(flown):
 @pytest.mark.parametrize("table", [{"passive": True, "model": "satellite"}, {"lighthouse": False}])
 def test_a_flight_in_which_no_craft_navigates_ends_with_nulls_for_what_cannot_be_measured(tmp_path, table):
     scenario = swarm_scenario.validate(
-        {"duration_s": 0.1, "swarm": {"count": 2, **table}}, file="nobody", folder=tmp_path
+        {"duration_s": 0.1, "swarm": {"count": 2, "motion": {"kind": "hold", "spacing_m": 5.0}, **table}},
+        file="nobody",
+        folder=tmp_path,
     )
     builders.check(scenario)
     run = swarm.simulate(scenario, out=tmp_path / "run", record=False)

@@ -16,6 +16,7 @@ from swarm.scenario.schema import Scenario
 from swarm.scenario.table import Table
 from swarm.scenario.text import toml_value
 from swarm.units import split_unit, written_unit
+from swarm.user_text import short
 
 Path = tuple[str | int, ...]
 """The path of a value: ("craft", 1, "motion", "from_m", 0) is craft[1].motion.from_m[0]."""
@@ -53,9 +54,9 @@ def dotted(path: Path) -> str:
 
 def parse_path(key: str) -> Path:
     """Parse what `dotted` writes; `craft.1.motion` is understood too. The path is empty if `key` is not a key."""
-    if not re.fullmatch(r"[\w-]+(\[\d+\]|\.[\w-]+)*", key):
+    if not re.fullmatch(r"[\w-]+(\[[0-9]{1,9}\]|\.[\w-]+)*", key):
         return ()
-    return tuple(int(part) if part.isdecimal() else part for part in re.findall(r"[\w-]+", key))
+    return tuple(int(p) if re.fullmatch(r"[0-9]{1,9}", p) else p for p in re.findall(r"[\w-]+", key))
 
 
 def tables_of(annotation: Any) -> tuple[type[Table], ...]:
@@ -253,8 +254,3 @@ def _source(path: Path, sources: Mapping[Path, str]) -> str:
 def _type_name(value: Any) -> str:
     names = {bool: "true or false", str: "a string", int: "a number", float: "a decimal", dict: "a table"}
     return names.get(type(value), "a list" if isinstance(value, list | tuple) else "a date or time")
-
-
-def short(text: str) -> str:
-    """Cut a text to the room that a message has."""
-    return text if len(text) <= 60 else f"{text[:57]}..."
