@@ -25,6 +25,8 @@ HOSTILE = (
     *("{ " * 40, "a", "", "=", '"""', "'''a\nb'''", "{a=" * 900, '"%s"', '"[bold]"', "1_000", "\x00", "\x7f", "\ufeff"),
 )
 LETTERS = "\"'[]{}=.,#\n\r\t \\-_0129eEaxT:\x00\x01\x7f\u00e9\u2028\ud800"
+FOREIGN = re.compile(r"pydantic|constrained-|valid dictionary|function-|Input should|tuple\[|json-or-python")
+"""Words of the libraries behind the door, which mean nothing to a user."""
 VALUE = re.compile(r"(?<=[=:,\[])\s*(\"[^\"\n]*\"|'[^'\n]*'|[-+\w.]+|\[[^\[\]\n]*\])")
 
 
@@ -46,7 +48,7 @@ def tracebacks(texts: Sequence[str], read: Callable[[str], object]) -> list[str]
             read(text)
         except SwarmError as error:
             message = str(error)
-            if not message or "pydantic" in message or len(message) > 20_000:
+            if not message or FOREIGN.search(message) or len(message) > 20_000:
                 found.append(f"mutant {number}: the message is {message[:200]!r}")
         except Exception as error:
             place = traceback.extract_tb(error.__traceback__)[-1]

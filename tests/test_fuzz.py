@@ -33,6 +33,21 @@ point_m = [[0.07, 0.02, 0.03], [0.1, 0.0, 0.0]]
 [photodiodes]
 point_m = [[0.1, 0.0, 0.2]]
 """
+WHOLE_STUDY = """
+name = "x"
+base = "static"
+seeds = [1, 2]
+samples = 3
+sampling_seed = 1
+telemetry = true
+workers = 2
+measure = ["onboard"]
+overrides = ["seed=1"]
+[grid]
+swarm.count = [1, 2]
+[random]
+lighthouse.tick_ns = { low = 1.0, high = 2.0, log = true, integer = false }
+"""
 
 
 def libsurvive() -> str:
@@ -69,7 +84,7 @@ def test_overrides(tmp_path: Path) -> None:
 
 
 def test_study_files(tmp_path: Path) -> None:
-    texts = [path.read_text() for path in studies().values()]
+    texts = [WHOLE_STUDY, *(path.read_text() for path in studies().values())]
 
     def read(text: str) -> None:
         study = load_study(written(tmp_path, "mutant.toml", text))

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from swarm.errors import SwarmError
+from swarm.user_text import short
 
 if TYPE_CHECKING:
     from swarm.results.progress import Progress
@@ -136,6 +137,12 @@ def mistakes() -> Iterator[None]:
         yield
     except SwarmError as error:
         error_message(str(error))
+        raise typer.Exit(2) from None
+    except OSError as error:
+        if error.filename is None:
+            raise
+        # A path that the system refuses, or a file that it does not give.
+        error_message(f"{short(str(error.filename))}: {str(error.strerror).lower()}")
         raise typer.Exit(2) from None
     except KeyboardInterrupt as stop_asked:
         raise typer.Exit(128 + _number(stop_asked)) from None
