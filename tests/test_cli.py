@@ -6,6 +6,7 @@ import re
 import signal
 import subprocess
 import sys
+import time
 import tomllib
 from collections.abc import Callable
 from contextlib import suppress
@@ -474,3 +475,36 @@ def test_a_run_is_complete_even_where_nothing_can_be_printed(tmp_path: Path) -> 
         assert result.code == code
         assert "Traceback" not in result.err
         assert open_run(tmp_path / "it").status == "complete"
+
+
+@SHELL
+def test_a_viewer_ends_with_everything_that_it_started(tmp_path: Path) -> None:
+    """The stand-in for the viewer starts a program of its own, as rerun's does, which writes down who it is."""
+    (tmp_path / "rerun_cli").mkdir()
+    (tmp_path / "rerun_cli" / "__main__.py").write_text(
+        "import pathlib, subprocess, sys\n"
+        "inner = subprocess.Popen(['sleep', '60'])\n"
+        "pathlib.Path('inner').write_text(str(inner.pid))\n"
+        "sys.exit(inner.wait())\n"
+    )
+    (tmp_path / "it.rrd").write_bytes(b"RRF2")
+    program = subprocess.Popen(
+        [sys.executable, "-m", "swarm", "view", "it.rrd", "--web"],
+        stdout=subprocess.DEVNULL,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"},
+    )
+    limit = time.monotonic() + 60
+    while not ((inner := tmp_path / "inner").exists() and inner.read_text()) and time.monotonic() < limit:
+        time.sleep(0.05)
+    number = int(inner.read_text())
+    program.send_signal(signal.SIGTERM)
+    assert program.wait(30) == 128 + signal.SIGTERM
+    while time.monotonic() < limit:
+        # Ended, or ended and not yet collected by whoever has inherited it.
+        state = Path(f"/proc/{number}/stat")
+        if not state.exists() or state.read_text().rpartition(")")[2].split()[0] == "Z":
+            break
+        time.sleep(0.05)
+    else:
+        pytest.fail(f"process {number} of the viewer is still there")
