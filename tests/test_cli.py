@@ -481,6 +481,7 @@ def test_a_run_is_complete_even_where_nothing_can_be_printed(tmp_path: Path) -> 
 def test_a_viewer_ends_with_everything_that_it_started(tmp_path: Path) -> None:
     """The stand-in for the viewer starts a program of its own, as rerun's does, which writes down who it is."""
     (tmp_path / "rerun_cli").mkdir()
+    (tmp_path / "rerun_cli" / "__init__.py").touch()
     (tmp_path / "rerun_cli" / "__main__.py").write_text(
         "import pathlib, subprocess, sys\n"
         "inner = subprocess.Popen(['sleep', '60'])\n"
@@ -497,8 +498,8 @@ def test_a_viewer_ends_with_everything_that_it_started(tmp_path: Path) -> None:
     limit = time.monotonic() + 60
     while not ((inner := tmp_path / "inner").exists() and inner.read_text()) and time.monotonic() < limit:
         time.sleep(0.05)
-    number = int(inner.read_text())
     program.send_signal(signal.SIGTERM)
+    number = int(inner.read_text())
     assert program.wait(30) == 128 + signal.SIGTERM
     while time.monotonic() < limit:
         # Ended, or ended and not yet collected by whoever has inherited it.

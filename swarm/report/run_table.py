@@ -1,7 +1,7 @@
 """The summary of a run at a terminal: a table with a row per craft and one for the swarm, then sentences and files.
 
-Columns are left out, the least important first, until the table fits the terminal, and a line names them; a figure that nobody has (errors
-against the truth, in a replay) has no column. Errors are the filter's unless the head says PnP.
+Columns are left out, the least important first, until the table fits the terminal, and a line names them; a figure that
+nobody has (errors against the truth, in a replay) has no column. Errors are the filter's unless the head says PnP.
 """
 
 import math
