@@ -12,6 +12,7 @@ A user names one of these, or gives the path of a file.
 from pathlib import Path
 
 from swarm.errors import SwarmError, did_you_mean
+from swarm.user_text import short, user_path
 
 PACKAGE = Path(__file__).resolve().parent
 
@@ -60,14 +61,14 @@ def find_model(name_or_path: str | Path, relative_to: Path | None = None) -> Pat
     text = str(name_or_path)
     if text in known:
         return known[text]
-    path = (relative_to or Path()) / Path(text).expanduser()
+    path = user_path((relative_to or Path()) / user_path(text))
     if path.is_dir():
         return _model_of_folder(path)
     if path.is_file():
         return path.resolve()
     if _is_path(text, ".xml"):
         raise SwarmError(f"model file {path} does not exist")
-    raise SwarmError(f"no model {text!r}{did_you_mean(text, known)}; or give the path of an .xml file")
+    raise SwarmError(f"no model {short(text)!r}{did_you_mean(text, known)}; or give the path of an .xml file")
 
 
 def find_scenario(name_or_path: str | Path) -> Path:
@@ -98,14 +99,14 @@ def find_recording(name_or_path: str | Path) -> Path:
 def _find_toml(what: str, text: str, known: dict[str, Path]) -> Path:
     if text in known:
         return known[text]
-    path = Path(text).expanduser()
+    path = user_path(text)
     if path.is_file():
         return path.resolve()
     if path.exists():
         raise SwarmError(f"{path} is not a scenario file{' but a folder' if path.is_dir() else ''}")
     if _is_path(text, ".toml"):
         raise SwarmError(f"{what} file {path} does not exist{did_you_mean(path.stem, known)}")
-    raise SwarmError(f"no {what} {text!r}{did_you_mean(text, known)}; or give the path of a .toml file")
+    raise SwarmError(f"no {what} {short(text)!r}{did_you_mean(text, known)}; or give the path of a .toml file")
 
 
 def _models_in(place: Path) -> dict[str, Path]:

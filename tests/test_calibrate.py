@@ -24,6 +24,7 @@ from swarm.flight import builders
 from swarm.flight.flight import Flight
 from swarm.flight.recordings.calibration_file import calibration_text, held_parts
 from swarm.flight.recordings.station_calibration import StationCalibration, read_calibration
+from swarm.onboard.decoder import SweepAngles
 from swarm.results.angles import AngleWriter, believed, read_angles
 from swarm.results.run_folder import Run
 from swarm.scenario import load
@@ -173,11 +174,29 @@ def test_a_stopped_run_leaves_the_angles_of_its_periods(tmp_path):
     assert not (tmp_path / "run" / "angles.parquet").exists()
 
 
-def test_a_killed_run_leaves_no_half_file(tmp_path):
+def test_a_killed_run_leaves_its_angles_but_those_of_the_last_periods(tmp_path):
     layout = Flight(load("survey")).world.photodiodes
-    writer = AngleWriter(tmp_path, believed(("craft-0",), layout, (FanErrors(), FanErrors()), Noise(1e-5, 1e-5)))
-    del writer
-    with pytest.raises(SwarmError, match="killed leaves none"):
+    count = layout.present.sum()
+    about = believed(("craft-0",), layout, (FanErrors(), FanErrors()), Noise(1e-5, 1e-5))
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    for folder in (whole, killed):
+        folder.mkdir()
+        writer = AngleWriter(folder, about)
+        rng = np.random.default_rng(5)
+        for frame in range(300):
+            theta = rng.uniform(1, 2, (1, count, 2))
+            writer.append(frame, SweepAngles(theta, 1e-3 * theta, *np.empty((4, 0))))
+        if folder is whole:
+            writer.close()
+    assert [path.name for path in whole.iterdir()] == ["angles.parquet"]
+    assert not (killed / "angles.parquet").exists()
+    good, left = read_angles(whole), read_angles(killed)
+    rows = 240 * count
+    assert len(left.frame) == rows
+    for name in ("frame", "craft", "photodiode", "theta", "offset_s"):
+        np.testing.assert_array_equal(getattr(left, name), getattr(good, name)[:rows])
+    assert left.believed.craft == ("craft-0",)
+    with pytest.raises(SwarmError, match=r"has no angles\.parquet: fly it again"):
         read_angles(tmp_path)
 
 

@@ -311,6 +311,12 @@ def test_measures_are_of_the_flight_and_change_nothing() -> None:
 
 
 MISTAKES = [
+    ('base = "static"\nseeds = "3"', 'seeds = "3": expected a whole number, or a list of whole numbers, not a string'),
+    ('base = "static"\nseeds = [1, "a"]', 'seeds[1] = "a": expected a whole number, not a string'),
+    ('base = "static"\nseeds = 0', "seeds = 0: must be at least 1"),
+    ('grid = 3\nbase = "static"', "grid = 3: expected a table of keys: begin it with [grid]"),
+    ('base = "static"\n[grid]\nswarm.count = 3', "grid.swarm.count = 3: expected a list, not a number"),
+    ('base = "static"\nmeasure = 3', "measure = 3: expected a list of strings, not a number"),
     ("bse = 'formation'", "small.toml: bse = \"formation\": unknown key; did you mean 'base'?"),
     ("base = 'formtion'", "small.toml: base = \"formtion\": no scenario 'formtion'; did you mean 'formation'?"),
     ("base = 'formation'\nseeds = 0", "small.toml: seeds"),
@@ -335,7 +341,10 @@ MISTAKES = [
         "base = 'formation'\n[random]\nswarm.motion.radius_m = { low = 1, high = 2 }",
         "must be at least 1: [random] has keys",
     ),
-    ("base = 'formation'\noverrides = ['duration_s=0']", "study small, overrides: duration_s = 0: must be above 0 s"),
+    (
+        "base = 'formation'\noverrides = ['duration_s=0']",
+        "study small, overrides: duration_s = 0: must be at least 0.001 s",
+    ),
     ("base = ", "small.toml, at the end: not TOML"),
 ]
 

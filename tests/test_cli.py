@@ -6,8 +6,10 @@ import re
 import signal
 import subprocess
 import sys
+import time
 import tomllib
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -212,7 +214,7 @@ def test_several_mistakes_are_a_line_each(command: Command, tmp_path: Path) -> N
     (tmp_path / "mine.toml").write_text("sede = 1\nduration_s = -1\n[swarm]\ncount = 1")
     assert command("check", "mine.toml").err.splitlines() == [
         "error: mine.toml: sede = 1: unknown key; did you mean 'seed'?",
-        "error: mine.toml: duration_s = -1: must be above 0 s",
+        "error: mine.toml: duration_s = -1: must be at least 0.001 s",
     ]
 
 
@@ -278,7 +280,7 @@ def test_a_reader_that_goes_away_is_no_error() -> None:
     program.stdout.close()
     errors = program.stderr.read()
     program.stderr.close()
-    program.wait(60)
+    assert program.wait(60) == 128 + signal.SIGPIPE
     assert errors == b""
 
 
@@ -293,7 +295,7 @@ def simulator(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     def simulate(
         scenario: Scenario, *, out: Path, force: bool, progress: Callable[[Progress], None], **more: Any
     ) -> Run:
-        seen.update(more, scenario=scenario, out=out, force=force)
+        seen.update(more, scenario=scenario, out=out, force=force, progress=progress)
         with RunFolder.create(scenario.name, scenario.seed, out, force) as folder:
             progress(Progress(1.0, 30.0, 2.0, 1, 8))
             seen["act"]()
@@ -346,6 +348,41 @@ def test_a_stopped_run_is_closed_says_where_it_is_and_by_its_code_what_stopped_i
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_further_signals_do_not_disturb_the_closing_of_a_run(
+    command: Command, simulator: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def again(folder: RunFolder, *_: Any) -> None:
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGINT):
+            os.kill(os.getpid(), number)
+        closed.append(folder.path)
+        interrupt(folder, *_)
+
+    closed: list[Path] = []
+    interrupt = RunFolder.interrupt
+    monkeypatch.setattr(RunFolder, "interrupt", again)
+    simulator["act"] = lambda: os.kill(os.getpid(), signal.SIGINT)
+    result = command("run", "formation")
+    assert result.code == 130
+    assert closed == [Path("runs/formation-7")]
+    assert open_run("runs/formation-7").status == "interrupted"
+    assert "This run is not complete (stopped by the user)" in result.out
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_a_signal_that_a_library_swallows_stops_the_run_at_its_next_period(
+    command: Command, simulator: dict[str, Any]
+) -> None:
+    def swallow() -> None:
+        with suppress(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGINT)
+        simulator["progress"](Progress(2.0, 30.0, 2.0, 1, 8))
+
+    simulator["act"] = swallow
+    assert command("run", "formation").code == 130
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 def test_under_nohup_a_run_outlives_its_terminal(command: Command, simulator: dict[str, Any]) -> None:
     simulator["act"] = lambda: os.kill(os.getpid(), signal.SIGHUP)
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
@@ -392,3 +429,84 @@ def test_a_full_disk_under_the_output_is_one_message() -> None:
         )
     assert done.returncode == 2
     assert done.stderr == "error: cannot print: No space left on device\n"
+
+
+SHELL = pytest.mark.skipif(sys.platform == "win32", reason="a shell of POSIX")
+
+
+def shell(line: str, folder: Path) -> Result:
+    done = subprocess.run(
+        ["bash", "-c", f"{sys.executable} -m swarm {line}"],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    return Result(done.returncode, done.stdout, done.stderr)
+
+
+@SHELL
+@pytest.mark.parametrize(
+    ("line", "code", "error"),
+    [
+        ("list >&-", 2, "error: cannot print: Bad file descriptor\n"),
+        ("list 2>&-", 0, ""),
+        ("list >&- 2>&-", 2, ""),
+        ("list <&- >/dev/null", 0, ""),
+        ("check none.toml 2>&-", 2, ""),
+        ("check static --set name=$'\\xff'", 2, "error: argument 4: 'name=\\udcff': character 6 is not UTF-8 text\n"),
+        ("check $'\\xff.toml'", 2, "error: argument 2: '\\udcff.toml': character 1 is not UTF-8 text\n"),
+    ],
+)
+def test_closed_streams_and_bytes_that_are_no_text_end_cleanly(
+    tmp_path: Path, line: str, code: int, error: str
+) -> None:
+    result = shell(line, tmp_path)
+    assert (result.code, result.err) == (code, error)
+
+
+@SHELL
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full on this system")
+def test_a_run_is_complete_even_where_nothing_can_be_printed(tmp_path: Path) -> None:
+    fly = "run static --set duration_s=0.1 --no-recording --force --out it"
+    for ending, code in (("2>/dev/full", 0), (">/dev/full", 2), ("2>&1 | true; exit ${PIPESTATUS[0]}", 141)):
+        result = shell(f"{fly} {ending}", tmp_path)
+        assert result.code == code
+        assert "Traceback" not in result.err
+        assert open_run(tmp_path / "it").status == "complete"
+
+
+@SHELL
+def test_a_viewer_ends_with_everything_that_it_started(tmp_path: Path) -> None:
+    """The stand-in for the viewer starts a program of its own, as rerun's does, which writes down who it is."""
+    (tmp_path / "rerun_cli").mkdir()
+    (tmp_path / "rerun_cli" / "__init__.py").touch()
+    (tmp_path / "rerun_cli" / "__main__.py").write_text(
+        "import pathlib, subprocess, sys\n"
+        "inner = subprocess.Popen(['sleep', '60'])\n"
+        "pathlib.Path('inner').write_text(str(inner.pid))\n"
+        "sys.exit(inner.wait())\n"
+    )
+    (tmp_path / "it.rrd").write_bytes(b"RRF2")
+    program = subprocess.Popen(
+        [sys.executable, "-m", "swarm", "view", "it.rrd", "--web"],
+        stdout=subprocess.DEVNULL,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"},
+    )
+    limit = time.monotonic() + 60
+    while not ((inner := tmp_path / "inner").exists() and inner.read_text()) and time.monotonic() < limit:
+        time.sleep(0.05)
+    program.send_signal(signal.SIGTERM)
+    number = int(inner.read_text())
+    assert program.wait(30) == 128 + signal.SIGTERM
+    while time.monotonic() < limit:
+        # Ended, or ended and not yet collected by whoever has inherited it.
+        state = Path(f"/proc/{number}/stat")
+        if not state.exists() or state.read_text().rpartition(")")[2].split()[0] == "Z":
+            break
+        time.sleep(0.05)
+    else:
+        pytest.fail(f"process {number} of the viewer is still there")

@@ -115,6 +115,14 @@ def test_it_fits_the_terminal_and_no_figure_is_cut(folder: Path, width: int, rep
     assert len({len(row.split()) for row in rows}) == 1
 
 
+def test_what_a_narrow_terminal_leaves_out_is_named(folder: Path) -> None:
+    wide, narrow = (" ".join(" ".join(printed(summary(8), folder, width)).split()) for width in (200, 60))
+    assert "No room" not in wide
+    told = narrow[narrow.index("No room in 60 columns for: ") :].partition(" (summary.json has them).")[0]
+    assert "95 % band" in told
+    assert "tracking" not in told
+
+
 def test_the_table_has_what_the_issue_asks_for_at_80_columns(folder: Path) -> None:
     text = "\n".join(printed(summary(8), folder, 80))
     for head in ("tracking", "position, mm", "attitude, °", "RMS / max", "ADOP", "PDOP", "NEES", "band"):

@@ -8,12 +8,14 @@ from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from synthetic_run import estimate_of, period_of, truth_at
 
 from swarm.errors import SwarmError
 from swarm.results.disk import write_text
 from swarm.results.files import PARTS
+from swarm.results.parquet import GrowingParquet, is_there, read_table
 from swarm.results.run_folder import RunFolder, open_run
 from swarm.results.telemetry import Telemetry
 
@@ -194,3 +196,44 @@ def test_what_is_not_a_run_says_so_and_names_the_nearest(tmp_path):
     (tmp_path / "bad" / "summary.json").write_text("{")
     with pytest.raises(SwarmError, match=r"summary\.json is damaged"):
         open_run(tmp_path / "bad")
+
+
+def test_force_touches_no_link_and_no_file_that_is_not_a_runs(tmp_path):
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    (elsewhere / "part-00000.arrow").write_text("mine")
+    place = tmp_path / "run"
+    fly(place)
+    (place / "angles.parquet.partial").symlink_to(elsewhere)
+    with pytest.raises(SwarmError, match=r"angles\.parquet\.partial is a link, which lighthouse-swarm does not make"):
+        RunFolder(place, force=True)
+    assert status(place) == "complete"
+    (place / "angles.parquet.partial").unlink()
+    (place / "angles.parquet.partial").mkdir()
+    (place / "angles.parquet.partial" / "notes.txt").write_text("mine")
+    with pytest.raises(SwarmError, match="holds files that lighthouse-swarm did not write"):
+        RunFolder(place, force=True)
+    assert (elsewhere / "part-00000.arrow").read_text() == "mine"
+    # Without a marker of ours, a link that leads nowhere is in the way too.
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "scans.parquet").symlink_to(tmp_path / "nowhere")
+    with pytest.raises(SwarmError, match=r"scans\.parquet was not written by lighthouse-swarm"):
+        RunFolder(other)
+    assert (other / "scans.parquet").is_symlink()
+
+
+def test_a_table_that_grows_can_be_read_before_it_is_complete(tmp_path):
+    file = tmp_path / "scans.parquet"
+    part = pa.table({"time_s": [1.0, 2.0], "observer": ["a", "b"]})
+    growing = GrowingParquet(file, part.schema)
+    assert not is_there(file)
+    growing.write(part)
+    growing.write(part)
+    assert not file.exists()
+    assert is_there(file)
+    assert read_table(file)["time_s"].to_pylist() == [1.0, 2.0, 1.0, 2.0]
+    assert read_table(file, ["observer"]).column_names == ["observer"]
+    growing.close()
+    assert [path.name for path in tmp_path.iterdir()] == ["scans.parquet"]
+    assert read_table(file)["observer"].to_pylist() == ["a", "b", "a", "b"]

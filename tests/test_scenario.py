@@ -81,7 +81,7 @@ def test_written_text_is_toml_whatever_stands_in_it(file: Path, tmp_path: Path) 
     model.parent.mkdir()
     model.write_text("<mujoco/>")
     file.write_text(
-        "[swarm]\ncount = 1\nmodel = 'my craft/thing.xml'\n[lighthouse]\ntick_ns = 1e-5\n[[craft]]\nname = 'x.1'"
+        "[swarm]\ncount = 1\nmodel = 'my craft/thing.xml'\n[lighthouse.fan_x]\ncurve = 1e-5\n[[craft]]\nname = 'x.1'"
     )
     before = load(file)
     odd = before.model_copy(update={"description": awkward})
@@ -138,7 +138,7 @@ def test_every_default_is_written_and_what_is_unset_says_so() -> None:
             "lighthouse.range_min_m: range_min_m (0.3 m) must be below range_max_m (0.2 m)",
         ),
         ("[lighthouse]\nfield_deg = inf", "lighthouse.field_deg = inf: must be a finite number in deg"),
-        ("duration_s = 0", "duration_s = 0: must be above 0 s"),
+        ("duration_s = 0", "duration_s = 0: must be at least 0.001 s"),
         ("duration_s = true", "duration_s = true: expected a number in s, not true or false"),
         ("seed = -1", "seed = -1: must be at least 0"),
         ("seed = 1.5", "seed = 1.5: expected a whole number, not a decimal"),
@@ -545,3 +545,33 @@ def test_a_scenario_made_in_python_is_checked_too() -> None:
     assert made.craft_names == ("craft-0", "craft-1")
     with pytest.raises(ValueError, match="frozen"):
         made.seed = 3
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ("lighthouse.tick_ns=1e-9", "must be at least 0.01 ns"),
+        ("lighthouse.tick_ns=10000", "must be at most 5000 ns"),
+        ("lighthouse.rate_hz=1000", "must be at most 300 Hz"),
+        ("navigation.acceleration_noise_m_s2=1e-300", "must be at least 1e-09 m/s²"),
+        ("lighthouse.angle_noise_arcsec=1e-300", "must be 0, or at least 1e-09"),
+        ("swarm.scatter.position_m=5e-324", "must be 0, or at least 1e-09"),
+    ],
+)
+def test_a_number_that_would_destroy_the_flight_is_refused(change: str, message: str) -> None:
+    with pytest.raises(SwarmError) as caught:
+        load("static", [change])
+    assert message in str(caught.value)
+
+
+def test_no_number_of_a_scenario_is_bounded_by_nothing_but_zero() -> None:
+    """A size above 0 has a least one too: 1e-300 passes any check against zero, and overflows when it is squared."""
+    waiting: list[type[Table]] = [Scenario]
+    loose = set()
+    while waiting:
+        table = waiting.pop()
+        for key, field in table.model_fields.items():
+            waiting += tables_of(field.annotation)
+            if any(isinstance(limit, Gt) and limit.gt == 0 for limit in field.metadata):
+                loose.add(key)
+    assert loose == {"to_s"}  # is only compared

@@ -2,18 +2,22 @@
 
 import json
 from functools import cache
+from io import StringIO
 
 import numpy as np
 import pyarrow.compute as pc
 import pytest
+from rich.console import Console
 from scipy.stats import chi2
 
 import swarm
+import swarm.scenario as swarm_scenario
 from estimators import rotation as rot
 from swarm.assets import scenarios
 from swarm.errors import SwarmError
 from swarm.flight import builders
 from swarm.flight.flight import Flight
+from swarm.report.run_table import print_report
 from swarm.results.run_folder import Run
 
 
@@ -195,3 +199,24 @@ def test_a_swarm_fills_the_field_and_nearly_all_of_it_tracks(flown):
     field = np.tan(np.radians(settings.lighthouse.field_deg / 2))
     assert np.all(np.abs(first[:, :2]) < field * first[:, 2:])
     assert np.linalg.norm(first, axis=1).max() < settings.lighthouse.range_max_m
+
+
+@pytest.mark.parametrize("table", [{"passive": True, "model": "satellite"}, {"lighthouse": False}])
+def test_a_flight_in_which_no_craft_navigates_ends_with_nulls_for_what_cannot_be_measured(tmp_path, table):
+    scenario = swarm_scenario.validate(
+        {"duration_s": 0.1, "swarm": {"count": 2, "motion": {"kind": "hold", "spacing_m": 5.0}, **table}},
+        file="nobody",
+        folder=tmp_path,
+    )
+    builders.check(scenario)
+    run = swarm.simulate(scenario, out=tmp_path / "run", record=False)
+    assert run.status == "complete"
+    assert run.summary["periods"] == 6
+    swarm_figures = run.summary["swarm"]
+    assert swarm_figures["samples"] == 0
+    assert swarm_figures["tracking_share"] is None
+    assert swarm_figures["pnp_motion_bias"]["position_slope_s"] == [None] * 3
+    assert sorted(run.summary["craft"]) == ["craft-0", "craft-1"]
+    printed = StringIO()
+    print_report(Console(file=printed, width=80), run.summary, run.folder)
+    assert "No craft navigates in this run" in printed.getvalue()

@@ -1,7 +1,7 @@
 """The program `swarm`: its commands, put together. Everything heavy is imported by the command that uses it.
 
 Exit codes: 0 done, 1 done but a criterion of the scenario did not hold, 2 a mistake of the user (one message, no
-traceback), 128 + n stopped by signal n (130: Ctrl-C).
+traceback), 128 + n stopped by signal n (130: Ctrl-C; 141: the reader of the output has gone).
 """
 
 import os
@@ -18,8 +18,12 @@ from swarm.cli.replay import replay
 from swarm.cli.report import report
 from swarm.cli.reproduce import reproduce
 from swarm.cli.run import run
+from swarm.cli.streams import ended_by_output, open_streams
 from swarm.cli.study import study
+from swarm.cli.terminal import error_message, stopping_once
 from swarm.cli.view import view
+from swarm.errors import SwarmError
+from swarm.user_text import check_text
 
 HELP = """Fly a swarm of spacecraft in front of one laser lighthouse; each craft finds its own pose.
 
@@ -57,22 +61,24 @@ def main() -> int:
     """Run the command line, and return the exit code."""
     # Batches of small matrices: threads of the linear algebra only wait for each other, at twice the processor time.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):
-            # A terminal without Unicode shows '?' instead of failing.
-            stream.reconfigure(errors="replace")
-    try:
+    with open_streams(), stopping_once():
         try:
-            app(prog_name="swarm")
-        finally:
-            sys.stdout.flush()
-    except SystemExit as end:
-        return end.code if isinstance(end.code, int) else int(bool(end.code))
-    except OSError as error:
-        # What is printed could not be: a full disk, or a reader that has gone. Nothing is left to print at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-        print(f"error: cannot print: {error.strerror}", file=sys.stderr)  # noqa: T201
-        return 2
+            try:
+                for number, argument in enumerate(sys.argv[1:], start=1):
+                    check_text(argument, f"argument {number}")
+                app(prog_name="swarm")
+            finally:
+                sys.stdout.flush()
+        except SwarmError as error:
+            error_message(str(error))
+            return 2
+        except (SystemExit, OSError) as end:
+            code = ended_by_output(end)
+            if code is not None:
+                return code
+            if isinstance(end, OSError):
+                raise
+            return end.code if isinstance(end.code, int) else int(bool(end.code))
     return 0
 
 

@@ -1,6 +1,7 @@
 """The ends of a command: done, one message about a mistake, or stopped by a signal and closed properly."""
 
 import signal
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,10 +11,15 @@ from typing import TYPE_CHECKING
 import typer
 
 from swarm.errors import SwarmError
+from swarm.user_text import short
 
 if TYPE_CHECKING:
     from swarm.results.progress import Progress
     from swarm.results.run_folder import Run
+
+
+CLOSING_S = 10.0
+"""Time for which a program that was asked to stop is left to close its files; after it, a further signal counts."""
 
 
 class Stopped(KeyboardInterrupt):
@@ -22,6 +28,41 @@ class Stopped(KeyboardInterrupt):
     def __init__(self, number: int) -> None:
         super().__init__(number)
         self.number = number
+
+
+class _Asked:
+    """The first signal that asked this program to end. number: 0 before it; since_s: its time."""
+
+    def __init__(self) -> None:
+        self.number, self.since_s = 0, 0.0
+
+    def stop(self, number: int, frame: FrameType | None) -> None:
+        """Stop the work at the first signal; while its files are closed, further ones change nothing."""
+        if self.number and time.monotonic() - self.since_s < CLOSING_S:
+            return
+        self.number, self.since_s = number, time.monotonic()
+        raise Stopped(number)
+
+    def again(self) -> None:
+        """Stop the work if it goes on although it was asked to end: some library has swallowed that."""
+        if self.number:
+            raise Stopped(self.number)
+
+
+_ASKED = _Asked()
+
+
+@contextmanager
+def stopping_once() -> Iterator[None]:
+    """Let the first Ctrl-C in the block raise KeyboardInterrupt, and none disturb the closing after it."""
+    _ASKED.number = 0
+    before = signal.getsignal(signal.SIGINT)
+    if before is signal.default_int_handler:
+        signal.signal(signal.SIGINT, _ASKED.stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def fly_and_report(title: str, folder: Path, fly: Callable[[Callable[["Progress"], None]], "Run"]) -> None:
@@ -50,7 +91,12 @@ def fly_and_report(title: str, folder: Path, fly: Callable[[Callable[["Progress"
             print_report(Console(), run.summary, run.folder)
 
     with stoppable(report_the_rest), ProgressDisplay(Console(stderr=True), title) as progress:
-        run = fly(progress.run)
+
+        def tell(state: "Progress") -> None:
+            _ASKED.again()
+            progress.run(state)
+
+        run = fly(tell)
     print_report(Console(), run.summary, run.folder)
     if run.status != "complete":
         raise typer.Exit(128 + signal.SIGINT)
@@ -68,19 +114,15 @@ def stoppable(stopped: Callable[[str], None] = lambda name: None) -> Iterator[No
     Raises:
         typer.Exit: The command was stopped.
     """
-
-    def stop(number: int, frame: FrameType | None) -> None:
-        # A second signal of the kind ends the program at once.
-        signal.signal(number, signal.SIG_DFL)
-        raise Stopped(number)
-
     asked = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
     # What is ignored stays so: `nohup swarm run` outlives its terminal.
-    before = {number: signal.signal(number, stop) for number in asked if signal.getsignal(number) != signal.SIG_IGN}
+    before = {
+        number: signal.signal(number, _ASKED.stop) for number in asked if signal.getsignal(number) != signal.SIG_IGN
+    }
     try:
         yield
     except KeyboardInterrupt as stop_asked:
-        number = stop_asked.number if isinstance(stop_asked, Stopped) else signal.SIGINT
+        number = _number(stop_asked)
         stopped(signal.Signals(number).name)
         raise typer.Exit(128 + number) from None
     finally:
@@ -96,8 +138,19 @@ def mistakes() -> Iterator[None]:
     except SwarmError as error:
         error_message(str(error))
         raise typer.Exit(2) from None
-    except KeyboardInterrupt:
-        raise typer.Exit(128 + signal.SIGINT) from None
+    except OSError as error:
+        if error.filename is None:
+            raise
+        # A path that the system refuses, or a file that it does not give.
+        error_message(f"{short(str(error.filename))}: {str(error.strerror).lower()}")
+        raise typer.Exit(2) from None
+    except KeyboardInterrupt as stop_asked:
+        raise typer.Exit(128 + _number(stop_asked)) from None
+
+
+def _number(stop: KeyboardInterrupt) -> int:
+    """Return the number of the signal that stopped the program."""
+    return stop.number if isinstance(stop, Stopped) else signal.SIGINT
 
 
 def error_message(message: str) -> None:

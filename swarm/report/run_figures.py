@@ -4,11 +4,14 @@ import numpy as np
 from scipy.stats import chi2
 
 from estimators.arrays import Bools, Floats
+from swarm.errors import SwarmError
 from swarm.figures import Axes, Figure, count_map, plain_log_y
 from swarm.report.figures import BLUE, GREY, ORANGE, SERIES, Picture, picture, thin
 from swarm.results.table import TelemetryTable
 
 DOF = 6
+MOST_GAPS = 10
+"""Periods per row that the telemetry may have, for somebody may have kept a part of the rows."""
 MOST_LINES, MOST_PANELS, MOST_DOTS = 10, 4, 20_000
 STATUS_COLOURS = {"searching": "#c0392b", "ambiguous": "#7b5ea7", "coasting": "#e6a23c"}
 
@@ -20,6 +23,13 @@ class Series:
         """Take the rows of a run."""
         self._rows = rows
         self.names = rows.names_of("craft")
+        frame, craft = rows.column("frame"), rows.column("craft")
+        if not (np.isfinite(frame).all() and np.isfinite(craft).all()):
+            raise SwarmError("the telemetry has rows without a frame or a craft: it was changed, or is damaged")
+        if np.ptp(frame) >= MOST_GAPS * len(frame):
+            raise SwarmError(
+                f"the telemetry's frames go from {frame.min():.0f} to {frame.max():.0f} in {len(frame)} rows"
+            )
         self._row = rows.frame - rows.frame.min()
         self.shape = int(self._row.max()) + 1, len(self.names)
         self.time_s: Floats = np.nanmin(self.of("time_s"), axis=1)

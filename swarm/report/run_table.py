@@ -1,7 +1,7 @@
 """The summary of a run at a terminal: a table with a row per craft and one for the swarm, then sentences and files.
 
-Columns are dropped, the least important first, until the table fits the terminal; a figure that nobody has (errors
-against the truth, in a replay) has no column. Errors are the filter's unless the head says PnP.
+Columns are left out, the least important first, until the table fits the terminal, and a line names them; a figure that
+nobody has (errors against the truth, in a replay) has no column. Errors are the filter's unless the head says PnP.
 """
 
 import math
@@ -156,7 +156,12 @@ def results(summary: Mapping[str, Any], width: int) -> RenderableType:
     navigating = {name: f for name, f in summary["craft"].items() if f.get("navigates", True)}
     craft = _chosen(navigating)
     rows = [*craft.items(), *([("swarm", swarm)] if len(navigating) > 1 else [])]
-    lines: list[RenderableType] = [_table(rows, width)]
+    columns, left_out = _columns(rows, width)
+    nobody = Text("No craft navigates in this run, so there is no tracking and no error to show.")
+    lines: list[RenderableType] = [_table(rows, columns) if navigating else nobody]
+    if left_out and navigating:
+        heads = "; ".join(" ".join(column.head.split()) for column in left_out)
+        lines.append(Text(f"No room in {width} columns for: {heads} (summary.json has them).", "dim"))
     if len(craft) < len(navigating):
         lines.append(Text(f"The {len(craft)} worst of {len(navigating)} craft; summary.json has them all.", "dim"))
     sentences = [*findings(swarm), *inspections(summary.get("lidar") or {}), *warnings(summary["craft"])]
@@ -188,14 +193,21 @@ def _chosen(craft: Mapping[str, Figures]) -> dict[str, Figures]:
     return dict(sorted(craft.items(), key=badness, reverse=True)[:WORST_ROWS])
 
 
-def _table(rows: list[tuple[str, Figures]], width: int) -> Table:
+def _columns(rows: list[tuple[str, Figures]], width: int) -> tuple[list[tuple[Column, list[str]]], list[Column]]:
+    """Return the columns that fit the terminal, with their cells, and those that are left out for want of room."""
     replay = any("peer_samples" in figures for _, figures in rows)
     columns = [(c, _cells(c, rows)) for c in (REPLAY_COLUMNS if replay else COLUMNS)]
     columns = [(c, cells) for c, cells in columns if any(cell != NOTHING for cell in cells)]
     room = width - min(max(len(name) for name, _ in [*rows, (HEAD, None)]), NAME_WIDTH)
+    left_out = []
     while columns and sum(GAP + _width(c, cells) for c, cells in columns) > room:
-        columns.remove(max(columns, key=lambda pair: pair[0].rank))
+        last = max(columns, key=lambda pair: pair[0].rank)
+        columns.remove(last)
+        left_out.append(last[0])
+    return columns, left_out
 
+
+def _table(rows: list[tuple[str, Figures]], columns: list[tuple[Column, list[str]]]) -> Table:
     made = table(HEAD, *(column.head for column, _ in columns), tight=True)
     name_column = made.columns[0]
     name_column.no_wrap, name_column.max_width, name_column.overflow = True, NAME_WIDTH, "ellipsis"

@@ -2,12 +2,15 @@
 
 from pathlib import Path
 
+from swarm.errors import SwarmError
 from swarm.report import run as of_run
 from swarm.report import scaling, sweep
 from swarm.report.page import Page, Section, html
 from swarm.report.rows import Rows
 from swarm.results.disk import write_text, writing
+from swarm.results.files import SUMMARY
 from swarm.results.run_folder import SCENARIO, Run, open_run
+from swarm.results.summary_shape import check_summary
 from swarm.studies.campaign.study_folder import FIGURES, REPORT, FinishedStudy, is_study, open_study
 from swarm.studies.campaign.task import COMPLETE
 
@@ -23,12 +26,7 @@ def write_report(path: str | Path, out: Path | None = None) -> tuple[Path, list[
     Returns the page's file and the files of its figures. Raises SwarmError where `path` is neither a run nor a study,
     or where nothing can be written.
     """
-    if is_study(path):
-        study = open_study(path)
-        folder, page = study.folder, study_page(study)
-    else:
-        run = open_run(path)
-        folder, page = run.folder, run_page(run)
+    folder, page = _page(path)
     file = out or folder / REPORT
     figures = file.parent / (FIGURES if out is None else f"{file.stem}-{FIGURES}")
     with writing(figures):
@@ -37,6 +35,21 @@ def write_report(path: str | Path, out: Path | None = None) -> tuple[Path, list[
             figures.mkdir(exist_ok=True)
     write_text(file, html(page))
     return file, [written for picture in page.pictures for written in picture.write(figures)]
+
+
+def _page(path: str | Path) -> tuple[Path, Page]:
+    """Return the folder at `path`, and the page of the run or the study in it."""
+    result = open_study(path) if is_study(path) else open_run(path)
+    if isinstance(result, Run):
+        check_summary(result.summary, str(result.folder / SUMMARY))
+    try:
+        return result.folder, run_page(result) if isinstance(result, Run) else study_page(result)
+    except SwarmError as error:
+        raise SwarmError(f"{result.folder}: {error}") from error
+    except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+        # Every value has the right type by now; what is left are figures that contradict each other.
+        told = f"its files contradict each other, as after a change by hand ({type(error).__name__}: {error})"
+        raise SwarmError(f"{result.folder}: no report can be made: {told}") from error
 
 
 def study_page(study: FinishedStudy) -> Page:

@@ -21,11 +21,12 @@ from swarm.hardware import Photodiodes
 from swarm.onboard.decoder import SweepAngles
 from swarm.results.columns.column import Column
 from swarm.results.files import ANGLES
-from swarm.results.parquet import PARTIAL, GrowingParquet, read_table
+from swarm.results.parquet import GrowingParquet, is_there, read_table
 from swarm.results.table import TelemetryTable
 
 _KEY = b"survey"
-_ROWS = 65_536
+_ROWS, _PERIODS = 65_536, 120
+"""Rows, and periods, that wait in memory at most: a run that is killed loses no more, as of its telemetry."""
 _COLUMNS = (
     Column("frame", "1", "number of the lighthouse period", "whole", required=True),
     Column("craft", "", "name of the craft", "name", required=True),
@@ -98,7 +99,7 @@ class AngleWriter:
         offset = np.where(np.isfinite(theta), offset, np.nan)
         self._waiting.append(np.stack([np.full(len(craft), frame), craft, photodiode, *theta.T, *offset.T]))
         self._rows += len(craft)
-        if self._rows >= _ROWS:
+        if self._rows >= _ROWS or len(self._waiting) >= _PERIODS:
             self._flush()
 
     def _flush(self) -> None:
@@ -118,11 +119,8 @@ class AngleWriter:
 def read_angles(folder: Path) -> AngleTable:
     """Return the angles of the run in `folder`. Raises SwarmError where it has none, or they are damaged."""
     file = folder / ANGLES
-    if not file.exists():
-        raise SwarmError(
-            f"{folder} has no {ANGLES}: fly it again with --set recording.angles=true"
-            + (" (a run that was killed leaves none)" if (folder / (ANGLES + PARTIAL)).exists() else "")
-        )
+    if not is_there(file):
+        raise SwarmError(f"{folder} has no {ANGLES}: fly it again with --set recording.angles=true")
     try:
         table = read_table(file)
         about = _parse(json.loads(table.schema.metadata[_KEY]))

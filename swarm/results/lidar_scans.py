@@ -21,8 +21,8 @@ from swarm.results.parquet import GrowingParquet
 from swarm.results.period import Period
 from swarm.results.records import Truth
 
-ROWS = 512
-"""Scans that wait in memory."""
+ROWS, PERIODS = 512, 120
+"""Scans, and periods, that wait in memory at most: a run that is killed loses no more, as of its telemetry."""
 
 COLUMNS = (
     Column("time_s", "s", "the epoch that everything refers to"),
@@ -58,16 +58,19 @@ class ScanWriter:
     def __init__(self, folder: Path, craft: Sequence[str]) -> None:
         self._craft = list(craft)
         self._rows: list[dict[str, Any]] = []
+        self._periods = 0
         self._file = GrowingParquet(folder / SCANS, SCHEMA)
 
     def append(self, period: Period) -> None:
         """Take what became of the scans of one period. Raises SwarmError on a full disk."""
         if period.truth is not None:
             self._rows += [_row(period.time_s, period.frame, self._craft, fix, period.truth) for fix in period.scans]
-        if len(self._rows) >= ROWS:
+        self._periods += 1
+        if len(self._rows) >= ROWS or (self._rows and self._periods >= PERIODS):
             self._flush()
 
     def _flush(self) -> None:
+        self._periods = 0
         self._file.write(pa.Table.from_pylist(self._rows, schema=SCHEMA))
         self._rows = []
 

@@ -14,6 +14,7 @@ gives it back.
 """
 
 import json
+import os
 from collections.abc import Callable, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -22,6 +23,7 @@ from typing import Any, Literal, NamedTuple, Self
 
 from swarm.errors import SwarmError, did_you_mean
 from swarm.results.disk import FolderLock, write_text, writing
+from swarm.user_text import parse_json, read_text, user_path
 
 PROGRAM = "lighthouse-swarm"
 RUNS = Path("runs")
@@ -48,16 +50,12 @@ class Contents(NamedTuple):
 def marker_in(folder: Path, contents: Contents) -> dict[str, Any] | None:
     """Return the marker in `folder` if this program wrote it, else None. Raises SwarmError where it is damaged."""
     file = folder / contents.marker
-    try:
-        text = file.read_text(encoding="utf-8")
-    except (FileNotFoundError, NotADirectoryError, IsADirectoryError):
+    if not user_path(file).is_file():
         return None
-    except (OSError, UnicodeDecodeError) as error:
-        raise SwarmError(f"cannot read {file}: {error}") from error
-    try:
-        marker = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise SwarmError(f"{file} is damaged: {error}") from error
+    text = read_text(file, str(file), "the JSON of a result")
+    if not text.strip():
+        raise SwarmError(f"{file} is damaged: it is empty")
+    marker = parse_json(text, str(file), "the JSON of a result")
     return marker if isinstance(marker, dict) and marker.get("program") == PROGRAM else None
 
 
@@ -66,7 +64,7 @@ def find(path: str | Path, contents: Contents) -> tuple[Path, dict[str, Any]]:
 
     Raises SwarmError where it is not of this kind, and names the nearest that is.
     """
-    folder = Path(path)
+    folder = user_path(path)
     if not folder.exists() and (RUNS / folder).is_dir():
         folder = RUNS / folder
     marker = marker_in(folder, contents)
@@ -94,9 +92,12 @@ def refuse_taken(path: Path, contents: Contents, force: bool) -> None:
     if marker_in(path, contents) is not None:
         if not force:
             raise SwarmError(f"{path} holds {contents.what} already; {contents.instead}")
+        for name in contents.folders:
+            if (path / name).is_symlink():
+                raise SwarmError(f"{path / name} is a link, which {PROGRAM} does not make; move it away")
         return
     for name in (contents.marker, *contents.files, *contents.folders):
-        if (path / name).exists():
+        if os.path.lexists(path / name):
             raise SwarmError(
                 f"{path / name} was not written by {PROGRAM}, and {contents.what} would replace it; "
                 "move it away or choose another --out"

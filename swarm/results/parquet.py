@@ -60,29 +60,68 @@ def write_table(table: Table, file: Path) -> None:
 
 
 def read_table(file: Path, columns: Sequence[str] | None = None) -> Table:
-    """Return the table in a Parquet file; columns: only these. Raises SwarmError where it cannot be read."""
+    """Return the table in a Parquet file; columns: only these. Raises SwarmError where it cannot be read.
+
+    Where there is no such file, but the parts of one that was never completed, these are read.
+    """
     try:
-        return pq.read_table(file, columns=columns)
+        parts = () if file.exists() else parts_of(file)
+        if parts:
+            whole = pa.concat_tables(_mapped(part) for part in parts)
+            return whole if columns is None else whole.select(columns)
+        return pq.read_table(file, columns=columns, partitioning=None)
     except (OSError, pa.ArrowException) as error:
         raise SwarmError(f"cannot read {file}: {error}") from error
 
 
+def is_there(file: Path) -> bool:
+    """Tell whether there is a Parquet file, or the parts of one that was never completed."""
+    return file.exists() or bool(parts_of(file))
+
+
+def parts_of(file: Path) -> list[Path]:
+    """Return the parts of a Parquet file that is not complete, in order."""
+    return sorted(file.with_name(file.name + PARTIAL).glob("part-*.arrow"))
+
+
+def _mapped(part: Path) -> Table:
+    # Mapped, not copied: nobody writes to a part any more.
+    with pa.memory_map(str(part)) as file:
+        return pa.ipc.open_file(file).read_all()
+
+
 class GrowingParquet:
-    """A Parquet file that grows as `NAME.partial` until it is complete: work that was killed leaves none."""
+    """A Parquet file that grows by parts in the folder `NAME.partial` until it is complete.
+
+    A part is an Arrow file, written under another name and renamed: whatever is there can be read by `read_table`,
+    however the work ended.
+    """
 
     def __init__(self, file: Path, schema: pa.Schema) -> None:
         """Begin the file. Raises SwarmError where it cannot be written."""
-        self._final, self._partial = file, file.with_name(file.name + PARTIAL)
-        with writing(self._partial):
-            self._file = pq.ParquetWriter(self._partial, schema, compression="snappy")
+        self._final, self._folder, self._schema = file, file.with_name(file.name + PARTIAL), schema
+        self._parts = 0
+        with writing(self._folder):
+            self._folder.mkdir()
 
     def write(self, table: Table) -> None:
-        """Add rows. Raises SwarmError on a full disk."""
-        with writing(self._partial):
-            self._file.write_table(table)
+        """Add rows, as a part of their own. Raises SwarmError on a full disk."""
+        part = self._folder / f"part-{self._parts:05d}.arrow"
+        temporary = part.with_suffix(".tmp")
+        with writing(part):
+            with pa.OSFile(str(temporary), "wb") as file, pa.ipc.new_file(file, self._schema) as writer:
+                writer.write_table(table)
+            temporary.replace(part)
+        self._parts += 1
 
     def close(self) -> None:
-        """Complete the file. Raises SwarmError on a full disk."""
+        """Join the parts into the file. Raises SwarmError on a full disk: the parts stay."""
+        joined, parts = self._folder / "joined.tmp", parts_of(self._final)
         with writing(self._final):
-            self._file.close()
-            self._partial.replace(self._final)
+            with pq.ParquetWriter(joined, self._schema, compression="snappy") as writer:
+                for part in parts:
+                    writer.write_table(_mapped(part))
+            joined.replace(self._final)
+            for part in parts:
+                part.unlink()
+            self._folder.rmdir()

@@ -23,10 +23,12 @@ def read_telemetry(folder: Path, columns: Sequence[str] | None = None) -> pa.Tab
     file, parts = folder / TELEMETRY, part_files(folder)
     try:
         if file.exists():
-            return pq.read_table(file, columns=columns)
+            if not file.is_file():
+                raise SwarmError(f"cannot read the telemetry in {folder}: {file.name} is a folder")
+            return pq.read_table(file, columns=columns, partitioning=None)
         if parts:
             return pa.concat_tables([_read_part(part, columns) for part in parts])
-    except (OSError, pa.ArrowException) as error:
+    except (OSError, ValueError, pa.ArrowException) as error:
         raise SwarmError(f"cannot read the telemetry in {folder}: {error}") from error
     empty = _nothing().empty_table()
     return empty.select(columns) if columns is not None else empty
@@ -35,13 +37,16 @@ def read_telemetry(folder: Path, columns: Sequence[str] | None = None) -> pa.Tab
 def telemetry_columns(folder: Path) -> list[str]:
     """Return the names of the columns that the run in `folder` has."""
     file, parts = folder / TELEMETRY, part_files(folder)
-    if file.exists():
-        schema = pq.read_schema(file)
-    elif parts:
-        with pa.OSFile(str(parts[0]), "rb") as part:
-            schema = pa.ipc.open_file(part).schema
-    else:
-        schema = _nothing()
+    try:
+        if file.exists():
+            schema = pq.read_schema(file)
+        elif parts:
+            with pa.OSFile(str(parts[0]), "rb") as part:
+                schema = pa.ipc.open_file(part).schema
+        else:
+            schema = _nothing()
+    except (OSError, pa.ArrowException) as error:
+        raise SwarmError(f"cannot read the telemetry in {folder}: {error}") from error
     names: list[str] = schema.names
     return names
 

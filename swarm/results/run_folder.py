@@ -13,13 +13,14 @@ from swarm.results.files import ANGLES, PARTS, RECORDING, SCANS, SCENARIO, SUMMA
 from swarm.results.owned_folder import PROGRAM, RUNS, Contents, OwnedFolder, Status, find
 from swarm.results.parquet import PARTIAL
 from swarm.results.reading import read_telemetry
+from swarm.user_text import read_text
 
 __all__ = ["PROGRAM", "RUNS", "SCENARIO", "Run", "RunFolder", "open_run"]
 CONTENTS = Contents(
     "a run",
     SUMMARY,
-    (SCENARIO, TELEMETRY, RECORDING, ANGLES, ANGLES + PARTIAL, SCANS, SCANS + PARTIAL),
-    {PARTS: ("part-*.arrow", "part-*.tmp", "joined.tmp")},
+    (SCENARIO, TELEMETRY, RECORDING, ANGLES, SCANS),
+    dict.fromkeys((PARTS, ANGLES + PARTIAL, SCANS + PARTIAL), ("part-*.arrow", "part-*.tmp", "joined.tmp")),
 )
 
 
@@ -72,7 +73,7 @@ class Run:
     def scenario(self) -> str | None:
         """The resolved scenario's TOML text, or None where the run was stopped before it was written."""
         file = self.folder / SCENARIO
-        return file.read_text(encoding="utf-8") if file.exists() else None
+        return read_text(file, str(file)) if file.exists() else None
 
     @property
     def recording(self) -> Path | None:

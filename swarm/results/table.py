@@ -12,6 +12,7 @@ import numpy as np
 import pyarrow as pa
 
 from estimators.arrays import Bools, Floats, Ints
+from swarm.errors import SwarmError, did_you_mean
 from swarm.results.files import WITHOUT_SENSORS
 from swarm.results.reading import read_telemetry, telemetry_columns
 
@@ -46,13 +47,18 @@ class TelemetryTable:
     def column(self, name: str) -> Floats:
         """Return one column."""
         if name not in self._values:
+            if name not in self.columns:
+                raise SwarmError(f"the telemetry has no column {name!r}{did_you_mean(name, self.columns)}")
             table = self._load(name)
             column = table.column(name)
-            value = self._codes(name, column) if pa.types.is_dictionary(column.type) else doubles(table, name)
+            value = self._codes(name, column) if _is_of_names(column.type) else doubles(table, name)
             self._values[name] = value if self._order is None else value[self._order]
         return self._values[name][self._rows]
 
     def _codes(self, name: str, column: pa.ChunkedArray) -> Floats:
+        if pa.types.is_string(column.type):
+            # A file that another program has written again: the same words, without their numbers.
+            column = column.dictionary_encode()
         chunks = column.unify_dictionaries().chunks
         self._names[name] = chunks[0].dictionary.to_pylist() if chunks else []
         codes = [chunk.indices.to_numpy(zero_copy_only=False) for chunk in chunks] or [np.zeros(0)]
@@ -61,6 +67,8 @@ class TelemetryTable:
     def names_of(self, column: str) -> list[str]:
         """Return what the codes of a column of names stand for."""
         self.column(column)
+        if column not in self._names:
+            raise SwarmError(f"the telemetry's column {column!r} must be of words, and is of numbers")
         return self._names[column]
 
     def being(self, column: str, name: str) -> Bools:
@@ -123,6 +131,14 @@ class TelemetryTable:
 
 
 def doubles(table: pa.Table, name: str) -> Floats:
-    """Return a column of numbers as doubles, NaN where null."""
-    out: Floats = table.column(name).cast(pa.float64()).to_numpy()
+    """Return a column of numbers as doubles, NaN where null. Raises SwarmError where they are no numbers."""
+    column = table.column(name)
+    try:
+        out: Floats = column.cast(pa.float64()).to_numpy()
+    except (pa.ArrowException, ValueError):
+        raise SwarmError(f"the telemetry's column {name!r} must be of numbers, and is of {column.type}") from None
     return out
+
+
+def _is_of_names(kind: pa.DataType) -> bool:
+    return bool(pa.types.is_dictionary(kind) or pa.types.is_string(kind))

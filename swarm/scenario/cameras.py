@@ -45,13 +45,13 @@ class Ccd(Table):
         description="Solution from the images of both cameras: the closed form refined by a fit to all images, or the "
         "closed form alone.",
     )
-    focal_length_mm: float = Field(default=28.0, gt=0, le=10000, description="Focal length of both cameras.")
-    field_deg: float = Field(default=24.0, gt=0, le=170, description="Full width of the field of view in each axis.")
+    focal_length_mm: float = Field(default=28.0, ge=0.1, le=10000, description="Focal length of both cameras.")
+    field_deg: float = Field(default=24.0, ge=0.01, le=170, description="Full width of the field of view in each axis.")
     range_min_m: float = Field(default=0.3, ge=0, le=10000, description="Least range at which a light is seen.")
-    range_max_m: float = Field(default=35.0, gt=0, le=10000, description="Largest range at which a light is seen.")
+    range_max_m: float = Field(default=35.0, ge=0.01, le=10000, description="Largest range at which a light is seen.")
     light_cone_deg: float = Field(
         default=60.0,
-        gt=0,
+        ge=0.1,
         le=90,
         description="Largest angle from the direction in which a light shines at which it is seen.",
     )
@@ -63,7 +63,7 @@ class Ccd(Table):
     )
     believed_noise_um: float | None = Field(
         default=None,
-        gt=0,
+        ge=1e-6,
         le=1000,
         description="Standard deviation of an image coordinate that the craft assumes. Unset: image noise and "
         "rounding together.",
@@ -85,11 +85,11 @@ class Ccd(Table):
     )
     failure_every_s: float | None = Field(
         default=None,
-        gt=0,
+        ge=0.1,
         le=86400,
         description="Mean time to the next random failure of a camera. Unset: never.",
     )
-    failure_length_s: float = Field(default=5.0, gt=0, le=86400, description="Mean duration of a random failure.")
+    failure_length_s: float = Field(default=5.0, ge=1e-3, le=86400, description="Mean duration of a random failure.")
     outages: Annotated[tuple[Outage, ...], Strict(False)] = Field(
         default=(), description="Planned outages of the cameras: a list of tables."
     )

@@ -30,7 +30,7 @@ class Strike(Table):
     )
     probability_per_s: float | None = Field(
         default=None,
-        gt=0,
+        ge=1e-9,
         le=10,
         description="Probability per second that the fault strikes, for each craft by itself where the fault is one "
         "of craft. Unset: at at_s.",
@@ -47,12 +47,12 @@ class Lasting(Strike):
 
     for_s: float | None = Field(
         default=None,
-        gt=0,
+        ge=1e-3,
         le=86400,
         description="Duration of the fault. Unset: until until_s, or to the end of the run.",
     )
     until_s: float | None = Field(
-        default=None, gt=0, le=86400, description="Time at which the fault ends. Unset: see for_s."
+        default=None, ge=1e-3, le=86400, description="Time at which the fault ends. Unset: see for_s."
     )
 
     def between_keys(self) -> Iterator[Mistake]:
@@ -107,10 +107,10 @@ class Ghosts(Lasting, OfCraft):
 
     kind: Literal["ghosts"] = Field(description="A random share of the sweeps is timed from a reflection.")
     share: float = Field(
-        gt=0, le=1, description="Share of the sweeps over the photodiodes that is timed from a reflection."
+        ge=1e-6, le=1, description="Share of the sweeps over the photodiodes that is timed from a reflection."
     )
     spread_deg: float = Field(
-        default=5.0, gt=0, le=60, description="Largest error of those angles, which is distributed uniformly."
+        default=5.0, ge=1e-6, le=60, description="Largest error of those angles, which is distributed uniformly."
     )
 
 
@@ -124,7 +124,7 @@ class RotorDrift(Strike):
     """The rotor's speed hunts once about its nominal value: too fast, then as much too slow, as one sine."""
 
     kind: Literal["rotor-drift"] = Field(description="The rotor's speed swings away and back.")
-    for_s: float = Field(gt=0, le=3600, description="Duration of the swing.")
+    for_s: float = Field(ge=1e-3, le=3600, description="Duration of the swing.")
     speed_ppm: float = Field(ge=-900, le=900, description="Amplitude of the swing; a positive one begins too fast.")
 
     def between_keys(self) -> Iterator[Mistake]:
@@ -139,7 +139,7 @@ class SyncLoss(Lasting, OfCraft):
 
     kind: Literal["sync-loss"] = Field(description="The craft miss flashes.")
     missed_sync_probability: float = Field(
-        default=1.0, gt=0, le=1, description="Probability that a craft misses a flash, for each craft by itself."
+        default=1.0, ge=1e-6, le=1, description="Probability that a craft misses a flash, for each craft by itself."
     )
 
 
@@ -169,7 +169,7 @@ class Restart(Strike, OfCraft):
     """
 
     kind: Literal["restart"] = Field(description="The craft's computer restarts.")
-    for_s: float = Field(default=0.5, gt=0, le=3600, description="Duration of the restart.")
+    for_s: float = Field(default=0.5, ge=1e-3, le=3600, description="Duration of the restart.")
 
 
 AnyFault = Annotated[

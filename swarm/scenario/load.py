@@ -4,7 +4,6 @@ All mistakes are reported together, in one `SwarmError`: one line each with file
 """
 
 import re
-import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +19,7 @@ from swarm.scenario.lidar import Lidar
 from swarm.scenario.mistakes import Problem, dotted, parse_path
 from swarm.scenario.schema import Scenario, SingleCraft, Swarm
 from swarm.scenario.text import toml_value
+from swarm.user_text import NotToml, check_text, parse_toml, read_text, short, user_path
 
 
 @dataclass(frozen=True)
@@ -137,6 +137,7 @@ def for_replay(recording: Path, overrides: Iterable[str] = (), seed: int | None 
 
 def parse_override(text: str) -> Override:
     """Parse "key=value". Raises SwarmError where the text is not of this form."""
+    check_text(text, "--set")
     key, equals, value = text.partition("=")
     if not equals or not parse_path(key.strip()):
         raise SwarmError(f"--set: {text!r} is not key=value, such as swarm.count=16")
@@ -155,17 +156,8 @@ def craft(scenario: Scenario) -> list[Craft]:
 
 def read_toml(path: Path) -> dict[str, Any]:
     """Read a TOML file. Raises SwarmError, with the place in the file, where it cannot be read or is not TOML."""
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except tomllib.TOMLDecodeError as error:
-        where = re.search(r" \(at (?:line (\d+), column (\d+)|end of document)\)$", str(error))
-        what = str(error)[: where.start()] if where else str(error)
-        place = f"line {where[1]}, column {where[2]}" if where and where[1] else "at the end"
-        raise SwarmError(f"{shown(path)}, {place}: not TOML: {what[:1].lower()}{what[1:]}") from None
-    except UnicodeDecodeError as error:
-        raise SwarmError(f"{shown(path)}, byte {error.start}: not UTF-8 text, so not a scenario file") from None
-    except OSError as error:
-        raise SwarmError(f"{shown(path)}: cannot be read: {error.strerror}") from None
+    where = shown(path)
+    return parse_toml(read_text(path, where, "a scenario file"), where)
 
 
 def _put(data: dict[str, Any], override: Override) -> mistakes.Path:
@@ -173,7 +165,7 @@ def _put(data: dict[str, Any], override: Override) -> mistakes.Path:
     path = parse_path(override.key)
     if not path:
         raise SwarmError(f"{override.source}: {override.key!r} is not a key, such as swarm.count")
-    said = f"{override.source}: {override.text or f'{override.key}={mistakes.short(toml_value(override.value))}'}"
+    said = f"{override.source}: {override.text or f'{override.key}={short(toml_value(override.value))}'}"
     inner: Any = data
     for depth, part in enumerate(path):
         last = depth == len(path) - 1
@@ -202,12 +194,18 @@ def _by_number(entries: list[Any], path: mistakes.Path, depth: int) -> str:
 
 
 def _value(override: str, text: str) -> Any:
+    """Return the value of an override, which TOML gives or which is a word without quotes."""
+    said = f"--set: {short(override)}"
     try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
-        if text and text[0] not in "\"'[{":
+        data = parse_toml(f"value = {text}", said)
+    except NotToml:
+        if text and text[0] not in "\"'[{" and not re.search(r"[\x00-\x1f]", text):
             return text
-        raise SwarmError(f"--set: {override}: the value is not TOML: write a number, true, a word or a list") from None
+        raise SwarmError(f"{said}: the value is not TOML: write a number, true, a word or a list") from None
+    if list(data) != ["value"]:
+        # A line break ends the value, and what follows would be another key.
+        raise SwarmError(f"{said!r}: one --set changes one key; give each its own --set")
+    return data["value"]
 
 
 def _resolve_paths(data: dict[str, Any], folder: Path, sources: Mapping[mistakes.Path, str]) -> Iterator[Problem]:
@@ -218,20 +216,25 @@ def _resolve_paths(data: dict[str, Any], folder: Path, sources: Mapping[mistakes
     single = data.get("craft")
     indices = range(len(single)) if isinstance(single, list) else ()
     for path in (("swarm", "model"), *(("craft", i, "model") for i in indices), ("lighthouse", "model")):
-        value = mistakes.value_at(data, path)
+        table = mistakes.value_at(data, path[:-1])
+        value = table.get("model") if isinstance(table, dict) else None
         if isinstance(value, str) and value not in (lighthouses() if path[0] == "lighthouse" else models()):
             try:
                 found = find_model(value, Path.cwd() if path in sources else folder)
             except SwarmError as error:
                 yield Problem(2, (path,), str(error))
             else:
-                mistakes.value_at(data, path[:-1])["model"] = str(found.resolve())
-    path = ("navigation", "calibration")
-    value = mistakes.value_at(data, path)
-    if isinstance(value, str):
-        file = ((Path.cwd() if path in sources else folder) / value).resolve()
+                table["model"] = str(found.resolve())
+    path, table = ("navigation", "calibration"), data.get("navigation")
+    value = table.get("calibration") if isinstance(table, dict) else None
+    if isinstance(table, dict) and isinstance(value, str):
+        try:
+            file = user_path((Path.cwd() if path in sources else folder) / user_path(value)).resolve()
+        except SwarmError as error:
+            yield Problem(2, (path,), str(error))
+            return
         if file.is_file():
-            data["navigation"] = {**data["navigation"], "calibration": str(file)}
+            data["navigation"] = {**table, "calibration": str(file)}
         else:
             yield Problem(2, (path,), f"there is no file {file}")
 

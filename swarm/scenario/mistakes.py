@@ -16,11 +16,13 @@ from swarm.scenario.schema import Scenario
 from swarm.scenario.table import Table
 from swarm.scenario.text import toml_value
 from swarm.units import split_unit, written_unit
+from swarm.user_text import short
 
 Path = tuple[str | int, ...]
 """The path of a value: ("craft", 1, "motion", "from_m", 0) is craft[1].motion.from_m[0]."""
 
 TYPES = {"float": "a number", "int": "a whole number", "bool": "true or false", "string": "a string", "tuple": "a list"}
+EITHER = "expected a whole number, or a list of whole numbers"
 LIMITS = {
     "greater_than": ("above", "gt"),
     "greater_than_equal": ("at least", "ge"),
@@ -40,10 +42,11 @@ class Problem(NamedTuple):
 
 
 class Place(NamedTuple):
-    """A path, without pydantic's tags, and the table that its last key belongs to."""
+    """A path, without pydantic's tags, the table that its last key belongs to, and that key's annotation."""
 
     path: Path
     table: type[Table]
+    annotation: Any
 
 
 def dotted(path: Path) -> str:
@@ -53,9 +56,9 @@ def dotted(path: Path) -> str:
 
 def parse_path(key: str) -> Path:
     """Parse what `dotted` writes; `craft.1.motion` is understood too. The path is empty if `key` is not a key."""
-    if not re.fullmatch(r"[\w-]+(\[\d+\]|\.[\w-]+)*", key):
+    if not re.fullmatch(r"[\w-]+(\[[0-9]{1,9}\]|\.[\w-]+)*", key):
         return ()
-    return tuple(int(part) if part.isdecimal() else part for part in re.findall(r"[\w-]+", key))
+    return tuple(int(p) if re.fullmatch(r"[0-9]{1,9}", p) else p for p in re.findall(r"[\w-]+", key))
 
 
 def tables_of(annotation: Any) -> tuple[type[Table], ...]:
@@ -122,11 +125,22 @@ def problems_of(
         kinds_set: Tables whose `kind` alone was changed: all keys that do not fit the new kind are one mistake.
     """
     problems = [p for detail in error.errors(include_url=False) for p in _problems(detail, root)]
+    problems = [p for p in problems if not _of_the_other_form(p, problems)]
     for table in kinds_set:
         problems = list(_of_another_kind(problems, table, value_at(data, (*table, "kind"))))
     # A misspelt key is one mistake, not two: the right one is not also "missing".
     meant = {(*p.keys[0][:-1], name) for p in problems if p.rank == 0 for name in re.findall(r"'(\w+)'", p.text)}
     return [p for p in problems if not (p.rank == 1 and p.keys[0] in meant)]
+
+
+def _of_the_other_form(problem: Problem, problems: list[Problem]) -> bool:
+    """Tell whether a value has the wrong type only for a form that was not meant: a number where a list may stand too.
+
+    Then the mistake is within the form that was meant, and is among the problems by itself.
+    """
+    path = problem.keys[0]
+    within = (p for p in problems if p.keys[0][: len(path)] == path and EITHER not in p.text)
+    return EITHER in problem.text and any(within)
 
 
 def _of_another_kind(problems: list[Problem], table: Path, kind: Any) -> Iterator[Problem]:
@@ -189,6 +203,11 @@ def _expected(detail: ErrorDetails, place: Place, unit: str) -> str:
         return 'expected a table, such as { kind = "hold" }' if place.path[-1] == "motion" else "expected a table"
     if kind == "tuple_type" and place.path == ("craft",):
         return "expected a list of tables: begin each with [[craft]]"
+    if kind == "dict_type":
+        return f"expected a table of keys: begin it with [{dotted(place.path)}]"
+    whole = place.annotation
+    if isinstance(place.path[-1], str) and {int, tuple} <= {_plain(form) for form in get_args(whole)}:
+        return f"{EITHER}, not {_type_name(value)}"
     name = TYPES.get(kind.partition("_")[0])
     if name is None:
         return f"{detail['msg'][:1].lower()}{detail['msg'][1:]}"
@@ -196,8 +215,33 @@ def _expected(detail: ErrorDetails, place: Place, unit: str) -> str:
     if isinstance(value, str) and (number := re.match(r"\s*[-+]?[\d.]+(e[-+]?\d+)?", value)):
         same_unit = value[number.end() :].strip() in ("", unit)
         hint = f"; write {number[0].strip()}" if same_unit else f"; convert it to {unit}"
-    what = "of strings" if place.path[-1] == "detail" else f"of numbers{of_unit}" if name == "a list" else ""
-    return f"expected {name}{f' {what}' if what else of_unit}, not {_type_name(value)}{hint if of_unit else ''}"
+    what = _entries(whole, of_unit) if name == "a list" else ""
+    return f"expected {name}{what if name == 'a list' else of_unit}, not {_type_name(value)}{hint if of_unit else ''}"
+
+
+def _plain(annotation: Any) -> Any:
+    """Return the class of an annotation: int for a bounded int, tuple for any tuple."""
+    if hasattr(annotation, "__metadata__"):
+        annotation = get_args(annotation)[0]
+    return get_origin(annotation) or annotation
+
+
+def _entries(annotation: Any, of_unit: str) -> str:
+    """Return what the entries of a list are, empty where they may be anything."""
+    leaves = set(_leaves(annotation))
+    return "" if Any in leaves else " of strings" if str in leaves else f" of numbers{of_unit}"
+
+
+def _leaves(annotation: Any) -> Iterator[Any]:
+    if not (parts := get_args(annotation)):
+        yield annotation
+    elif get_origin(annotation) is Literal:
+        yield type(parts[0])
+    else:
+        if get_origin(annotation) is dict:
+            parts = parts[1:]
+        for part in parts[:1] if hasattr(annotation, "__metadata__") else parts:
+            yield from _leaves(part)
 
 
 def _meant(key: str, table: type[Table], root: type[Table]) -> str:
@@ -234,16 +278,25 @@ def _place(loc: Path, root: type[Table]) -> Place:
     table: type[Table] = root
     inner: tuple[type[Table], ...] = (root,)
     path: list[str | int] = []
+    keyed, annotation = False, None
     for part in loc:
         if len(inner) > 1 and isinstance(part, str):
             inner = tuple(t for t in inner if kind_of(t) == part)
             continue
+        if isinstance(part, str) and path and not inner and not keyed:
+            # The name that pydantic gives to one of several forms of a value.
+            continue
         path.append(part)
-        if isinstance(part, str) and inner:
+        if isinstance(part, str) and inner and not keyed:
             table = inner[0]
             field = table.model_fields.get(part)
-            inner = tables_of(field.annotation) if field else ()
-    return Place(tuple(path), table)
+            annotation = field.annotation if field else None
+            inner = tables_of(annotation)
+            keyed = get_origin(annotation) is dict
+        else:
+            # A key that the user chose, or the number of an entry.
+            keyed = False
+    return Place(tuple(path), table, annotation)
 
 
 def _source(path: Path, sources: Mapping[Path, str]) -> str:
@@ -253,8 +306,3 @@ def _source(path: Path, sources: Mapping[Path, str]) -> str:
 def _type_name(value: Any) -> str:
     names = {bool: "true or false", str: "a string", int: "a number", float: "a decimal", dict: "a table"}
     return names.get(type(value), "a list" if isinstance(value, list | tuple) else "a date or time")
-
-
-def short(text: str) -> str:
-    """Cut a text to the room that a message has."""
-    return text if len(text) <= 60 else f"{text[:57]}..."

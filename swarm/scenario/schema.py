@@ -158,7 +158,11 @@ class Lighthouse(Table):
         default="lighthouse", description="Model of the lighthouse that is drawn: a name, or the path of an MJCF file."
     )
     rate_hz: float = Field(
-        default=60.0, gt=0, le=1000, description="Turns per second; one period is one sweep of each fan."
+        default=60.0,
+        ge=1,
+        le=300,
+        description="Turns per second; one period is one sweep of each fan. A rotor faster than 300 Hz would "
+        "sweep the field while the flashes still last.",
     )
     angle_noise_arcsec: float = Field(default=8.8, ge=0, le=3600, description="Standard deviation of one sweep angle.")
     rotor_correlation: float = Field(
@@ -169,21 +173,32 @@ class Lighthouse(Table):
         "sweep.",
     )
     sync_jitter_ns: float = Field(
-        default=0.0, ge=0, le=1e5, description="Standard deviation of the instant of the flash that announces a sweep."
+        default=0.0,
+        ge=0,
+        le=1e4,
+        description="Standard deviation of the instant of the flash that announces a sweep. The length of a flash "
+        "tells in steps of 10.4 us what it announces.",
     )
-    tick_ns: float = Field(default=20.0, gt=0, le=1e4, description="Resolution of the timing circuit of a craft.")
-    field_deg: float = Field(default=120.0, gt=0, le=170, description="Full width of the field of view in each axis.")
+    tick_ns: float = Field(
+        default=20.0,
+        ge=0.01,
+        le=5000,
+        description="Resolution of the timing circuit of a craft. A day in ticks of 0.01 ns is the largest whole "
+        "number that a double holds; ticks above 5000 ns do not tell the flashes apart, whose lengths "
+        "differ by 10.4 us.",
+    )
+    field_deg: float = Field(default=120.0, ge=1, le=170, description="Full width of the field of view in each axis.")
     range_min_m: float = Field(
         default=0.3, ge=0, le=1000, description="Least range at which a photodiode receives light."
     )
     range_max_m: float = Field(
-        default=20.0, gt=0, le=1000, description="Largest range at which a photodiode receives light."
+        default=20.0, ge=0.01, le=1000, description="Largest range at which a photodiode receives light."
     )
     incidence_max_deg: float = Field(
-        default=80.0, gt=0, le=90, description="Largest angle between the normal of a photodiode and the light."
+        default=80.0, ge=1, le=90, description="Largest angle between the normal of a photodiode and the light."
     )
     photodiode_diameter_mm: float = Field(
-        default=3.0, gt=0, le=50, description="Diameter of a photodiode, which sets the width of the sweep pulses."
+        default=3.0, ge=0.01, le=50, description="Diameter of a photodiode, which sets the width of the sweep pulses."
     )
     mounting_error_mm: float = Field(
         default=0.0,
@@ -234,26 +249,29 @@ class Integrity(Table):
         "calibration where fans or mountings have errors.",
     )
     false_alarm_probability: float = Field(
-        default=1e-7, gt=0, lt=0.5, description="Probability that the residual test rejects a pose without fault."
+        default=1e-7, ge=1e-15, lt=0.5, description="Probability that the residual test rejects a pose without fault."
     )
     missed_detection_probability: float = Field(
         default=1e-4,
-        gt=0,
+        ge=1e-15,
         lt=0.5,
         description="Probability that a fault as large as the protection level allows for is not detected.",
     )
     integrity_risk: float = Field(
-        default=1e-7, gt=0, lt=0.2, description="Probability that an error exceeds its protection level, per estimate."
+        default=1e-7,
+        ge=1e-15,
+        lt=0.2,
+        description="Probability that an error exceeds its protection level, per estimate.",
     )
     alert_position_mm: float | None = Field(
         default=None,
-        gt=0,
+        ge=1e-6,
         le=1e6,
         description="Protection level of the position above which the craft raises an alert. Unset: never.",
     )
     alert_attitude_deg: float | None = Field(
         default=None,
-        gt=0,
+        ge=1e-6,
         le=180,
         description="Protection level of the attitude above which the craft raises an alert. Unset: never.",
     )
@@ -274,7 +292,7 @@ class Navigation(Table):
     )
     angle_noise_arcsec: float | None = Field(
         default=None,
-        gt=0,
+        ge=1e-3,
         le=3600,
         description="Standard deviation of a sweep angle that the craft assume, never less than the rounding of their "
         "ticks. Unset: that of the lighthouse.",
@@ -284,13 +302,13 @@ class Navigation(Table):
     )
     acceleration_noise_m_s2: float = Field(
         default=0.2,
-        gt=0,
+        ge=1e-9,
         le=100,
         description="Process noise: white acceleration, standard deviation per axis and period.",
     )
     angular_acceleration_noise_deg_s2: float = Field(
         default=12.0,
-        gt=0,
+        ge=1e-9,
         le=36000,
         description="Process noise: white angular acceleration, standard deviation per axis and period.",
     )
@@ -333,7 +351,7 @@ class Scenario(Table):
         description="Name of the run and its folder. Unset: the file's name.",
     )
     description: str = Field(default="", max_length=200, description="One line that `swarm list` shows.")
-    duration_s: float = Field(default=30.0, gt=0, le=86400, description="Simulated time.")
+    duration_s: float = Field(default=30.0, ge=1e-3, le=86400, description="Simulated time.")
     seed: int = Field(default=0, ge=0, lt=10**18, description="Seed of every random draw.")
     physics: Physics = Field(default=Physics(), description="Simulation of the bodies.")
     orbit: Orbit | None = Field(default=None, description="Orbit of the lighthouse. Unset: weightless space.")

@@ -12,13 +12,15 @@ from pydantic_core import PydanticCustomError
 
 Component = Annotated[float, Field(ge=-1000, le=1000)]
 Extent = Annotated[float, Field(ge=0, le=1000)]
-Length = Annotated[float, Field(gt=0, le=1000)]
+Length = Annotated[float, Field(ge=1e-6, le=1000)]
 Time = Annotated[float, Field(ge=0, le=86400)]
 Vector = Annotated[tuple[Component, Component, Component], Strict(False)]
 """Three numbers; a TOML list becomes a tuple (hence not strict), its elements stay strict."""
 Box = Annotated[tuple[Length, Length, Length], Strict(False)]
 """The size of a box along x, y, z."""
 
+TINY = 1e-9
+"""Least size, in its own unit, of a number that may also be zero: the square of one such as 1e-300 is no number."""
 Mistake = tuple[str, ...]
 """A mistake between several keys: a message, the key to blame, and the others that could be changed instead."""
 
@@ -32,8 +34,19 @@ class Table(BaseModel):
         """Yield every mistake that lies between several keys, each of them good by itself."""
         yield from ()
 
+    def _tiny(self) -> Iterator[Mistake]:
+        """Yield every number that is not negative and so near to zero that nobody can have meant it."""
+        for key, field in type(self).model_fields.items():
+            value = getattr(self, key)
+            if (
+                isinstance(value, float)
+                and 0 < value < TINY
+                and any(getattr(m, "ge", None) == 0 for m in field.metadata)
+            ):
+                yield f"must be 0, or at least {TINY:g}: smaller numbers leave the arithmetic's range", key
+
     @model_validator(mode="after")
     def _check_between_keys(self) -> Self:
-        if mistakes := list(self.between_keys()):
+        if mistakes := [*self._tiny(), *self.between_keys()]:
             raise PydanticCustomError("between_keys", "{text}", {"text": mistakes[0][0], "mistakes": mistakes})
         return self

@@ -19,10 +19,8 @@ libsurvive's world. This project's file is TOML, in SI units; values that are no
 A plain [photodiodes] is for the one object of a replay. `swarm.flight.recordings.calibration_file` writes the file.
 """
 
-import json
 import math
 import re
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -34,6 +32,7 @@ from estimators.arrays import Floats
 from estimators.lighthouse.sweep import FanErrors, from_libsurvive
 from swarm.errors import SwarmError, did_you_mean
 from swarm.flight.recordings.libsurvive import WorldPose, station_id
+from swarm.user_text import NotToml, parse_json, parse_toml, read_text, short, user_path
 
 _FCAL = ("fcalphase", "fcaltilt", "fcalcurve", "fcalgibpha", "fcalgibmag")
 _TOKEN = re.compile(r'(?P<space>\s*)(?P<token>"(?:[^"\\]|\\.)*"|[{}\[\]:,]|[^\s{}\[\]:,"]+)')
@@ -69,21 +68,14 @@ def read_calibration(path: str | Path, lighthouse: int = 0) -> StationCalibratio
             name.
     """
     file = Path(path)
-    try:
-        text = file.read_text()
-    except OSError as error:
-        raise SwarmError(f"{file}: {error.strerror or error}") from None
-    except UnicodeDecodeError:
-        raise SwarmError(f"{file}: not a calibration file: it is not text") from None
-    except ValueError as error:
-        raise SwarmError(f"{str(file)!r}: {error}") from None
+    text = read_text(user_path(path), str(path), "a calibration file")
     if text.lstrip()[:1] in ('"', "{"):
         return _from_libsurvive(_tolerant(text, file), file, lighthouse)
     try:
-        data = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise SwarmError(f"{file}: neither libsurvive's calibration nor TOML: {error}") from None
-    return _from_toml(data, file)
+        return _from_toml(parse_toml(text, str(file)), file)
+    except NotToml as error:
+        said = str(error).replace("not TOML", "neither libsurvive's calibration nor TOML", 1)
+        raise SwarmError(said) from None
 
 
 def _from_libsurvive(data: dict[str, Any], file: Path, lighthouse: int) -> StationCalibration:
@@ -118,7 +110,7 @@ def _numbers(table: dict[str, Any], key: str, count: int, where: str) -> list[fl
     except (TypeError, ValueError, OverflowError):
         values = []
     if len(values) != count or not all(map(math.isfinite, values)):
-        raise SwarmError(f"{where}: {key} must be {count} numbers, not {table[key]!r}")
+        raise SwarmError(f"{where}: {key} must be {count} numbers, not {short(repr(table[key]))}")
     return values
 
 
@@ -132,11 +124,11 @@ def _from_toml(data: dict[str, Any], file: Path) -> StationCalibration:
         _known(table, FanErrors._fields, f"{file}, [{name}]")
         for key, value in table.items():
             if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-                raise SwarmError(f"{file}, [{name}]: {key} must be a finite number, not {value!r}")
+                raise SwarmError(f"{file}, [{name}]: {key} must be a finite number, not {short(repr(value))}")
         fans.append(FanErrors(**{key: float(value) for key, value in table.items()}))
     table = data.get("photodiodes", {})
     if not isinstance(table, dict):
-        raise SwarmError(f"{file}, [photodiodes]: must be a table, not {table!r}")
+        raise SwarmError(f"{file}, [photodiodes]: must be a table, not {short(repr(table))}")
     named = {name: inner for name, inner in table.items() if isinstance(inner, dict)}
     _known({key: None for key in table if key not in named}, ("point_m",), f"{file}, [photodiodes]")
     by_name = {name: _points(inner, f"{file}, [photodiodes.{name}]") for name, inner in named.items()}
@@ -178,10 +170,5 @@ def _tolerant(text: str, file: Path) -> dict[str, Any]:
     if text[end:].strip():
         raise SwarmError(f"{file}, line {text.count(chr(10), 0, end) + 1}: a string is not closed: the file is damaged")
     joined = "".join(out)
-    try:
-        data = json.loads(joined if joined.lstrip().startswith("{") else "{" + joined + "}")
-    except json.JSONDecodeError as error:
-        raise SwarmError(f"{file}, line {error.lineno}: not a calibration file, or damaged: {error.msg}") from None
-    except (ValueError, RecursionError) as error:
-        raise SwarmError(f"{file}: not a calibration file, or damaged: {error}") from None
-    return dict(data)
+    whole = joined if joined.lstrip().startswith("{") else "{" + joined + "}"
+    return dict(parse_json(whole, str(file), "a calibration file"))

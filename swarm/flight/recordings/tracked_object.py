@@ -5,7 +5,6 @@ of `modelPoints` [m]. libsurvive outputs poses of the head frame h, which is giv
 and position of `trackref_from_head`, or as the axes and position of `head`; without either, h is b.
 """
 
-import json
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,6 +12,7 @@ import numpy as np
 from estimators import rotation as rot
 from estimators.arrays import Floats
 from swarm.errors import SwarmError, did_you_mean
+from swarm.user_text import parse_json, short
 
 
 class TrackedObject(NamedTuple):
@@ -35,13 +35,7 @@ def read_config(text: str, where: str) -> TrackedObject:
     Raises:
         SwarmError: the JSON is damaged, or a key is missing or invalid; the message names the key and the mistake.
     """
-    try:
-        config = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise SwarmError(f"{where} is damaged at column {error.colno}: {error.msg}") from None
-    except (ValueError, RecursionError) as error:
-        # Numbers of thousands of digits, tables in tables without end.
-        raise SwarmError(f"{where} is damaged: {error}") from None
+    config = parse_json(text, where)
     table = config.get("lighthouse_config") if isinstance(config, dict) else None
     if not isinstance(config, dict) or not isinstance(table, dict):
         near = did_you_mean("lighthouse_config", config) if isinstance(config, dict) else ""
@@ -54,7 +48,9 @@ def read_config(text: str, where: str) -> TrackedObject:
     channels = table.get("channelMap", list(range(len(point))))
     whole = isinstance(channels, list) and all(isinstance(c, int) and not isinstance(c, bool) for c in channels)
     if not whole or len(set(channels)) != len(channels) or len(channels) != len(point):
-        raise SwarmError(f"{where}: channelMap must be {len(point)} different whole numbers, not {channels}")
+        raise SwarmError(
+            f"{where}: channelMap must be {len(point)} different whole numbers, not {short(str(channels))}"
+        )
     return TrackedObject(point, normal / length, channels, *_head(config, where))
 
 

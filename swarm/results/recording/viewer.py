@@ -6,6 +6,7 @@ import socket
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 from swarm.errors import SwarmError
@@ -48,13 +49,23 @@ def view(path: Path, web: bool = False) -> int:
         ports += ["--web-viewer", "--web-viewer-port", str(_free_port())]
         print(f"The viewer opens in the browser, for this machine only: {HOST}:{ports[-1]}. Ctrl-C ends it.")  # noqa: T201
     # Its own log is for rerun's developers; errors still come through.
-    viewer = subprocess.Popen(_command(str(path), *ports), env={**os.environ, "RUST_LOG": "error"})
+    environment = {**os.environ, "RUST_LOG": "error"}
+    viewer = subprocess.Popen(_command(str(path), *ports), env=environment, start_new_session=True)
     try:
         return viewer.wait()
     finally:
         # However we end, by a signal too, the viewer ends with us.
+        _end(viewer)
+
+
+def _end(viewer: "subprocess.Popen[bytes]") -> None:
+    """End a viewer in a session of its own: the Python process that was started, and the program that it started."""
+    if sys.platform == "win32":
         viewer.terminate()
-        viewer.wait()
+    else:
+        with suppress(ProcessLookupError):
+            os.killpg(viewer.pid, signal.SIGTERM)
+    viewer.wait()
 
 
 def start_live() -> str:
@@ -77,8 +88,5 @@ def start_live() -> str:
             if probe.connect_ex((HOST, port)) == 0:
                 return f"rerun+http://{HOST}:{port}/proxy"
         time.sleep(0.1)
-    if sys.platform == "win32":
-        viewer.kill()
-    else:
-        os.killpg(viewer.pid, signal.SIGTERM)
+    _end(viewer)
     raise SwarmError(f"the viewer did not answer within {START_LIMIT_S:.0f} s")

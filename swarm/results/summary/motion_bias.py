@@ -57,9 +57,10 @@ class _Slope:
 
 
 def motion_bias(rows: TelemetryTable) -> dict[str, Any]:
-    """Return slopes, their 1 sigma, and how much of the error they explain."""
+    """Return slopes, their 1 sigma, and how much of the error they explain; null where there are no rows."""
     frame = rows.frame
-    first, frames = int(frame.min()), int(frame.max() - frame.min()) + 1
+    first = int(frame.min()) if len(frame) else 0
+    frames = int(frame.max()) - first + 1 if len(frame) else 0
     position, attitude = _Slope(frames), _Slope(frames)
     along, moving = 0.0, 0
     for part in rows.blocks(BLOCK):

@@ -7,7 +7,7 @@ import numpy as np
 
 from estimators.arrays import Floats
 from swarm.results.files import SCANS
-from swarm.results.parquet import read_table
+from swarm.results.parquet import is_there, read_table
 from swarm.results.summary.statistics import largest, mean, median
 
 _FIGURES = {
@@ -26,7 +26,7 @@ _FIGURES = {
 
 def scans(folder: Path) -> dict[str, Any]:
     """Return the figures of every observer; empty where the run has no scans. Raises SwarmError for a damaged file."""
-    if not (folder / SCANS).exists():
+    if not is_there(folder / SCANS):
         return {}
     table = read_table(folder / SCANS).to_pydict()
     observer = np.array(table["observer"], dtype=object)

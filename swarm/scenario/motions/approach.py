@@ -19,7 +19,7 @@ class Approach(Turned):
     from_m: Vector = Field(description="Point where the craft waits and starts.")
     to_m: Vector = Field(description="Point where the craft stops and stays.")
     start_s: float = Field(default=0.0, ge=0, le=86400, description="Time of the start.")
-    speed_m_s: float = Field(gt=0, le=100, description="Cruising speed.")
+    speed_m_s: float = Field(ge=1e-6, le=100, description="Cruising speed.")
 
     def between_keys(self) -> Iterator[Mistake]:
         """Require a corridor with a length."""

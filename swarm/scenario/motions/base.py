@@ -105,7 +105,7 @@ class Grid(Turned):
         default=(0.0, 0.0, 3.0), description="Position of the craft, or centre of the swarm's grid or box."
     )
     spacing_m: float = Field(
-        default=0.5, gt=0, le=1000, description="Distance between neighbours in the grid of a swarm."
+        default=0.5, ge=1e-3, le=1000, description="Distance between neighbours in the grid of a swarm."
     )
 
     def where(self, place: Place) -> tuple[float, float, float]:

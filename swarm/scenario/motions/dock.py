@@ -33,38 +33,41 @@ class Dock(Guided):
     hold_s: Annotated[tuple[Time, ...], Strict(False)] = Field(
         default=(2.0,), min_length=1, description="Waiting times at the hold points, one per hold point."
     )
-    speed_m_s: float = Field(default=0.15, gt=0, le=100, description="Largest speed.")
+    speed_m_s: float = Field(default=0.15, ge=1e-6, le=100, description="Largest speed.")
     glideslope_s: float = Field(
         default=3.0,
         gt=0.1,
         le=3600,
         description="Time constant of the glideslope: the distance to go over the speed that is flown there.",
     )
-    acceleration_m_s2: float = Field(default=0.02, gt=0, le=100, description="Largest acceleration of the plan.")
-    closing_speed_m_s: float = Field(default=0.03, gt=0, le=10, description="Speed at contact.")
+    acceleration_m_s2: float = Field(default=0.02, ge=1e-6, le=100, description="Largest acceleration of the plan.")
+    closing_speed_m_s: float = Field(default=0.03, ge=1e-6, le=10, description="Speed at contact.")
     corridor_radius_m: float = Field(
         default=0.05,
-        gt=0,
+        ge=1e-6,
         le=1000,
         description="Radius of the corridor at the port; the craft retreats from a larger lateral offset.",
     )
     corridor_deg: float = Field(default=10.0, ge=0, lt=90, description="Half the opening angle of the corridor.")
     corridor_attitude_deg: float = Field(
         default=5.0,
-        gt=0,
+        ge=1e-3,
         le=180,
         description="Largest attitude error in the corridor; the craft retreats from a larger one.",
     )
     sigma_limit_m: float = Field(
         default=0.05,
-        gt=0,
+        ge=1e-6,
         le=1000,
         description="Largest standard deviation of the position; a craft that is less sure counts as lost, and stops.",
     )
     lost_s: float = Field(
-        default=0.25, gt=0, le=3600, description="Longest time without a pose; after that the craft is lost, and stops."
+        default=0.25,
+        ge=1e-3,
+        le=3600,
+        description="Longest time without a pose; after that the craft is lost, and stops.",
     )
-    brake_m_s2: float = Field(default=0.05, gt=0, le=100, description="Acceleration by which a lost craft brakes.")
+    brake_m_s2: float = Field(default=0.05, ge=1e-6, le=100, description="Acceleration by which a lost craft brakes.")
     settle_s: float = Field(
         default=1.0,
         ge=0,
@@ -75,10 +78,10 @@ class Dock(Guided):
         default=3, ge=0, le=1000, description="Number of retreats after which the craft gives up at the next one."
     )
     latch_radius_m: float = Field(
-        default=0.03, gt=0, le=1000, description="Largest lateral offset at which the latch closes on contact."
+        default=0.03, ge=1e-6, le=1000, description="Largest lateral offset at which the latch closes on contact."
     )
     latch_deg: float = Field(
-        default=5.0, gt=0, le=180, description="Largest attitude error at which the latch closes on contact."
+        default=5.0, ge=1e-3, le=180, description="Largest attitude error at which the latch closes on contact."
     )
 
     def between_keys(self) -> Iterator[Mistake]:

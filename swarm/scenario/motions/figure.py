@@ -19,11 +19,11 @@ class Figure(Table):
     )
     radius_m: float | None = Field(
         default=None,
-        gt=0,
+        ge=1e-3,
         le=1000,
         description="Radius of a ring, a projected circle, or the sphere about a tetrahedron.",
     )
-    length_m: float | None = Field(default=None, gt=0, le=1000, description="Length of a line from end to end.")
+    length_m: float | None = Field(default=None, ge=1e-3, le=1000, description="Length of a line from end to end.")
     centre_m: Vector | None = Field(default=None, description="Centre of the figure. Unset: the formation's centre.")
     tilt_deg: float = Field(default=0.0, ge=-180, le=180, description="First turn of the figure, about the x axis.")
     turn_deg: float = Field(default=0.0, ge=-180, le=180, description="Second turn of the figure, about the z axis.")

@@ -24,7 +24,7 @@ class Formation(Turned, Clear):
         min_length=1, description="Figures in the order of time: a list of tables."
     )
     speed_m_s: float = Field(
-        default=0.1, gt=0, le=100, description="Peak speed of the fastest craft from figure to figure."
+        default=0.1, ge=1e-6, le=100, description="Peak speed of the fastest craft from figure to figure."
     )
 
     def between_keys(self) -> Iterator[Mistake]:

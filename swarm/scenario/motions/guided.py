@@ -13,13 +13,13 @@ class Guided(Motion):
 
     deviation_m: float = Field(
         default=0.002,
-        gt=0,
+        ge=1e-9,
         le=100,
         description="Deviation that costs the regulator as much as the effort effort_m_s2: only their ratio counts.",
     )
     effort_m_s2: float = Field(
         default=0.001,
-        gt=0,
+        ge=1e-9,
         le=100,
         description="Acceleration that costs the regulator as much as the deviation deviation_m.",
     )
@@ -37,7 +37,7 @@ class Clear(Guided):
     )
     brake_m_s2: float = Field(
         default=0.05,
-        gt=0,
+        ge=1e-6,
         le=100,
         description="Acceleration that the craft counts on to keep clear, and does not exceed while it does.",
     )

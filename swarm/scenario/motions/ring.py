@@ -18,7 +18,7 @@ class Ring(Turned):
 
     kind: Literal["ring"] = Field(description="The craft move on a turning circle, evenly spread.")
     centre_m: Vector = Field(default=(0.0, 0.0, 3.0), description="Centre of the circle.")
-    radius_m: float = Field(gt=0, le=1000, description="Radius of the circle.")
+    radius_m: float = Field(ge=1e-3, le=1000, description="Radius of the circle.")
     rate_deg_s: float = Field(default=0.0, ge=-360, le=360, description="Angular rate of the circle about its axis.")
     tilt_deg: float = Field(
         default=0.0,

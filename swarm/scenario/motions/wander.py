@@ -27,7 +27,7 @@ class Wander(Turned):
         default=30.0, ge=0, le=180, description="Largest random turn about each body axis, beside the attitude."
     )
     turn_rate_deg_s: float = Field(default=30.0, ge=0, le=3600, description="RMS angular rate of the random turn.")
-    bandwidth_hz: float = Field(default=1.0, gt=0, le=30, description="Highest frequency of the motion.")
+    bandwidth_hz: float = Field(default=1.0, ge=1e-4, le=30, description="Highest frequency of the motion.")
 
     def path(self, place: Place) -> Path:
         """Return random tones for the position, and for the turn, of which each axis has the same share of the rate."""

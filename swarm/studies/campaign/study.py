@@ -26,6 +26,7 @@ from swarm.scenario.mistakes import parse_path
 from swarm.scenario.schema import NAME_PATTERN
 from swarm.scenario.table import Mistake, Table
 from swarm.scenario.text import toml_value
+from swarm.user_text import user_path
 
 Seed = Annotated[int, Field(ge=0, lt=10**18)]
 Measure = Literal["onboard", "central", "first_craft"]
@@ -164,8 +165,8 @@ def _base(base: str, file: Path) -> str:
     """Return `base` as it can be found from anywhere."""
     if base in scenarios():
         return base
-    beside = file.parent / base
     try:
+        beside = user_path(file.parent / user_path(base))
         return str(find_scenario(beside if beside.is_file() else base))
     except SwarmError as error:
         raise SwarmError(f"{shown(file)}: base = {toml_value(base)}: {error}") from None

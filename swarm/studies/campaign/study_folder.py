@@ -21,10 +21,12 @@ from swarm.results.disk import writing
 from swarm.results.files import SUMMARY
 from swarm.results.owned_folder import RUNS, Contents, OwnedFolder, Status, find, marker_in
 from swarm.results.parquet import Kind, Table, column, read_table, table_of, write_table
+from swarm.results.shape import Keys, Leaf, check_shape
 from swarm.scenario.text import toml_value
 from swarm.studies.campaign.plan import PlannedRun
 from swarm.studies.campaign.task import HEAD, LOST, SECONDS
 from swarm.units import written_unit
+from swarm.user_text import parse_json, read_text
 
 STUDY, STATE, ROWS, JOURNAL, TELEMETRY = "study.toml", "study.json", "runs.parquet", "journal.jsonl", "telemetry"
 REPORT, FIGURES = "report.html", "figures"
@@ -40,6 +42,23 @@ PARQUET_SHARE = 0.05
 
 _KINDS: Mapping[type, Kind] = {str: "text", bool: "yes", int: "whole"}
 
+_STATE = Keys(
+    perhaps={
+        "status": Leaf.TEXT,
+        "name": Leaf.TEXT,
+        "description": Leaf.TEXT,
+        "command": Leaf.TEXT,
+        "machine": Leaf.TEXT,
+        "where": Leaf.TEXT,
+        "parameters": [Leaf.TEXT],
+        "versions": [Leaf.TEXT],
+        "planned": Leaf.NUMBER,
+        "wall_s": Leaf.NUMBER,
+    }
+)
+_ROW = Keys(
+    always={"run": Leaf.NUMBER, "key": Leaf.TEXT, "status": Leaf.TEXT, "seed": Leaf.NUMBER}, known={"reason": Leaf.TEXT}
+)
 Row = dict[str, Any]
 
 
@@ -63,7 +82,8 @@ class FinishedStudy(NamedTuple):
     @property
     def text(self) -> str:
         """The study as TOML."""
-        return (self.folder / STUDY).read_text(encoding="utf-8")
+        file = self.folder / STUDY
+        return read_text(file, str(file), "a study")
 
 
 class StudyFolder(OwnedFolder):
@@ -166,6 +186,7 @@ class StudyFolder(OwnedFolder):
 def open_study(path: str | Path) -> FinishedStudy:
     """Return the study in the folder `path`, or `runs/<path>`. Raises SwarmError where there is none."""
     folder, state = find(path, CONTENTS)
+    check_shape(state, _STATE, str(folder / STATE))
     return FinishedStudy(folder, state, rows_table(_rows_of(folder).values(), state.get("parameters", [])))
 
 
@@ -187,6 +208,8 @@ def rows_table(rows: Iterable[Row], parameters: Sequence[str]) -> Table:
         kind = "text" if name in ("key", "status", "reason") else _kind(values)
         if kind is None:
             kind, values = "text", [None if value is None else toml_value(value) for value in values]
+        if kind == "number":
+            values = [None if value is None else float(value) for value in values]
         columns.append(column(name, values, written_unit(name), kind=kind))
     return table_of(columns)
 
@@ -203,15 +226,16 @@ def _kind(values: list[Any]) -> Kind | None:
 def _rows_of(folder: Path) -> dict[str, Row]:
     rows: dict[str, Row] = {}
     if (folder / ROWS).exists():
-        rows |= {row["key"]: row for row in read_table(folder / ROWS).to_pylist()}
-    try:
-        if (folder / JOURNAL).exists():
-            for line in (folder / JOURNAL).read_text(encoding="utf-8").splitlines(keepends=True):
-                if line.endswith("\n"):  # else the program was killed while it wrote
-                    row = json.loads(line)
-                    rows[row["key"]] = row
-    except (OSError, ValueError) as error:
-        raise SwarmError(f"cannot read the runs in {folder}: {error}") from error
+        for row in read_table(folder / ROWS).to_pylist():
+            check_shape(row, _ROW, str(folder / ROWS))
+            rows[row["key"]] = row
+    file = folder / JOURNAL
+    if file.exists():
+        for number, line in enumerate(read_text(file, str(file)).splitlines(keepends=True), start=1):
+            if line.endswith("\n"):  # else the program was killed while it wrote
+                row = parse_json(line, f"{file}, line {number},")
+                check_shape(row if isinstance(row, dict) else [], _ROW, f"{file}, line {number}")
+                rows[row["key"]] = row
     return rows
 
 

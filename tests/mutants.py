@@ -1,0 +1,98 @@
+"""Mutants of texts that users write: seeded, so that a number names a mutant for good.
+
+A mutant is a good text in which one to four things were changed: a value, by one that is hostile to some parser or
+type; a line, doubled, dropped or moved; a table's head; letters anywhere; or the end, cut off.
+"""
+
+import os
+import random
+import re
+import traceback
+from collections.abc import Callable, Sequence
+
+from swarm.errors import SwarmError
+
+COUNT = int(os.environ.get("SWARM_FUZZ_MUTANTS", "2000"))
+"""Mutants per kind of input. 30 000 take some minutes: SWARM_FUZZ_MUTANTS=30000 python -m pytest tests/test_fuzz.py"""
+
+HOSTILE = (
+    *("0", "-1", "1", "2", "3.5", "-0.0", "1e-300", "1e300", "1e-9", "5e-324", "nan", "inf", "-inf", "true", "false"),
+    *('""', '"x"', '"s.toml"', '"hold"', '"../../x"', '"~nosuchuser/x"', '"/dev/zero"', '"/dev/null"', '"."', '"/"'),
+    *(r'"a\u0000b"', r'"\uD800"', '"' + "a" * 300 + '"', '"' + "a/" * 3000 + '"', '"é\u202e\U0001f680"', "'\\'"),
+    *("[]", "{}", "[[]]", "[1, 2]", "[1, 2, 3]", '["a", 1]', "{ kind = 'hold' }", "{ a = 1 }", "[{}]", "[[1,2,3]]"),
+    *("1979-05-27", "07:32:00", "1979-05-27T07:32:00Z", "9999-99-99", "0x" + "f" * 40, "0x" + "f" * 9000, "9" * 5000),
+    *("-" + "9" * 400, "9223372036854775807", "9223372036854775808", "1e400", "[" * 3000, "[" * 60 + "]" * 60, "null"),
+    *("{ " * 40, "a", "", "=", '"""', "'''a\nb'''", "{a=" * 900, '"%s"', '"[bold]"', "1_000", "\x00", "\x7f", "\ufeff"),
+)
+LETTERS = "\"'[]{}=.,#\n\r\t \\-_0129eEaxT:\x00\x01\x7f\u00e9\u2028\ud800"
+FOREIGN = re.compile(r"pydantic|constrained-|valid dictionary|function-|Input should|tuple\[|json-or-python")
+"""Words of the libraries behind the door, which mean nothing to a user."""
+VALUE = re.compile(r"(?<=[=:,\[])\s*(\"[^\"\n]*\"|'[^'\n]*'|[-+\w.]+|\[[^\[\]\n]*\])")
+
+
+def mutant(texts: Sequence[str], number: int) -> str:
+    """Return mutant `number` of these texts."""
+    rng = random.Random(number)
+    text = rng.choice(texts)
+    for _ in range(rng.choice((1, 1, 1, 2, 3, 4))):
+        text = rng.choice((_value, _value, _value, _value, _line, _head, _letters, _cut))(text, rng)
+    return text
+
+
+def tracebacks(texts: Sequence[str], read: Callable[[str], object]) -> list[str]:
+    """Read every mutant, and return the last lines of each traceback that is not a `SwarmError`."""
+    found = []
+    for number in range(COUNT):
+        text = mutant(texts, number)
+        try:
+            read(text)
+        except SwarmError as error:
+            message = str(error)
+            if not message or FOREIGN.search(message) or len(message) > 20_000:
+                found.append(f"mutant {number}: the message is {message[:200]!r}")
+        except Exception as error:
+            place = traceback.extract_tb(error.__traceback__)[-1]
+            found.append(f"mutant {number}: {type(error).__name__}: {error!s:.200} at {place.filename}:{place.lineno}")
+    return found
+
+
+def _value(text: str, rng: random.Random) -> str:
+    places = list(VALUE.finditer(text))
+    if not places:
+        return text + rng.choice(HOSTILE)
+    place = rng.choice(places)
+    return f"{text[: place.start()]} {rng.choice(HOSTILE)}{text[place.end() :]}"
+
+
+def _line(text: str, rng: random.Random) -> str:
+    lines = text.split("\n")
+    i, j = rng.randrange(len(lines)), rng.randrange(len(lines))
+    how = rng.randrange(4)
+    if how == 0:
+        lines.insert(j, lines[i])
+    elif how == 1:
+        del lines[i]
+    elif how == 2:
+        lines[i], lines[j] = lines[j], lines[i]
+    else:
+        lines.insert(j, f"{rng.choice(('name', 'seed', 'swarm', 'craft', 'navigation', 'x'))} = {rng.choice(HOSTILE)}")
+    return "\n".join(lines)
+
+
+def _head(text: str, rng: random.Random) -> str:
+    words = re.findall(r"[A-Za-z_]\w*", text)
+    if not words:
+        return text
+    old, new = rng.choice(words), rng.choice([*words, "", "kind", "a.b", "x" * 400])
+    return re.sub(rf"\b{old}\b", lambda _: new, text, count=rng.choice((0, 1)))
+
+
+def _letters(text: str, rng: random.Random) -> str:
+    for _ in range(rng.randrange(1, 4)):
+        at = rng.randrange(len(text) + 1)
+        text = text[:at] + rng.choice(LETTERS) + text[at + rng.randrange(2) :]
+    return text
+
+
+def _cut(text: str, rng: random.Random) -> str:
+    return text[: rng.randrange(len(text) + 1)]
