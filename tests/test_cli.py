@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import pytest
 
 import swarm
-from swarm.assets import models, scenarios, studies
+from swarm.assets import models, recordings, scenarios, studies
 from swarm.cli import app as cli
 from swarm.results.progress import Progress
 from swarm.results.run_folder import Run, RunFolder, open_run
@@ -135,7 +135,23 @@ def test_list_shows_every_scenario_and_model_on_one_line(command: Command) -> No
     for name in [*scenarios(), *studies(), *models()]:
         line = next(line for line in lines if line.startswith(f"  {name} "))
         assert len(line.split()) > 3
-    assert len(lines) == len(scenarios()) + len(studies()) + len(models()) + 5
+    assert all(f"  {name}" in lines for name in recordings())
+    assert len(lines) == len(scenarios()) + len(studies()) + len(models()) + len(recordings()) + 7
+
+
+def test_the_shipped_recording_is_listed_and_replayed_by_its_name(command: Command, tmp_path: Path) -> None:
+    listed = command("replay", "handheld", "--list")
+    assert listed.code == 0
+    assert len(re.findall(r"^WAND +1\.0 +20 +[01] +\d+ +\d+ +1\.0 to 1\d\.\d +yes", listed.out, re.MULTILINE)) == 2
+    assert all(len(line) <= 80 for line in listed.out.splitlines())
+    flown = command("replay", "handheld", "--no-recording", "--out", str(tmp_path / "run"))
+    assert flown.code == 0
+    assert "handheld.json" in flown.err
+    assert "the angles agree to" in flown.err
+    assert open_run(tmp_path / "run").summary["swarm"]["tracking_share"] > 0.98
+    wrong = command("replay", "handheld2")
+    assert wrong.code == 2
+    assert "did you mean 'handheld'?" in wrong.err
 
 
 def test_version(command: Command) -> None:

@@ -28,6 +28,8 @@ def test_the_wheel_carries_code_models_and_scenarios_and_nothing_else(wheel):
         "swarm/models/craft/mockup/mockup.xml",
         "swarm/scenarios/formation.toml",
         "swarm/scenarios/studies/scaling.toml",
+        "swarm/scenarios/recordings/handheld.rec.gz",
+        "swarm/scenarios/recordings/handheld.json",
         "swarm/report/templates/report.html.j2",
         "swarm/cli/app.py",
     ):

@@ -12,6 +12,7 @@ from numpy.testing import assert_array_equal
 from synthetic_recording import BEGIN, FRAMES, STATIONS, TURN, calibration_text, in_our_frame, lines, write
 
 from swarm.errors import SwarmError
+from swarm.flight.recordings.contents import contents
 from swarm.flight.recordings.libsurvive import Recording, read_libsurvive, station_id
 from swarm.flight.recordings.object_clock import WRAP, ObjectClock
 from swarm.flight.recordings.station_calibration import read_calibration
@@ -138,6 +139,15 @@ def test_a_day_without_light_is_not_filled_with_empty_periods(tmp_path: Path) ->
         SwarmError, match=r"no light from 1\.\d s to 90001\.\d s, longer than 3600 s: cut the recording"
     ):
         read_libsurvive(write(tmp_path / "day.rec", lines() + after), "OBJ")
+
+
+def test_two_recordings_in_one_file_are_not_mixed(tmp_path: Path) -> None:
+    # The host's time begins anew, the object's counter is elsewhere.
+    first = [later(line, 50.0, 50 * SECOND) for line in light()]
+    with pytest.raises(SwarmError, match="two recordings in one file"):
+        read_libsurvive(
+            write(tmp_path / "two.rec", lines()[:2] + first + [later(x, 0, 9 * SECOND) for x in light()]), "OBJ"
+        )
 
 
 def test_a_clock_of_three_events_is_read() -> None:
@@ -272,6 +282,7 @@ def test_endless_nonsense_is_read_in_little_memory_and_time(tmp_path: Path, bloc
         path.write_bytes(gzip.compress(("\n".join(lines()) + "\n").encode()) + path.read_bytes())
     before, begin = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
     try:
+        contents(path)
         read_libsurvive(path, "OBJ")
     except SwarmError as error:
         assert "not a libsurvive recording" in str(error)  # noqa: PT017
@@ -284,3 +295,71 @@ def test_endless_nonsense_is_read_in_little_memory_and_time(tmp_path: Path, bloc
 def test_the_counter_wraps_within_the_recording(good: Recording) -> None:
     assert good.pulses.rise_tick[0] == BEGIN
     assert good.pulses.rise_tick[-1] > WRAP > BEGIN + TURN
+
+
+# Anything at all.
+
+WORDS = [
+    "nan",
+    "inf",
+    "-1",
+    "0",
+    "4294967295",
+    "4294967296",
+    "1e308",
+    "-1e308",
+    "C",
+    "A",
+    "CONFIG",
+    "{",
+    "LH_POSE",
+    "POSE",
+    "W",
+    "1_0",
+    "9999999999999999999999",
+]
+WORDS += ["", "\0", "\ufffd", "9" * 5000, "[" * 2000]
+
+
+def mutant(rng: np.random.Generator, text: bytes, packed: bytes) -> bytes:
+    """A damaged recording: bytes or words replaced, a part lost, lines mixed, plain or packed."""
+    kind = int(rng.integers(6))
+    if kind in (0, 1):
+        data = bytearray((text, packed)[kind])
+        for at in rng.integers(len(data), size=int(rng.integers(1, (200, 20)[kind]))):
+            data[at] = rng.integers(256)
+        return bytes(data)
+    if kind in (2, 3):
+        data = bytearray((text, packed)[kind - 2])
+        first, last = sorted(rng.integers(len(data), size=2).tolist())
+        return bytes(data[:first] + data[last:])
+    some = text.decode().split("\n")
+    if kind == 4:
+        rest = some[3:]
+        rng.shuffle(rest)
+        return "\n".join(some[:3] + rest[: int(rng.integers(len(rest)))]).encode()
+    for at in rng.integers(len(some), size=int(rng.integers(1, 300))):
+        word = some[at].split(" ")
+        word[int(rng.integers(len(word)))] = WORDS[int(rng.integers(len(WORDS)))]
+        some[at] = " ".join(word)
+    return "\n".join(some).encode()
+
+
+def test_no_damage_ends_in_a_traceback_or_in_endless_periods(tmp_path: Path) -> None:
+    rng = np.random.default_rng(20)
+    text = "\n".join(lines()).encode()
+    packed = gzip.compress(text)
+    read = 0
+    for i in range(250):
+        file = tmp_path / "m.rec"
+        file.write_bytes(mutant(rng, text, packed))
+        try:
+            contents(file)
+            made = read_libsurvive(file, "OBJ")
+            for windows in (Windows(made, 1, "pulses"), Windows(made, 0, "angles")):
+                assert len(windows) < 5000, f"mutant {i}"
+                assert sum(1 for _ in windows) == len(windows)
+            read += 1
+        except SwarmError as error:
+            assert str(file) in str(error), f"mutant {i}"  # noqa: PT017
+    assert read > 80

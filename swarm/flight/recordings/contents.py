@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from swarm.errors import SwarmError
 from swarm.flight.recordings.framing import frame_angles, frame_pulses
-from swarm.flight.recordings.libsurvive import SECOND_GENERATION, Recording, read_libsurvive
+from swarm.flight.recordings.libsurvive import MOST_DAMAGED, SECOND_GENERATION, Recording, read_libsurvive
 from swarm.flight.recordings.text_lines import TextLines
 
 FIRST_GENERATION = ("C", "A")
@@ -112,8 +112,12 @@ def _seen(file: Path) -> _Seen:
     lines: Counter[tuple[str, str]] = Counter()
     text = TextLines(file)
     names: set[str] = set()
+    good = damaged = 0
     for _, line in text:
         head = line.split(None, 3)
+        good, damaged = (good + 1, damaged) if len(head) > 2 else (good, damaged + 1)
+        if damaged > MOST_DAMAGED + 2 * good:
+            break
         if len(head) < 4 or head[2] not in ("CONFIG", *FIRST_GENERATION, *SECOND_GENERATION):
             continue
         if head[1] in names or len(names) < MOST_OBJECTS:

@@ -56,7 +56,7 @@ class ObjectClock:
             commit: function that gets the event's tick, now or later; never if the event is damaged.
 
         Raises:
-            SwarmError: the object was dark for longer than `LONGEST_DARK_S`.
+            SwarmError: the object was dark for longer than `LONGEST_DARK_S`, or another recording begins.
         """
         event = _Event(time_s, counter, commit)
         if self._base is not None and abs(time_s - self._time_s) < STEP_S and self._fits(event):
@@ -94,6 +94,11 @@ class ObjectClock:
             raise SwarmError(
                 f"{self._what}: no light from {self._time_s:.1f} s to {first.time_s:.1f} s, longer than "
                 f"{LONGEST_DARK_S:.0f} s: cut the recording there"
+            )
+        elif not self._fits(first) and first.time_s < self._time_s - STEP_S:
+            raise SwarmError(
+                f"{self._what}: the host's time goes back from {self._time_s:.1f} s to {first.time_s:.1f} s: these are "
+                "two recordings in one file, replay them one by one"
             )
         elif not self._fits(first):
             self.restarts += 1
