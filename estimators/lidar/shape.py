@@ -26,6 +26,10 @@ VIEW_POINTS = 96
 """Points of a view that stand for all that is seen of it."""
 ALIKE, BROAD = 0.85, 0.4
 """A triangle is in the midst of like surface if so much of its surroundings has its normal, within 32 degrees."""
+BEHIND, OPEN = 3, 0.01
+"""Directions from which a point must be seen from behind, and the share of such points from which on a surface is open;
+fewer are rounding, where a ray slips through an edge.
+"""
 SHARP_RAD = np.radians(25)
 CELLS = 72
 """Cells of the grid along the longest side of the box around the shape."""
@@ -67,34 +71,56 @@ class SharpEdges(NamedTuple):
 class Shape:
     """The shape. point: (n, 3) [m], normal: (n, 3) outward, mesh: its triangles, radius_m: about the body's origin.
 
+    two_sided: some of the surface is open and seen from both sides; it has its points twice, once with each normal.
     broad: (F,), triangles that are no rims, no rods. tree: a `cKDTree` of the points. spacing_m: typical distance
     between neighbouring points. edge: points on the sharp edges, where a silhouette can be.
     """
 
     def __init__(self, vertex: Floats, face: NDArray[np.integer], points: int = POINTS, seed: int = 0) -> None:
-        """Take a mesh with vertices (V, 3) [m] and faces (F, 3), outward; parts may overlap.
+        """Take a mesh with vertices (V, 3) [m] and faces (F, 3); parts may overlap, and may be open surfaces.
 
-        seed: of the random points. Raises ValueError where the mesh has no area or is not finite.
+        A closed mesh that is inside out is turned. seed: of the random points. Raises ValueError where the mesh has no
+        area, is not finite, or is seen from nowhere.
         """
-        self.mesh: Triangles = triangles(vertex, face)
+        face = np.asarray(face)
         self.vertex = np.asarray(vertex, dtype=np.float64)[np.unique(face)]
         self.radius_m = float(np.linalg.norm(self.vertex, axis=1).max())
         self.diameter_m = _diameter(self.vertex)
-        point, normal = _sprinkle(self.mesh, 4 * points, np.random.default_rng(seed))
-        kept = _thinned(point, points)
         direction = sphere(VIEWS)
-        seen = _seen(self.mesh, point[kept], normal[kept], direction, self.radius_m)
-        # What is never seen lies inside: where parts overlap.
-        outer = seen.any(axis=0)
-        self.point, self.normal = point[kept][outer], normal[kept][outer]
-        self._seen, self._direction = seen[:, outer], direction
+        self.mesh: Triangles = triangles(vertex, face)
+        point, normal, front, back = self._sides(points, direction, seed)
+        if np.count_nonzero(back) > np.count_nonzero(front):
+            # A mesh that is inside out.
+            face = face[:, ::-1]
+            self.mesh = triangles(vertex, face)
+            point, normal, front, back = self._sides(points, direction, seed)
+        # What is never seen lies inside: where parts overlap. An open surface is seen from behind, too.
+        outer, behind = front.any(axis=0), np.count_nonzero(back, axis=0) >= BEHIND
+        behind &= np.count_nonzero(behind) > OPEN * len(point)
+        self.two_sided = bool(behind.any())
+        self.point = np.concatenate([point[outer], point[behind]])
+        self.normal = np.concatenate([normal[outer], -normal[behind]])
+        if len(self.point) < VIEW_POINTS:
+            raise ValueError("face: nothing of the shape is seen from outside")
+        self._seen = np.concatenate([front[:, outer], back[:, behind]], axis=1)
+        self._direction = direction
         edge = sharp_edges(vertex, face, 0.012 * self.radius_m)
         shown = _seen(self.mesh, edge.point, edge.outward, direction[::4], self.radius_m).any(axis=0)
         self.edge = SharpEdges(*(part[shown] for part in edge))
         self.tree = cKDTree(self.point)
-        self.spacing_m = float(np.median(self.tree.query(self.point, k=2)[0][:, 1]))
+        # Of both sides of an open surface, one.
+        apart = self.point[: np.count_nonzero(outer)] if outer.any() else self.point
+        self.spacing_m = float(np.median(cKDTree(apart).query(apart, k=2)[0][:, 1]))
         self.broad = self._broad()
         self._rng = np.random.default_rng(seed)
+
+    def _sides(self, points: int, direction: Floats, seed: int) -> tuple[Floats, Floats, Bools, Bools]:
+        """Return points (n, 3) on the mesh, normals (n, 3), and from where each is seen in front and behind, (V, n)."""
+        point, normal = _sprinkle(self.mesh, 4 * points, np.random.default_rng(seed))
+        kept = _thinned(point, points)
+        point, normal = point[kept], normal[kept]
+        front, back = (_seen(self.mesh, point, side * normal, direction, self.radius_m) for side in (1.0, -1.0))
+        return point, normal, front, back
 
     def _broad(self) -> Bools:
         """Return the triangles (F,) amid surface that looks the same way: not the rim of a plate, not a thin rod."""
@@ -102,7 +128,8 @@ class Shape:
         reach = 2.5 * self.spacing_m
         expected = np.pi * reach**2 * len(self.point) / _area(m)
         near = self.tree.query_ball_point(m.corner + (m.edge1 + m.edge2) / 3, reach)
-        alike = [np.count_nonzero(self.normal[i] @ n > ALIKE) for i, n in zip(near, m.normal, strict=True)]
+        of_both = np.abs if self.two_sided else np.asarray
+        alike = [np.count_nonzero(of_both(self.normal[i] @ n) > ALIKE) for i, n in zip(near, m.normal, strict=True)]
         out: Bools = np.array(alike) > BROAD * expected
         return out
 
@@ -110,9 +137,12 @@ class Shape:
     def views(self) -> Views:
         """The surface seen from all around, from far away."""
         weight = self._seen * np.maximum(self._direction @ self.normal.T, 0.0)
+        # Edge on, nothing is seen of a flat sheet.
+        some = weight.sum(axis=1) > 0
+        weight = weight[some]
         share = weight / weight.sum(axis=1, keepdims=True)
         sample = np.stack([self._rng.choice(len(self.point), VIEW_POINTS, p=row) for row in share])
-        return Views(self._direction, self._seen, share @ self.point, sample.astype(np.int64))
+        return Views(self._direction[some], self._seen[some], share @ self.point, sample.astype(np.int64))
 
     @cached_property
     def grid(self) -> Grid:

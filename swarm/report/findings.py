@@ -64,6 +64,16 @@ def _motion_bias(figures: Figures, name: str, unit: str, shown: str) -> Finding 
     return Finding(f"Motion biases PnP's {name}: {rms:.2g} {shown} RMS ({axes})", "yellow")
 
 
+NEVER_ACQUIRED = {
+    "ambiguous": "more than one attitude fits, the shape is symmetric or looks so from there",
+    "undetermined": "the surface in sight leaves a direction free, as a single plane or a round body does",
+    "not recognised": "no pose of the known shape explains what returned",
+    "too few returns": "the target is too far, too small, or seen edge on",
+    "no own fix": "the observer did not know its own pose",
+}
+"""Per outcome of a scan: why a target was never acquired."""
+
+
 def inspections(lidar: Mapping[str, Figures]) -> list[Finding]:
     """Return what every LiDAR made of its target."""
     out = []
@@ -75,6 +85,9 @@ def inspections(lidar: Mapping[str, Figures]) -> list[Finding]:
         if f["measured_attitude_mean_deg"] is not None:
             text += f"; attitude error of a scan {f['measured_attitude_mean_deg']:.2f}° on average"
             text += f", {f['measured_attitude_max_deg']:.2f}° at most"
+        if not f["acquisitions"] and f["outcomes"]:
+            most = max(f["outcomes"], key=lambda word: f["outcomes"][word])
+            text += f"; {f['outcomes'][most]} scans {most}: {NEVER_ACQUIRED.get(most, 'no pose was found')}"
         out.append(Finding(text))
     return out
 

@@ -30,4 +30,7 @@ def surface(path: Path) -> tuple[Floats, NDArray[np.int32]]:
 @lru_cache(maxsize=8)
 def known_shape(path: Path) -> Shape:
     """Return the shape of a model file; takes about two seconds, once per process. Raises SwarmError."""
-    return Shape(*surface(path))
+    try:
+        return Shape(*surface(path))
+    except ValueError as error:
+        raise SwarmError(f"{path}: no shape that a LiDAR could recognise: {error}") from None
