@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from lidar_target import DISTANCE, attitudes, box, brick, crooked, joined, scan_of
 
 from estimators import rotation as rot
 from estimators.arrays import Floats, Ints
@@ -9,7 +10,6 @@ from estimators.lidar.acquisition import Verdict, acquire
 from estimators.lidar.likeness import symmetries
 from estimators.lidar.shape import Shape
 from swarm.report.findings import inspections
-from tests.lidar_target import DISTANCE, attitudes, box, brick, crooked, joined, scan_of
 
 RIGHT_DEG = 3.0
 
