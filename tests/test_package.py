@@ -64,6 +64,24 @@ def test_the_installed_wheel_flies_outside_the_checkout(wheel, tmp_path):
     assert str(packages) in output_of(python, "import swarm; print(swarm.__file__)", cwd=tmp_path, env=environment)
 
 
+def test_an_editable_install_is_the_checkout(tmp_path):
+    build = f"from hatchling.build import build_editable; print(build_editable({str(tmp_path)!r}))"
+    name = output_of(sys.executable, build, cwd=ROOT).splitlines()[-1]
+    packages = tmp_path / "packages"
+    with zipfile.ZipFile(tmp_path / name) as archive:
+        archive.extractall(packages)
+    dependencies = [path for path in sys.path if path.endswith("site-packages")]
+    found = output_of(
+        sys.executable,
+        f"import site, sys; sys.path[:] = [p for p in sys.path if p not in {dependencies!r}]; "
+        f"site.addsitedir({str(packages)!r}); sys.path += {dependencies!r}; "
+        "import swarm; from swarm.assets import folder; print(swarm.__file__, folder('models'))",
+        cwd=tmp_path,
+        env={key: value for key, value in os.environ.items() if key != "PYTHONPATH"},
+    )
+    assert found == f"{ROOT / 'swarm' / '__init__.py'} {ROOT / 'models'}"
+
+
 def output_of(python: Path, code: str, **where) -> str:
     done = subprocess.run([python, "-c", code], capture_output=True, text=True, check=True, **where)
     return done.stdout.strip()
