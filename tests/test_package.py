@@ -66,13 +66,13 @@ def test_the_installed_wheel_flies_outside_the_checkout(wheel, tmp_path):
 
 def test_an_editable_install_is_the_checkout(tmp_path):
     build = f"from hatchling.build import build_editable; print(build_editable({str(tmp_path)!r}))"
-    name = output_of(sys.executable, build, cwd=ROOT).splitlines()[-1]
+    name = output_of(Path(sys.executable), build, cwd=ROOT).splitlines()[-1]
     packages = tmp_path / "packages"
     with zipfile.ZipFile(tmp_path / name) as archive:
         archive.extractall(packages)
     dependencies = [path for path in sys.path if path.endswith("site-packages")]
     found = output_of(
-        sys.executable,
+        Path(sys.executable),
         f"import site, sys; sys.path[:] = [p for p in sys.path if p not in {dependencies!r}]; "
         f"site.addsitedir({str(packages)!r}); sys.path += {dependencies!r}; "
         "import swarm; from swarm.assets import folder; print(swarm.__file__, folder('models'))",

@@ -408,11 +408,14 @@ def test_settings_are_si() -> None:
     assert station.fan_y.gibbous_magnitude == 0.01
     craft = builders.navigation(settings)
     assert craft.frame_s == 0.02
-    assert craft.angle_noise_rad == station.angle_noise_rad
-    assert craft.rotor_correlation == station.rotor_correlation
+    w = 2 * math.pi * 50
+    shared = 0.8717 * station.angle_noise_rad**2 + (w * 2e-8) ** 2 / 12 + (w * 3e-9) ** 2
+    own = (1 - 0.8717) * station.angle_noise_rad**2 + (w * 2e-8) ** 2 / 12
+    assert craft.angle_noise_rad == pytest.approx(math.sqrt(shared + own), rel=1e-12)
+    assert craft.rotor_correlation == pytest.approx(shared / (shared + own), rel=1e-12)
 
 
-def test_a_craft_never_believes_more_than_its_ticks_allow() -> None:
+def test_a_craft_without_noise_assumes_that_of_its_ticks() -> None:
     settings = load("formation", ["lighthouse.angle_noise_arcsec=0"])
     # Uniform rounding of two instants to 20 ns, at 60 turns per second: 2 pi 60 sqrt(2 / 12) 20e-9 rad.
     assert builders.navigation(settings).angle_noise_rad == pytest.approx(3.078e-6, rel=1e-3)

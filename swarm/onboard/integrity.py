@@ -54,17 +54,15 @@ class IntegritySettings:
 
     residual_test: False lets every fit pass, for errors that the noise model does not account for. false_alarm,
     missed_detection: probabilities of the residual test, per pose. risk: probability of an error beyond its protection
-    level, per estimate. rounding_rad: noise of a sweep rounded to a tick, 1 sigma, beside the angle noise.
-    alert_position_m, alert_attitude_rad: limits of the filter's protection levels; infinite for none. tick_s: tick of
-    the clock; None: the rotor's speed is not monitored. speed_tolerance: relative error of a turn's length that is
-    attributed to the clock.
+    level, per estimate. alert_position_m, alert_attitude_rad: limits of the filter's protection levels; infinite for
+    none. tick_s: tick of the clock; None: the rotor's speed is not monitored. speed_tolerance: relative error of a
+    turn's length that is attributed to the clock.
     """
 
     residual_test: bool = True
     false_alarm: float = 1e-7
     missed_detection: float = 1e-4
     risk: float = 1e-7
-    rounding_rad: float = 0.0
     alert_position_m: float = np.inf
     alert_attitude_rad: float = np.inf
     tick_s: float | None = None
@@ -119,7 +117,7 @@ class Monitor:
         craft, most = shape
         self.settings = settings
         self._sigma_rad = angle_noise_rad
-        own = float(np.hypot(angle_noise_rad * np.sqrt(1 - rotor_correlation), settings.rounding_rad))
+        own = angle_noise_rad * float(np.sqrt(1 - rotor_correlation))
         self._noise = AngleNoise(own, angle_noise_rad * float(np.sqrt(rotor_correlation)))
         self._threshold = thresholds(most, settings.false_alarm)
         self._missed = np.sqrt(noncentralities(self._threshold, settings.missed_detection))

@@ -294,8 +294,8 @@ class Navigation(Table):
         default=None,
         ge=1e-3,
         le=3600,
-        description="Standard deviation of a sweep angle that the craft assume, never less than the rounding of their "
-        "ticks. Unset: that of the lighthouse.",
+        description="Standard deviation of a sweep angle that the craft assume, beside the rounding to ticks and the "
+        "sync jitter, whose variances are added. Unset: that of the lighthouse.",
     )
     rotor_correlation: float | None = Field(
         default=None, ge=0, le=1, description="Rotor correlation that the craft assume. Unset: that of the lighthouse."

@@ -1,11 +1,12 @@
 """The settings of every craft's computer, and the photodiode layout that it assumes."""
 
 from dataclasses import replace
-from math import inf, pi, sqrt
+from math import hypot, inf, sqrt
 
 from swarm import scenario
 from swarm.errors import SwarmError, did_you_mean
 from swarm.flight.builders.dynamics import orbit
+from swarm.flight.builders.station import assumed_angle_noise
 from swarm.flight.recordings.station_calibration import read_calibration
 from swarm.hardware import Photodiodes
 from swarm.onboard.integrity import IntegritySettings
@@ -24,13 +25,12 @@ def navigation(settings: Scenario) -> NavigationSettings:
         SwarmError: the calibration file cannot be read.
     """
     table, station = si(settings.navigation), si(settings.lighthouse)
-    # A flash and a sweep, each rounded to a tick: variance tick^2 / 12 each. This is the least noise to assume.
-    rounding_rad = 2 * pi * station.rate_hz * station.tick_s / sqrt(6)
-    noise, correlation = table.angle_noise_rad, table.rotor_correlation
+    noise = assumed_angle_noise(settings)
+    sigma_rad = hypot(noise.own_rad, noise.rotor_rad)
     made = NavigationSettings(
         frame_s=1 / station.rate_hz,
-        angle_noise_rad=max(station.angle_noise_rad if noise is None else noise, rounding_rad),
-        rotor_correlation=station.rotor_correlation if correlation is None else correlation,
+        angle_noise_rad=sigma_rad,
+        rotor_correlation=(noise.rotor_rad / sigma_rad) ** 2,
         motion_compensation=table.motion_compensation,
         acceleration_noise_m_s2=table.acceleration_noise_m_s2,
         angular_acceleration_noise_rad_s2=table.angular_acceleration_noise_rad_s2,
@@ -59,7 +59,6 @@ def _integrity(settings: Scenario) -> IntegritySettings:
         false_alarm=table.false_alarm_probability,
         missed_detection=table.missed_detection_probability,
         risk=table.integrity_risk,
-        rounding_rad=2 * pi * station.rate_hz * station.tick_s / sqrt(12),
         alert_position_m=inf if table.alert_position_m is None else table.alert_position_m,
         alert_attitude_rad=inf if table.alert_attitude_rad is None else table.alert_attitude_rad,
         tick_s=station.tick_s,

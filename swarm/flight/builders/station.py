@@ -24,9 +24,28 @@ def decoder(settings: Scenario, present: Bools) -> PulseDecoder:
 def angle_noise(settings: Scenario) -> Noise:
     """Return the random error of one sweep angle (19) from lighthouse and circuits, its own part and the sweep's."""
     station = si(settings.lighthouse)
+    return _with_timing(settings, station.angle_noise_rad, station.rotor_correlation)
+
+
+def assumed_angle_noise(settings: Scenario) -> Noise:
+    """Return the random error of one sweep angle that every craft assumes: its own part and the sweep's."""
+    table, station = si(settings.navigation), si(settings.lighthouse)
+    noise, correlation = table.angle_noise_rad, table.rotor_correlation
+    return _with_timing(
+        settings,
+        station.angle_noise_rad if noise is None else noise,
+        station.rotor_correlation if correlation is None else correlation,
+    )
+
+
+def _with_timing(settings: Scenario, sigma_rad: float, rho: float) -> Noise:
+    """Add the variances of rounding and jitter to an angle noise (19) of standard deviation sigma and correlation rho.
+
+    Sweep and flash are each rounded to a tick, of variance tick^2 / 12. A craft's photodiodes share their flash, its
+    rounding and its jitter.
+    """
+    station = si(settings.lighthouse)
     w = 2 * pi * station.rate_hz
-    rho, variance = station.rotor_correlation, station.angle_noise_rad**2
-    # Sweep and flash are each rounded to a tick; a craft's photodiodes share their flash, its rounding and its jitter.
     rounding = (w * station.tick_s) ** 2 / 12
-    shared = rho * variance + rounding + (w * station.sync_jitter_s) ** 2
-    return Noise(sqrt((1 - rho) * variance + rounding), sqrt(shared))
+    shared = rho * sigma_rad**2 + rounding + (w * station.sync_jitter_s) ** 2
+    return Noise(sqrt((1 - rho) * sigma_rad**2 + rounding), sqrt(shared))
