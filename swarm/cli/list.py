@@ -17,7 +17,7 @@ def list_all() -> None:
         from swarm.assets import models, recordings, scenarios, studies
 
         lines: list[str] = []
-        width = max(len(name) for name in (*scenarios(), *studies(), *models())) + 1
+        width = max(len(name) for name in (*scenarios(), *studies(), *models(), *recordings())) + 1
         for head, files in (("Scenarios: swarm run NAME", scenarios()), ("Studies: swarm study NAME", studies())):
             about = {name: tomllib.loads(path.read_text(encoding="utf-8")) for name, path in files.items()}
             lines += [*([""] if lines else []), head]
@@ -26,7 +26,10 @@ def list_all() -> None:
         lines += [
             f"  {name:<{width}} {_first_sentence(path.with_name('README.md'))}" for name, path in models().items()
         ]
-        lines += ["", "Recordings: swarm replay NAME", *(f"  {name}" for name in recordings())]
+        lines += ["", "Recordings: swarm replay NAME"]
+        lines += [
+            f"  {name:<{width}} {_first_sentence(path.with_name(f'{name}.md'))}" for name, path in recordings().items()
+        ]
         room = get_terminal_size().columns if sys.stdout.isatty() else 1000
         for line in lines:
             typer.echo(line.rstrip() if len(line) <= room else f"{line[: room - 1]}…")

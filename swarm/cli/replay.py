@@ -137,7 +137,9 @@ def _print_contents(recording: Path) -> None:
     from swarm.tables import table
 
     found = contents(recording)
-    made = table("object", "light", "photo-\ndiodes", "station", "periods of\npulses", "angles", "seconds", tight=True)
+    made = table(
+        "object", "light", "photo-\ndiodes", "station", "periods of\npulses", "angles", "seconds", tight=True, wrap=True
+    )
     made.add_column("use")
     for row in found.rows:
         span = "" if row.begin_s is None or row.end_s is None else f"{row.begin_s:.1f} to {row.end_s:.1f}"

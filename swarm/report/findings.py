@@ -24,13 +24,17 @@ class Finding(NamedTuple):
     style: str = ""
 
 
+LEAST_DELTA_V = 1e-9
+"""Delta-v that is worth a sentence [m/s]; below it a motor made good no more than rounding."""
+
+
 def findings(figures: Figures) -> list[Finding]:
     """Return what the figures of a swarm or a craft say."""
     out = [_consistency(figures, key) for key in ("nees", "nis")]
     position, attitude = figures.get("ekf_to_pnp_position_ratio"), figures.get("ekf_to_pnp_attitude_ratio")
     if position is not None and attitude is not None:
         out.append(Finding(f"Filter error over raw PnP error: {position:.2f} in position, {attitude:.2f} in attitude"))
-    if delta_v := figures.get("delta_v_m_s"):
+    if (delta_v := figures.get("delta_v_m_s") or 0.0) >= LEAST_DELTA_V:
         out.append(Finding(f"Delta-v: {delta_v:.3g} m/s per craft"))
     if ccd := figures.get("ccd"):
         shares = f"stereo {ccd['stereo_share']:.0%}, the main camera alone {ccd['camera_share']:.0%} of the images"
