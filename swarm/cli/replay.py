@@ -61,7 +61,7 @@ def replay(
     force: Force = False,
     no_recording: NoRecording = False,
 ) -> None:
-    """Feed a real recording to the same on-board code.
+    """Feed a recording of real light, or the simulated one that comes along, to the same on-board code.
 
     \b
     swarm replay handheld
@@ -137,9 +137,8 @@ def _print_contents(recording: Path) -> None:
     from swarm.tables import table
 
     found = contents(recording)
-    made = table(
-        "object", "light", "photo-\ndiodes", "station", "periods of\npulses", "angles", "seconds", tight=True, wrap=True
-    )
+    heads = ("object", "light", "photo-\ndiodes", "station", "periods of\npulses", "angles", "span\n(s)")
+    made = table(*heads, tight=True, wrap=True)
     made.add_column("use")
     for row in found.rows:
         span = "" if row.begin_s is None or row.end_s is None else f"{row.begin_s:.1f} to {row.end_s:.1f}"
