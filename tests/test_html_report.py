@@ -1,5 +1,6 @@
 """The report is one file that opens anywhere: no reference leads out of it, and its figures say what the rows say."""
 
+import json
 import re
 import sys
 from base64 import b64decode
@@ -213,6 +214,15 @@ def test_a_run_has_a_page_too(
         "mujoco",
     ):
         assert word in seen.html + "".join(p.decode() for p in seen.pictures), word
+
+
+def test_a_killed_run_has_the_extent_of_its_rows(tmp_path: Path) -> None:
+    run = simulate(load("static", ["duration_s=0.5"]), out=tmp_path / "killed", record=False)
+    kept = {key: value for key, value in run.summary.items() if key in ("program", "scenario", "seed")}
+    (run.folder / "summary.json").write_text(json.dumps({**kept, "status": "running"}))
+    page = write_report(run.folder)[0].read_text()
+    assert "6 craft, rows of 0.5 s" in page
+    assert "Craft by craft" not in page
 
 
 def test_what_is_neither_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

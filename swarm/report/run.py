@@ -49,6 +49,18 @@ def facts(run: Run) -> list[Fact]:
     return [fact for fact in out if not fact.value.startswith("–")]
 
 
+def extent(run: Run) -> str:
+    """Return how many craft flew for how long: by the summary, or by the rows where a killed run has no figures."""
+    craft, seconds = run.summary.get("craft_count"), run.summary.get("duration_s")
+    if craft is not None and seconds is not None:
+        return f"{craft} craft, {seconds:.1f} s flown"
+    table = run.telemetry
+    if not len(table):
+        return "nothing recorded"
+    time = table.column("time_s").to_numpy()
+    return f"{len(table.column('craft').unique())} craft, rows of {time.max() - time.min():.1f} s"
+
+
 def sections(run: Run) -> list[Section]:
     """Return the sections of a run's page: figures over time, then the craft in a table."""
     if not len(run.telemetry):
@@ -66,7 +78,7 @@ def sections(run: Run) -> list[Section]:
         Section("Geometry", prose(PROSE, "geometry"), [dilution(series)]),
         Section("Visibility", (), [visibility(series)]),
         *([Section("Criteria", (), (), [_criteria(verdicts)])] if (verdicts := run.summary.get("criteria")) else []),
-        Section("Craft by craft", (), (), [_table(run.summary.get("craft", {}))]),
+        *([Section("Craft by craft", (), (), [_table(craft)])] if (craft := run.summary.get("craft")) else []),
     ]
 
 

@@ -92,10 +92,9 @@ def run_page(run: Run) -> Page:
     warning = (
         "" if run.status == "complete" else f"This run is not complete ({run.summary.get('reason', 'it was killed')})."
     )
-    what = f"{run.summary.get('craft_count', 0)} craft, {run.summary.get('duration_s', 0.0):.1f} s flown"
     return Page(
         title=f"Run: {run.folder.name}",
-        subtitle=what,
+        subtitle=of_run.extent(run),
         facts=of_run.facts(run) if run.summary.get("swarm") else [],
         sections=of_run.sections(run),
         warning=warning,

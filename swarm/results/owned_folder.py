@@ -71,7 +71,7 @@ def find(path: str | Path, contents: Contents) -> tuple[Path, dict[str, Any]]:
     if marker is None:
         missing = "there is no such folder" if not folder.exists() else f"it has no {contents.marker} of {PROGRAM}"
         places = [place for place in (folder, folder.parent, RUNS) if place.is_dir()]
-        near = {file.parent for place in places for file in place.glob(f"*/{contents.marker}")}
+        near = {file.parent for place in places for file in place.glob(f"*/{contents.marker}")} - {folder}
         raise SwarmError(f"{path} is not {contents.what}: {missing}{did_you_mean(str(path), sorted(map(str, near)))}")
     return folder, marker
 
