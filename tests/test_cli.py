@@ -132,10 +132,9 @@ def test_options_mean_the_same_in_every_command_that_writes_a_run(command: Comma
 
 def test_list_shows_every_scenario_and_model_on_one_line(command: Command) -> None:
     lines = command("list").out.splitlines()
-    for name in [*scenarios(), *studies(), *models()]:
+    for name in [*scenarios(), *studies(), *models(), *recordings()]:
         line = next(line for line in lines if line.startswith(f"  {name} "))
         assert len(line.split()) > 3
-    assert all(f"  {name}" in lines for name in recordings())
     assert len(lines) == len(scenarios()) + len(studies()) + len(models()) + len(recordings()) + 7
 
 

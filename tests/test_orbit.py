@@ -161,7 +161,7 @@ def test_without_an_orbit_nothing_pulls():
 
 def test_the_centre_of_mass_drifts_also_of_a_craft_that_spins_about_it(tmp_path):
     """The body's origin, 5 cm off, goes round it."""
-    sites = "".join(f'<site name="photodiode{i}" pos="{i / 10} 0 0.11"/>' for i in range(4))
+    sites = "".join(f'<site name="photodiode{i}" pos="{i % 2 / 10} {i // 2 / 10} 0.11"/>' for i in range(4))
     path = tmp_path / "off.xml"
     path.write_text(
         '<mujoco><worldbody><body><inertial pos="0.05 0 0" mass="2" diaginertia="0.02 0.02 0.02"/>'
