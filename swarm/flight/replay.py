@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from estimators.arrays import Floats, Ints
-from estimators.calibration.problem import Noise
 from estimators.lighthouse.integrity import Sweeps
 from estimators.lighthouse.sweep import correct
 from swarm.assets import find_model
@@ -152,10 +151,8 @@ class Playback:
         self.settings = _with_noise(settings, self.found)
         self.notes += _findings(self.found, settings, self.settings)
         self._navigation = self._navigation_of(self.settings, tested=self.found.noise_rad is not None)
-        navigation = self._navigation
-        s, rho = navigation.angle_noise_rad, navigation.rotor_correlation
-        noise = Noise(s * float(np.sqrt(1 - rho)), s * float(np.sqrt(rho)))
-        self.believed = believed((self.log.device,), self.layout, (navigation.fan_x, navigation.fan_y), noise)
+        fans = self._navigation.fan_x, self._navigation.fan_y
+        self.believed = believed((self.log.device,), self.layout, fans, builders.assumed_angle_noise(self.settings))
         self.scene = Scene(
             craft=(self.log.device,),
             visuals=[()],

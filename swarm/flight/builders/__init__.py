@@ -22,13 +22,14 @@ from swarm.flight.builders.faults import check_faults, faults
 from swarm.flight.builders.guidance import guidance, matings
 from swarm.flight.builders.lidars import inspection, lidars
 from swarm.flight.builders.navigation import believed_layout, navigation
-from swarm.flight.builders.station import FAN_ERROR_MAX_RAD, angle_noise, decoder
+from swarm.flight.builders.station import FAN_ERROR_MAX_RAD, angle_noise, assumed_angle_noise, decoder
 from swarm.scenario import Scenario
 
 __all__ = [
     "FAN_ERROR_MAX_RAD",
     "actuators",
     "angle_noise",
+    "assumed_angle_noise",
     "believed_layout",
     "cameras",
     "check",

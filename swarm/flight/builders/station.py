@@ -6,7 +6,7 @@ from estimators.arrays import Bools
 from estimators.calibration.problem import Noise
 from swarm.onboard.decoder import PulseDecoder
 from swarm.scenario import Scenario
-from swarm.units import si
+from swarm.units import SI, si
 
 FAN_ERROR_MAX_RAD = 0.1
 """Largest systematic error of a sweep angle [rad]; the decoder accepts angles up to this far outside the field."""
@@ -24,7 +24,7 @@ def decoder(settings: Scenario, present: Bools) -> PulseDecoder:
 def angle_noise(settings: Scenario) -> Noise:
     """Return the random error of one sweep angle (19) from lighthouse and circuits, its own part and the sweep's."""
     station = si(settings.lighthouse)
-    return _with_timing(settings, station.angle_noise_rad, station.rotor_correlation)
+    return _with_timing(station, station.angle_noise_rad, station.rotor_correlation)
 
 
 def assumed_angle_noise(settings: Scenario) -> Noise:
@@ -32,19 +32,18 @@ def assumed_angle_noise(settings: Scenario) -> Noise:
     table, station = si(settings.navigation), si(settings.lighthouse)
     noise, correlation = table.angle_noise_rad, table.rotor_correlation
     return _with_timing(
-        settings,
+        station,
         station.angle_noise_rad if noise is None else noise,
         station.rotor_correlation if correlation is None else correlation,
     )
 
 
-def _with_timing(settings: Scenario, sigma_rad: float, rho: float) -> Noise:
+def _with_timing(station: SI, sigma_rad: float, rho: float) -> Noise:
     """Add the variances of rounding and jitter to an angle noise (19) of standard deviation sigma and correlation rho.
 
     Sweep and flash are each rounded to a tick, of variance tick^2 / 12. A craft's photodiodes share their flash, its
     rounding and its jitter.
     """
-    station = si(settings.lighthouse)
     w = 2 * pi * station.rate_hz
     rounding = (w * station.tick_s) ** 2 / 12
     shared = rho * sigma_rad**2 + rounding + (w * station.sync_jitter_s) ** 2
