@@ -10,6 +10,8 @@ REFUSED_MUCH = 0.01
 """A larger share of refused poses than this is worth a line: the gate itself lets 0.99999 of good ones pass."""
 BIAS_SIGMAS = 4.0
 """A slope of the motion bias below so many of its sigmas is not worth a line: chance reaches it once in 16 000."""
+LEAST_DELTA_V = 1e-9
+"""Delta-v that is worth a sentence [m/s]; below it a motor made good no more than rounding."""
 MEANINGS = {
     "inside": "as the filter promises",
     "below": "errors smaller than the filter promises, as in smooth motion",
@@ -22,10 +24,6 @@ class Finding(NamedTuple):
 
     text: str
     style: str = ""
-
-
-LEAST_DELTA_V = 1e-9
-"""Delta-v that is worth a sentence [m/s]; below it a motor made good no more than rounding."""
 
 
 def findings(figures: Figures) -> list[Finding]:
