@@ -37,16 +37,6 @@ class Pulses(NamedTuple):
     total: NDArray[np.int32]
 
 
-def no_pulses(craft: int) -> Pulses:
-    """Return the pulses of `craft` craft that saw no light."""
-    return Pulses(
-        np.zeros((craft, 0), dtype=np.int16),
-        np.zeros((craft, 0), dtype=np.int64),
-        np.zeros((craft, 0), dtype=np.int32),
-        np.zeros(craft, dtype=np.int32),
-    )
-
-
 class LightImages(NamedTuple):
     """Images of lights that P camera pairs saw at one epoch, in the order of the scenario's `[craft.ccd]` tables.
 

@@ -149,10 +149,6 @@ class Inspection:
         self._ambiguous = np.zeros(rows, dtype=np.bool_)
         self._nis = np.full(rows, np.nan)
 
-    def observers_of(self, target: int) -> list[int]:
-        """Return the craft that observe a target."""
-        return [o.craft for o in self.observers if o.target == target]
-
     def step(self, scans: Sequence[LidarScan | None], own: Estimate, epoch_s: float) -> list[LidarFix]:
         """Advance all tracks by one lighthouse period, to its epoch.
 

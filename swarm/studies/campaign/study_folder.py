@@ -26,7 +26,7 @@ from swarm.scenario.text import toml_value
 from swarm.studies.campaign.plan import PlannedRun
 from swarm.studies.campaign.task import HEAD, LOST, SECONDS
 from swarm.units import written_unit
-from swarm.user_text import parse_json, read_text
+from swarm.user_text import parse_json, read_text, user_path
 
 STUDY, STATE, ROWS, JOURNAL, TELEMETRY = "study.toml", "study.json", "runs.parquet", "journal.jsonl", "telemetry"
 REPORT, FIGURES = "report.html", "figures"
@@ -192,7 +192,7 @@ def open_study(path: str | Path) -> FinishedStudy:
 
 def is_study(path: str | Path) -> bool:
     """Tell whether `path`, or `runs/<path>`, is the folder of a study."""
-    return any(marker_in(folder, CONTENTS) is not None for folder in (Path(path), RUNS / path))
+    return any(marker_in(folder, CONTENTS) is not None for folder in (user_path(path), RUNS / path))
 
 
 def rows_table(rows: Iterable[Row], parameters: Sequence[str]) -> Table:
