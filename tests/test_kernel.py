@@ -1,6 +1,7 @@
 """Kernels in the cache on disk: what an edit compiles again, seen from outside, in programs that share a cache."""
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -131,12 +132,63 @@ def test_an_edit_of_a_constant_in_the_same_file(package: Package, old: str, new:
     assert package.run() == (FIRST + change, 0)
 
 
-def test_a_package_in_a_folder_that_cannot_be_written_is_cached_for_the_user(package: Package, tmp_path: Path) -> None:
+@pytest.fixture
+def homed(package: Package, tmp_path: Path) -> Package:
+    """Return the package with a home of its own, and no folder named for the cache."""
     package.environment.pop("NUMBA_CACHE_DIR")
     package.environment |= {"HOME": str(tmp_path / "home"), "XDG_CACHE_HOME": str(tmp_path / "home")}
-    # A file in the way of the cache's folder stops root too.
-    (package.folder / "__pycache__").write_text("")
+    return package
+
+
+def test_the_same_code_in_another_place_is_not_compiled_again(homed: Package, tmp_path: Path) -> None:
+    assert homed.run()[0] == FIRST
+    shutil.move(tmp_path / "site", tmp_path / "elsewhere")
+    homed.environment["PYTHONPATH"] = os.pathsep.join([str(tmp_path / "elsewhere"), str(ROOT)])
+    assert homed.run() == (FIRST, 0)
+    assert list((tmp_path / "home" / "lighthouse-swarm" / "kernels").glob("rest.outer.outer.*.nbc"))
+
+
+def test_files_that_nothing_loads_are_removed(package: Package, tmp_path: Path) -> None:
     assert package.run()[0] == FIRST
+    cache = tmp_path / "cache"
+    used_no_more = [*cache.glob("rest.outer.outer.*.nbc"), *cache.glob("rest.inner.inner.*.nbc")]
+    still_used = [*cache.glob("rest.outer.later.*.nbc"), *cache.glob("rest.outer.ping.*.nbc")]
+    assert len(used_no_more) == 2
+    assert still_used
+    for file in cache.glob("*.nbc"):  # last loaded 100 days ago
+        os.utime(file, (file.stat().st_atime, file.stat().st_mtime - 100 * 86400))
+    package.edit("inner", "x + STEP", "x - STEP")
+    assert package.run()[0] == FIRST - 2
+    assert not [file for file in used_no_more if file.exists()]
+    assert [file for file in still_used if file.exists()] == still_used
+
+
+def test_a_file_that_is_loaded_counts_as_new(package: Package, tmp_path: Path) -> None:
+    assert package.run()[0] == FIRST
+    for file in (tmp_path / "cache").glob("*.nbc"):
+        os.utime(file, (file.stat().st_atime, file.stat().st_mtime - 100 * 86400))
     assert package.run() == (FIRST, 0)
     package.edit("inner", "STEP = 1.0", "STEP = 3.0")
     assert package.run()[0] == FIRST + 2 + 20
+    package.edit("inner", "STEP = 3.0", "STEP = 1.0")
+    assert package.run() == (FIRST, 0), "loading the files set their times anew"
+
+
+@pytest.mark.parametrize("damage", [b"", b"no pickle", None])
+def test_a_damaged_file_is_compiled_anew(package: Package, tmp_path: Path, damage: bytes | None) -> None:
+    assert package.run()[0] == FIRST
+    for file in (tmp_path / "cache").glob("*.nbc"):
+        file.write_bytes(file.read_bytes()[:100] if damage is None else damage)
+    assert package.run()[0] == FIRST
+    assert package.run() == (FIRST, 0)
+
+
+def test_where_no_folder_can_be_written_it_compiles_each_time(homed: Package, tmp_path: Path) -> None:
+    # A file in the way of a folder stops root too.
+    (tmp_path / "home").write_text("")
+    (homed.folder.parent / "estimators").symlink_to(ROOT / "estimators")
+    homed.environment["NUMBA_CACHE_DIR"] = str(tmp_path / "home" / "cache")
+    first, again = homed.run(), homed.run()
+    assert first[0] == FIRST
+    assert first == again
+    assert again[1] > 0
