@@ -61,6 +61,21 @@ class Frame:
         out: Floats = both @ matrix @ both.T
         return out
 
+    def matrix_into(self, matrix: Floats) -> Floats:
+        """Return covariances (..., 6, 6) of (attitude, position) in the world's axes in this frame's."""
+        if self.is_world:
+            return matrix
+        both = np.kron(np.eye(2), self.rotation)
+        out: Floats = both.T @ matrix @ both
+        return out
+
+    def rows_out(self, rows: Floats) -> Floats:
+        """Return derivatives (..., n, 6) by (attitude, position), or their rates, by the same in the world's axes."""
+        if self.is_world:
+            return rows
+        out: Floats = rows @ np.kron(np.eye(2), self.rotation).T
+        return out
+
 
 WORLD = Frame(np.eye(3), np.zeros(3))
 """The world's own frame."""

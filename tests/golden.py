@@ -225,6 +225,7 @@ SHIPPED = {
     "inspect-satellite": Flight("inspect-satellite", 1.0, divide=8.0),
     "inspection": Flight("inspection", 1.5),
     "orbit": Flight("orbit", 2.0, divide=30.0),
+    "plate": Flight("plate", 1.2, divide=12.0),
     "rendezvous": Flight("rendezvous", 1.5, divide=10.0),
     "static": Flight("static", 0.8),
     "survey": Flight("survey", 1.5, divide=40.0),

@@ -139,8 +139,14 @@ def _rows_all(
                 i += 1
 
 
-def _linearised(sweeps: Sweeps, rotation: Floats, position: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return J (C, 2, K, 6), r and tau (C, 2, K) at these poses; zero where not lit, or where the pose is NaN."""
+def linearised(sweeps: Sweeps, rotation: Floats, position: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return J (C, 2, K, 6), r and tau (C, 2, K) at these poses; zero where not lit, or where the pose is NaN.
+
+    Args:
+        sweeps: the angles of C craft.
+        rotation: (C, 3, 3).
+        position: (C, 3) [m].
+    """
     craft, photodiodes = sweeps.lit.shape
     known: Bools = np.all(np.isfinite(position), axis=1)
     jacobian = np.zeros((craft, 2, photodiodes, 6))
@@ -178,7 +184,7 @@ def statistic(sweeps: Sweeps, rotation: Floats, position: Floats, noise: AngleNo
     """
     craft, photodiodes = sweeps.lit.shape
     solved: Bools = np.all(np.isfinite(position), axis=1)
-    jacobian, residual, instant = _linearised(sweeps, rotation, position)
+    jacobian, residual, instant = linearised(sweeps, rotation, position)
     ones = np.zeros((craft, 2, photodiodes, 2))
     for fan in range(2):
         ones[:, fan, :, fan] = sweeps.lit
@@ -248,7 +254,7 @@ def consistent_subset(
 
 def _deviation(sweeps: Sweeps, rotation: Floats, position: Floats) -> Floats:
     """Return how far the angles of one craft (K,) lie from a pose [rad], their median shift taken off."""
-    residual = _linearised(sweeps, rotation[None], position[None])[1][0]
+    residual = linearised(sweeps, rotation[None], position[None])[1][0]
     out: Floats = np.hypot(*(residual - np.median(residual[:, sweeps.lit[0]], axis=1)[:, None]))
     return out
 

@@ -17,10 +17,11 @@ def check(scenario: Scenario, overrides: Overrides = None, seed: Seed = None) ->
     """
     with mistakes():
         from swarm.flight import builders
+        from swarm.report.findings import names
         from swarm.scenario import load, to_toml
 
         settings = load(scenario, overrides or (), seed)
-        builders.check(settings)
+        flat = builders.check(settings)
         if settings.criteria:
             from swarm.flight.flight import Flight
             from swarm.flight.scene import scene
@@ -28,6 +29,12 @@ def check(scenario: Scenario, overrides: Overrides = None, seed: Seed = None) ->
 
             check_criteria(settings, scene(settings, Flight(settings)))
         typer.echo(to_toml(settings), nl=False)
+        if flat:
+            typer.echo(
+                f"note: every photodiode of {names(flat)} lies in one plane, whose mirror image about the line of sight"
+                " fits nearly as well: small, far or face-on the pose is ambiguous at the start (docs/filter.md)",
+                err=True,
+            )
         if sys.stdout.isatty():
             typer.echo(
                 f"\n{scenario} is right: {len(settings.craft_names)} craft, {settings.duration_s:g} s.", err=True

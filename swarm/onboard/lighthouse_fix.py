@@ -5,6 +5,7 @@ angles, less the known errors of the fans            estimators.lighthouse.sweep
 -> residuals tested, false photodiodes dropped        estimators.lighthouse.integrity, by swarm.onboard.integrity
 -> H, ADOP, PDOP at that pose (13) to (22)            estimators.lighthouse.dop
 -> measurement covariance s^2 H (18)
+   or, of a plane that is nearly face-on, what its angles say to second order   estimators.lighthouse.planar
 """
 
 from typing import NamedTuple
@@ -13,17 +14,21 @@ import numpy as np
 
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats, Ints
+from estimators.filter.error_state import POSE_COLUMNS
 from estimators.lighthouse.dop import Dilution, dilution
-from estimators.lighthouse.integrity import Sweeps
+from estimators.lighthouse.integrity import AngleNoise, Sweeps
+from estimators.lighthouse.planar import Rows, Side, Spread, bends, is_flat, pose_rows, spread
 from estimators.lighthouse.pnp import refine
 from estimators.lighthouse.sweep import correct
 from estimators.state import State
-from swarm.onboard.acquisition import NONE, Hypotheses, Sighting, advance, search
+from swarm.onboard.acquisition import DECISIVE, NONE, Hypotheses, Sighting, advance, search
 from swarm.onboard.decoder import SweepAngles
 from swarm.onboard.integrity import Integrity, Monitor, Screened
 from swarm.onboard.settings import NavigationSettings, Sensor
-from swarm.onboard.tracks import Filtered, PoseFix, Taken, Tracks
+from swarm.onboard.tracks import UNKNOWN_RATE, Filtered, PoseFix, Taken, Tracks
 
+SIDE_PERIODS = 6
+"""Periods after which the evidence on the sign of a tilt is forgotten: a craft may have turned meanwhile."""
 MIN_LIT = 4
 """Least number of photodiodes for a pose (source 1, section 2)."""
 
@@ -43,12 +48,14 @@ class Light(NamedTuple):
 class _Start(NamedTuple):
     """Start poses of this period's LM.
 
-    found: craft whose search has just ended with a pose, (C,). rotation: (C, 3, 3). position: (C, 3) [m].
+    found: craft whose search has just ended with a pose, (C,). rotation: (C, 3, 3). position: (C, 3) [m]. spread: what
+    the angles allow, of craft found whose pose the first-order covariance does not tell.
     """
 
     found: Bools
     rotation: Floats
     position: Floats
+    spread: dict[int, Spread]
 
 
 class LighthouseFix:
@@ -63,14 +70,19 @@ class LighthouseFix:
         self.settings, self._point_m = settings, point_m
         self._hypotheses: list[Hypotheses] = [NONE] * craft
         self.undecided = np.zeros(craft, dtype=np.bool_)
+        self._side: list[tuple[int, Side] | None] = [None] * craft
+        self._period = 0
         self._independent_noise_rad = settings.angle_noise_rad * float(np.sqrt(1 - settings.rotor_correlation))
         noise = settings.angle_noise_rad, settings.rotor_correlation
+        shared = settings.angle_noise_rad * float(np.sqrt(settings.rotor_correlation))
+        self._noise = AngleNoise(self._independent_noise_rad, shared)
+        self._size_m = np.linalg.norm(np.nan_to_num(point_m), axis=2).max(axis=1)
         self._monitor = Monitor(settings.integrity, *noise, (craft, most))
 
     def forget(self, mask: Bools) -> None:
         """Forget the results of the craft of the mask (C,)."""
         for craft in np.flatnonzero(mask):
-            self._hypotheses[craft] = NONE
+            self._hypotheses[craft], self._side[craft] = NONE, None
         self.undecided[mask] = False
         self._monitor.forget(mask)
 
@@ -106,8 +118,10 @@ class LighthouseFix:
             screened.solution.solved,
         )
         rotation, position = s.station.pose_out(screened.solution.rotation, screened.solution.position)
+        rows = self._rows(sweeps, screened, precision, predicted, tracks)
         screened = screened._replace(solution=screened.solution._replace(rotation=rotation, position=position))
-        return Light(visible, screened, precision), self._fix(screened, precision)
+        fix = self._spread_out(self._fix(screened, precision), start.spread)._replace(rows=rows)
+        return Light(visible, screened, precision), fix
 
     def levels(self, light: Light, taken: Taken, after: Filtered) -> Integrity:
         """Return the protection levels of this period's poses, and of the filters after all fixes.
@@ -157,12 +171,47 @@ class LighthouseFix:
             sensor=np.full(len(pnp.solved), Sensor.LIGHTHOUSE, dtype=np.int64),
         )
 
+    def _rows(
+        self, sweeps: Sweeps, screened: Screened, precision: Dilution, predicted: State, tracks: Tracks
+    ) -> Rows | None:
+        """Return the rows of tracked craft whose light is of one plane nearly face-on; None if there are none."""
+        s, bank, pnp = self.settings, tracks.bank, screened.solution
+        sigma, distance = (
+            np.deg2rad(precision.adop_deg_per_rad) * s.angle_noise_rad,
+            np.linalg.norm(pnp.position, axis=1),
+        )
+        mask = bends(sigma, self._size_m, distance, self._noise) & bank.active & pnp.solved
+        for i in np.flatnonzero(mask):
+            mask[i] = is_flat(sweeps.point_m[i][screened.lit[i]])
+        if not mask.any():
+            return None
+        covariance = s.station.matrix_into(bank.covariance[:, POSE_COLUMNS[:, None], POSE_COLUMNS])
+        seen = sweeps._replace(lit=screened.lit)
+        rows = pose_rows(seen, mask, predicted.rotation, predicted.position, covariance, self._noise)
+        rates = s.station.rows_out(rows.rates) if s.motion_compensation else np.zeros_like(rows.rates)
+        return rows._replace(pose=s.station.rows_out(rows.pose), rates=rates)
+
+    def _spread_out(self, fix: PoseFix, spreads: dict[int, Spread]) -> PoseFix:
+        """Return the fix with the mean and covariance of all possible poses where the solved one is one of many."""
+        if not spreads:
+            return fix
+        station, at = self.settings.station, list(spreads)
+        pose = (np.stack([getattr(spreads[i], name) for i in at]) for name in ("rotation", "position"))
+        matrices = (np.stack([getattr(spreads[i], name) for i in at]) for name in ("covariance", "coupling"))
+        found = (*station.pose_out(*pose), *(station.matrix_out(matrix) for matrix in matrices))
+        # Copies: the solved poses themselves are telemetry.
+        parts = fix.rotation.copy(), fix.position.copy(), fix.covariance.copy(), fix.start_coupling.copy()
+        for part, own in zip(parts, found, strict=True):
+            part[at] = own
+        return fix._replace(rotation=parts[0], position=parts[1], covariance=parts[2], start_coupling=parts[3])
+
     def _acquire(
         self, theta: Floats, lit: Bools, offset_s: Floats, enough: Bools, predicted: State, tracks: Tracks
     ) -> _Start:
         """Return start poses for LM: the prediction, or the result of a search for a craft without one."""
         active = tracks.bank.active
-        start = _Start(np.zeros(len(enough), dtype=np.bool_), predicted.rotation, predicted.position)
+        self._period += 1
+        start = _Start(np.zeros(len(enough), dtype=np.bool_), predicted.rotation, predicted.position, {})
         lost = active & (tracks.since_update_s > self.settings.search_again_s)
         who = np.flatnonzero(enough & (lost | ~active))
         before = [self._hypotheses[i] for i in who]
@@ -172,6 +221,16 @@ class LighthouseFix:
             if not active[i] and len(hypotheses.evidence) and not hypotheses.decided:
                 hypotheses = self._without_false(hypotheses, sighting, tracks.rate_covariance(i))
             chosen: int | None = None
+            possible = None
+            if hypotheses.decided and not active[i]:
+                possible = self._possible(i, hypotheses, sighting)
+            if possible is not None and not possible.contained:
+                # Alone and yet one of many: it is not followed, for it stays alone where its mirror image appears.
+                self._hypotheses[i] = NONE if len(hypotheses.evidence) == 1 else hypotheses
+                self.undecided[i] = True
+                continue
+            if possible is not None:
+                start.spread[i] = possible
             if hypotheses.decided:
                 chosen, start.found[i] = 0, not active[i]
             elif active[i] and len(hypotheses.evidence):
@@ -183,6 +242,22 @@ class LighthouseFix:
             self._hypotheses[i] = hypotheses
             self.undecided[i] = len(hypotheses.evidence) > 0
         return start
+
+    def _possible(self, craft: int, hypotheses: Hypotheses, seen: Sighting) -> Spread | None:
+        """Return the poses that a searching craft's angles allow; None if first order tells them."""
+        if not is_flat(seen.point_m[seen.lit]):
+            return None
+        rest = np.zeros((1, 3))
+        one = Sweeps(seen.theta[None], seen.lit[None], seen.point_m[None], seen.offset_s[None], rest, rest)
+        best = hypotheses.rotation[0], hypotheses.position[0]
+        last = self._side[craft]
+        before = last[1] if last is not None and self._period - last[0] <= SIDE_PERIODS else None
+        out = spread(one, *best, self._noise, UNKNOWN_RATE, hypotheses.rotation[1:], DECISIVE, before)
+        if out is not None and not out.contained:
+            # Rates of up to five sigmas leave hardly any tilt out: then they count to first order, as otherwise.
+            out = spread(one, *best, self._noise, (0.0, 0.0), hypotheses.rotation[1:], DECISIVE, before)
+        self._side[craft] = None if out is None else (self._period, out.side)
+        return out
 
     def _without_false(self, hypotheses: Hypotheses, seen: Sighting, rate_covariance: Floats) -> Hypotheses:
         """Return the hypotheses of a searching craft, without a false photodiode if one spoils them."""

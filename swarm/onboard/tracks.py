@@ -12,7 +12,8 @@ import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.filter.bank import FilterBank
-from estimators.filter.error_state import RATE_COLUMNS
+from estimators.filter.error_state import POSE, POSE_COLUMNS, RATE_COLUMNS, STATES
+from estimators.lighthouse.planar import Rows
 from estimators.relative_orbit import RelativeOrbit, acceleration
 from estimators.state import State
 from swarm.messages import Command
@@ -27,6 +28,7 @@ class PoseFix(NamedTuple):
     known: craft with a pose, (C,). rotation: R_l_b, (C, 3, 3). position: (C, 3) [m]. covariance: of (attitude,
     position), (C, 6, 6) [rad, m]. coupling: B of a pose that was solved with the filter's predicted rates, (C, 6, 6)
     [s]. start_coupling: B of a pose that was solved as if at rest, (C, 6, 6) [s]. sensor: codes of `Sensor`, (C,).
+    rows: what updates running filters in the pose's place where a pose and a covariance do not tell it; None: nowhere.
     """
 
     known: Bools
@@ -36,6 +38,7 @@ class PoseFix(NamedTuple):
     coupling: Floats
     start_coupling: Floats
     sensor: Ints
+    rows: Rows | None = None
 
 
 class Taken(NamedTuple):
@@ -130,9 +133,17 @@ class Tracks:
         bank = self.bank
         active = bank.active
         update, start = fix.known & active, fix.known & ~active
-        result = bank.update_pose(update, fix.rotation, fix.position, fix.covariance, fix.coupling)
-        bank.start(start, fix.rotation, fix.position, fix.covariance, UNKNOWN_RATE, fix.start_coupling)
-        return Taken(start | result.accepted, update & ~result.accepted, np.where(update, result.nis, np.nan))
+        by_rows = np.zeros_like(update) if fix.rows is None else update & fix.rows.mask
+        pose = fix.rotation, fix.position, fix.covariance
+        result = bank.update_pose(update & ~by_rows, *pose, fix.coupling)
+        accepted, nis = result.accepted, result.nis
+        if fix.rows is not None:
+            h = np.zeros((len(update), POSE, STATES))
+            h[:, :, POSE_COLUMNS], h[:, :, RATE_COLUMNS] = fix.rows.pose, fix.rows.rates
+            result = bank.update(by_rows, fix.rows.y, h, np.broadcast_to(np.eye(POSE), (len(update), POSE, POSE)))
+            accepted, nis = accepted | result.accepted, np.where(by_rows, result.nis, nis)
+        bank.start(start, *pose, UNKNOWN_RATE, fix.start_coupling)
+        return Taken(start | accepted, update & ~accepted, np.where(update, nis, np.nan))
 
     def count(self, fresh: Bools, refused: Bools) -> None:
         """Count the time without a pose and the refused poses; stop the filters that exceed a limit.

@@ -8,6 +8,8 @@ FEWEST_SAMPLES = 20
 """Fewer independent samples than this say nothing about a filter."""
 REFUSED_MUCH = 0.01
 """A larger share of refused poses than this is worth a line: the gate itself lets 0.99999 of good ones pass."""
+AMBIGUOUS_MUCH = 0.01
+"""A larger share of ambiguous periods than this is worth a line: a search takes some periods anywhere."""
 BIAS_SIGMAS = 4.0
 """A slope of the motion bias below so many of its sigmas is not worth a line: chance reaches it once in 16 000."""
 LEAST_DELTA_V = 1e-9
@@ -99,7 +101,8 @@ def warnings(craft: Mapping[str, Figures]) -> list[Finding]:
     craft = {name: f for name, f in craft.items() if f.get("navigates", True)}
     dark = [name for name, f in craft.items() if not (f["mean_visible"] or f.get("ccd") or f.get("observed"))]
     refused = {name: f["refused_share"] or 0.0 for name, f in craft.items() if f.get("refused_share")}
-    refused = {name: share for name, share in refused.items() if share > REFUSED_MUCH}
+    # What is ambiguous is refused for another reason than the filter's noise.
+    refused = {n: share for n, share in refused.items() if share > REFUSED_MUCH and not _ambiguous(n, craft[n])}
     vain = [
         name
         for name, f in craft.items()
@@ -118,10 +121,23 @@ def warnings(craft: Mapping[str, Figures]) -> list[Finding]:
             + ": it moves more sharply than navigation.acceleration_noise_m_s2 and"
             " angular_acceleration_noise_deg_s2 expect, or its errors are not noise (docs/filter.md)"
         )
+    out += [sentence for name, f in craft.items() if (sentence := _ambiguous(name, f))]
     out += [sentence for name, f in craft.items() if (sentence := _untrusted(name, f))]
     if vain and len(craft) > 1:
         out.append(f"NEES above its band: {names(vain)}")
     return [Finding(sentence, "yellow") for sentence in out]
+
+
+def _ambiguous(name: str, figures: Figures) -> str | None:
+    """Return why the pose of a craft was ambiguous, None if it hardly was."""
+    share = figures.get("ambiguous_share") or 0.0
+    if share <= AMBIGUOUS_MUCH:
+        return None
+    return (
+        f"The pose of {name} was ambiguous in {share:.0%} of the periods: its lit photodiodes lie in one plane, or look"
+        " so from there, and a plane and its mirror image fit nearly equally well; one photodiode off the plane, more"
+        " size or less distance decides (docs/models.md)"
+    )
 
 
 def _untrusted(name: str, figures: Figures) -> str | None:

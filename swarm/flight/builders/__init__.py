@@ -16,7 +16,7 @@ from swarm.flight.builders.assembly import (
     surroundings,
 )
 from swarm.flight.builders.cameras import cameras
-from swarm.flight.builders.craft import fleet, photodiodes, pushes, start, steers_by_estimate, world
+from swarm.flight.builders.craft import flat_craft, fleet, photodiodes, pushes, start, steers_by_estimate, world
 from swarm.flight.builders.dynamics import actuators, orbit
 from swarm.flight.builders.faults import check_faults, faults
 from swarm.flight.builders.guidance import guidance, matings
@@ -36,6 +36,7 @@ __all__ = [
     "computer",
     "decoder",
     "faults",
+    "flat_craft",
     "fleet",
     "guidance",
     "inspection",
@@ -59,8 +60,8 @@ __all__ = [
 ]
 
 
-def check(settings: Scenario) -> None:
-    """Build everything once.
+def check(settings: Scenario) -> list[str]:
+    """Build everything once, and return the names of the craft whose photodiodes all lie in one plane.
 
     Raises:
         SwarmError: a part cannot be built.
@@ -72,3 +73,4 @@ def check(settings: Scenario) -> None:
     lidars(settings, made)
     navigation(settings)
     check_faults(settings, made)
+    return flat_craft(settings, photodiodes(settings, made))

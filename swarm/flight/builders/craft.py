@@ -9,6 +9,7 @@ import numpy as np
 
 from estimators import rotation as rot
 from estimators.arrays import Bools
+from estimators.lighthouse.planar import is_flat
 from estimators.rotation import matrix_from_quaternion
 from swarm import random, scenario
 from swarm.assets import find_model
@@ -124,6 +125,14 @@ def photodiodes(settings: Scenario, world: World) -> Photodiodes:
     """Return the photodiodes on board; a craft with `lighthouse = false` has none."""
     on_board = np.array([c.table.lighthouse for c in scenario.craft(settings)], dtype=np.bool_)
     return world.photodiodes._replace(present=world.photodiodes.present & on_board[:, None])
+
+
+def flat_craft(settings: Scenario, on_board: Photodiodes) -> list[str]:
+    """Return the names of the craft whose photodiodes all lie in one plane."""
+    flat = [
+        present.any() and is_flat(p[present]) for p, present in zip(on_board.point_m, on_board.present, strict=True)
+    ]
+    return [name for name, is_so in zip(settings.craft_names, flat, strict=True) if is_so]
 
 
 def pushes(settings: Scenario) -> Pushes:

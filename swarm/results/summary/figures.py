@@ -54,6 +54,8 @@ def figures(rows: TelemetryTable, period_s: float, bias: dict[str, Any] | None) 
         "nis": consistency(rows.frame, rows.column("nis"), period_s),
         "pnp_motion_bias": bias,
     }
+    if (ambiguous := rows.being("status", "ambiguous")).any():
+        out["ambiguous_share"] = share(ambiguous, visible >= 0)
     if "ccd" in rows.columns:
         out |= cameras(rows, period_s)
     if "dropped_photodiodes" in rows.columns:
