@@ -31,7 +31,7 @@ from estimators.rotation import exp, log
 
 BEND = 0.02
 """Departure from the tangent at one sigma, in sigmas, that first-order precision bears: 0.5 at five sigmas."""
-FLAT = 0.1
+FLAT = 0.05
 """Photodiodes count as one plane if their smallest spread is below this share of their largest."""
 WIDEST_RAD = 0.8
 """Largest tilt from face-on that is looked at."""
@@ -200,7 +200,7 @@ class _Nodes(NamedTuple):
 
 
 class _Question(NamedTuple):
-    """What `_moments` sums over: one craft's angles with their weight (2 K, 2 K), the inverse of the covariance of
+    """The angles whose poses are summed: one craft's, with their weight (2 K, 2 K), the inverse of the covariance of
     noise and rates; rates: derivatives by rates of unit sigma, (2 K, 6); face: attitude face-on, (3, 3); axes: of tilt,
     (3, 2); sight: to the middle of the photodiodes, (3,) [m].
     """
@@ -336,7 +336,7 @@ def _tilt_axes(sight: Floats) -> Floats:
     """Return two axes (3, 2) perpendicular to the line of sight (3,)."""
     along = sight / np.linalg.norm(sight)
     first = np.cross([0.0, 1.0, 0.0], along)
-    first /= np.linalg.norm(first)
+    first = first / np.linalg.norm(first)
     return np.column_stack([first, np.cross(along, first)])
 
 
