@@ -48,7 +48,7 @@ def seen(rotation: Floats, position: Floats) -> Floats:
 def test_a_plane_is_flat_and_a_dome_is_not_and_only_a_coarse_attitude_bends() -> None:
     assert is_flat(POINT)
     assert is_flat(POINT + 1e-4 * np.random.default_rng(0).normal(size=POINT.shape))
-    assert not is_flat(POINT + [0.0, 0.0, 0.03] * np.arange(6)[:, None] % 2)
+    assert not is_flat(POINT + np.array([0.0, 0.0, 0.03]) * (np.arange(6) % 2)[:, None])
     # 5.5 cm at 3 m, own noise 3.15 arcsec: half a sigma^2 a/d is 0.02 of the noise at 0.33 deg.
     sigma = np.radians([0.2, 0.5, np.nan])
     assert bends(sigma, np.full(3, 0.055), np.full(3, 3.0), NOISE).tolist() == [False, True, False]
@@ -124,17 +124,17 @@ def test_evidence_on_the_sign_of_a_tilt_is_summed_and_decides() -> None:
         best = solved.rotation[0], solved.position[0], NOISE, (0.0, 0.0), np.empty((0, 3, 3)), DECISIVE
         possible = spread(one, *best, side)
         assert possible is not None
-        side = possible.side
+        side, contained, rotation = possible.side, possible.contained, possible.rotation
         leads.append(side.lead)
         if side.lead >= DECISIVE:
             break
     assert side is not None
     assert side.lead >= DECISIVE
-    assert possible.contained
+    assert contained
     # The other way round, the same light excludes the start's own side.
     wrong = spread(one, *best, Side(-side.turn, leads[-1] - 2 * leads[-1]))
     assert wrong is not None
-    assert np.allclose(wrong.rotation, possible.rotation, atol=2e-2)
+    assert np.allclose(wrong.rotation, rotation, atol=2e-2)
 
 
 def test_a_plane_far_from_face_on_keeps_its_first_order_covariance() -> None:
