@@ -1,5 +1,6 @@
 """The run's folder: never overwritten unasked, never a foreign file deleted, and always says what it is worth."""
 
+import errno
 import json
 import os
 import subprocess
@@ -176,6 +177,42 @@ def test_a_full_disk_leaves_the_old_file(tmp_path):
         write_text(tmp_path / "summary.json", "new")
     assert [p.name for p in tmp_path.iterdir()] == ["summary.json"]
     assert (tmp_path / "summary.json").read_text() == "old"
+
+
+@pytest.fixture
+def full_disk(monkeypatch):
+    """Lets nobody write a new file: what is on the disk can be read, and written over."""
+
+    def refuse(path, *_args, **_kwargs):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+
+    return lambda: monkeypatch.setattr(Path, "write_text", refuse)
+
+
+def test_a_run_that_ends_on_a_full_disk_says_so_in_its_summary(tmp_path, full_disk):
+    path = tmp_path / "r"
+    with pytest.raises(SwarmError, match="no room for the telemetry"), RunFolder(path):
+        full_disk()
+        raise SwarmError("no room for the telemetry")
+    run = open_run(path)
+    assert (run.status, run.summary["reason"]) == ("interrupted", "no room for the telemetry")
+
+
+@pytest.mark.parametrize("figures", [{"periods": 7}, {"periods": 7, "craft": ["a" * 30] * 1000}])
+def test_the_figures_of_a_run_that_ends_on_a_full_disk_are_kept_if_they_fit(tmp_path, full_disk, figures):
+    with RunFolder(tmp_path / "r") as folder:
+        full_disk()
+        folder.interrupt("the disk is full", figures)
+    run = open_run(tmp_path / "r")
+    assert (run.status, run.summary["reason"]) == ("interrupted", "the disk is full")
+    assert run.summary.get("periods") == (7 if "craft" not in figures else None)
+
+
+def test_a_run_that_is_complete_when_the_disk_is_full_is_complete(tmp_path, full_disk):
+    with RunFolder(tmp_path / "r") as folder:
+        full_disk()
+        folder.finish({"periods": 7})
+    assert (open_run(tmp_path / "r").status, open_run(tmp_path / "r").summary["periods"]) == ("complete", 7)
 
 
 def test_a_summary_never_holds_nan(tmp_path):

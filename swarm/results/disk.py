@@ -72,6 +72,23 @@ def write_text(path: Path, text: str) -> None:
             raise
 
 
+def overwrite(path: Path, text: str) -> bool:
+    """Replace what is in a file by `text` without a byte more on the disk; tell whether there was room for it.
+
+    It is for a disk that is full, where `write_text` finds no room for a second file. A kill at that very moment may
+    leave the text cut. Nothing is changed where the file is shorter than the text.
+    """
+    data = text.encode()
+    try:
+        with path.open("r+b", buffering=0) as file:
+            if os.fstat(file.fileno()).st_size < len(data) or file.write(data) < len(data):
+                return False
+            file.truncate(len(data))
+    except OSError:
+        return False
+    return True
+
+
 def refuse_existing(*files: Path, force: bool) -> None:
     """Raise SwarmError where a folder is in the place of one of the files, or, unless `force`, a file."""
     for file in files:

@@ -3,7 +3,7 @@
 A marker, a JSON file, is written first and says what the folder is worth: its `status` is "running" until the work has
 ended, then "complete" or "interrupted" (with a `reason`); work that was killed stays "running" for ever. Its `program`
 says which program wrote it, and that is the licence to replace the folder's files under `--force`: nothing else is ever
-deleted. The lock is the operating system's (`flock` on the folder itself): it needs no file, and a process that dies
+deleted. While the work runs the marker is as long as `ROOM`, so that its end can be told in its place on a full disk. The lock is the operating system's (`flock` on the folder itself): it needs no file, and a process that dies
 gives it back.
 
     CONTENTS = Contents("a study", "study.json", ("study.toml", "runs.parquet"), {"telemetry": ("*.parquet",)})
@@ -22,7 +22,7 @@ from types import MappingProxyType, TracebackType
 from typing import Any, Literal, NamedTuple, Self
 
 from swarm.errors import SwarmError, did_you_mean
-from swarm.results.disk import FolderLock, write_text, writing
+from swarm.results.disk import FolderLock, overwrite, write_text, writing
 from swarm.user_text import parse_json, read_text, user_path
 
 PROGRAM = "lighthouse-swarm"
@@ -30,6 +30,8 @@ RUNS = Path("runs")
 """Folder in which results go by default, and are looked for."""
 Status = Literal["running", "complete", "interrupted"]
 STOPPED = "stopped by the user"
+ROOM = 16 * 1024
+"""Bytes of a marker of work that is running, most of them blanks: the summary of a run of ten craft takes that much."""
 
 
 class Contents(NamedTuple):
@@ -158,13 +160,20 @@ class OwnedFolder:
                 folder.rmdir()
 
     def mark(self, status: Status, content: Mapping[str, Any] = MappingProxyType({})) -> None:
-        """Replace the marker. Raises ValueError where the content has NaN, SwarmError where nothing can be written."""
+        """Replace the marker. Raises ValueError where the content has NaN, SwarmError where nothing can be written.
+
+        On a full disk it is written over what is there, if it is not longer.
+        """
         head = {"program": PROGRAM, "version": _version(), "status": status}
         try:
             text = json.dumps({**head, **content}, indent=2, allow_nan=False)
         except ValueError as error:
             raise ValueError("a summary has null where a figure is missing, never NaN") from error
-        self.write_text(self.contents.marker, text + "\n")
+        try:
+            self.write_text(self.contents.marker, text.ljust(ROOM if status == "running" else 0) + "\n")
+        except SwarmError:
+            if not overwrite(self.path / self.contents.marker, text + "\n"):
+                raise
 
     def write_text(self, name: str, text: str) -> None:
         """Replace the file `name` by `text` in one step. Raises SwarmError where it cannot be written."""
@@ -185,8 +194,11 @@ class OwnedFolder:
         self.release()
 
     def interrupt(self, reason: str, content: Mapping[str, Any] | None = None) -> None:
-        """Mark the work as ended early because of `reason`, with the figures that there are."""
-        self.mark("interrupted", {"reason": reason, **(content or {})})
+        """Mark the work as ended early because of `reason`, with the figures that there are, and room for."""
+        try:
+            self.mark("interrupted", {"reason": reason, **(content or {})})
+        except SwarmError:
+            self.mark("interrupted", {"reason": reason})
         self._ended = True
 
     def release(self) -> None:
@@ -204,11 +216,12 @@ class OwnedFolder:
             return
         if kind is None:
             raise RuntimeError(f"the work in {self.path} ended without a summary")
-        reason = STOPPED if issubclass(kind, KeyboardInterrupt) else f"{kind.__name__}: {error}"
+        told = str(error) if issubclass(kind, SwarmError) else f"{kind.__name__}: {error}"
+        reason = STOPPED if issubclass(kind, KeyboardInterrupt) else told
         try:
             self.interrupt(reason)
         except SwarmError:
-            # The first error is what the user must see; on a full disk "running" stays, which is also true.
+            # The first error is what the user must see; where nothing at all can be written, "running" stays.
             return
 
 
