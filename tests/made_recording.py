@@ -138,8 +138,7 @@ def _half_turn(
         for angle in pulses:
             rise = begin + round((flash_s + angle / (2 * np.pi) * TURN_S) / TICK_S - width / 2)
             events.append((rise, f"C {k} {rise % 2**32} {width}"))
-        if len(pulses) == 1:
-            text = f"A {k} {fan} {rise % 2**32} {width * TICK_S:.9f} {theta[k] - np.pi / 2:.6f} {station}"
+            text = f"A {k} {fan} {rise % 2**32} {width * TICK_S:.9f} {angle - np.pi / 2:.6f} {station}"
             events.append((rise, text))
     rotation, position = pose(at_s)
     # The peer is good to a millimetre.

@@ -8,16 +8,19 @@ import pytest
 
 import swarm
 from estimators import rotation as rot
-from estimators.arrays import Floats
+from estimators.arrays import Bools, Floats
 from swarm.flight import builders
 from swarm.flight.flight import Flight
 from swarm.hardware import Photodiodes, pad
-from swarm.messages import Pulses
+from swarm.messages import Pulses, Signals
 from swarm.onboard.acquisition import DECISIVE, Sighting, follow, search
 from swarm.onboard.decoder import PulseDecoder, SweepAngles
 from swarm.onboard.navigation import Estimate, Navigator
 from swarm.onboard.settings import NavigationSettings, Status
+from swarm.results.period import Period
 from swarm.scenario import load
+from swarm.sensors.lighthouse import Rotor
+from swarm.world.world import PeriodTruth
 
 PERIOD_S = 1 / 60
 NOISE_RAD = np.radians(8.8 / 3600)
@@ -44,6 +47,52 @@ def alone(pulses: Pulses, craft: int) -> Pulses:
     one = slice(craft, craft + 1)
     photodiode, rise, width = pulses.photodiode, pulses.rise_tick, pulses.width_tick
     return Pulses(photodiode[one, :total], rise[one, :total], width[one, :total], pulses.total[one])
+
+
+def decoded(decoder: PulseDecoder, navigator: Navigator, pulses: Pulses) -> Estimate:
+    """One period of pulses, decoded by what the tracks expect, and navigated by."""
+    return navigator.step(decoder.decode(pulses, navigator.expected_angles(decoder.turn_s)))
+
+
+def beside(pulses: Pulses, off_rad: float) -> Pulses:
+    """The pulses with a second one beside every sweep's, as wide as that, as of a reflection."""
+    flash = pulses.width_tick > 30e-6 / 20e-9
+    later = round(off_rad / (2 * np.pi) * PERIOD_S / 20e-9)
+    last = np.int64(2**62)
+    rise = np.concatenate([pulses.rise_tick, np.where(flash, last, pulses.rise_tick + later)], axis=1)
+    real = np.arange(pulses.rise_tick.shape[1]) < pulses.total[:, None]
+    rise = np.where(np.concatenate([real, real & ~flash], axis=1), rise, last)
+    order = np.argsort(rise, axis=1, kind="stable")
+    twice = (np.take_along_axis(np.concatenate([column] * 2, axis=1), order, axis=1) for column in pulses[:3:2])
+    photodiode, width = twice
+    total = (np.take_along_axis(rise, order, axis=1) < last).sum(axis=1)
+    return Pulses(photodiode, np.take_along_axis(rise, order, axis=1), width, total.astype(np.int32))
+
+
+def flown_with_strays(first: int) -> list[Period]:
+    """Forty periods of `static`, with a second pulse beside every sweep's from period `first` on."""
+    flight = Flight(load("static", ["duration_s=1", "seed=5"]))
+    signals = flight.sensors.signals
+
+    def doubled(truth: PeriodTruth, frame: int, lit: Bools, rotor: Rotor | None = None) -> Signals:
+        found = signals(truth, frame, lit, rotor)
+        return found if frame < first else found._replace(pulses=beside(found.pulses, 15e-3))
+
+    flight.sensors.signals = doubled  # type: ignore[method-assign]
+    return [flight.period(frame) for frame in range(40)]
+
+
+def test_of_two_pulses_in_a_sweep_a_track_takes_the_true_one_and_without_a_track_both_are_dropped() -> None:
+    before, after = (flown_with_strays(first=20)[frame] for frame in (19, 39))
+    assert before.angles.lit.any(axis=1).all()
+    np.testing.assert_array_equal(after.angles.lit, before.angles.lit)
+    np.testing.assert_allclose(after.angles.theta, before.angles.theta, atol=6 * NOISE_RAD)
+    assert (after.estimate.status == Status.TRACKING).all()
+    np.testing.assert_array_equal(after.angles.rejected, 2 * after.angles.lit.sum(axis=1))
+
+    blind = flown_with_strays(first=0)
+    assert not any(period.angles.lit.any() for period in blind)
+    assert (blind[39].angles.rejected >= 4 * before.angles.lit.sum(axis=1)).all()
 
 
 @pytest.fixture(scope="module")
@@ -78,14 +127,14 @@ def test_a_craft_knows_the_same_alone_and_in_a_swarm_bit_for_bit(swarm_run, bank
     if bank != "filterpy":
         decoder = builders.decoder(load("crossing"), flight.world.photodiodes.present)
         navigator = Navigator(flight.world.photodiodes, settings)
-        together = [navigator.step(decoder.decode(period)) for period in pulses]
+        together = [decoded(decoder, navigator, period) for period in pulses]
     tracked = 0
     for craft in range(flight.world.photodiodes.craft_count):
         layout = flight.world.photodiodes.of(craft)
         decoder = builders.decoder(load("crossing"), layout.present)
         navigator = Navigator(layout, settings)
         for every, period in zip(together, pulses, strict=True):
-            own = navigator.step(decoder.decode(alone(period, craft)))
+            own = decoded(decoder, navigator, alone(period, craft))
             for name in ("status", "visible", "rotation", "position", "velocity", "covariance", "nis", "rejected"):
                 np.testing.assert_array_equal(getattr(own, name)[0], getattr(every, name)[craft], err_msg=name)
             np.testing.assert_array_equal(own.pnp.position[0], every.pnp.position[craft])
@@ -111,7 +160,7 @@ def test_filterpy_is_the_filter_its_numbers_are_the_estimate(swarm_run, monkeypa
     updates = 0
     for period in pulses[:60]:
         seen.clear()
-        estimate = navigator.step(decoder.decode(alone(period, 0)))
+        estimate = decoded(decoder, navigator, alone(period, 0))
         if seen and estimate.status[0] == Status.TRACKING:
             np.testing.assert_array_equal(estimate.covariance[0], seen[0][0])
             assert estimate.nis[0] == seen[0][1]

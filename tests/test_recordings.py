@@ -25,9 +25,10 @@ from estimators.rotation import matrix_from_quaternion
 from swarm.errors import SwarmError
 from swarm.flight.recordings.framing import frame_pulses
 from swarm.flight.recordings.libsurvive import PulseLog, Recording, read_libsurvive
+from swarm.flight.recordings.receiver import Receiver
 from swarm.flight.recordings.station_calibration import StationCalibration, read_calibration
 from swarm.flight.recordings.windows import Source, Window, Windows
-from swarm.onboard.decoder import PulseDecoder, SweepAngles
+from swarm.onboard.decoder import SweepAngles
 
 REAL = Path(__file__).parents[2] / "shared" / "data" / "lighthouse-v1" / "lh1_test_cal.rec.gz"
 HALF_TICK_RAD = 0.5 * np.pi / 400_000
@@ -47,12 +48,13 @@ def calibration_file(tmp_path: Path) -> Path:
 
 def angles_of(windows: Windows) -> list[tuple[Window, SweepAngles]]:
     """Every window with its angles: libsurvive's own, or decoded on board from its pulses."""
-    decoder = PulseDecoder(windows.photodiodes.present, windows.tick_s, frame_s=windows.frame_s, slot=windows.slot)
+    receiver = Receiver(windows, np.zeros(0, dtype=np.int64))
+    unknown = np.full((*windows.photodiodes.present.shape, 2), np.nan)
     out = []
     for window in windows:
-        assert (window.pulses is None) != (window.angles is None)
-        out.append((window, decoder.decode(window.pulses) if window.pulses is not None else window.angles))
-    return out  # type: ignore[return-value]
+        assert (window.pulses is None) != (window.sweeps is None)
+        out.append((window, receiver.receive(window, unknown).angles))
+    return out
 
 
 def solve(
@@ -79,6 +81,29 @@ def test_the_object_is_read(recording: Recording) -> None:
     assert recording.pulses.rise_tick[-1] > 2**32  # Unwrapped.
     assert set(recording.pulses.photodiode) == set(range(len(CHANNELS)))
     assert set(recording.stations) == {0, 1}
+
+
+def test_of_two_angles_of_one_sweep_the_expected_one_is_taken_and_without_a_track_none(tmp_path: Path) -> None:
+    text = []
+    for line in lines():
+        text.append(line)
+        word = line.split()
+        if word[2] == "A":
+            word[5] = str((int(word[5]) + round(0.02 / (2 * np.pi) * TURN)) % 2**32)
+            word[7] = f"{float(word[7]) + 0.02:.12f}"
+            text.append(" ".join(word))
+    twice = read_libsurvive(write(tmp_path / "twice.rec", text), "OBJ")
+    receiver = Receiver(Windows(twice, 0, "angles"), np.zeros(0, dtype=np.int64))
+    wanted = np.pi / 2 + np.array([[[survive_angle(0, fan, k) for fan in (0, 1)] for k in range(len(POINTS))]])
+    for window in list(Windows(twice, 0, "angles"))[1:]:
+        blind = receiver.receive(window, np.full_like(wanted, np.nan)).angles
+        assert not np.isfinite(blind.theta).any()
+        assert blind.rejected[0] == 2 * wanted.size
+        # The prediction is a milliradian off, less than half of the distance to the other angle.
+        known = receiver.receive(window, wanted + 1e-3).angles
+        assert_allclose(known.theta, wanted, rtol=0, atol=1e-11)
+        assert known.lit.all()
+        assert known.rejected[0] == wanted.size
 
 
 @pytest.mark.parametrize("lighthouse", [0, 1])

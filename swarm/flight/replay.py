@@ -168,9 +168,8 @@ class Playback:
         navigator, receiver = self._begin(self._navigation, self.found.false)
         for frame, window in enumerate(self.windows):
             first_s = window.time_s if first_s is None else first_s
-            angles, left_out = receiver.receive(window)
+            angles, left_out = receiver.receive(window, navigator.expected_angles(receiver.turn_s))
             estimate = navigator.step(angles)
-            receiver.learn(estimate.state, bool(estimate.status[0] == Status.TRACKING))
             integrity = estimate.integrity
             dropped = np.where(integrity.dropped < 0, integrity.dropped, integrity.dropped + left_out)
             yield Period(
@@ -184,8 +183,7 @@ class Playback:
             )
 
     def _begin(self, navigation: NavigationSettings, false: Ints) -> tuple[Navigator, Receiver]:
-        fans = navigation.fan_x, navigation.fan_y
-        return Navigator(self.layout, navigation), Receiver(self.windows, self.layout.point_m, fans, false)
+        return Navigator(self.layout, navigation), Receiver(self.windows, false)
 
     def _assess(self, settings: Scenario) -> Consistency:
         """Return the noise and the false photodiodes, from a replay that believes every photodiode."""
@@ -198,9 +196,8 @@ class Playback:
                 navigator, receiver = self._begin(navigation, NONE_FALSE)
             if within >= TRIAL_PERIODS:
                 continue
-            angles = receiver.receive(window).angles
+            angles = receiver.receive(window, navigator.expected_angles(receiver.turn_s)).angles
             estimate = navigator.step(angles)
-            receiver.learn(estimate.state, bool(estimate.status[0] == Status.TRACKING))
             if estimate.pnp.solved[0] and estimate.status[0] == Status.TRACKING and frame % TRIAL_STEP == 0:
                 samples.append(_sample(angles, estimate, self.layout, navigation))
         return assess(samples)

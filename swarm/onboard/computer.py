@@ -1,7 +1,7 @@
 """The computer of every craft: from its signals to its knowledge. C craft side by side, each by itself.
 
-    pulses -> decoder -> sweep angles -> navigation, with the images -> estimate -> LiDAR scans of observed craft ->
-    estimate
+    pulses, and the angles that the tracks expect -> decoder -> sweep angles -> navigation, with the images ->
+    estimate -> LiDAR scans of observed craft -> estimate
 
 The same computer runs in a flight and on a recording of real light. Its only inputs are its own signals and commands.
 """
@@ -47,7 +47,8 @@ class Computer:
         if off is not None and off.any():
             self.decoder.forget(off)
             self.navigator.forget(off)
-        angles = self.decoder.decode(signals.pulses)
+        expected = self.navigator.expected_angles(self.decoder.turn_s)
+        angles = self.decoder.decode(signals.pulses, expected)
         if off is not None:
             angles = angles._replace(lit=angles.lit & ~off[:, None])
         return self.navigate(angles, signals, command)

@@ -6,8 +6,8 @@ t_0 and t_1 are the rises of the sync flashes (`swarm.onboard.flashes` decides w
 middles of a photodiode's sweep pulses, all in ticks of the craft's own clock; no other clock is used. The epoch of a
 period is half a turn after its X flash. Doubtful pulses do not become angles. The decoder rejects and counts:
 
-- two pulses of one photodiode in one sweep: all but the one where the photodiode is expected, or all of them if it is
-  not expected anywhere or more than one is near: neither order nor width tells the direct pulse from a reflection;
+- two pulses of one photodiode in one sweep: all but the one where the photodiode is expected, or all of them if none
+  stands out (`swarm.onboard.rivals`);
 - sweep pulses outside the field, or of a sweep whose flash is not known;
 - flashes of no known code or not at their expected time; pulses of photodiodes that the craft does not have.
 
@@ -26,6 +26,7 @@ from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
 from swarm.messages import SKIP_BIT, SYNC_WIDTH_S, SYNC_WIDTH_STEP_S, Pulses
 from swarm.onboard.flashes import MAX_FLASHES, Flashes, FlashRecord, Timing, follow, group
+from swarm.onboard.rivals import Hits, choose, take
 
 SLOT_S = 20000 / 48e6
 """Delay of the second station's flash after the first's [s]."""
@@ -35,11 +36,6 @@ away.
 """
 FIELD_HALF_ANGLE_RAD = 1.15
 """Half the field of 120 degrees, plus 6 degrees for the fans' systematic errors [rad]."""
-
-CHOICE_RAD = 10e-3
-"""Largest distance of a pulse from its expected angle to be chosen among several [rad]."""
-CHOICE_RATIO = 0.5
-"""Largest share of that distance in the next nearest pulse's: beyond it, the two cannot be told apart."""
 
 
 class SweepAngles(NamedTuple):
@@ -60,28 +56,13 @@ class SweepAngles(NamedTuple):
 
 
 @kernel
-def _read_sweeps(
-    pulses: Ints,
-    timing: Timing,
-    flash: Floats,
-    swept: Bools,
-    epoch: int,
-    expected: Floats,
-    hits: Ints,
-    rival: Floats,
-    theta: Floats,
-    offset: Floats,
-) -> int:
-    """Write one craft's angles [rad] and their offsets [ticks], (K, 2); return the number of rejected pulses.
+def _read_sweeps(pulses: Ints, timing: Timing, flash: Floats, swept: Bools, epoch: int, hits: Hits) -> int:
+    """Take one craft's sweep pulses into `hits`, their instants in ticks from the epoch; return the number of others.
 
     pulses: photodiode, rise and width, (3, P). flash, swept: each fan's flash and whether its sweep can be read, (2,).
-    expected: angles, NaN where none is, (K, 2). hits, rival: scratch, (K, 2): pulses, and the distance of the second
-    nearest from its expected angle.
     """
     two_stations = timing.period > 3 * timing.half_turn
     rejected = 0
-    hits[:] = 0
-    rival[:] = np.inf
     for i in range(pulses.shape[1]):
         k, rise, width = pulses[0, i], pulses[1, i], pulses[2, i]
         if width >= timing.shortest_pulse:
@@ -93,24 +74,9 @@ def _read_sweeps(
             since = middle - flash[fan]
             if swept[fan] and timing.sweep_first <= since <= timing.sweep_last:
                 belongs = True
-                hits[k, fan] += 1
-                angle = np.pi * since / timing.half_turn
-                away, before = abs(angle - expected[k, fan]), abs(theta[k, fan] - expected[k, fan])
-                if hits[k, fan] == 1 or away < before:
-                    theta[k, fan], offset[k, fan] = angle, middle - epoch
-                if hits[k, fan] > 1:
-                    rival[k, fan] = min(rival[k, fan], max(away, before))
+                take(hits, k, fan, np.pi * since / timing.half_turn, middle - epoch)
         if not belongs:
             rejected += 1
-    for k in range(len(hits)):
-        for fan in range(2):
-            if hits[k, fan] > 1:
-                away = abs(theta[k, fan] - expected[k, fan])
-                if away <= CHOICE_RAD and away < CHOICE_RATIO * rival[k, fan]:
-                    rejected += hits[k, fan] - 1
-                else:
-                    theta[k, fan], offset[k, fan] = np.nan, 0.0
-                    rejected += hits[k, fan]
     return rejected
 
 
@@ -142,7 +108,7 @@ def _decode(
         np.empty(MAX_FLASHES, np.int64),
     )
     swept = np.empty(2, np.bool_)
-    hits, rival = np.empty((present.shape[1], 2), np.int64), np.empty((present.shape[1], 2))
+    count_of, rival = np.empty((present.shape[1], 2), np.int64), np.empty((present.shape[1], 2))
     own = np.empty((3, photodiode.shape[1]), np.int64)
     for c in range(len(total)):
         p = 0
@@ -166,18 +132,11 @@ def _decode(
             foreign = flashes.mine[i] == 0 or flashes.code[i] & SKIP_BIT != 0
             if i != x and i != y and (flashes.code[i] < 0 or not (two_stations and foreign)):
                 out.rejected[c] += flashes.size[i]
-        out.rejected[c] += _read_sweeps(
-            own[:, :p],
-            timing,
-            last[c],
-            swept,
-            out.epoch_tick[c],
-            expected[c],
-            hits,
-            rival,
-            out.theta[c],
-            out.offset_s[c],
-        )
+        count_of[:] = 0
+        rival[:] = np.inf
+        hits = Hits(expected[c], count_of, rival, out.theta[c], out.offset_s[c])
+        out.rejected[c] += _read_sweeps(own[:, :p], timing, last[c], swept, out.epoch_tick[c], hits)
+        out.rejected[c] += choose(hits)
         for k in range(present.shape[1]):
             out.lit[c, k] = np.isfinite(out.theta[c, k, 0]) and np.isfinite(out.theta[c, k, 1])
             for fan in range(2):
@@ -187,7 +146,8 @@ def _decode(
 class PulseDecoder:
     """The timing circuits of C craft: `decode` takes each one's pulses of one period and returns its sweep angles.
 
-    Between calls a craft remembers only its last flashes, predicted and seen, in its own ticks.
+    Between calls a craft remembers only its last flashes, predicted and seen, in its own ticks. turn_s: one turn of the
+    rotor [s].
     """
 
     def __init__(
@@ -216,7 +176,7 @@ class PulseDecoder:
         Raises:
             ValueError: a setting is out of its range.
         """
-        turn_s = 1 / rate_hz
+        self.turn_s = turn_s = 1 / rate_hz
         turns = 1 if frame_s is None else round(frame_s * rate_hz)
         if present.ndim != 2:
             raise ValueError(f"present must be (C, K), not {present.shape}")

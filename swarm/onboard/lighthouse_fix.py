@@ -19,7 +19,7 @@ from estimators.lighthouse.dop import Dilution, dilution
 from estimators.lighthouse.integrity import AngleNoise, Sweeps
 from estimators.lighthouse.planar import Rows, Side, Spread, bends, is_flat, pose_rows, spread
 from estimators.lighthouse.pnp import refine
-from estimators.lighthouse.sweep import correct
+from estimators.lighthouse.sweep import correct, measured_theta
 from estimators.state import State
 from swarm.onboard.acquisition import DECISIVE, NONE, Hypotheses, Sighting, advance, search
 from swarm.onboard.decoder import SweepAngles
@@ -31,6 +31,8 @@ SIDE_PERIODS = 6
 """Periods after which the evidence on the sign of a tilt is forgotten: a craft may have turned meanwhile."""
 MIN_LIT = 4
 """Least number of photodiodes for a pose (source 1, section 2)."""
+LARGEST_BLIND_S = 0.25
+"""Time without a pose [s] beyond which a track predicts no angle."""
 
 
 class Light(NamedTuple):
@@ -85,6 +87,28 @@ class LighthouseFix:
             self._hypotheses[craft], self._side[craft] = NONE, None
         self.undecided[mask] = False
         self._monitor.forget(mask)
+
+    def expected(self, tracks: Tracks, turn_s: float) -> Floats:
+        """Return the angles at which the next period's sweeps should meet each photodiode, (C, K, 2) [rad].
+
+        Fans X and Y sweep a quarter of a turn before and after the epoch. NaN for craft without a recent pose.
+
+        Args:
+            tracks: filters, at the last epoch.
+            turn_s: one turn of the rotor [s].
+        """
+        s, out = self.settings, np.full((*self._point_m.shape[:2], 2), np.nan)
+        who = np.flatnonzero(tracks.bank.active & (tracks.since_update_s <= LARGEST_BLIND_S))
+        if not len(who):
+            return out
+        now = s.station.state_into(tracks.bank.state)
+        for fan, quarter in enumerate((-0.25, 0.25)):
+            after_s = s.frame_s + quarter * turn_s
+            turned = rot.exp(now.angular_rate[who] * after_s) @ now.rotation[who]
+            at = now.position[who] + now.velocity[who] * after_s
+            points = self._point_m[who] @ np.swapaxes(turned, -1, -2) + at[:, None]
+            out[who, :, fan] = measured_theta(points, (s.fan_x, s.fan_y))[..., fan]
+        return out
 
     def find(self, angles: SweepAngles, tracks: Tracks) -> tuple[Light, PoseFix]:
         """Return the poses that all craft derive from their angles, starting from the filters' predictions."""

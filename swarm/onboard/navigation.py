@@ -102,6 +102,13 @@ class Navigator:
         self.tracks.forget(mask)
         self._light.forget(mask)
 
+    def expected_angles(self, turn_s: float) -> Floats:
+        """Return the angles (C, K, 2) [rad] at which the next sweeps should meet the photodiodes, NaN without a track.
+
+        turn_s: one turn of the rotor [s].
+        """
+        return self._light.expected(self.tracks, turn_s)
+
     def step(self, angles: SweepAngles, signals: Signals | None = None, command: Command | None = None) -> Estimate:
         """Advance every craft by one lighthouse period, to the epoch of `angles`.
 

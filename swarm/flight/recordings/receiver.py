@@ -1,23 +1,17 @@
 """Receiver of a recording's light: from a window to the sweep angles that one object's navigation is given.
 
 It does what depends on the recording as a whole, or on the track: photodiodes that are false throughout are left out,
-and of two pulses of one photodiode in one sweep the decoder gets the angle at which the track expects it.
+and of two pulses of one photodiode in one sweep, raw or decoded, the one that the track expects is taken.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from estimators import rotation as rot
 from estimators.arrays import Bools, Floats, Ints
-from estimators.lighthouse.sweep import FanPair, measured_theta
-from estimators.state import State
-from swarm.flight.recordings.framing import RATE_HZ
-from swarm.flight.recordings.windows import Window, Windows
+from swarm.flight.recordings.windows import Sweeps, Window, Windows
 from swarm.onboard.decoder import PulseDecoder, SweepAngles
-
-LARGEST_BLIND_S = 0.25
-"""Age of an estimate [s] from which it predicts no angle."""
+from swarm.onboard.rivals import choose, no_hits, take
 
 
 class Received(NamedTuple):
@@ -28,51 +22,44 @@ class Received(NamedTuple):
 
 
 class Receiver:
-    """The timing circuit of one object in a recording."""
+    """The timing circuit of one object in a recording. turn_s: one turn of the rotor [s]."""
 
-    def __init__(self, windows: Windows, point_m: Floats, fans: FanPair, false: Ints) -> None:
+    def __init__(self, windows: Windows, false: Ints) -> None:
         """Begin before the first period.
 
         Args:
             windows: the recording.
-            point_m: positions of the photodiodes as assumed, (1, K, 3) [m].
-            fans: known errors of the fans.
             false: photodiodes to leave out.
         """
         present = windows.photodiodes.present
         self._decoder = PulseDecoder(present, windows.tick_s, frame_s=windows.frame_s, slot=windows.slot)
-        self._point_m, self._fans, self._frame_s = point_m, fans, windows.frame_s
+        self.turn_s = self._decoder.turn_s
         self._false: Bools = np.zeros(present.shape, dtype=np.bool_)
         self._false[0, false] = True
-        self._known: State | None = None
-        self._age_s = 0.0
 
-    def receive(self, window: Window) -> Received:
-        """Return the angles of the next period."""
+    def receive(self, window: Window, expected: Floats) -> Received:
+        """Return the angles of the next period.
+
+        Args:
+            window: the period.
+            expected: angles at which its sweeps should meet the photodiodes, NaN where not known, (1, K, 2) [rad].
+        """
         if window.pulses is not None:
-            angles = self._decoder.decode(window.pulses, self._expected())
+            angles = self._decoder.decode(window.pulses, expected)
         else:
-            assert window.angles is not None
-            angles = window.angles
+            assert window.sweeps is not None
+            angles = _choose(window.sweeps, expected[0])
         seen = angles.lit & self._false
         theta = np.where(self._false[..., None], np.nan, angles.theta)
         return Received(angles._replace(theta=theta, lit=angles.lit & ~self._false), int(np.count_nonzero(seen)))
 
-    def learn(self, state: State, fresh: bool) -> None:
-        """Take the estimate after the period; fresh: it is tracking."""
-        if fresh:
-            self._known, self._age_s = state, 0.0
-        self._age_s += self._frame_s
 
-    def _expected(self) -> Floats | None:
-        """Return the angles (1, K, 2) at which the photodiodes are expected next, None without a track."""
-        if self._known is None or self._age_s > LARGEST_BLIND_S:
-            return None
-        expected = np.empty((1, self._point_m.shape[1], 2))
-        for fan, instant_s in enumerate((-0.25 / RATE_HZ, 0.25 / RATE_HZ)):
-            after_s = self._age_s + instant_s
-            turned = rot.exp(self._known.angular_rate * after_s) @ self._known.rotation
-            at = self._known.position + self._known.velocity * after_s
-            points = self._point_m @ np.swapaxes(turned, -1, -2) + at[:, None]
-            expected[..., fan] = measured_theta(points, self._fans)[..., fan]
-        return expected
+def _choose(sweeps: Sweeps, expected: Floats) -> SweepAngles:
+    """Return the angles of one period, of several of one photodiode and fan the one that the track expects (K, 2)."""
+    hits = no_hits(expected)
+    for k, fan, angle, offset in zip(*(column.tolist() for column in sweeps[1:]), strict=True):
+        take(hits, k, fan, angle, offset)
+    dropped, none = choose(hits), np.zeros(1, dtype=np.int64)
+    theta = hits.theta[None]
+    lit = np.isfinite(theta).all(axis=2)
+    return SweepAngles(theta, hits.instant[None], lit, none + sweeps.epoch_tick, none, none + dropped)

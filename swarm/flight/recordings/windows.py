@@ -21,13 +21,12 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 
 from estimators import rotation as rot
-from estimators.arrays import Floats
+from estimators.arrays import Floats, Ints
 from swarm.errors import SwarmError, did_you_mean
 from swarm.flight.recordings.framing import RATE_HZ, TURN_TICKS, Framing, frame_angles, frame_pulses, x_flash
 from swarm.flight.recordings.libsurvive import Recording, WorldPose
 from swarm.flight.recordings.object_clock import TICK_S
 from swarm.messages import Pulses
-from swarm.onboard.decoder import SweepAngles
 
 LEAD_S = 600e-6
 """Time from a window's start to its X flash [s]: after the last sweep, before the other station's flash (417 us)."""
@@ -38,17 +37,31 @@ _FROM_SURVIVE = np.diag([1.0, -1.0, -1.0])
 Source = Literal["pulses", "angles"]
 
 
+class Sweeps(NamedTuple):
+    """Angles of one period as the recording has them, any number of one photodiode and fan.
+
+    epoch_tick: epoch [ticks]. photodiode, fan: (N,). angle_rad: angle since the fan's flash, (N,). offset_s: instant
+    minus the epoch, (N,).
+    """
+
+    epoch_tick: int
+    photodiode: Ints
+    fan: Ints
+    angle_rad: Floats
+    offset_s: Floats
+
+
 class Window(NamedTuple):
     """One period of one craft (C = 1).
 
-    time_s: epoch on the recording's clock. pulses, angles: data of this period, None for the other source.
+    time_s: epoch on the recording's clock. pulses, sweeps: data of this period, None for the other source.
     peer_position (1, 3) [m], peer_quaternion (1, 4) wxyz: the recording's own pose of the object at the epoch, in this
     project's lighthouse frame, NaN if there is none.
     """
 
     time_s: float
     pulses: Pulses | None
-    angles: SweepAngles | None
+    sweeps: Sweeps | None
     peer_position: Floats
     peer_quaternion: Floats
 
@@ -104,14 +117,14 @@ class Windows:
         return len(self._start)
 
     def __iter__(self) -> Iterator[Window]:
-        cut: Iterator[tuple[Pulses | None, SweepAngles | None]]
+        cut: Iterator[tuple[Pulses | None, Sweeps | None]]
         if self._source == "pulses":
             cut = ((pulses, None) for pulses in self._cut_pulses())
         else:
-            cut = ((None, angles) for angles in self._cut_angles())
-        for i, (pulses, angles) in enumerate(cut):
+            cut = ((None, sweeps) for sweeps in self._cut_angles())
+        for i, (pulses, sweeps) in enumerate(cut):
             yield Window(
-                float(self._time_s[i]), pulses, angles, self._peer.position[i : i + 1], self._peer.quaternion[i : i + 1]
+                float(self._time_s[i]), pulses, sweeps, self._peer.position[i : i + 1], self._peer.quaternion[i : i + 1]
             )
 
     def _cut_pulses(self) -> Iterator[Pulses]:
@@ -127,8 +140,8 @@ class Windows:
                 np.array([last - first], dtype=np.int32),
             )
 
-    def _cut_angles(self) -> Iterator[SweepAngles]:
-        log, photodiodes = self._recording.angles, self.photodiodes.present.shape[1]
+    def _cut_angles(self) -> Iterator[Sweeps]:
+        log = self._recording.angles
         rows = np.flatnonzero(log.lighthouse == self._lighthouse)
         flash = x_flash(log)[rows]
         order = np.argsort(flash, kind="stable")
@@ -136,19 +149,9 @@ class Windows:
         period = self.frame_s / TICK_S
         index = np.searchsorted(flash, np.append(self._start, self._start[-1] + period) - period / 8)
         for start, first, last in zip(self._start, index[:-1], index[1:], strict=True):
-            theta, offset = np.full((1, photodiodes, 2), np.nan), np.zeros((1, photodiodes, 2))
-            epoch = round(start + TURN_TICKS / 2)
-            row = rows[first:last]
-            hits = np.zeros((photodiodes, 2), dtype=np.int64)
-            np.add.at(hits, (log.photodiode[row], log.fan[row]), 1)
-            once = row[hits[log.photodiode[row], log.fan[row]] == 1]
-            place = (0, log.photodiode[once], log.fan[once])
-            theta[place] = log.angle_rad[once] + np.pi / 2
-            offset[place] = (log.middle_tick[once] - epoch) * TICK_S
-            none = np.zeros(1, dtype=np.int64)
-            yield SweepAngles(
-                theta, offset, np.isfinite(theta).all(axis=2), none + epoch, none, none + (len(row) - len(once))
-            )
+            epoch, row = round(start + TURN_TICKS / 2), rows[first:last]
+            offset_s = (log.middle_tick[row] - epoch) * TICK_S
+            yield Sweeps(epoch, log.photodiode[row], log.fan[row], log.angle_rad[row] + np.pi / 2, offset_s)
 
 
 def _framing(recording: Recording, lighthouse: int, source: Source) -> Framing:

@@ -70,7 +70,8 @@ class OnboardCost(Computer):
         own_s, apart_m = [], 0.0
         for pulses, command, position in zip(self._pulses, self._commands, self._positions, strict=True):
             began = thread_time()
-            estimate = navigator.step(decoder.decode(pulses), None, command)
+            expected = navigator.expected_angles(decoder.turn_s)
+            estimate = navigator.step(decoder.decode(pulses, expected), None, command)
             own_s.append(thread_time() - began)
             apart = np.linalg.norm(estimate.position[0] - position)
             apart_m = max(apart_m, 0.0 if np.isnan(apart) else float(apart))

@@ -102,7 +102,8 @@ class Computer:
             lit: Photodiodes that are lit.
         """
         pulses = self._lighthouse.sweep(truth if self._moving else halted(truth), frame, lit)
-        estimate = self._navigator.step(self._decoder.decode(pulses))
+        expected = self._navigator.expected_angles(self._decoder.turn_s)
+        estimate = self._navigator.step(self._decoder.decode(pulses, expected))
         self._pnp.append(Track(estimate.pnp.rotation[0], estimate.pnp.position[0]))
         self._filtered.append(Track(estimate.rotation[0], estimate.position[0]))
 

@@ -1,0 +1,80 @@
+"""Choice among several pulses of one photodiode in one sweep.
+
+One of them may be the direct light, the others reflections or stray light; neither order nor width tells which. Only
+where the photodiode is expected at some angle is one of them chosen: the nearest, if it is within `CHOICE_RAD` of that
+angle and nearer by `CHOICE_RATIO` than any other. Otherwise none of them becomes an angle.
+
+Kernels for one craft with K photodiodes.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators.arrays import Floats, Ints
+from estimators.kernel import kernel
+
+CHOICE_RAD = 10e-3
+"""Largest distance of a pulse from its expected angle to be chosen among several [rad]."""
+CHOICE_RATIO = 0.5
+"""Largest share of that distance in the next nearest pulse's: beyond it, the two cannot be told apart."""
+
+
+class Hits(NamedTuple):
+    """Pulses that one craft's photodiodes got in the sweeps of one period, by photodiode and fan, (K, 2) each.
+
+    expected: expected angle, NaN where there is none [rad]. count: number of pulses. rival: distance of the second
+    nearest pulse from the expected angle [rad]. theta: angle of the nearest pulse, NaN without one [rad]. instant: its
+    instant, 0 without one.
+    """
+
+    expected: Floats
+    count: Ints
+    rival: Floats
+    theta: Floats
+    instant: Floats
+
+
+def no_hits(expected: Floats) -> Hits:
+    """Return the hits of a period that is about to begin, for the expected angles (K, 2) [rad]."""
+    none = np.full_like(expected, np.nan)
+    zeros = np.zeros_like(expected)
+    return Hits(expected, np.zeros(expected.shape, np.int64), np.full_like(expected, np.inf), none, zeros)
+
+
+@kernel
+def take(hits: Hits, photodiode: int, fan: int, angle: float, instant: float) -> None:
+    """Take in one pulse.
+
+    Args:
+        hits: pulses of the period, updated.
+        photodiode: photodiode that got it.
+        fan: 0 for X, 1 for Y.
+        angle: its angle [rad].
+        instant: its instant, in whatever unit the caller counts.
+    """
+    k = photodiode
+    hits.count[k, fan] += 1
+    away = abs(angle - hits.expected[k, fan])
+    before = abs(hits.theta[k, fan] - hits.expected[k, fan])
+    if hits.count[k, fan] > 1:
+        hits.rival[k, fan] = min(hits.rival[k, fan], max(away, before))
+    if hits.count[k, fan] == 1 or away < before:
+        hits.theta[k, fan], hits.instant[k, fan] = angle, instant
+
+
+@kernel
+def choose(hits: Hits) -> int:
+    """Drop every pulse that is not chosen among several, and return the number of dropped pulses."""
+    dropped = 0
+    for k in range(len(hits.count)):
+        for fan in range(2):
+            if hits.count[k, fan] < 2:
+                continue
+            away = abs(hits.theta[k, fan] - hits.expected[k, fan])
+            if away <= CHOICE_RAD and away < CHOICE_RATIO * hits.rival[k, fan]:
+                dropped += hits.count[k, fan] - 1
+            else:
+                hits.theta[k, fan], hits.instant[k, fan] = np.nan, 0.0
+                dropped += hits.count[k, fan]
+    return dropped
