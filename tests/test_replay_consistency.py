@@ -1,5 +1,6 @@
 """A replay finds the noise of a recording by itself, and leaves out what contradicts the rest."""
 
+import tomllib
 from pathlib import Path
 
 import made_recording
@@ -14,6 +15,7 @@ from estimators.lighthouse.integrity import Sweeps
 from estimators.lighthouse.sweep import ideal_theta
 from swarm.assets import recordings
 from swarm.errors import SwarmError
+from swarm.flight import builders
 from swarm.flight.recordings.consistency import Consistency, Sample, assess
 from swarm.flight.recordings.contents import contents
 from swarm.results.run_folder import Run
@@ -78,12 +80,12 @@ def test_the_noise_is_taken_from_the_recording(tmp_path: Path, noise_rad: float)
     made = SHORT._replace(own_rad=noise_rad, rotor_rad=1e-6, misplaced_m=0.0)
     run, notes = replayed(tmp_path, made)
     assert run.scenario is not None
-    table = next(
-        line for line in run.scenario.splitlines() if line.startswith("angle_noise_arcsec = ") and "8.8" not in line
-    )
-    found = np.radians(float(table.split("=")[1]) / 3600) * np.sqrt(0.5)
+    found = np.radians(tomllib.loads(run.scenario)["navigation"]["angle_noise_arcsec"] / 3600) * np.sqrt(0.5)
     assert found == pytest.approx(noise_rad, rel=0.15)
-    assert any("the angles agree to" in note for note in notes)
+    agree = next(float(note.split("agree to ")[1].split()[0]) for note in notes if "the angles agree to" in note)
+    # Rounding to ticks is in what was found, and the craft add that of their own clock: it counts once.
+    assumed = np.hypot(found, builders.timing_noise(for_replay(tmp_path / "made.rec.gz")).own_rad)
+    assert assumed == pytest.approx(agree * 1e-6, abs=0.51e-6)
     assert run.summary["swarm"]["integrity"]["failed_residual_test_share"] < 0.01
     told, notes = replayed(tmp_path, made, "navigation.angle_noise_arcsec=77")
     assert "angle_noise_arcsec = 77" in (told.scenario or "")

@@ -36,10 +36,13 @@ from swarm.results.run_writer import writing_run
 from swarm.results.scene import Scene
 from swarm.scenario import Scenario, for_replay
 from swarm.sensors.sight import Sight
+from swarm.units import ARCSEC
 from swarm.world.craft import visuals
 
 GUESSED_NOISE_ARCSEC = 20.0
 """Noise of an angle where the recording does not tell it."""
+LEAST_NOISE_ARCSEC = 0.1
+"""Noise of an angle that is taken where rounding to ticks explains all that was found."""
 LEAST_OWN_SHARE = 0.05
 """Least share of the noise's variance that is taken for the photodiodes' own."""
 TRIALS, TRIAL_PERIODS, TRIAL_STEP = 4, 400, 3
@@ -241,9 +244,12 @@ def _with_noise(settings: Scenario, found: Consistency) -> Scenario:
         return settings
     noise = GUESSED_NOISE_ARCSEC
     if found.noise_rad is not None:
-        # What was found is the part that photodiodes do not share; the rotor's cannot be told from motion.
+        # What was found is the part that photodiodes do not share; the rotor's cannot be told from motion. Rounding to
+        # ticks is in it, and the craft adds that of its own clock once more.
         own_share = 1 - (0.0 if table.rotor_correlation is None else table.rotor_correlation)
-        noise = float(np.degrees(found.noise_rad / np.sqrt(max(own_share, LEAST_OWN_SHARE)))) * 3600
+        own = np.sqrt(max(found.noise_rad**2 - builders.timing_noise(settings).own_rad ** 2, 0.0))
+        noise = float(own / np.sqrt(max(own_share, LEAST_OWN_SHARE))) / ARCSEC
+        noise = max(noise, LEAST_NOISE_ARCSEC)
     table = table.model_copy(update={"angle_noise_arcsec": noise})
     return settings.model_copy(update={"navigation": table})
 

@@ -22,7 +22,7 @@ from swarm.flight.builders.faults import check_faults, faults
 from swarm.flight.builders.guidance import guidance, matings
 from swarm.flight.builders.lidars import inspection, lidars
 from swarm.flight.builders.navigation import believed_layout, navigation
-from swarm.flight.builders.station import FAN_ERROR_MAX_RAD, angle_noise, assumed_angle_noise, decoder
+from swarm.flight.builders.station import FAN_ERROR_MAX_RAD, angle_noise, assumed_angle_noise, decoder, timing_noise
 from swarm.scenario import Scenario
 
 __all__ = [
@@ -56,6 +56,7 @@ __all__ = [
     "start_state",
     "steers_by_estimate",
     "surroundings",
+    "timing_noise",
     "world",
 ]
 

@@ -27,6 +27,11 @@ def angle_noise(settings: Scenario) -> Noise:
     return _with_timing(station, station.angle_noise_rad, station.rotor_correlation)
 
 
+def timing_noise(settings: Scenario) -> Noise:
+    """Return the part of `angle_noise` that comes from ticks and jitter alone."""
+    return _with_timing(si(settings.lighthouse), 0.0, 0.0)
+
+
 def assumed_angle_noise(settings: Scenario) -> Noise:
     """Return the random error of one sweep angle that every craft assumes: its own part and the sweep's."""
     table, station = si(settings.navigation), si(settings.lighthouse)
