@@ -9,6 +9,22 @@ from typing import Annotated, Literal
 
 from pydantic import Field, Strict
 
+from swarm.scenario.limits import (
+    APART_MAX,
+    APART_MIN,
+    BELIEVED_IMAGE,
+    CAMERA_FIELD,
+    CAMERA_PLACE,
+    CAMERA_TURN,
+    CONE,
+    FAILURE,
+    FOCAL,
+    IMAGE_NOISE,
+    MOMENT,
+    PIXEL,
+    PROBABILITY,
+    SPAN,
+)
 from swarm.scenario.table import Mistake, Table
 
 
@@ -16,15 +32,21 @@ class Outage(Table):
     """A camera is dark within these times and, at once, within these distances; a key left out sets no limit."""
 
     camera: Literal["main", "backup"] = Field(default="backup", description="Camera that fails.")
-    from_s: float = Field(default=0.0, ge=0, le=86400, description="Time from which the camera is dark.")
-    to_s: float = Field(default=86400.0, ge=0, le=86400, description="Time until which the camera is dark.")
-    from_m: float = Field(
+    from_s: Annotated[float, MOMENT] = Field(
+        default=0.0, ge=0, le=86400, description="Time from which the camera is dark."
+    )
+    to_s: Annotated[float, MOMENT] = Field(
+        default=86400.0, ge=0, le=86400, description="Time until which the camera is dark."
+    )
+    from_m: Annotated[float, APART_MIN] = Field(
         default=10000.0,
         ge=0,
         le=10000,
         description="Largest distance from the main camera to the lights at which the camera is dark.",
     )
-    to_m: float = Field(default=0.0, ge=0, le=10000, description="The camera works again at this distance and nearer.")
+    to_m: Annotated[float, APART_MIN] = Field(
+        default=0.0, ge=0, le=10000, description="The camera works again at this distance and nearer."
+    )
 
     def between_keys(self) -> Iterator[Mistake]:
         """Require that neither stretch is empty."""
@@ -45,51 +67,61 @@ class Ccd(Table):
         description="Solution from the images of both cameras: the closed form refined by a fit to all images, or the "
         "closed form alone.",
     )
-    focal_length_mm: float = Field(default=28.0, ge=0.1, le=10000, description="Focal length of both cameras.")
-    field_deg: float = Field(default=24.0, ge=0.01, le=170, description="Full width of the field of view in each axis.")
-    range_min_m: float = Field(default=0.3, ge=0, le=10000, description="Least range at which a light is seen.")
-    range_max_m: float = Field(default=35.0, ge=0.01, le=10000, description="Largest range at which a light is seen.")
-    light_cone_deg: float = Field(
+    focal_length_mm: Annotated[float, FOCAL] = Field(
+        default=28.0, ge=1, le=1000, description="Focal length of both cameras."
+    )
+    field_deg: Annotated[float, CAMERA_FIELD] = Field(
+        default=24.0, ge=0.1, le=170, description="Full width of the field of view in each axis."
+    )
+    range_min_m: Annotated[float, APART_MIN] = Field(
+        default=0.3, ge=0, le=10000, description="Least range at which a light is seen."
+    )
+    range_max_m: Annotated[float, APART_MAX] = Field(
+        default=35.0, ge=0.01, le=10000, description="Largest range at which a light is seen."
+    )
+    light_cone_deg: Annotated[float, CONE] = Field(
         default=60.0,
         ge=0.1,
         le=90,
         description="Largest angle from the direction in which a light shines at which it is seen.",
     )
-    image_noise_um: float = Field(
-        default=0.3333, ge=0, le=1000, description="Standard deviation of an image coordinate on the detector."
+    image_noise_um: Annotated[float, IMAGE_NOISE] = Field(
+        default=0.3333, ge=0, le=100, description="Standard deviation of an image coordinate on the detector."
     )
-    resolution_um: float = Field(
-        default=0.0, ge=0, le=1000, description="Step to which image coordinates are rounded. 0: no rounding."
+    resolution_um: Annotated[float, PIXEL] = Field(
+        default=0.0, ge=0, le=100, description="Step to which image coordinates are rounded. 0: no rounding."
     )
-    believed_noise_um: float | None = Field(
+    believed_noise_um: Annotated[float | None, BELIEVED_IMAGE] = Field(
         default=None,
-        ge=1e-6,
-        le=1000,
+        ge=1e-3,
+        le=100,
         description="Standard deviation of an image coordinate that the craft assumes. Unset: image noise and "
         "rounding together.",
     )
-    mounting_error_mm: float = Field(
+    mounting_error_mm: Annotated[float, CAMERA_PLACE] = Field(
         default=0.0,
         ge=0,
         le=100,
         description="Standard deviation of the cameras' mounting position per axis, drawn once.",
     )
-    mounting_error_arcsec: float = Field(
+    mounting_error_arcsec: Annotated[float, CAMERA_TURN] = Field(
         default=0.0,
         ge=0,
-        le=36000,
+        le=7200,
         description="Standard deviation of the cameras' mounting attitude per axis, drawn once.",
     )
-    lost_image_probability: float = Field(
+    lost_image_probability: Annotated[float, PROBABILITY] = Field(
         default=0.0, ge=0, le=1, description="Probability that a camera loses an image."
     )
-    failure_every_s: float | None = Field(
+    failure_every_s: Annotated[float | None, FAILURE] = Field(
         default=None,
         ge=0.1,
         le=86400,
         description="Mean time to the next random failure of a camera. Unset: never.",
     )
-    failure_length_s: float = Field(default=5.0, ge=1e-3, le=86400, description="Mean duration of a random failure.")
+    failure_length_s: Annotated[float, SPAN] = Field(
+        default=5.0, ge=1e-3, le=86400, description="Mean duration of a random failure."
+    )
     outages: Annotated[tuple[Outage, ...], Strict(False)] = Field(
         default=(), description="Planned outages of the cameras: a list of tables."
     )

@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, Strict
 
+from swarm.scenario.limits import ANY_FIGURE, MOMENT
 from swarm.scenario.table import Mistake, Table
 from swarm.units import split_unit
 
@@ -23,14 +24,20 @@ class Criterion(Table):
         description="Statistic of the column: over all its values, or each craft's last value, or its last value "
         "before contact.",
     )
-    min: float | None = Field(default=None, ge=-1e9, le=1e9, description="Lower limit. Unset: none.")
-    max: float | None = Field(default=None, ge=-1e9, le=1e9, description="Upper limit. Unset: none.")
+    min: Annotated[float | None, ANY_FIGURE] = Field(
+        default=None, ge=-1e9, le=1e9, description="Lower limit. Unset: none."
+    )
+    max: Annotated[float | None, ANY_FIGURE] = Field(
+        default=None, ge=-1e9, le=1e9, description="Upper limit. Unset: none."
+    )
     craft: Annotated[tuple[str, ...], Strict(False)] = Field(
         default=(), description="Names of the craft that the criterion is about. Empty: all."
     )
-    from_s: float = Field(default=0.0, ge=0, le=86400, description="Time from which the telemetry counts.")
-    to_s: float | None = Field(
-        default=None, gt=0, le=86400, description="Time until which the telemetry counts. Unset: the end."
+    from_s: Annotated[float, MOMENT] = Field(
+        default=0.0, ge=0, le=86400, description="Time from which the telemetry counts."
+    )
+    to_s: Annotated[float | None, MOMENT] = Field(
+        default=None, ge=1e-3, le=86400, description="Time until which the telemetry counts. Unset: the end."
     )
     name: str | None = Field(
         default=None,

@@ -1,9 +1,10 @@
 """The tables of a scenario for the forces on the craft: `[orbit]` and `[craft.actuation]`."""
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
+from swarm.scenario.limits import ALTITUDE, THRUST, THRUST_TILT
 from swarm.scenario.table import Table
 
 
@@ -12,7 +13,9 @@ class Orbit(Table):
     and the computer of every craft knows the orbit. Without this table there is weightless space. See docs/orbit.md.
     """
 
-    altitude_km: float = Field(ge=120, le=100000, description="Altitude above the radius of the equator, 6378.137 km.")
+    altitude_km: Annotated[float, ALTITUDE] = Field(
+        ge=120, le=100000, description="Altitude above the radius of the equator, 6378.137 km."
+    )
     boresight: Literal["v-bar", "-v-bar", "r-bar", "-r-bar", "h-bar", "-h-bar"] = Field(
         default="-v-bar",
         description="Direction in which the lighthouse looks: v-bar is along its velocity, r-bar points to the Earth, "
@@ -31,10 +34,10 @@ class Actuation(Table):
         default=False,
         description="Whether the craft gets exactly the force and torque that it orders, whatever its model has.",
     )
-    thrust_error_percent: float = Field(
+    thrust_error_percent: Annotated[float, THRUST] = Field(
         default=0.0, ge=0, le=50, description="Standard deviation of a thruster's force, drawn once per thruster."
     )
-    thrust_direction_error_deg: float = Field(
+    thrust_direction_error_deg: Annotated[float, THRUST_TILT] = Field(
         default=0.0,
         ge=0,
         le=30,

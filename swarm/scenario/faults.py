@@ -10,7 +10,8 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BeforeValidator, Field, Strict
 
-from swarm.scenario.table import Mistake, Table, Vector
+from swarm.scenario.limits import GHOST_SPREAD, MOMENT, NUMBER, ONCE, RESTART, SHARE, SPAN, SWING, SWING_TIME
+from swarm.scenario.table import AngularRate, Mistake, Table, Velocity
 
 
 def _listed(value: Any) -> Any:
@@ -19,16 +20,16 @@ def _listed(value: Any) -> Any:
 
 Names = Annotated[tuple[str, ...], BeforeValidator(_listed), Strict(False)]
 """Names of craft; one by itself need not be a list."""
-Numbers = Annotated[tuple[Annotated[int, Field(ge=0, le=1000)], ...], Strict(False)]
+Numbers = Annotated[tuple[Annotated[int, Field(ge=0, le=1000), NUMBER], ...], Strict(False)]
 
 
 class Strike(Table):
     """The time at which a fault strikes."""
 
-    at_s: float | None = Field(
+    at_s: Annotated[float | None, MOMENT] = Field(
         default=None, ge=0, le=86400, description="Time at which the fault strikes. Unset: at random."
     )
-    probability_per_s: float | None = Field(
+    probability_per_s: Annotated[float | None, ONCE] = Field(
         default=None,
         ge=1e-9,
         le=10,
@@ -45,13 +46,13 @@ class Strike(Table):
 class Lasting(Strike):
     """A fault that lasts."""
 
-    for_s: float | None = Field(
+    for_s: Annotated[float | None, SPAN] = Field(
         default=None,
         ge=1e-3,
         le=86400,
         description="Duration of the fault. Unset: until until_s, or to the end of the run.",
     )
-    until_s: float | None = Field(
+    until_s: Annotated[float | None, SPAN] = Field(
         default=None, ge=1e-3, le=86400, description="Time at which the fault ends. Unset: see for_s."
     )
 
@@ -106,10 +107,10 @@ class Ghosts(Lasting, OfCraft):
     """A random share of the sweeps is timed from a reflection instead of from the lighthouse."""
 
     kind: Literal["ghosts"] = Field(description="A random share of the sweeps is timed from a reflection.")
-    share: float = Field(
+    share: Annotated[float, SHARE] = Field(
         ge=1e-6, le=1, description="Share of the sweeps over the photodiodes that is timed from a reflection."
     )
-    spread_deg: float = Field(
+    spread_deg: Annotated[float, GHOST_SPREAD] = Field(
         default=5.0, ge=1e-6, le=60, description="Largest error of those angles, which is distributed uniformly."
     )
 
@@ -124,8 +125,10 @@ class RotorDrift(Strike):
     """The rotor's speed hunts once about its nominal value: too fast, then as much too slow, as one sine."""
 
     kind: Literal["rotor-drift"] = Field(description="The rotor's speed swings away and back.")
-    for_s: float = Field(ge=1e-3, le=3600, description="Duration of the swing.")
-    speed_ppm: float = Field(ge=-900, le=900, description="Amplitude of the swing; a positive one begins too fast.")
+    for_s: Annotated[float, SWING_TIME] = Field(ge=1e-3, le=3600, description="Duration of the swing.")
+    speed_ppm: Annotated[float, SWING] = Field(
+        ge=-900, le=900, description="Amplitude of the swing; a positive one begins too fast."
+    )
 
     def between_keys(self) -> Iterator[Mistake]:
         """Require that the flashes stay where the craft look for them."""
@@ -138,7 +141,7 @@ class SyncLoss(Lasting, OfCraft):
     """The craft miss flashes."""
 
     kind: Literal["sync-loss"] = Field(description="The craft miss flashes.")
-    missed_sync_probability: float = Field(
+    missed_sync_probability: Annotated[float, SHARE] = Field(
         default=1.0, ge=1e-6, le=1, description="Probability that a craft misses a flash, for each craft by itself."
     )
 
@@ -147,7 +150,7 @@ class ThrusterStuck(Lasting, OfCraft):
     """A thruster does not obey any more."""
 
     kind: Literal["thruster-stuck"] = Field(description="A thruster does not obey any more.")
-    thruster: int = Field(ge=0, le=1000, description="Number of the thruster, counted from 0.")
+    thruster: Annotated[int, NUMBER] = Field(ge=0, le=1000, description="Number of the thruster, counted from 0.")
     state: Literal["on", "off"] = Field(description="State in which the thruster is stuck.")
 
 
@@ -155,10 +158,10 @@ class CraftLost(Lasting, OfCraft):
     """A craft is knocked out of control: it gets a kick and flies freely, until the fault ends."""
 
     kind: Literal["craft-lost"] = Field(description="A craft is knocked out of control.")
-    velocity_m_s: Vector = Field(
+    velocity_m_s: Velocity = Field(
         default=(0.0, 0.0, 0.0), description="Change of the velocity, in the lighthouse frame."
     )
-    angular_rate_deg_s: Vector = Field(
+    angular_rate_deg_s: AngularRate = Field(
         default=(0.0, 0.0, 0.0), description="Change of the angular rate, in the lighthouse frame."
     )
 
@@ -169,7 +172,7 @@ class Restart(Strike, OfCraft):
     """
 
     kind: Literal["restart"] = Field(description="The craft's computer restarts.")
-    for_s: float = Field(default=0.5, ge=1e-3, le=3600, description="Duration of the restart.")
+    for_s: Annotated[float, RESTART] = Field(default=0.5, ge=1e-3, le=3600, description="Duration of the restart.")
 
 
 AnyFault = Annotated[

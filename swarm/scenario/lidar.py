@@ -4,9 +4,25 @@
 """
 
 from collections.abc import Iterator
+from typing import Annotated
 
 from pydantic import Field
 
+from swarm.scenario.limits import (
+    APART_MAX,
+    INCIDENCE,
+    LIDAR_FIELD,
+    LINES,
+    PROBABILITY,
+    PROCESS,
+    RANGE_MIN,
+    RANGE_NOISE,
+    RAY_JITTER,
+    RESOLUTION,
+    SCAN_RATE,
+    SCAN_WIDTH,
+    TURNING_PROCESS,
+)
 from swarm.scenario.table import Mistake, Table
 
 
@@ -16,39 +32,43 @@ class Lidar(Table):
     """
 
     target: str = Field(description="Name of the craft that is inspected; it must be passive.")
-    lines: int = Field(default=16, ge=1, le=256, description="Number of lines in one scan.")
-    vertical_field_deg: float = Field(
+    lines: Annotated[int, LINES] = Field(default=16, ge=1, le=256, description="Number of lines in one scan.")
+    vertical_field_deg: Annotated[float, LIDAR_FIELD] = Field(
         default=30.0, ge=0.01, le=170, description="Angle from the lowest to the highest line."
     )
-    horizontal_field_deg: float = Field(
+    horizontal_field_deg: Annotated[float, SCAN_WIDTH] = Field(
         default=360.0, ge=0.01, le=360, description="Angle along a line, centred on the x axis of the site."
     )
-    resolution_deg: float = Field(default=0.2, ge=0.02, le=10, description="Angle between the rays of a line.")
-    rate_hz: float = Field(
-        default=10.0, ge=1e-3, le=1000, description="Scans per second; at most one per lighthouse period."
+    resolution_deg: Annotated[float, RESOLUTION] = Field(
+        default=0.2, ge=0.02, le=10, description="Angle between the rays of a line."
     )
-    range_noise_mm: float = Field(default=10.0, ge=0, le=1000, description="Standard deviation of a range.")
-    jitter_deg: float = Field(
-        default=0.02, ge=0, le=5, description="Standard deviation of the direction of a ray per axis."
+    rate_hz: Annotated[float, SCAN_RATE] = Field(
+        default=10.0, ge=1e-3, le=300, description="Scans per second; at most one per lighthouse period."
     )
-    range_min_m: float = Field(default=0.3, ge=0, le=1000, description="Least range of a return.")
-    range_max_m: float = Field(
+    range_noise_mm: Annotated[float, RANGE_NOISE] = Field(
+        default=10.0, ge=0, le=100, description="Standard deviation of a range."
+    )
+    jitter_deg: Annotated[float, RAY_JITTER] = Field(
+        default=0.02, ge=0, le=1, description="Standard deviation of the direction of a ray per axis."
+    )
+    range_min_m: Annotated[float, RANGE_MIN] = Field(default=0.3, ge=0, le=1000, description="Least range of a return.")
+    range_max_m: Annotated[float, APART_MAX] = Field(
         default=60.0, ge=0.01, le=10000, description="Largest range of a return; returns fade before it."
     )
-    incidence_max_deg: float = Field(
+    incidence_max_deg: Annotated[float, INCIDENCE] = Field(
         default=87.0, ge=1, le=90, description="Largest angle of incidence of a return; returns fade before it."
     )
-    dropout_probability: float = Field(
+    dropout_probability: Annotated[float, PROBABILITY] = Field(
         default=0.01, ge=0, le=1, description="Probability that a ray is lost for no reason."
     )
-    target_acceleration_m_s2: float = Field(
+    target_acceleration_m_s2: Annotated[float, PROCESS] = Field(
         default=0.02,
         ge=1e-9,
         le=100,
         description="Process noise of the filter of the target's motion: white acceleration, standard deviation per "
         "axis and period.",
     )
-    target_angular_acceleration_deg_s2: float = Field(
+    target_angular_acceleration_deg_s2: Annotated[float, TURNING_PROCESS] = Field(
         default=3.0,
         ge=1e-9,
         le=36000,

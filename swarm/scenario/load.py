@@ -128,6 +128,8 @@ def for_replay(recording: Path, overrides: Iterable[str] = (), seed: int | None 
         "name": name,
         "description": f"Replay of {recording.name}"[:200],
         "swarm": {"count": 1},
+        # The light is the recording's own: it has no noise of a scenario beside it.
+        "lighthouse": {"angle_noise_arcsec": 0.0},
         # What a factory calibration leaves of a real station's errors, photodiodes do not share: half of the variance.
         # The noise itself is found in the recording.
         "navigation": {"rotor_correlation": 0.5},

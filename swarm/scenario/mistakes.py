@@ -12,6 +12,7 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from swarm.errors import did_you_mean
+from swarm.scenario.limits import limits_of
 from swarm.scenario.schema import Scenario
 from swarm.scenario.table import Table
 from swarm.scenario.text import toml_value
@@ -182,7 +183,8 @@ def _problems(detail: ErrorDetails, root: type[Table]) -> Iterator[Problem]:
     elif kind in LIMITS:
         word, limit = LIMITS[kind]
         number = f"{context[limit]:g}" if isinstance(context[limit], int | float) else context[limit]
-        yield Problem(3, (path,), f"must be {word} {number}{f' {unit}' if unit else ''}")
+        why = _reason(place, word)
+        yield Problem(3, (path,), f"must be {word} {number}{f' {unit}' if unit else ''}{f': {why}' if why else ''}")
     elif not (kind == "too_short" and detail["input"]):  # otherwise its entries are wrong, and have been told
         yield Problem(2, (path[:-1] if kind == "missing" else path,), _expected(detail, place, unit))
 
@@ -217,6 +219,15 @@ def _expected(detail: ErrorDetails, place: Place, unit: str) -> str:
         hint = f"; write {number[0].strip()}" if same_unit else f"; convert it to {unit}"
     what = _entries(whole, of_unit) if name == "a list" else ""
     return f"expected {name}{what if name == 'a list' else of_unit}, not {_type_name(value)}{hint if of_unit else ''}"
+
+
+def _reason(place: Place, word: str) -> str:
+    """Return why a number must be `word` its limit, empty where the table does not say."""
+    field = place.table.model_fields.get(next((p for p in reversed(place.path) if isinstance(p, str)), ""))
+    why = next((limits.why for limits in limits_of(field)), None) if field else None
+    if why is None:
+        return ""
+    return why.high if word in ("below", "at most") else why.low
 
 
 def _plain(annotation: Any) -> Any:

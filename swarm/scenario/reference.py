@@ -13,6 +13,7 @@ from annotated_types import Ge, Gt, Le, Lt, MultipleOf
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
+from swarm.scenario.limits import limits_of
 from swarm.scenario.mistakes import kind_of, tables_of
 from swarm.scenario.motions import Attitude
 from swarm.scenario.schema import Scenario
@@ -81,6 +82,38 @@ def _sections() -> Iterator[str]:
             for entry in tables_of(field.annotation) if key != "attitude" else ():
                 yield from _section(f"`[[motion.{key}]]`", "motion", entry, level="####")
     yield from _section("`attitude`", "motion", Attitude, level="###")
+    yield from _reasons()
+
+
+def every_number() -> Iterator[tuple[type[Table], str, FieldInfo]]:
+    """Yield every field of the schema that holds numbers, with its table and its key, each table once."""
+    waiting: list[type[Table]] = [Scenario]
+    known = set(waiting)
+    while waiting:
+        table = waiting.pop(0)
+        for key, field in table.model_fields.items():
+            inner = [t for t in tables_of(field.annotation) if t not in known]
+            known.update(inner)
+            waiting += inner
+            if next(limits_of(field), None) is not None:
+                yield table, key, field
+
+
+def _reasons() -> Iterator[str]:
+    """Yield the section of the reasons, each with the keys that it is about."""
+    low: dict[str, list[str]] = {}
+    high: dict[str, list[str]] = {}
+    for _, key, field in every_number():
+        why = next(limits_of(field)).why
+        if why is not None:
+            for reasons, reason in ((low, why.low), (high, why.high)):
+                reasons.setdefault(reason, []).append(f"`{key}`")
+    yield "## Reasons for the limits\n\nThe message about a number outside its limits gives the reason too.\n"
+    yield "| limit | reason | keys |\n|---|---|---|"
+    for side, reasons in (("lower", low), ("upper", high)):
+        for reason, keys in reasons.items():
+            yield f"| {side} | {reason} | {', '.join(dict.fromkeys(keys))} |"
+    yield ""
 
 
 def _section(title: str, name: str, table: type[Table], level: str = "##") -> Iterator[str]:

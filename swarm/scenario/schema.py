@@ -16,19 +16,58 @@ from swarm.scenario.criteria import Criterion
 from swarm.scenario.dynamics import Actuation, Orbit
 from swarm.scenario.faults import AnyFault
 from swarm.scenario.lidar import Lidar
+from swarm.scenario.limits import (
+    ALERT,
+    ALERT_ATTITUDE,
+    ANGLE_NOISE,
+    ASSUMED_NOISE,
+    ATTITUDE_SIGMA,
+    COAST,
+    COUNT,
+    DURATION,
+    FAN,
+    FIELD,
+    GATE,
+    INCIDENCE,
+    JITTER,
+    MOUNTING,
+    PHASE,
+    PHOTODIODE,
+    POSITION_SIGMA,
+    PROBABILITY,
+    PROCESS,
+    PUSH,
+    RANGE_MAX,
+    RANGE_MIN,
+    RARE,
+    ROTOR_RATE,
+    SEED,
+    SHARE_OF_NOISE,
+    SPEED_SIGMA,
+    SPIN_SIGMA,
+    STEPS,
+    STRAY,
+    TICK,
+    TURNING_PROCESS,
+    TURNING_PUSH,
+)
 from swarm.scenario.motions import AnyMotion, Hold
 from swarm.scenario.table import Mistake, Table
 
 NAME_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_.-]*$"
 
 
+LEAST_BELIEF = 0.2
+"""Least share of the lighthouse's angle noise that craft may assume: at that, the NEES is 25 times too large."""
+
+
 class Disturbance(Table):
     """Random accelerations push the craft beside its own control: white, constant over each lighthouse period."""
 
-    acceleration_m_s2: float = Field(
+    acceleration_m_s2: Annotated[float, PUSH] = Field(
         default=0.0, ge=0, le=100, description="Standard deviation of the acceleration per axis."
     )
-    angular_acceleration_deg_s2: float = Field(
+    angular_acceleration_deg_s2: Annotated[float, TURNING_PUSH] = Field(
         default=0.0, ge=0, le=36000, description="Standard deviation of the angular acceleration per axis."
     )
 
@@ -36,16 +75,16 @@ class Disturbance(Table):
 class Scatter(Table):
     """A craft starts at random about the beginning of its motion: drawn once per craft from the seed and its name."""
 
-    position_m: float = Field(
+    position_m: Annotated[float, POSITION_SIGMA] = Field(
         default=0.0, ge=0, le=100, description="Standard deviation of the start position per axis."
     )
-    velocity_m_s: float = Field(
+    velocity_m_s: Annotated[float, SPEED_SIGMA] = Field(
         default=0.0, ge=0, le=100, description="Standard deviation of the start velocity per axis."
     )
-    attitude_deg: float = Field(
+    attitude_deg: Annotated[float, ATTITUDE_SIGMA] = Field(
         default=0.0, ge=0, le=180, description="Standard deviation of the start attitude per axis."
     )
-    angular_rate_deg_s: float = Field(
+    angular_rate_deg_s: Annotated[float, SPIN_SIGMA] = Field(
         default=0.0, ge=0, le=3600, description="Standard deviation of the start angular rate per axis."
     )
 
@@ -80,7 +119,7 @@ class Craft(Table):
 class Swarm(Craft):
     """Equal craft share one motion; they are named craft-0, craft-1, ..."""
 
-    count: int = Field(default=0, ge=0, le=10000, description="Number of craft.")
+    count: Annotated[int, COUNT] = Field(default=0, ge=0, le=10000, description="Number of craft.")
 
     def between_keys(self) -> Iterator[Mistake]:
         """Refuse a motion that would put all craft at one position."""
@@ -118,7 +157,7 @@ class SingleCraft(Craft):
 class Physics(Table):
     """MuJoCo simulates the bodies of the craft."""
 
-    steps_per_period: int = Field(
+    steps_per_period: Annotated[int, STEPS] = Field(
         default=8,
         ge=4,
         le=256,
@@ -132,23 +171,27 @@ class Fan(Table):
     their signs.
     """
 
-    phase_rad: float = Field(
+    phase_rad: Annotated[float, FAN] = Field(
         default=0.0, ge=-0.5, le=0.5, description="Constant error; a positive one lowers the angle."
     )
-    tilt_rad: float = Field(
+    tilt_rad: Annotated[float, FAN] = Field(
         default=0.0,
         ge=-0.5,
         le=0.5,
         description="Skew of the fan; a positive one lowers the angle where the other coordinate is > 0.",
     )
-    curve: float = Field(
+    curve: Annotated[float, FAN] = Field(
         default=0.0,
         ge=-0.5,
         le=0.5,
         description="Bend of the fan; a positive one raises the angle at both ends of the fan.",
     )
-    gibbous_phase_rad: float = Field(default=0.0, ge=-6.3, le=6.3, description="Phase of the once-per-turn error.")
-    gibbous_magnitude: float = Field(default=0.0, ge=-0.5, le=0.5, description="Amplitude of the once-per-turn error.")
+    gibbous_phase_rad: Annotated[float, PHASE] = Field(
+        default=0.0, ge=-6.3, le=6.3, description="Phase of the once-per-turn error."
+    )
+    gibbous_magnitude: Annotated[float, FAN] = Field(
+        default=0.0, ge=-0.5, le=0.5, description="Amplitude of the once-per-turn error."
+    )
 
 
 class Lighthouse(Table):
@@ -157,70 +200,70 @@ class Lighthouse(Table):
     model: str = Field(
         default="lighthouse", description="Model of the lighthouse that is drawn: a name, or the path of an MJCF file."
     )
-    rate_hz: float = Field(
+    rate_hz: Annotated[float, ROTOR_RATE] = Field(
         default=60.0,
         ge=1,
         le=300,
-        description="Turns per second; one period is one sweep of each fan. A rotor faster than 300 Hz would "
-        "sweep the field while the flashes still last.",
+        description="Turns per second; one period is one sweep of each fan.",
     )
-    angle_noise_arcsec: float = Field(default=8.8, ge=0, le=3600, description="Standard deviation of one sweep angle.")
-    rotor_correlation: float = Field(
+    angle_noise_arcsec: Annotated[float, ANGLE_NOISE] = Field(
+        default=8.8, ge=0, le=600, description="Standard deviation of one sweep angle."
+    )
+    rotor_correlation: Annotated[float, SHARE_OF_NOISE] = Field(
         default=0.8717,
         ge=0,
         le=1,
         description="Share of the noise's variance that comes from the rotor and is common to all photodiodes of a "
         "sweep.",
     )
-    sync_jitter_ns: float = Field(
+    sync_jitter_ns: Annotated[float, JITTER] = Field(
         default=0.0,
         ge=0,
         le=1e4,
-        description="Standard deviation of the instant of the flash that announces a sweep. The length of a flash "
-        "tells in steps of 10.4 us what it announces.",
+        description="Standard deviation of the instant of the flash that announces a sweep.",
     )
-    tick_ns: float = Field(
+    tick_ns: Annotated[float, TICK] = Field(
         default=20.0,
         ge=0.01,
         le=5000,
-        description="Resolution of the timing circuit of a craft. A day in ticks of 0.01 ns is the largest whole "
-        "number that a double holds; ticks above 5000 ns do not tell the flashes apart, whose lengths "
-        "differ by 10.4 us.",
+        description="Resolution of the timing circuit of a craft.",
     )
-    field_deg: float = Field(default=120.0, ge=1, le=170, description="Full width of the field of view in each axis.")
-    range_min_m: float = Field(
+    field_deg: Annotated[float, FIELD] = Field(
+        default=120.0, ge=1, le=170, description="Full width of the field of view in each axis."
+    )
+    range_min_m: Annotated[float, RANGE_MIN] = Field(
         default=0.3, ge=0, le=1000, description="Least range at which a photodiode receives light."
     )
-    range_max_m: float = Field(
+    range_max_m: Annotated[float, RANGE_MAX] = Field(
         default=20.0, ge=0.01, le=1000, description="Largest range at which a photodiode receives light."
     )
-    incidence_max_deg: float = Field(
+    incidence_max_deg: Annotated[float, INCIDENCE] = Field(
         default=80.0, ge=1, le=90, description="Largest angle between the normal of a photodiode and the light."
     )
-    photodiode_diameter_mm: float = Field(
-        default=3.0, ge=0.01, le=50, description="Diameter of a photodiode, which sets the width of the sweep pulses."
+    photodiode_diameter_mm: Annotated[float, PHOTODIODE] = Field(
+        default=3.0, ge=0.01, le=20, description="Diameter of a photodiode, which sets the width of the sweep pulses."
     )
-    mounting_error_mm: float = Field(
+    mounting_error_mm: Annotated[float, MOUNTING] = Field(
         default=0.0,
         ge=0,
-        le=50,
+        le=10,
         description="Standard deviation of a photodiode's mounting position per axis, drawn once.",
     )
-    mounting_seed: int | None = Field(
+    mounting_seed: Annotated[int | None, SEED] = Field(
         default=None,
         ge=0,
         lt=10**18,
         description="Seed of the mounting errors, for the same hardware in runs of different seeds. Unset: the run's "
         "seed.",
     )
-    missed_sync_probability: float = Field(
+    missed_sync_probability: Annotated[float, PROBABILITY] = Field(
         default=0.0, ge=0, le=1, description="Probability that a craft misses a flash."
     )
-    lost_pulse_probability: float = Field(
+    lost_pulse_probability: Annotated[float, PROBABILITY] = Field(
         default=0.0, ge=0, le=1, description="Probability that a photodiode misses a sweep."
     )
-    stray_pulse_rate_hz: float = Field(
-        default=0.0, ge=0, le=1e5, description="Rate of random pulses from elsewhere, per craft."
+    stray_pulse_rate_hz: Annotated[float, STRAY] = Field(
+        default=0.0, ge=0, le=5000, description="Rate of random pulses from elsewhere, per craft."
     )
     fan_x: Fan = Field(
         default=Fan(), description="Systematic errors of the fan that turns about the y axis (measures x/z)."
@@ -248,28 +291,28 @@ class Integrity(Table):
         "Unset: true where the angle noise accounts for every error, that is, with motion compensation, and with a "
         "calibration where fans or mountings have errors.",
     )
-    false_alarm_probability: float = Field(
+    false_alarm_probability: Annotated[float, RARE] = Field(
         default=1e-7, ge=1e-15, lt=0.5, description="Probability that the residual test rejects a pose without fault."
     )
-    missed_detection_probability: float = Field(
+    missed_detection_probability: Annotated[float, RARE] = Field(
         default=1e-4,
         ge=1e-15,
         lt=0.5,
         description="Probability that a fault as large as the protection level allows for is not detected.",
     )
-    integrity_risk: float = Field(
+    integrity_risk: Annotated[float, RARE] = Field(
         default=1e-7,
         ge=1e-15,
         lt=0.2,
         description="Probability that an error exceeds its protection level, per estimate.",
     )
-    alert_position_mm: float | None = Field(
+    alert_position_mm: Annotated[float | None, ALERT] = Field(
         default=None,
         ge=1e-6,
         le=1e6,
         description="Protection level of the position above which the craft raises an alert. Unset: never.",
     )
-    alert_attitude_deg: float | None = Field(
+    alert_attitude_deg: Annotated[float | None, ALERT_ATTITUDE] = Field(
         default=None,
         ge=1e-6,
         le=180,
@@ -290,32 +333,32 @@ class Navigation(Table):
         description="Whether every angle is referred to its own instant; false: one period is one instant, as in the "
         "paper.",
     )
-    angle_noise_arcsec: float | None = Field(
+    angle_noise_arcsec: Annotated[float | None, ASSUMED_NOISE] = Field(
         default=None,
-        ge=1e-3,
-        le=3600,
+        ge=0.1,
+        le=600,
         description="Standard deviation of a sweep angle that the craft assume, beside the rounding to ticks and the "
         "sync jitter, whose variances are added. Unset: that of the lighthouse.",
     )
-    rotor_correlation: float | None = Field(
+    rotor_correlation: Annotated[float | None, SHARE_OF_NOISE] = Field(
         default=None, ge=0, le=1, description="Rotor correlation that the craft assume. Unset: that of the lighthouse."
     )
-    acceleration_noise_m_s2: float = Field(
+    acceleration_noise_m_s2: Annotated[float, PROCESS] = Field(
         default=0.2,
         ge=1e-9,
         le=100,
         description="Process noise: white acceleration, standard deviation per axis and period.",
     )
-    angular_acceleration_noise_deg_s2: float = Field(
+    angular_acceleration_noise_deg_s2: Annotated[float, TURNING_PROCESS] = Field(
         default=12.0,
         ge=1e-9,
         le=36000,
         description="Process noise: white angular acceleration, standard deviation per axis and period.",
     )
-    gate_probability: float = Field(
+    gate_probability: Annotated[float, GATE] = Field(
         default=0.99999, gt=0.5, lt=1, description="Share of good measurements that the innovation gate lets pass."
     )
-    coast_limit_s: float = Field(
+    coast_limit_s: Annotated[float, COAST] = Field(
         default=2.0,
         ge=0,
         le=3600,
@@ -351,8 +394,8 @@ class Scenario(Table):
         description="Name of the run and its folder. Unset: the file's name.",
     )
     description: str = Field(default="", max_length=200, description="One line that `swarm list` shows.")
-    duration_s: float = Field(default=30.0, ge=1e-3, le=86400, description="Simulated time.")
-    seed: int = Field(default=0, ge=0, lt=10**18, description="Seed of every random draw.")
+    duration_s: Annotated[float, DURATION] = Field(default=30.0, ge=1e-3, le=86400, description="Simulated time.")
+    seed: Annotated[int, SEED] = Field(default=0, ge=0, lt=10**18, description="Seed of every random draw.")
     physics: Physics = Field(default=Physics(), description="Simulation of the bodies.")
     orbit: Orbit | None = Field(default=None, description="Orbit of the lighthouse. Unset: weightless space.")
     lighthouse: Lighthouse = Field(default=Lighthouse(), description="Lighthouse, and the reception of its light.")
@@ -366,6 +409,17 @@ class Scenario(Table):
         default=(), description="Conditions for the success of the run, one [[criteria]] each."
     )
     recording: Recording = Field(default=Recording(), description="Recording for the viewer.")
+
+    def _noise_mistakes(self) -> Iterator[Mistake]:
+        """Refuse an assumed noise that the light contradicts: the filter would not be consistent by any means."""
+        assumed, own = self.navigation.angle_noise_arcsec, self.lighthouse.angle_noise_arcsec
+        if assumed is not None and assumed < LEAST_BELIEF * own:
+            yield (
+                f"must be at least {LEAST_BELIEF * own:g} arcsec, {LEAST_BELIEF:g} of lighthouse.angle_noise_arcsec = "
+                f"{own:g}: craft that believe the light so much better call errors of many sigma certain",
+                "navigation.angle_noise_arcsec",
+                "lighthouse.angle_noise_arcsec",
+            )
 
     @property
     def craft_names(self) -> tuple[str, ...]:
@@ -383,6 +437,7 @@ class Scenario(Table):
     def between_keys(self) -> Iterator[Mistake]:
         """Require a craft, distinct names, craft that exist where named, and waypoints that begin within the run."""
         names, tables = self.craft_names, self.tables
+        yield from self._noise_mistakes()
         if not names:
             yield "there is no craft at all: set swarm.count, or add a [[craft]] entry", "swarm.count"
         for i in range(self.swarm.count, len(names)):

@@ -10,10 +10,16 @@ from typing import Annotated, Self
 from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
 from pydantic_core import PydanticCustomError
 
-Component = Annotated[float, Field(ge=-1000, le=1000)]
-Extent = Annotated[float, Field(ge=0, le=1000)]
-Length = Annotated[float, Field(ge=1e-6, le=1000)]
-Time = Annotated[float, Field(ge=0, le=86400)]
+from swarm.scenario.limits import DISTANCE, LENGTH, MOMENT, POSITION, SPIN, VELOCITY
+
+Component = Annotated[float, Field(ge=-1000, le=1000), POSITION]
+Speed = Annotated[float, Field(ge=-100, le=100), VELOCITY]
+Rate = Annotated[float, Field(ge=-3600, le=3600), SPIN]
+Extent = Annotated[float, Field(ge=0, le=1000), DISTANCE]
+Length = Annotated[float, Field(ge=1e-6, le=1000), LENGTH]
+Time = Annotated[float, Field(ge=0, le=86400), MOMENT]
+Velocity = Annotated[tuple[Speed, Speed, Speed], Strict(False)]
+AngularRate = Annotated[tuple[Rate, Rate, Rate], Strict(False)]
 Vector = Annotated[tuple[Component, Component, Component], Strict(False)]
 """Three numbers; a TOML list becomes a tuple (hence not strict), its elements stay strict."""
 Box = Annotated[tuple[Length, Length, Length], Strict(False)]

@@ -2,10 +2,11 @@
 
 from dataclasses import dataclass
 from math import ceil, sqrt
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Annotated, ClassVar, NamedTuple
 
 from pydantic import Field
 
+from swarm.scenario.limits import ANGLE, SPACING, SPIN
 from swarm.scenario.motions.paths import Path
 from swarm.scenario.table import Box, Table, Vector
 from swarm.units import si
@@ -80,10 +81,18 @@ class Attitude(Table):
         description="Whether the front (body +z) follows the direction to the lighthouse. If false, the angles below "
         "are absolute, against the lighthouse frame.",
     )
-    roll_deg: float = Field(default=0.0, ge=-360, le=360, description="Third turn, about the body's z axis.")
-    pitch_deg: float = Field(default=0.0, ge=-360, le=360, description="Second turn, about the body's y axis.")
-    yaw_deg: float = Field(default=0.0, ge=-360, le=360, description="First turn, about the body's x axis.")
-    spin_deg_s: float = Field(default=0.0, ge=-3600, le=3600, description="Steady spin about the body's z axis.")
+    roll_deg: Annotated[float, ANGLE] = Field(
+        default=0.0, ge=-360, le=360, description="Third turn, about the body's z axis."
+    )
+    pitch_deg: Annotated[float, ANGLE] = Field(
+        default=0.0, ge=-360, le=360, description="Second turn, about the body's y axis."
+    )
+    yaw_deg: Annotated[float, ANGLE] = Field(
+        default=0.0, ge=-360, le=360, description="First turn, about the body's x axis."
+    )
+    spin_deg_s: Annotated[float, SPIN] = Field(
+        default=0.0, ge=-3600, le=3600, description="Steady spin about the body's z axis."
+    )
 
 
 class Turned(Motion):
@@ -104,7 +113,7 @@ class Grid(Turned):
     position_m: Vector = Field(
         default=(0.0, 0.0, 3.0), description="Position of the craft, or centre of the swarm's grid or box."
     )
-    spacing_m: float = Field(
+    spacing_m: Annotated[float, SPACING] = Field(
         default=0.5, ge=1e-3, le=1000, description="Distance between neighbours in the grid of a swarm."
     )
 

@@ -1,12 +1,13 @@
 """The motion `drift`."""
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
+from swarm.scenario.limits import PUSH, TURNING_PUSH
 from swarm.scenario.motions.base import Course, Place, Spread
 from swarm.scenario.motions.paths import Path, line
-from swarm.scenario.table import Vector
+from swarm.scenario.table import Velocity
 from swarm.units import si
 
 
@@ -16,14 +17,14 @@ class Drift(Spread):
     kind: Literal["drift"] = Field(
         description="Random accelerations push the craft: exactly the model of motion of the navigation filter."
     )
-    velocity_m_s: Vector = Field(default=(0.0, 0.0, 0.0), description="Velocity at the start.")
-    acceleration_m_s2: float | None = Field(
+    velocity_m_s: Velocity = Field(default=(0.0, 0.0, 0.0), description="Velocity at the start.")
+    acceleration_m_s2: Annotated[float | None, PUSH] = Field(
         default=None,
         ge=0,
         le=100,
         description="Standard deviation of the acceleration per axis. Unset: the navigation filter's process noise.",
     )
-    angular_acceleration_deg_s2: float | None = Field(
+    angular_acceleration_deg_s2: Annotated[float | None, TURNING_PUSH] = Field(
         default=None,
         ge=0,
         le=36000,

@@ -6,6 +6,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, Strict
 
+from swarm.scenario.limits import SPEED
 from swarm.scenario.motions.base import Place, Turned
 from swarm.scenario.motions.figure import Figure
 from swarm.scenario.motions.guided import Clear
@@ -23,7 +24,7 @@ class Formation(Turned, Clear):
     figures: Annotated[tuple[Figure, ...], Strict(False)] = Field(
         min_length=1, description="Figures in the order of time: a list of tables."
     )
-    speed_m_s: float = Field(
+    speed_m_s: Annotated[float, SPEED] = Field(
         default=0.1, ge=1e-6, le=100, description="Peak speed of the fastest craft from figure to figure."
     )
 

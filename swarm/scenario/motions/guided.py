@@ -3,21 +3,24 @@
 `swarm.onboard.guidance` flies them. See docs/guidance.md.
 """
 
+from typing import Annotated
+
 from pydantic import Field
 
+from swarm.scenario.limits import ACCELERATION, DEVIATION, DISTANCE, EFFORT
 from swarm.scenario.motions.base import Motion
 
 
 class Guided(Motion):
     """A motion that guidance decides, and that a regulator holds."""
 
-    deviation_m: float = Field(
+    deviation_m: Annotated[float, DEVIATION] = Field(
         default=0.002,
         ge=1e-9,
         le=100,
         description="Deviation that costs the regulator as much as the effort effort_m_s2: only their ratio counts.",
     )
-    effort_m_s2: float = Field(
+    effort_m_s2: Annotated[float, EFFORT] = Field(
         default=0.001,
         ge=1e-9,
         le=100,
@@ -28,14 +31,14 @@ class Guided(Motion):
 class Clear(Guided):
     """A guided motion that keeps clear of other craft."""
 
-    separation_m: float = Field(
+    separation_m: Annotated[float, DISTANCE] = Field(
         default=0.0,
         ge=0,
         le=1000,
         description="Least distance between the centre of this craft and that of any craft that broadcasts. 0: the "
         "craft does not keep clear.",
     )
-    brake_m_s2: float = Field(
+    brake_m_s2: Annotated[float, ACCELERATION] = Field(
         default=0.05,
         ge=1e-6,
         le=100,

@@ -1,10 +1,11 @@
 """The motion `ring`."""
 
 from math import pi
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
+from swarm.scenario.limits import FIGURE, TILT, TURNING
 from swarm.scenario.motions.base import Place, Turned
 from swarm.scenario.motions.paths import Circle, Path
 from swarm.scenario.table import Vector
@@ -18,9 +19,11 @@ class Ring(Turned):
 
     kind: Literal["ring"] = Field(description="The craft move on a turning circle, evenly spread.")
     centre_m: Vector = Field(default=(0.0, 0.0, 3.0), description="Centre of the circle.")
-    radius_m: float = Field(ge=1e-3, le=1000, description="Radius of the circle.")
-    rate_deg_s: float = Field(default=0.0, ge=-360, le=360, description="Angular rate of the circle about its axis.")
-    tilt_deg: float = Field(
+    radius_m: Annotated[float, FIGURE] = Field(ge=1e-3, le=1000, description="Radius of the circle.")
+    rate_deg_s: Annotated[float, TURNING] = Field(
+        default=0.0, ge=-360, le=360, description="Angular rate of the circle about its axis."
+    )
+    tilt_deg: Annotated[float, TILT] = Field(
         default=0.0,
         ge=-90,
         le=90,

@@ -6,7 +6,7 @@ from pydantic import Field
 
 from swarm.scenario.motions.base import Course, Place, Spread
 from swarm.scenario.motions.paths import Path, line
-from swarm.scenario.table import Vector
+from swarm.scenario.table import AngularRate, Velocity
 from swarm.units import si
 
 
@@ -14,8 +14,8 @@ class Tumble(Spread):
     """The craft flies freely: a constant velocity and a free spin, without force or torque."""
 
     kind: Literal["tumble"] = Field(description="The craft flies and spins freely, without control.")
-    velocity_m_s: Vector = Field(default=(0.0, 0.0, 0.0), description="Velocity at the start.")
-    angular_rate_deg_s: Vector = Field(
+    velocity_m_s: Velocity = Field(default=(0.0, 0.0, 0.0), description="Velocity at the start.")
+    angular_rate_deg_s: AngularRate = Field(
         default=(0.0, 0.0, 0.0), description="Angular rate at the start, in the lighthouse frame."
     )
 

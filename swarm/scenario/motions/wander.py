@@ -4,6 +4,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, Strict
 
+from swarm.scenario.limits import ATTITUDE_SIGMA, BANDWIDTH, SPEED_SIGMA, SPIN_SIGMA
 from swarm.scenario.motions.base import Place, Turned
 from swarm.scenario.motions.paths import Path, Wandering
 from swarm.scenario.table import Extent, Vector
@@ -20,14 +21,18 @@ class Wander(Turned):
     size_m: Annotated[tuple[Extent, Extent, Extent], Strict(False)] = Field(
         default=(1.0, 1.0, 1.0), description="Edges of the box; the craft does not move along an edge of 0."
     )
-    speed_m_s: float = Field(
+    speed_m_s: Annotated[float, SPEED_SIGMA] = Field(
         default=0.3, ge=0, le=100, description="RMS speed, shared among the axes in proportion to the box's edges."
     )
-    turn_deg: float = Field(
+    turn_deg: Annotated[float, ATTITUDE_SIGMA] = Field(
         default=30.0, ge=0, le=180, description="Largest random turn about each body axis, beside the attitude."
     )
-    turn_rate_deg_s: float = Field(default=30.0, ge=0, le=3600, description="RMS angular rate of the random turn.")
-    bandwidth_hz: float = Field(default=1.0, ge=1e-4, le=30, description="Highest frequency of the motion.")
+    turn_rate_deg_s: Annotated[float, SPIN_SIGMA] = Field(
+        default=30.0, ge=0, le=3600, description="RMS angular rate of the random turn."
+    )
+    bandwidth_hz: Annotated[float, BANDWIDTH] = Field(
+        default=1.0, ge=1e-4, le=30, description="Highest frequency of the motion."
+    )
 
     def path(self, place: Place) -> Path:
         """Return random tones for the position, and for the turn, of which each axis has the same share of the rate."""
