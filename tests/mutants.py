@@ -4,6 +4,7 @@ A mutant is a good text in which one to four things were changed: a value, by on
 type; a line, doubled, dropped or moved; a table's head; letters anywhere; or the end, cut off.
 """
 
+import gzip
 import os
 import random
 import re
@@ -96,3 +97,114 @@ def _letters(text: str, rng: random.Random) -> str:
 
 def _cut(text: str, rng: random.Random) -> str:
     return text[: rng.randrange(len(text) + 1)]
+
+
+LIGHTHOUSE_2 = ("W {c} {k} {tick} 0", "B {c} {k} {tick} 0 +0.310936", "Y {c} {tick} 1", "W 6", "B x y z")
+POSES = (
+    *("1 2 3 1 0 0 0", "1 2 3 1 0 0 0 -1001", "1 2 3 1 0 0 0 LHB-FFFFFC17", "1 2 3 0 0 0 0", "nan nan nan 1 0 0 0"),
+    *(
+        "1e308 1e308 1e308 1e308 1e308 1e308 1e308",
+        "1 2 3",
+        "1 2 3 1 0 0 0 7 8",
+        "inf 0 0 1 0 0 0",
+        "0 0 0 1 0 0 0 " + "9" * 400,
+    ),
+)
+TICKS = ("0", "-1", "4294967295", "4294967296", "2147483648", "9" * 30, "1e9", "nan", "0x10", "", "1_000", "99999999")
+TIMES = ("0", "-1e9", "1e9", "1e308", "nan", "inf", "86400", "1e-300", "x")
+
+
+def recording_mutant(text: str, number: int) -> bytes:
+    """Return mutant `number` of a recording: lines or bytes damaged as disks, cables and editors do, or by spite."""
+    rng = random.Random(number)
+    lines = text.split("\n")
+    for _ in range(rng.choice((1, 1, 2, 3))):
+        lines = rng.choice((_repeated, _reordered, _dropped, _word, _word, _stations, _second_generation, _config))(
+            lines, rng
+        )
+    data = (
+        ("\r\n" if rng.random() < 0.05 else "\n")
+        .join(lines)
+        .encode(rng.choice(("utf-8",) * 9 + ("utf-16",)), "replace")
+    )
+    if rng.random() < 0.2:
+        data = _flipped(data, rng)
+    if rng.random() < 0.5:
+        data = gzip.compress(data, 1, mtime=0)
+        how = rng.randrange(4)
+        data = data[: rng.randrange(len(data))] if how == 0 else _flipped(data, rng) if how == 1 else data
+    return data + rng.choice((b"", b"", b"", b"\x00" * 5000, b"\n" * 5000, b"\x1f\x8b"))
+
+
+def _flipped(data: bytes, rng: random.Random) -> bytes:
+    out = bytearray(data)
+    for _ in range(rng.choice((1, 3, 50))):
+        if out:
+            out[rng.randrange(len(out))] ^= 1 << rng.randrange(8)
+    return bytes(out)
+
+
+def _some(lines: list[str], rng: random.Random) -> tuple[int, int]:
+    first = rng.randrange(len(lines) + 1)
+    return first, min(len(lines), first + rng.choice((1, 10, 1000)))
+
+
+def _repeated(lines: list[str], rng: random.Random) -> list[str]:
+    first, last = _some(lines, rng)
+    at = rng.randrange(len(lines) + 1)
+    return lines[:at] + lines[first:last] * rng.choice((1, 2)) + lines[at:]
+
+
+def _reordered(lines: list[str], rng: random.Random) -> list[str]:
+    first, last = _some(lines, rng)
+    block = lines[first:last]
+    rng.shuffle(block)
+    return lines[:first] + block + lines[last:]
+
+
+def _dropped(lines: list[str], rng: random.Random) -> list[str]:
+    first, last = _some(lines, rng)
+    return lines[:first] + lines[last:]
+
+
+def _word(lines: list[str], rng: random.Random) -> list[str]:
+    """Replace one word of some lines: a tick, a time, or anything."""
+    out = list(lines)
+    place = rng.randrange(8)
+    new = rng.choice(TIMES if place == 0 else TICKS if place in (4, 5) else HOSTILE)
+    for _ in range(rng.choice((1, 1, 20, 2000))):
+        i = rng.randrange(max(len(out), 1)) if out else 0
+        words = out[i].split(" ") if out else []
+        if place < len(words) and "CONFIG" not in words:
+            words[place] = new
+            out[i] = " ".join(words)
+    return out
+
+
+def _stations(lines: list[str], rng: random.Random) -> list[str]:
+    pose = f"{rng.choice(('0', '1', '2', '17', '-1', 'x'))} LH_POSE {rng.choice(POSES)}"
+    at = rng.randrange(len(lines) + 1)
+    return [*lines[:at], f"{rng.choice(('1.0', 'nan', '0'))} {pose}", *lines[at:]]
+
+
+def _second_generation(lines: list[str], rng: random.Random) -> list[str]:
+    out: list[str] = []
+    every, only = rng.choice((2, 50)), rng.random() < 0.3
+    for i, line in enumerate(lines):
+        words = line.split(" ")
+        light = len(words) > 4 and words[2] in ("C", "A")
+        if light and i % every == 0:
+            new = rng.choice(LIGHTHOUSE_2).format(c=6, k=words[3], tick=words[4])
+            out.append(f"{words[0]} {words[1]} {new}")
+        if not (light and only):
+            out.append(line)
+    return out
+
+
+def _config(lines: list[str], rng: random.Random) -> list[str]:
+    out = list(lines)
+    for i, line in enumerate(out):
+        head, mark, config = line.partition("CONFIG ")
+        if mark:
+            out[i] = head + mark + mutant([config], rng.randrange(10**6)).replace("\n", " ")
+    return out

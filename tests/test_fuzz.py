@@ -1,9 +1,18 @@
-"""Whatever a user writes becomes values, or one `SwarmError`: thousands of mutants of good texts."""
+"""Whatever a user writes becomes values, or one `SwarmError`: thousands of mutants of good texts.
+
+    SWARM_FUZZ_MUTANTS=30000 python -m pytest tests/test_fuzz.py           thirty thousand mutants of each kind of text
+    python tests/fuzz.py --scenarios 30000 --recordings 1000               the same scenarios built, recordings replayed
+
+The second one runs under limits of memory and of processor time; here a few of each keep it in order.
+"""
 
 import json
+from contextlib import nullcontext
 from pathlib import Path
 
+import made_recording
 import pytest
+from fuzz import faults, of_recordings, of_scenarios
 from mutants import HOSTILE, mutant, tracebacks
 from synthetic_recording import CHANNELS, FCAL, NORMALS, POINTS
 
@@ -76,6 +85,16 @@ def test_scenario_files(tmp_path: Path) -> None:
         assert again == settings
 
     assert tracebacks(texts, read) == []
+
+
+def test_accepted_scenarios_are_built_or_refused(tmp_path: Path) -> None:
+    texts = [scenarios()[name].read_text() for name in ("static", "crossing", "orbit")]
+    assert list(faults(range(40), of_scenarios(texts, tmp_path), nullcontext)) == []
+
+
+def test_recordings(tmp_path: Path) -> None:
+    text = "\n".join(made_recording.lines(made_recording.Made(duration_s=0.7)))
+    assert list(faults(range(12), of_recordings(text, tmp_path), nullcontext)) == []
 
 
 def test_overrides(tmp_path: Path) -> None:

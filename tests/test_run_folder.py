@@ -191,8 +191,9 @@ def full_disk(monkeypatch):
 
 def test_a_run_that_ends_on_a_full_disk_says_so_in_its_summary(tmp_path, full_disk):
     path = tmp_path / "r"
-    with pytest.raises(SwarmError, match="no room for the telemetry"), RunFolder(path):
-        full_disk()
+    folder = RunFolder(path)
+    full_disk()
+    with pytest.raises(SwarmError, match="no room for the telemetry"), folder:
         raise SwarmError("no room for the telemetry")
     run = open_run(path)
     assert (run.status, run.summary["reason"]) == ("interrupted", "no room for the telemetry")

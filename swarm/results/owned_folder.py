@@ -3,8 +3,9 @@
 A marker, a JSON file, is written first and says what the folder is worth: its `status` is "running" until the work has
 ended, then "complete" or "interrupted" (with a `reason`); work that was killed stays "running" for ever. Its `program`
 says which program wrote it, and that is the licence to replace the folder's files under `--force`: nothing else is ever
-deleted. While the work runs the marker is as long as `ROOM`, so that its end can be told in its place on a full disk. The lock is the operating system's (`flock` on the folder itself): it needs no file, and a process that dies
-gives it back.
+deleted. While the work runs, the marker is as long as `ROOM`, so that its end can be told in its place on a full disk.
+The lock is the operating system's (`flock` on the folder itself): it needs no file, and a process that dies gives it
+back.
 
     CONTENTS = Contents("a study", "study.json", ("study.toml", "runs.parquet"), {"telemetry": ("*.parquet",)})
     with OwnedFolder(path, CONTENTS, force=force) as folder:     # marked as running, emptied of earlier work
