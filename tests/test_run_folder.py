@@ -199,7 +199,7 @@ def test_a_run_that_ends_on_a_full_disk_says_so_in_its_summary(tmp_path, full_di
     assert (run.status, run.summary["reason"]) == ("interrupted", "no room for the telemetry")
 
 
-@pytest.mark.parametrize("figures", [{"periods": 7}, {"periods": 7, "craft": ["a" * 30] * 1000}])
+@pytest.mark.parametrize("figures", [{"periods": 7}, {"periods": 7, "craft": ["a" * 30] * 4000}])
 def test_the_figures_of_a_run_that_ends_on_a_full_disk_are_kept_if_they_fit(tmp_path, full_disk, figures):
     with RunFolder(tmp_path / "r") as folder:
         full_disk()

@@ -108,7 +108,7 @@ def _decode(
         np.empty(MAX_FLASHES, np.int64),
     )
     swept = np.empty(2, np.bool_)
-    count_of, rival = np.empty((present.shape[1], 2), np.int64), np.empty((present.shape[1], 2))
+    pulses_of, rival = np.empty((present.shape[1], 2), np.int64), np.empty((present.shape[1], 2))
     own = np.empty((3, photodiode.shape[1]), np.int64)
     for c in range(len(total)):
         p = 0
@@ -132,9 +132,9 @@ def _decode(
             foreign = flashes.mine[i] == 0 or flashes.code[i] & SKIP_BIT != 0
             if i != x and i != y and (flashes.code[i] < 0 or not (two_stations and foreign)):
                 out.rejected[c] += flashes.size[i]
-        count_of[:] = 0
+        pulses_of[:] = 0
         rival[:] = np.inf
-        hits = Hits(expected[c], count_of, rival, out.theta[c], out.offset_s[c])
+        hits = Hits(expected[c], pulses_of, rival, out.theta[c], out.offset_s[c])
         out.rejected[c] += _read_sweeps(own[:, :p], timing, last[c], swept, out.epoch_tick[c], hits)
         out.rejected[c] += choose(hits)
         for k in range(present.shape[1]):

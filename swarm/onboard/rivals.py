@@ -23,13 +23,13 @@ CHOICE_RATIO = 0.5
 class Hits(NamedTuple):
     """Pulses that one craft's photodiodes got in the sweeps of one period, by photodiode and fan, (K, 2) each.
 
-    expected: expected angle, NaN where there is none [rad]. count: number of pulses. rival: distance of the second
+    expected: expected angle, NaN where there is none [rad]. pulses: their number. rival: distance of the second
     nearest pulse from the expected angle [rad]. theta: angle of the nearest pulse, NaN without one [rad]. instant: its
     instant, 0 without one.
     """
 
     expected: Floats
-    count: Ints
+    pulses: Ints
     rival: Floats
     theta: Floats
     instant: Floats
@@ -54,12 +54,12 @@ def take(hits: Hits, photodiode: int, fan: int, angle: float, instant: float) ->
         instant: its instant, in whatever unit the caller counts.
     """
     k = photodiode
-    hits.count[k, fan] += 1
+    hits.pulses[k, fan] += 1
     away = abs(angle - hits.expected[k, fan])
     before = abs(hits.theta[k, fan] - hits.expected[k, fan])
-    if hits.count[k, fan] > 1:
+    if hits.pulses[k, fan] > 1:
         hits.rival[k, fan] = min(hits.rival[k, fan], max(away, before))
-    if hits.count[k, fan] == 1 or away < before:
+    if hits.pulses[k, fan] == 1 or away < before:
         hits.theta[k, fan], hits.instant[k, fan] = angle, instant
 
 
@@ -67,14 +67,14 @@ def take(hits: Hits, photodiode: int, fan: int, angle: float, instant: float) ->
 def choose(hits: Hits) -> int:
     """Drop every pulse that is not chosen among several, and return the number of dropped pulses."""
     dropped = 0
-    for k in range(len(hits.count)):
+    for k in range(len(hits.pulses)):
         for fan in range(2):
-            if hits.count[k, fan] < 2:
+            if hits.pulses[k, fan] < 2:
                 continue
             away = abs(hits.theta[k, fan] - hits.expected[k, fan])
             if away <= CHOICE_RAD and away < CHOICE_RATIO * hits.rival[k, fan]:
-                dropped += hits.count[k, fan] - 1
+                dropped += hits.pulses[k, fan] - 1
             else:
                 hits.theta[k, fan], hits.instant[k, fan] = np.nan, 0.0
-                dropped += hits.count[k, fan]
+                dropped += hits.pulses[k, fan]
     return dropped

@@ -31,8 +31,8 @@ RUNS = Path("runs")
 """Folder in which results go by default, and are looked for."""
 Status = Literal["running", "complete", "interrupted"]
 STOPPED = "stopped by the user"
-ROOM = 16 * 1024
-"""Bytes of a marker of work that is running, most of them blanks: the summary of a run of ten craft takes that much."""
+ROOM = 64 * 1024
+"""Bytes of a marker of work that is running, most of them blanks: the summary of a run of 25 craft takes that much."""
 
 
 class Contents(NamedTuple):

@@ -72,7 +72,10 @@ PROBABILITY = Why("a probability is at least 0", "a probability is at most 1")
 SHARE_OF_NOISE = Why("a share is at least 0", "a share is at most 1: all noise is the rotor's")
 SHARE = Why("one in a million sweeps is one in some hours of a craft's light", "a share is at most 1")
 MOMENT = Why("a run begins at 0 s", _DAY)
-PAUSE = Why("a time is not negative", _DAY)
+SETTLING = Why(
+    "the first poses tell no velocity: a craft that relied on them at once would throw itself about",
+    "after an hour of good poses nothing better is to come",
+)
 SPAN = Why(f"a shorter time falls between two periods: {_PERIOD}", _DAY)
 ONCE = Why("less than once in 30 years: a run of a day never sees it", "ten times a second is one lasting fault")
 POSITION = Why(*[_FAR] * 2)
@@ -175,6 +178,7 @@ ALERT_ATTITUDE = Why("a millionth of a degree is finer than any pose", _HALF_TUR
 BANDWIDTH = Why("a slower motion takes hours for one sway", "a faster motion shakes between two periods of 60 Hz")
 GLIDESLOPE = Why("a craft cannot brake within a tenth of a second", "an hour for the last metre is never flown")
 CONTACT_SPEED = Why(SPEED.low, "a contact at more than 10 m/s is a collision")
+LOST = Why(SPAN.low, "after an hour without a pose a craft is lost by any measure")
 CORRIDOR = Why("a cone opens by 0 deg or more", "a cone of 90 deg or more is no corridor")
 RETREATS = Why("a number is not negative", "a thousand retreats take longer than any run")
 

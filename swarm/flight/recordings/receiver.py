@@ -61,5 +61,5 @@ def _choose(sweeps: Sweeps, expected: Floats) -> SweepAngles:
         take(hits, k, fan, angle, offset)
     dropped, none = choose(hits), np.zeros(1, dtype=np.int64)
     theta = hits.theta[None]
-    lit = np.isfinite(theta).all(axis=2)
+    lit: Bools = np.isfinite(theta[..., 0]) & np.isfinite(theta[..., 1])
     return SweepAngles(theta, hits.instant[None], lit, none + sweeps.epoch_tick, none, none + dropped)

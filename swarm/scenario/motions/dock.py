@@ -13,10 +13,10 @@ from swarm.scenario.limits import (
     CORRIDOR,
     GLIDESLOPE,
     LENGTH,
+    LOST,
     MOMENT,
-    PAUSE,
     RETREATS,
-    SPAN,
+    SETTLING,
     SPEED,
 )
 from swarm.scenario.motions.base import Course, Place
@@ -82,7 +82,7 @@ class Dock(Guided):
         le=1000,
         description="Largest standard deviation of the position; a craft that is less sure counts as lost, and stops.",
     )
-    lost_s: Annotated[float, SPAN] = Field(
+    lost_s: Annotated[float, LOST] = Field(
         default=0.25,
         ge=1e-3,
         le=3600,
@@ -91,9 +91,9 @@ class Dock(Guided):
     brake_m_s2: Annotated[float, ACCELERATION] = Field(
         default=0.05, ge=1e-6, le=100, description="Acceleration by which a lost craft brakes."
     )
-    settle_s: Annotated[float, PAUSE] = Field(
+    settle_s: Annotated[float, SETTLING] = Field(
         default=1.0,
-        ge=0,
+        ge=0.1,
         le=3600,
         description="Time for which the navigation must be good before the craft relies on it.",
     )
