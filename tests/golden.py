@@ -481,7 +481,7 @@ def _experiment(name: str, folder: Path) -> Values:
     values = Values()
     values.table("data", pq.read_table(folder / "out" / "data.parquet"))
     comparison = json.loads((folder / "out" / "comparison.json").read_text(encoding="utf-8"))
-    values.tree("comparison", comparison, ("program", "version", "versions", "status"))
+    values.tree("comparison", comparison, ("program", "version", "versions", "status", "sample"))
     return values
 
 

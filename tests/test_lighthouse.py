@@ -251,13 +251,26 @@ def test_sweep_width_is_the_face_over_the_fans_speed(
     np.testing.assert_allclose(widths, expected, atol=0.5001)
 
 
-def sampled_errors(table: Station, craft: int, frames: int) -> Floats:
-    """Angle errors (frames, craft, photodiodes, fans) [rad] of craft at rest, by decoding the pulses."""
-    motion, layout = FreeMotion(8, craft), layout_of([5] * craft)
+def sampled_errors(table: Station, craft: int, frames: int, photodiodes: int = 5) -> Floats:
+    """Angle errors (frames, craft, photodiodes, fans) [rad] of craft at rest, all pulses decoded at once."""
+    motion, layout = FreeMotion(8, craft), layout_of([photodiodes] * craft)
     motion.velocity[:], motion.turn[:] = 0, 0
     lighthouse = Lighthouse(layout, table, seed=5)
-    truth, lit, ideal = motion.period(0), all_lit(layout), ideal_theta(motion.points(layout, 0.0))
-    return np.array([angles(lighthouse, lighthouse.sweep(truth, f, lit)) - ideal for f in range(frames)])
+    truth, lit = motion.period(0), all_lit(layout)
+    logged = [lighthouse.sweep(truth, f, lit) for f in range(frames)]
+    which, rise, width = (np.stack([getattr(p, name) for p in logged]) for name in Pulses._fields[:3])
+    tick_s = lighthouse.settings.tick_s
+    flash = [width == round((SYNC_WIDTH_S + code * SYNC_WIDTH_STEP_S) / tick_s) for code in (0, 1)]
+    # All photodiodes see a flash at the same tick. Counted from it, ticks are exact in a double.
+    zero = [np.where(seen, rise, 0).sum(axis=2) // photodiodes for seen in flash]
+    theta = np.full((frames, craft, photodiodes, 2), np.nan)
+    f, c, n = np.nonzero(~flash[0] & ~flash[1])
+    assert len(f) == theta.size, "every photodiode is swept by both fans, and no pulse is anything else"
+    at = rise[f, c, n]
+    fan = (at > zero[1][f, c]).astype(np.int64)
+    since = at - np.where(fan == 1, zero[1][f, c], zero[0][f, c])
+    theta[f, c, which[f, c, n], fan] = W * tick_s * (since + width[f, c, n] / 2)
+    return theta - ideal_theta(motion.points(layout, 0.0))
 
 
 def inside(sum_of_squares: float, count: int) -> bool:
@@ -267,9 +280,10 @@ def inside(sum_of_squares: float, count: int) -> bool:
 
 
 def test_noise_has_a_shared_and_an_own_part_of_the_right_size() -> None:
-    rho, frames, craft, k = 0.8717, 300, 3, 5
+    """5000 sweeps: a variance is known to 2 % (1 sigma), so that rho for sqrt(rho), 13 % less, is 6 sigma away."""
+    rho, frames, craft, k = 0.8717, 5000, 2, 3
     # Ticks of 0.1 ns: their rounding (4e-8 rad) is a thousandth of the noise.
-    errors = sampled_errors(station(angle_noise_arcsec=8.8, tick_ns=0.1), craft, frames) / NOISE
+    errors = sampled_errors(station(angle_noise_arcsec=8.8, tick_ns=0.1), craft, frames, k) / NOISE
     shared = errors.mean(axis=(1, 2))
     own = errors - shared[:, None, None, :]
     n = craft * k
@@ -285,8 +299,8 @@ def test_noise_has_a_shared_and_an_own_part_of_the_right_size() -> None:
 
 
 def test_sync_jitter_shifts_all_angles_of_a_sweep_alike() -> None:
-    frames, jitter = 300, 1e-6
-    errors = sampled_errors(station(sync_jitter_ns=1e9 * jitter, tick_ns=0.1), 2, frames)
+    frames, jitter = 5000, 1e-6
+    errors = sampled_errors(station(sync_jitter_ns=1e9 * jitter, tick_ns=0.1), 2, frames, 2)
     # Rounding to ticks of 0.1 ns is all that differs between photodiodes.
     assert np.ptp(errors, axis=(1, 2)).max() <= 2.001 * W * 1e-10
     # A late flash makes every angle smaller.

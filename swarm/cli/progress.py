@@ -14,7 +14,7 @@ from rich.text import Text
 from swarm.results.progress import Progress
 from swarm.studies.campaign.conduct import StudyProgress
 
-PLAIN_EVERY_S = 5.0
+PLAIN_EVERY_S = 10.0
 """Wall time between two plain lines."""
 COMPILES_FOR_S = 30
 """Time that compiling takes on a core of 2023 that does little else."""

@@ -8,6 +8,8 @@ import typer
 from swarm.cli.terminal import error_message, mistakes, stoppable
 
 Size = Annotated[int | None, typer.Option(metavar="N", help="Run a smaller, quicker form; see the list.")]
+LONG_S = 20.0
+"""Processor time from which a command says beforehand how long it takes."""
 
 
 def reproduce(
@@ -19,6 +21,8 @@ def reproduce(
     runs: Size = None,
     seconds: Size = None,
     draws: Size = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Take a smaller sample, for a first look.")] = False,
+    listed: Annotated[bool, typer.Option("--list", help="List all experiments, and how long they take.")] = False,
     seed: Annotated[int | None, typer.Option("--seed", metavar="N", help="Use this seed instead of its own.")] = None,
     out: Annotated[
         Path | None,
@@ -31,28 +35,23 @@ def reproduce(
     \b
     swarm reproduce
     swarm reproduce lighthouse-static
+    swarm reproduce lidar-acquisition --quick
     swarm reproduce lighthouse-static --poses 5 --frames 300
 
-    Without EXPERIMENT, all are listed, with what makes each smaller.
+    Without EXPERIMENT, or with --list, all are listed: how long each takes, and what makes it smaller.
     The files: data.parquet, figure.png, figure.svg, comparison.json.
     """
     with mistakes():
         from swarm.studies.papers import find
         from swarm.studies.papers import reproduce as repeat
-        from swarm.studies.papers.catalogue import EXPERIMENTS
+        from swarm.studies.papers.catalogue import MACHINE
 
-        if experiment is None:
-            for name in EXPERIMENTS:
-                known = find(name)
-                sizes = " ".join(f"--{size} {value}" for size, value in known.sizes.items())
-                typer.echo(f"swarm reproduce {name}")
-                typer.echo(f"  {known.source}, {known.figure}: {known.about}")
-                typer.echo(f"  {sizes}")
+        if experiment is None or listed:
+            _list()
             return
         asked = {"poses": poses, "frames": frames, "runs": runs, "seconds": seconds, "draws": draws}
         sizes_asked = {size: value for size, value in asked.items() if value is not None}
-        find(experiment)
-
+        known = find(experiment)
         from rich.console import Console
 
         from swarm.cli.progress import ProgressDisplay
@@ -61,6 +60,33 @@ def reproduce(
         def say(name: str) -> None:
             error_message(f"stopped by {name} before anything was written")
 
+        takes_s = known.quick_takes_s if quick else known.takes_s
+        if takes_s >= LONG_S and not sizes_asked:
+            shorter = "" if quick else f"; --quick: {_time(known.quick_takes_s)}"
+            Console(stderr=True).print(f"{experiment} takes {_time(takes_s)} on {MACHINE}{shorter}", highlight=False)
         with stoppable(say), ProgressDisplay(Console(stderr=True), experiment) as progress:
-            done = repeat(experiment, out=out, force=force, seed=seed, sizes=sizes_asked, progress=progress.experiment)
+            tell = progress.experiment
+            done = repeat(experiment, out=out, force=force, seed=seed, sizes=sizes_asked, quick=quick, progress=tell)
         print_comparison(Console(), done)
+
+
+def _list() -> None:
+    """Print every experiment: its source, how long it takes, and its sizes."""
+    from swarm.studies.papers.catalogue import EXPERIMENTS, MACHINE
+
+    for name, known in EXPERIMENTS.items():
+        sizes, quick = (
+            " ".join(f"--{size} {value}" for size, value in of.items()) for of in (known.sizes, known.quick)
+        )
+        typer.echo(f"swarm reproduce {name}")
+        typer.echo(f"  {known.source}, {known.figure}: {known.about}")
+        typer.echo(f"  {_time(known.takes_s)}: {sizes}")
+        typer.echo(f"  {_time(known.quick_takes_s)} with --quick: {quick}")
+    typer.echo(
+        f"\nTimes on {MACHINE}. A busy machine takes several times as long; the first run compiles, half a minute."
+    )
+
+
+def _time(seconds: float) -> str:
+    """Return a time in words, to about a third."""
+    return f"about {seconds:.0f} s" if seconds < 100 else f"about {seconds / 60:.0f} min"

@@ -289,7 +289,7 @@ class Integrity(Table):
         default=None,
         description="Whether the residuals of every pose are tested, and photodiodes that disagree are left out. "
         "Unset: true where the angle noise accounts for every error, that is, with motion compensation, and with a "
-        "calibration where fans or mountings have errors.",
+        "calibration where fans or mountings have errors: of every craft's photodiodes, where mountings have.",
     )
     false_alarm_probability: Annotated[float, RARE] = Field(
         default=1e-7, ge=1e-15, lt=0.5, description="Probability that the residual test rejects a pose without fault."

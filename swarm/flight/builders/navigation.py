@@ -48,10 +48,7 @@ def navigation(settings: Scenario) -> NavigationSettings:
 
 def _integrity(settings: Scenario) -> IntegritySettings:
     table, station = si(settings.navigation.integrity), si(settings.lighthouse)
-    drawn = settings.lighthouse
-    faultless = drawn.mounting_error_mm == 0 and drawn.fan_x == drawn.fan_y == scenario.Fan()
-    uncalibrated = settings.navigation.calibration is None and not faultless
-    test = settings.navigation.motion_compensation and not uncalibrated
+    test = settings.navigation.motion_compensation and _every_error_is_known(settings)
     # Two flashes, each off by at most a tick's rounding and eight sigma of jitter.
     doubt = (2 * station.tick_s + 8 * sqrt(2) * station.sync_jitter_s) * station.rate_hz
     return IntegritySettings(
@@ -63,6 +60,17 @@ def _integrity(settings: Scenario) -> IntegritySettings:
         alert_attitude_rad=inf if table.alert_attitude_rad is None else table.alert_attitude_rad,
         tick_s=station.tick_s,
         speed_tolerance=max(SPEED_TOLERANCE, doubt),
+    )
+
+
+def _every_error_is_known(settings: Scenario) -> bool:
+    """Tell whether fans and mountings are without errors, or a calibration takes off those of every craft."""
+    drawn, file = settings.lighthouse, settings.navigation.calibration
+    if file is None:
+        return drawn.mounting_error_mm == 0 and drawn.fan_x == drawn.fan_y == scenario.Fan()
+    placed = read_calibration(file).by_name if drawn.mounting_error_mm else {}
+    return not drawn.mounting_error_mm or all(
+        craft.name in placed or craft.model.stem in placed for craft in scenario.craft(settings)
     )
 
 

@@ -31,6 +31,7 @@ def reproduce(
     force: bool = False,
     seed: int | None = None,
     sizes: Mapping[str, int] | None = None,
+    quick: bool = False,
     progress: Callable[[float, str], None] | None = None,
 ) -> "Reproduction":
     """Repeat the experiment `name` and write its results.
@@ -40,7 +41,8 @@ def reproduce(
         out: Folder of the results; default `runs/<name>-<seed>`.
         force: Replace what an earlier experiment left there.
         seed: Replaces the experiment's own seed.
-        sizes: Replace the full experiment's sizes, by name.
+        sizes: Replace the experiment's sizes, by name.
+        quick: Take the sizes of a first look instead of the full experiment's.
         progress: Is told now and then the share that is done, and what is being done.
 
     Returns:
@@ -50,7 +52,7 @@ def reproduce(
         SwarmError: There is no such experiment or size, a value is wrong, or `out` cannot be written.
     """
     experiment = find(name)
-    chosen = {**experiment.sizes}
+    chosen = {**experiment.sizes, **(experiment.quick if quick else {})}
     for size, value in (sizes or {}).items():
         if size not in chosen:
             taken = " and ".join(f"--{known}" for known in chosen) or "none"

@@ -85,11 +85,17 @@ class Request(NamedTuple):
         """Return the generator of the experiment's random draws."""
         return np.random.default_rng(self.seed)
 
-    def each(self, items: Sequence[T], name: str) -> Iterator[T]:
-        """Yield the items, and tell the progress after each, as "`name` 3 of 10"."""
+    def each(self, items: Sequence[T], name: str, part: tuple[int, int] = (0, 1)) -> Iterator[T]:
+        """Yield the items, and tell the progress after each, as "`name` 3 of 10".
+
+        Args:
+            items: What to go through.
+            name: Name of one of them, for the message.
+            part: Number of the part of the experiment that they are, from 0, and number of parts.
+        """
         for i, item in enumerate(items, start=1):
             yield item
-            self.progress(i / len(items), f"{name} {i} of {len(items)}")
+            self.progress((part[0] + i / len(items)) / part[1], f"{name} {i} of {len(items)}")
 
     def refuse_below(self, fewest: int, purpose: str, *names: str) -> None:
         """Raise SwarmError where the product of these sizes is too small.

@@ -5,7 +5,7 @@ a turntable that jumps. Twice on the same scans: each against the known *model* 
 (the paper's, whose errors accumulate).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -57,9 +57,10 @@ def run(request: Request) -> Outcome:
     rng, bench = request.rng(), Turntable(request.seed)
     tracks, length = min(request.sizes["runs"], len(STARTS_DEG)), request.sizes["frames"]
     steps: list[Step] = []
-    for i in request.each(range(tracks), "track"):
+    for i in range(tracks):
         random = rng.uniform(-RANGE_DEG, RANGE_DEG, (length - 1, 3))
-        steps += follow(bench, np.concatenate([np.full((1, 3), STARTS_DEG[i]), random]), i)
+        angles = np.concatenate([np.full((1, 3), STARTS_DEG[i]), random])
+        steps += follow(bench, request.each(angles, f"track {i + 1} of {tracks}, scan", (i, tracks)), i)
     note = (
         f"{tracks} tracks of {length} scans: an acquisition, then attitudes drawn within {RANGE_DEG:g} deg about each "
         "axis. Growth: least squares through the errors of a track against the number of the scan."
@@ -68,12 +69,12 @@ def run(request: Request) -> Outcome:
     return Outcome(compare(steps), data(columns(steps)), drawn, (note,))
 
 
-def follow(bench: Turntable, angles_deg: Floats, number: int) -> list[Step]:
+def follow(bench: Turntable, angles_deg: Iterable[Floats], number: int) -> list[Step]:
     """Follow the target through one track.
 
     Args:
         bench: The turntable.
-        angles_deg: Its roll, pitch and yaw at every scan (n, 3) [deg].
+        angles_deg: Its roll, pitch and yaw (3,) at every scan [deg].
         number: The track's number.
     """
     steps: list[Step] = []

@@ -22,10 +22,11 @@ def run(request: Request) -> Outcome:
     per_track = round(TRACK_DEG / STEP_DEG)
     yaw = STEP_DEG * np.arange(number)
     steps: list[Step] = []
-    for begin in request.each(range(0, number, per_track), "track"):
+    starts = range(0, number, per_track)
+    for i, begin in enumerate(starts):
         part = yaw[begin : begin + per_track]
         angles = np.stack([np.zeros_like(part), np.zeros_like(part), part], axis=1)
-        steps += follow(bench, angles, begin // per_track)
+        steps += follow(bench, request.each(angles, f"track {i + 1} of {len(starts)}, scan", (i, len(starts))), i)
     points, error = np.array([s.points for s in steps]), np.array([s.model_deg for s in steps])
     few, many = error[points <= np.quantile(points, FEW)], error[points >= np.quantile(points, MANY)]
     edge_on = under(

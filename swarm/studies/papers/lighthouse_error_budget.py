@@ -30,6 +30,7 @@ import numpy as np
 
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats
+from estimators.lighthouse.dop import dilution
 from estimators.lighthouse.pnp import PoseSolution
 from estimators.lighthouse.sweep import FanErrors, FanPair
 from swarm import figures
@@ -45,6 +46,7 @@ BOX = Box((0.0, 0.0, 3.0), (4.0, 2.0, 4.0), np.deg2rad(30))
 SPEED_M_S, RATE_RAD_S = 0.3, np.deg2rad(40)
 """RMS, as in `handheld.toml`."""
 SQUARES = (0.9, 1.1)
+SHARE_POSES = 5000
 
 STRAIGHTNESS, ONCE_PER_TURN, SKEW = "line straightness", "motor, once per turn", "axis skew"
 ROTOR, JITTER, MOUNTING = "motor, random", "sync jitter", "mounting"
@@ -128,7 +130,8 @@ def run(request: Request) -> Outcome:
         "Poses are PnP's. raw: at rest, frames not aligned.",
     )
     grid = Grid("Contribution, RMS", COLUMNS, [(name, tuple(map(float, row))) for name, row in budget.items()])
-    return Outcome(_compare(budget), data(_columns(budget)), _draw(budget), notes, (grid,))
+    lines = [*_compare(budget), *_rotor_share(bench, request.seed)]
+    return Outcome(lines, data(_columns(budget)), _draw(budget), notes, (grid,))
 
 
 def random_sizes(bench: Bench) -> Sizes:
@@ -240,6 +243,30 @@ def _compare(budget: dict[str, Floats]) -> list[Line]:
     ]
     ratios = [Line(f"{what}, at rest", "", "about 10", float(systematic[k] / chance[k])) for k, what in enumerate(WHAT)]
     return under("Sum of squares / square of the total", *sums) + under("Systematic / random errors", *ratios)
+
+
+def _rotor_share(bench: Bench, seed: int) -> list[Line]:
+    """Return what the rotor's noise, rho of the angles' variance, makes of the position's, pose by pose, by (18).
+
+    H is linear in the angles' covariance, so that the photodiodes' own part is (1 - rho) H(0).
+    """
+    rho = bench.settings.rotor_correlation
+    motion, lit = draw_motion(bench, np.random.default_rng([seed, 1]), SHARE_POSES)
+    points, still = np.broadcast_to(bench.point_m, (SHARE_POSES, *bench.point_m.shape)), np.zeros((SHARE_POSES, 3))
+    every, at_once = np.ones(SHARE_POSES, dtype=np.bool_), np.zeros((*lit.shape, 2))
+
+    def square(correlation: float) -> Floats:
+        pose = motion.rotation, motion.position
+        found: Floats = dilution(*pose, lit, points, at_once, still, still, correlation, every).pdop_m_per_rad ** 2
+        return found
+
+    share = 100 * (1 - (1 - rho) * square(0.0) / square(rho))
+    return under(
+        f"Rotor's noise, {100 * rho:.0f} % of the angles' variance: share of the position's",
+        Line("median of the poses", "%", None, float(np.median(share))),
+        Line("95 % of the poses below", "%", None, float(np.quantile(share, 0.95))),
+        Line("largest", "%", None, float(share.max())),
+    )
 
 
 def _columns(budget: dict[str, Floats]) -> Columns:

@@ -4,6 +4,7 @@
     figure.png, .svg   the figure
     comparison.json    every line of the comparison, with seed, sizes, versions
 
+Where the sample is smaller than the full experiment's, all of them and the terminal say so.
 Nothing is written before the experiment is done. `comparison.json` is the folder's marker.
 """
 
@@ -38,6 +39,7 @@ class Reproduction:
     folder: Path
     experiment: Experiment
     outcome: Outcome
+    sample: str = "full"
 
 
 def write(
@@ -56,8 +58,12 @@ def write(
     Raises:
         SwarmError: There is an earlier experiment, or the folder cannot be written.
     """
+    sample, table_ = experiment.sample(request.sizes), outcome.data
+    if sample != "full":
+        outcome.figure.supxlabel(_smaller(sample), size=7, color="#555555")
+        table_ = table_.replace_schema_metadata({**(table_.schema.metadata or {}), "sample": sample})
     with OwnedFolder(folder, CONTENTS, force=force) as owned:
-        owned.replace(DATA, lambda file: write_table(outcome.data, file))
+        owned.replace(DATA, lambda file: write_table(table_, file))
         for file in (PNG, SVG):
             owned.replace(file, lambda temporary: save(outcome.figure, temporary, salt=name))
         body = {
@@ -67,13 +73,14 @@ def write(
             "figure": experiment.figure,
             "seed": request.seed,
             "sizes": dict(request.sizes),
+            "sample": sample,
             "versions": {"python": platform.python_version(), **{package: version(package) for package in VERSIONS}},
             "comparison": [{**line._asdict(), "met": line.met} for line in outcome.comparison],
             "tables": [{**grid._asdict(), "rows": dict(grid.rows)} for grid in outcome.grids],
             "notes": outcome.notes,
         }
         owned.finish(_without_nan(body))
-    return Reproduction(folder, experiment, outcome)
+    return Reproduction(folder, experiment, outcome, sample)
 
 
 def print_comparison(console: Console, done: Reproduction) -> None:
@@ -87,11 +94,17 @@ def print_comparison(console: Console, done: Reproduction) -> None:
         console.print(printed)
     console.print()
     _print_lines(console, done.outcome.comparison)
+    if done.sample != "full":
+        console.print(Text(f"\n{_smaller(done.sample)}", "yellow"))
     for note in done.outcome.notes:
         console.print(f"\n{note}", highlight=False, markup=False)
     console.print(f"\n{done.folder}/", highlight=False, markup=False, soft_wrap=True)
     for file, meaning in ((DATA, "what the figure shows"), (PNG, "the figure; also .svg"), (COMPARISON, "this table")):
         console.print(Text.assemble(f"  {file:<16}", (meaning, "dim")))
+
+
+def _smaller(sample: str) -> str:
+    return f"Smaller sample: {sample}. The targets are those of the full experiment."
 
 
 def _print_lines(console: Console, lines: list[Line]) -> None:
