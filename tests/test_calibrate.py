@@ -290,6 +290,25 @@ def test_calibration_files_that_do_not_fit(command, tmp_path, verb, content, mes
     assert not (tmp_path / "runs").exists()
 
 
+def test_residuals_are_tested_only_where_the_calibration_places_the_photodiodes_of_every_craft(tmp_path):
+    """The mounting errors of a craft that has none of its own in the file look like false photodiodes."""
+    head, points = "[fan_x]\n[fan_y]\n", "point_m = [[0,0,0]]\n"
+    mounted = ["swarm.count=2", "lighthouse.mounting_error_mm=0.5"]
+    for tables, values, tested in (
+        (("craft-0",), mounted, False),
+        (("craft-0", "craft-1"), mounted, True),
+        (("mockup",), mounted, True),
+        ((), mounted, False),
+        ((), ["swarm.count=2", "lighthouse.fan_x={phase_rad=0.01}"], True),
+        (None, ["swarm.count=2"], True),
+        (None, mounted, False),
+    ):
+        file = tmp_path / "c.toml"
+        file.write_text(head + "".join(f"[photodiodes.{name}]\n{points}" for name in tables or ()))
+        settings = load("formation", [*values, *([f"navigation.calibration='{file}'"] if tables is not None else [])])
+        assert builders.navigation(settings).integrity.residual_test is tested, (tables, values)
+
+
 def test_a_models_photodiodes_are_those_of_every_craft_of_it(tmp_path):
     layout = Flight(load("formation", ["swarm.count=2"])).world.photodiodes
     model, single = layout.point_m[0] + 1e-3, layout.point_m[0] + 2e-3

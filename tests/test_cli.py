@@ -212,6 +212,8 @@ def test_reproduce_lists_every_experiment_with_its_source_and_figure(command: Co
     for name in EXPERIMENTS:
         experiment = find(name)
         assert f"swarm reproduce {name}\n  {experiment.source}, {experiment.figure}: {experiment.about}\n" in out
+    assert re.search(r"about 25 min: --poses 125 --draws 1000\n  about 80 s with --quick: --poses 10 --draws 40", out)
+    assert command("reproduce", "lighthouse-static", "--list").out == out
 
 
 def test_reproduce_does_an_experiment_and_prints_paper_beside_ours(command: Command) -> None:

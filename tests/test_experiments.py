@@ -5,6 +5,7 @@ The full ones are commands (`swarm reproduce`): their figures stand in docs/expe
 
 import json
 from importlib import import_module
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -311,6 +312,40 @@ def test_results_are_written_and_printed(tmp_path, monkeypatch):
     ):
         assert words in text
     console.file.close()
+
+
+def test_a_smaller_sample_is_said_in_the_table_and_in_every_file(tmp_path, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    larger = EXPERIMENT._replace(sizes={"poses": 50})
+    assert EXPERIMENT.sample({"poses": 1}) == "full"
+    assert larger.sample({"poses": 1}) == "1 of 50 poses"
+    for out, experiment, words in (("full", EXPERIMENT, None), ("quick", larger, "1 of 50 poses")):
+        done = write(tmp_path / out, "some-name", experiment, request(3), outcome())
+        console = Console(width=120, record=True, file=StringIO())
+        print_comparison(console, done)
+        assert ("Smaller sample: 1 of 50 poses" in console.export_text()) == (words is not None)
+        assert json.loads((tmp_path / out / "comparison.json").read_text())["sample"] == (words or "full")
+        metadata = pq.read_schema(tmp_path / out / "data.parquet").metadata or {}
+        assert metadata.get(b"sample") == (words.encode() if words else None)
+        assert ("Smaller sample" in (tmp_path / out / "figure.svg").read_text()) == (words is not None)
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_the_quick_form_of_an_experiment_is_a_smaller_sample_that_takes_less_time(name):
+    experiment = find(name)
+    assert set(experiment.quick) == set(experiment.sizes)
+    assert experiment.sample({**experiment.sizes, **experiment.quick}) != "full"
+    assert 0 < experiment.quick_takes_s < experiment.takes_s
+    assert experiment.quick_takes_s < 100
+
+
+def test_parts_of_an_experiment_share_its_progress():
+    told: list[tuple[float, str]] = []
+    asked = Request(1, {}, lambda share, what: told.append((share, what)))
+    for part in range(2):
+        assert list(asked.each("ab", f"part {part}, item", (part, 2))) == ["a", "b"]
+    assert [share for share, _ in told] == [0.25, 0.5, 0.75, 1.0]
+    assert told[2][1] == "part 1, item 1 of 2"
 
 
 def test_an_experiment_is_not_overwritten_without_force(tmp_path):
