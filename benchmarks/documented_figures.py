@@ -11,7 +11,7 @@ A comment before a paragraph or a table of a page says what prints its figures. 
 idle cores, and the command; `&&` joins commands that need each other's files:
 
     <!-- figures (5 min): python benchmarks/integrity.py
-    1.047 times = position_rms_ratio
+    1.046 times = position_rms_ratio
     row position error RMS = clean.position_rms_mm ; with_ghosts.position_rms_mm
     -->
 
