@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from swarm.flight.replay import replay
     from swarm.flight.simulate import simulate
     from swarm.results.run_folder import Run, open_run
+    from swarm.results.smoothing import smooth
     from swarm.scenario import Scenario, load
     from swarm.studies.calibration.calibrate import calibrate_survey
     from swarm.studies.calibration.survey import observe_recording, observe_run
@@ -32,6 +33,7 @@ __all__ = [
     "open_run",
     "replay",
     "simulate",
+    "smooth",
 ]
 
 _HOME = {
@@ -45,6 +47,7 @@ _HOME = {
     "open_run": "swarm.results.run_folder",
     "replay": "swarm.flight.replay",
     "simulate": "swarm.flight.simulate",
+    "smooth": "swarm.results.smoothing",
 }
 
 

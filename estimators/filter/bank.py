@@ -21,6 +21,7 @@ from estimators.filter.error_state import (
     RATE_COLUMNS,
     STATES,
     innovations_into,
+    transitions_into,
 )
 from estimators.kernel import kernel
 from estimators.rotation import exp
@@ -193,6 +194,12 @@ class FilterBank(ABC):
         if np.any(step[mask] < 0):
             raise ValueError(f"dt: {step[mask].min()} s is negative")
         self._predict(mask, step)
+
+    def transition(self, dt: float) -> Floats:
+        """Return F (C, 12, 12) of the next `predict` by `dt` [s], from the states as they are; NaN where inactive."""
+        out = np.full_like(self._covariance, np.nan)
+        transitions_into(self._active, self._state.angular_rate, np.full(len(self._active), float(dt)), out)
+        return out
 
     def add_motion(self, mask: Bools, turn: Floats, rate: Floats, shift: Floats, velocity: Floats) -> None:
         """Add known motion to the prediction, as of the craft's own actuators; the covariance stays as it is.

@@ -60,6 +60,21 @@ def transition_into(angular_rate: Floats, dt: float, out: Floats) -> None:
 
 
 @kernel
+def transitions_into(mask: Bools, angular_rate: Floats, step: Floats, out: Floats) -> None:
+    """`transition_into` for the craft of the mask.
+
+    Args:
+        mask: (C,).
+        angular_rate: (C, 3) [rad/s].
+        step: (C,) [s].
+        out: (C, 12, 12), receives F.
+    """
+    for c in range(len(mask)):
+        if mask[c]:
+            transition_into(angular_rate[c], step[c], out[c])
+
+
+@kernel
 def process_noise_into(dt: float, acceleration: float, angular_acceleration: float, out: Floats) -> None:
     """Write Q for one step with white accelerations that are constant over it.
 

@@ -18,6 +18,7 @@ from swarm.cli.replay import replay
 from swarm.cli.report import report
 from swarm.cli.reproduce import reproduce
 from swarm.cli.run import run
+from swarm.cli.smooth import smooth
 from swarm.cli.streams import ended_by_output, open_streams
 from swarm.cli.study import study
 from swarm.cli.terminal import error_message, stopping_once
@@ -100,5 +101,5 @@ def _swarm(
 
 
 app.command("list")(list_all)
-for command in (run, view, check, replay, reproduce, calibrate, layout, study, report):
+for command in (run, view, check, replay, smooth, reproduce, calibrate, layout, study, report):
     app.command()(command)

@@ -18,6 +18,11 @@ from swarm.sensors.sight import Sight
 from swarm.world.world import PeriodTruth
 
 
+def periods_of(scenario: Scenario) -> int:
+    """Return the number of lighthouse periods of a flight."""
+    return max(1, round(scenario.duration_s / (1 / scenario.lighthouse.rate_hz)))
+
+
 class Flight:
     """World, actuators, sensors, faults and computers of one scenario.
 
@@ -25,14 +30,18 @@ class Flight:
     measure, for a calibration.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, *, history: bool = False) -> None:
         """Build everything.
+
+        Args:
+            scenario: scenario to fly.
+            history: whether estimates carry the filter's prediction, for a smoother.
 
         Raises:
             SwarmError: the scenario cannot fly.
         """
         self.period_s = 1 / scenario.lighthouse.rate_hz
-        self.periods = max(1, round(scenario.duration_s / self.period_s))
+        self.periods = periods_of(scenario)
         self.motions = builders.fleet(scenario)
         self.world = builders.world(scenario, self.motions)
         self.sensors = builders.sensors(scenario, self.world, self.motions)
@@ -40,7 +49,7 @@ class Flight:
         self.latches = builders.latches(scenario, self.world)
         self.surroundings = builders.surroundings(scenario, self.world, self.motions)
         self.actuators = builders.actuators(scenario, self.world)
-        self.computer = builders.computer(scenario, self.world, self.motions, self.sensors)
+        self.computer = builders.computer(scenario, self.world, self.motions, self.sensors, history=history)
         self.pilot = builders.pilot(scenario, self.world, self.motions, self.latches)
         self._told = builders.start_state(scenario, self.motions)
         self.command = builders.no_command(len(self.world.names))

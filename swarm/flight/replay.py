@@ -28,6 +28,7 @@ from swarm.onboard.decoder import SweepAngles
 from swarm.onboard.navigation import Estimate, Navigator
 from swarm.onboard.settings import NavigationSettings, Status
 from swarm.results.angles import believed
+from swarm.results.filter_history import keeps_history
 from swarm.results.period import Period
 from swarm.results.progress import Progress
 from swarm.results.records import Peer
@@ -100,6 +101,7 @@ def replay(
         duration_s=playback.duration_s,
         record=record,
         angles=playback.believed if settings.recording.angles else None,
+        history=playback.history,
     ) as writer:
         for period in playback.fly():
             writer.append(period)
@@ -113,7 +115,7 @@ class Playback:
     log, windows: the recording. settings: the scenario, with the noise that was found. layout: the object's photodiodes
     as assumed. found: noise and false photodiodes. believed: layout, fan errors and noise, for a calibration. scene:
     description for telemetry and recording. duration_s: length of the recording [s]. notes: sentences about what of the
-    recording is lost, left out, or found.
+    recording is lost, left out, or found. history: whether estimates carry the filter's prediction.
     """
 
     def __init__(
@@ -153,7 +155,9 @@ class Playback:
         self.found = self._assess(settings) if settings.navigation.integrity.residual_test is not False else UNTESTED
         self.settings = _with_noise(settings, self.found)
         self.notes += _findings(self.found, settings, self.settings)
-        self._navigation = self._navigation_of(self.settings, tested=self.found.noise_rad is not None)
+        self.history = keeps_history(settings.recording.filter, len(self.windows))
+        navigation = self._navigation_of(self.settings, tested=self.found.noise_rad is not None)
+        self._navigation = replace(navigation, history=self.history)
         fans = self._navigation.fan_x, self._navigation.fan_y
         self.believed = believed((self.log.device,), self.layout, fans, builders.assumed_angle_noise(self.settings))
         self.scene = Scene(

@@ -4,8 +4,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
-from swarm.flight.flight import Flight
+from swarm.flight.flight import Flight, periods_of
 from swarm.flight.scene import scene
+from swarm.results.filter_history import keeps_history
 from swarm.results.period import Period
 from swarm.results.progress import Progress
 from swarm.results.run_folder import Run
@@ -65,7 +66,9 @@ def simulate(
         SwarmError: the scenario cannot fly, or the folder cannot be written.
         KeyboardInterrupt: after the run was closed and marked as interrupted.
     """
-    flight, watch, tell = Flight(scenario), observer or Nobody(), progress or untold
+    rows = len(scenario.craft_names) * periods_of(scenario)
+    history = keeps_history(scenario.recording.filter, rows)
+    flight, watch, tell = Flight(scenario, history=history), observer or Nobody(), progress or untold
     watch.begin(flight)
     with writing_run(
         scenario,
@@ -76,6 +79,7 @@ def simulate(
         record=record and scenario.recording.enabled,
         live=live,
         angles=flight.believed if scenario.recording.angles else None,
+        history=history,
     ) as writer:
         for period in flight.fly():
             writer.append(period)

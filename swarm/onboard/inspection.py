@@ -31,6 +31,7 @@ import numpy as np
 from estimators import rotation as rot
 from estimators.arrays import Floats
 from estimators.filter.filterpy_bank import PoseFilterBank
+from estimators.filter.smoother import Prediction, predicted
 from estimators.lidar.acquisition import Verdict, acquire
 from estimators.lidar.scan import Scan
 from estimators.lidar.shape import Shape
@@ -148,6 +149,8 @@ class Inspection:
         self._failures = np.zeros(rows, dtype=np.int64)
         self._ambiguous = np.zeros(rows, dtype=np.bool_)
         self._nis = np.full(rows, np.nan)
+        self._prediction: Prediction | None = None
+        self._started = np.zeros(rows, dtype=np.bool_)
 
     def step(self, scans: Sequence[LidarScan | None], own: Estimate, epoch_s: float) -> list[LidarFix]:
         """Advance all tracks by one lighthouse period, to its epoch.
@@ -158,7 +161,12 @@ class Inspection:
             epoch_s: epoch on the LiDARs' clock [s].
         """
         s, bank = self.settings, self._filter
-        bank.predict(s.frame_s, bank.active)
+        self._started[:] = False
+        self._prediction = None
+        if own.prediction is None:
+            bank.predict(s.frame_s, bank.active)
+        else:
+            self._prediction = predicted(bank, s.frame_s, lambda: bank.predict(s.frame_s, bank.active))
         self._since_s += s.frame_s
         self._nis[:] = np.nan
         fixes = [self._observe(i, scan, own, epoch_s) for i, scan in enumerate(scans) if scan is not None]
@@ -198,7 +206,26 @@ class Inspection:
             covariance=covariance,
             nis=nis,
             sensor=sensor,
+            prediction=self._prediction_into(own.prediction),
         )
+
+    def _prediction_into(self, own: Prediction | None) -> Prediction | None:
+        """Return the predictions of all craft, with each target's replaced by that of its fused filter."""
+        mine = self._prediction
+        if own is None or mine is None:
+            return own
+        mine = mine.of(self._filter.active & ~self._started)
+        rows = len(self.observers) + np.arange(len(self.targets))
+        continued, covariance, transition = own.continued.copy(), own.covariance.copy(), own.transition.copy()
+        state = State(*(part.copy() for part in own.state))
+        for out, of_filter in (
+            (continued, mine.continued),
+            (covariance, mine.covariance),
+            (transition, mine.transition),
+            *zip(state, mine.state, strict=True),
+        ):
+            out[self.targets] = of_filter[rows]
+        return Prediction(continued, state, covariance, transition)
 
     def _status(self, row: int, of_target: list[int]) -> int:
         """Return TRACKING as long as no observer has missed a scan that was due."""
@@ -290,7 +317,7 @@ class Inspection:
                 if not found.acquired or (row == fused and not lone):
                     continue
             bank.start(only, turns, places, covariances, UNKNOWN_RATE, couplings)
-            self._since_s[row] = 0.0
+            self._since_s[row], self._started[row] = 0.0, True
 
     def _covariance(self, own: Floats, of_scan: Floats, turn: Floats, arm: Floats, o: Observer) -> Floats:
         a, b = np.eye(6), np.zeros((6, 6))

@@ -19,6 +19,7 @@ from estimators.arrays import Bools, Floats, Ints
 from estimators.filter.bank import FilterBank
 from estimators.filter.compiled import CompiledFilterBank
 from estimators.filter.filterpy_bank import PoseFilterBank
+from estimators.filter.smoother import Prediction, predicted
 from estimators.lighthouse.dop import Dilution
 from estimators.lighthouse.pnp import PoseSolution
 from estimators.state import State
@@ -43,7 +44,8 @@ class Estimate(NamedTuple):
     [rad/s], velocity (C, 3) [m/s] and covariance (C, 12, 12), ordered (attitude, angular rate, position, velocity): the
     filter's, in the lighthouse frame. nis: normalised innovation squared of this period's pose, (C,). missed_sync,
     rejected: counts of the decoder, (C,). sensor: codes of `Sensor`, (C,). ccd: the cameras' results; None if no craft
-    has any. integrity: integrity of the craft's own poses.
+    has any. integrity: integrity of the craft's own poses. prediction: the filters before this period's poses, where
+    the settings ask for the history of the filter.
     """
 
     status: Ints
@@ -61,6 +63,7 @@ class Estimate(NamedTuple):
     sensor: Ints
     ccd: CcdFix | None
     integrity: Integrity
+    prediction: Prediction | None = None
 
     @property
     def state(self) -> State:
@@ -118,7 +121,7 @@ class Navigator:
             command: orders of the craft to their actuators for this period, from its beginning to its end.
         """
         tracks = self.tracks
-        tracks.predict(command)
+        prediction = self._predict(command)
         light, fix = self._light.find(angles, tracks)
         fixes, taken = [fix], [tracks.take_in(fix)]
         seen = None
@@ -128,7 +131,19 @@ class Navigator:
             taken.append(tracks.take_in(fix))
             seen = seen._replace(nis=taken[-1].nis)
         tracks.count(np.any([t.fresh for t in taken], axis=0), np.any([t.refused for t in taken], axis=0))
-        return self._estimate(angles, light, seen, fixes, taken)
+        estimate = self._estimate(angles, light, seen, fixes, taken)
+        if prediction is None:
+            return estimate
+        # A filter that was stopped in this period has no estimate that could be smoothed.
+        return estimate._replace(prediction=prediction.of(tracks.bank.active))
+
+    def _predict(self, command: Command | None) -> Prediction | None:
+        """Predict every filter to the epoch; return the prediction if it is to be kept."""
+        tracks = self.tracks
+        if not self.settings.history:
+            tracks.predict(command)
+            return None
+        return predicted(tracks.bank, self.settings.frame_s, lambda: tracks.predict(command))
 
     def _estimate(
         self,

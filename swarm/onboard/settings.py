@@ -47,7 +47,8 @@ class NavigationSettings:
     wrong. search_again_s: time without a pose after which a search begins beside the filter. filter: "filterpy";
     "compiled", which returns the same numbers faster; or "auto", which chooses by the number of craft. fan_x, fan_y:
     known errors of the fans. integrity: settings of the integrity monitor. orbit: the lighthouse's orbit, None in
-    weightless space. station: the lighthouse's frame in the world.
+    weightless space. station: the lighthouse's frame in the world. history: whether estimates carry the filter's
+    prediction, for a smoother.
     """
 
     frame_s: float
@@ -67,3 +68,4 @@ class NavigationSettings:
     integrity: IntegritySettings = field(default_factory=IntegritySettings)
     orbit: RelativeOrbit | None = None
     station: Frame = WORLD
+    history: bool = False

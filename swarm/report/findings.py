@@ -30,10 +30,11 @@ class Finding(NamedTuple):
 
 def findings(figures: Figures) -> list[Finding]:
     """Return what the figures of a swarm or a craft say."""
-    out = [_consistency(figures, key) for key in ("nees", "nis")]
+    out: list[Finding | None] = [_consistency(figures, key) for key in ("nees", "nis")]
     position, attitude = figures.get("ekf_to_pnp_position_ratio"), figures.get("ekf_to_pnp_attitude_ratio")
     if position is not None and attitude is not None:
         out.append(Finding(f"Filter error over raw PnP error: {position:.2f} in position, {attitude:.2f} in attitude"))
+    out += _smoothed(figures)
     if (delta_v := figures.get("delta_v_m_s") or 0.0) >= LEAST_DELTA_V:
         out.append(Finding(f"Delta-v: {delta_v:.3g} m/s per craft"))
     if ccd := figures.get("ccd"):
@@ -41,6 +42,20 @@ def findings(figures: Figures) -> list[Finding]:
         out.append(Finding(f"Cameras: {shares}; the sensor in use changed {ccd['sensor_switches']} times"))
     out += [_motion_bias(figures, *size) for size in (("position", "m", "mm"), ("attitude", "deg", "°"))]
     return [finding for finding in out if finding is not None]
+
+
+def _smoothed(figures: Figures) -> list[Finding | None]:
+    """Return what a smoother has gained, against the truth or, in a replay, in scatter."""
+    position, attitude = figures.get("smooth_to_ekf_position_ratio"), figures.get("smooth_to_ekf_attitude_ratio")
+    if position and attitude:
+        gain = f"Smoothed error over the filter's: {position:.2f} in position, {attitude:.2f} in attitude"
+        return [_consistency(figures, "smooth_nees"), Finding(gain)]
+    before, after = figures.get("ekf_position_scatter_mm"), figures.get("smooth_position_scatter_mm")
+    if before is None or after is None:
+        return []
+    return [
+        Finding(f"Scatter of the positions about their mean over a second: {before:.2g} mm, smoothed {after:.2g} mm")
+    ]
 
 
 def _consistency(figures: Figures, key: str) -> Finding | None:
@@ -52,7 +67,8 @@ def _consistency(figures: Figures, key: str) -> Finding | None:
     if side == "above" and (hit := figures.get("contact_periods")):
         meaning += f"; there were {hit} periods in contact, whose blow no filter can know of"
     band = f"6 is exact, {f['band_low']:.2f} to {f['band_high']:.2f} is chance"
-    return Finding(f"{key.upper()} {f['mean']:.2f}: {meaning} ({band})", colour(f))
+    name = "NEES of the smoothed estimate" if key == "smooth_nees" else key.upper()
+    return Finding(f"{name} {f['mean']:.2f}: {meaning} ({band})", colour(f))
 
 
 def _motion_bias(figures: Figures, name: str, unit: str, shown: str) -> Finding | None:

@@ -8,6 +8,7 @@ import numpy as np
 from swarm.report.page import Column, Fact, Section, Table, number, prose
 from swarm.report.run_figures import MOST_PANELS, Series, consistency, dilution, errors, visibility
 from swarm.report.run_table import about, limits, outcome
+from swarm.report.smooth_figure import is_smoothed, smoothed
 from swarm.results.run_folder import Run
 from swarm.results.table import TelemetryTable
 
@@ -20,9 +21,13 @@ CRAFT_COLUMNS = (
     ("ekf_position_max_m", 1000.0, Column("position max", "mm")),
     ("ekf_attitude_rms_deg", 1.0, Column("attitude RMS", "°")),
     ("ekf_attitude_max_deg", 1.0, Column("attitude max", "°")),
+    ("smooth_position_rms_m", 1000.0, Column("smoothed position RMS", "mm")),
+    ("smooth_attitude_rms_deg", 1.0, Column("smoothed attitude RMS", "°")),
     ("pnp_position_rms_m", 1000.0, Column("PnP position RMS", "mm")),
     ("mean_adop_deg_per_rad", 1.0, Column("ADOP", "°/rad")),
     ("mean_pdop_m_per_rad", 1.0, Column("PDOP", "m/rad")),
+    ("ekf_position_scatter_mm", 1.0, Column("scatter", "mm")),
+    ("smooth_position_scatter_mm", 1.0, Column("smoothed scatter", "mm")),
     ("peer_position_scatter_mm", 1.0, Column("peer scatter", "mm")),
 )
 """Key in the summary, factor, and head of the table per craft."""
@@ -46,7 +51,21 @@ def facts(run: Run) -> list[Fact]:
                 f"{side} the 95 % band {number(nees['band_low'])} to {number(nees['band_high'])}; 6 is consistent",
             )
         )
+    out += _smoothed_facts(swarm)
     return [fact for fact in out if not fact.value.startswith("–")]
+
+
+def _smoothed_facts(swarm: Mapping[str, Any]) -> list[Fact]:
+    """Return the gain of the smoother, against the truth or, in a replay, in scatter."""
+    ratios = [swarm.get(f"smooth_to_ekf_{what}_ratio") for what in ("position", "attitude")]
+    gains = [number(1 / ratio) for ratio in ratios if ratio]
+    if len(gains) == 2:
+        position, attitude = gains
+        return [Fact("Smoothed", f"{position} times", f"below the filter's position error; attitude {attitude} times")]
+    before, after = (swarm.get(f"{source}_position_scatter_mm") for source in ("ekf", "smooth"))
+    if not before or not after:
+        return []
+    return [Fact("Scatter, smoothed", f"{number(after)} mm", f"of the filter's positions {number(before)} mm")]
 
 
 def extent(run: Run) -> str:
@@ -73,6 +92,8 @@ def sections(run: Run) -> list[Section]:
             Section("Error against what the filter believes", prose(PROSE, "error") + which, [errors(series)]),
             Section("Consistency", prose(PROSE, "consistency"), [consistency(series)]),
         ]
+    if is_smoothed(series):
+        out.append(Section("Smoothed", prose(PROSE, "smoothed"), [smoothed(series)]))
     return [
         *out,
         Section("Geometry", prose(PROSE, "geometry"), [dilution(series)]),

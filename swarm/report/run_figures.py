@@ -38,6 +38,10 @@ class Series:
         """Return one column."""
         return self._grid(self._rows.column(column))
 
+    def has(self, column: str) -> bool:
+        """Return whether the telemetry has the column."""
+        return column in self._rows.columns
+
     def being(self, status: str) -> Bools:
         """Return whether a craft has this status, (periods, craft)."""
         out: Bools = self._grid(self._rows.being("status", status)) == 1
@@ -49,7 +53,7 @@ class Series:
         return out
 
 
-def _chosen(series: Series) -> list[int]:
+def chosen_of(series: Series) -> list[int]:
     """Return all craft if few; else evenly from the best to the worst by RMS position error."""
     count = len(series.names)
     if count <= MOST_PANELS:
@@ -64,7 +68,7 @@ def _chosen(series: Series) -> list[int]:
 
 def errors(series: Series) -> Picture:
     """Draw errors and 3 sigma of some craft over time."""
-    chosen = _chosen(series)
+    chosen = chosen_of(series)
 
     def paint(figure: Figure) -> None:
         grid = figure.subplots(len(chosen), 2, sharex=True, squeeze=False)
@@ -77,24 +81,27 @@ def errors(series: Series) -> Picture:
                 axes.plot(*thin(series.time_s, wrong, peaks=True), color=BLUE, linewidth=0.9, label="error")
                 axes.plot(*thin(series.time_s, believed), color=ORANGE, linewidth=1.4, label="3 sigma")
                 axes.set_title(f"{series.names[craft]}: {label}")
-                # The start, when a craft has only just found itself, must not flatten the rest.
-                settled = np.concatenate([wrong, believed])
-                settled = settled[np.isfinite(settled)]
-                if settled.size:
-                    axes.set_ylim(
-                        0,
-                        1.15
-                        * max(
-                            np.quantile(believed[np.isfinite(believed)], 0.97),
-                            np.quantile(wrong[np.isfinite(wrong)], 0.999),
-                        ),
-                    )
+                settle(axes, wrong, believed)
         grid[0][0].legend(loc="upper right", ncols=2)
         for axes in grid[-1]:
             axes.set_xlabel("time [s]")
 
     height_in = 0.6 + 1.75 * len(chosen)
     return picture("error", "Error of the filter's estimate and its 3 sigma, over time.", paint, height_in)
+
+
+def settle(axes: Axes, wrong: Floats, believed: Floats) -> None:
+    """Choose the height of a plot of errors and 3 sigma, (n,) each.
+
+    The start, when a craft has only just found itself, must not flatten the rest.
+    """
+    tops = [
+        np.quantile(value[np.isfinite(value)], share)
+        for value, share in ((believed, 0.97), (wrong, 0.999))
+        if np.isfinite(value).any()
+    ]
+    if tops:
+        axes.set_ylim(0, 1.15 * max(tops))
 
 
 def consistency(series: Series) -> Picture:

@@ -55,6 +55,10 @@ def _error(source: str, what: str, scale: float = 1.0) -> tuple[Value, Value]:
     return _figure(f"{source}_{quantity}_rms_{unit}", scale), _figure(f"{source}_{quantity}_max_{unit}", scale)
 
 
+def _scatter(key: str) -> tuple[Value, Value]:
+    return _figure(f"ekf_{key}"), _figure(f"smooth_{key}")
+
+
 TRACKING = Column(0, "tracking\n%", (_figure("tracking_share", 100),))
 ADOP = Column(4, "ADOP\n°/rad", (_figure("mean_adop_deg_per_rad"),))
 PDOP = Column(5, "PDOP\nm/rad", (_figure("mean_pdop_m_per_rad"),))
@@ -63,6 +67,8 @@ COLUMNS = (
     TRACKING,
     Column(1, "position, mm\nRMS / max", _error("ekf", "position m", 1000)),
     Column(2, "attitude, °\nRMS / max", _error("ekf", "attitude deg")),
+    Column(2, "smoothed, mm\nRMS / max", _error("smooth", "position m", 1000)),
+    Column(4, "smoothed, °\nRMS / max", _error("smooth", "attitude deg")),
     Column(7, "PnP, mm\nRMS / max", _error("pnp", "position m", 1000)),
     Column(8, "PnP, °\nRMS / max", _error("pnp", "attitude deg")),
     ADOP,
@@ -83,6 +89,8 @@ REPLAY_COLUMNS = (
     Column(3, "lit\nmean", (_figure("mean_visible"),)),
     Column(3, "left out\nmean", (_left_out,)),
     Column(8, "LM steps\nmean", (_figure("mean_iterations"),)),
+    Column(4, "scatter, mm\nEKF / smoothed", _scatter("position_scatter_mm")),
+    Column(5, "scatter, °\nEKF / smoothed", _scatter("attitude_scatter_deg")),
     Column(6, "to peer\nmm", (_figure("peer_position_scatter_mm"),)),
     Column(7, "to peer\n°", (_figure("peer_attitude_scatter_deg"),)),
     ADOP,
@@ -174,9 +182,12 @@ def written(folder: Path) -> list[tuple[str, str]]:
         ("telemetry.parquet", "a row per craft and period"),
         ("angles.parquet", "every sweep angle, for swarm calibrate"),
         ("scans.parquet", "a row per LiDAR scan"),
+        ("filter.history", "what the filters believed, for swarm smooth"),
+        ("smooth.parquet", "what they believe with all that came later"),
         ("summary.json", "these figures, and more"),
         ("scenario.toml", "all that was set; run it again"),
         (RECORDING, "for the viewer"),
+        ("smooth.rrd", "its smoothed lines"),
     )
     return [(name, meaning) for name, meaning in files if (folder / name).exists()]
 

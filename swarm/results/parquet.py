@@ -104,9 +104,17 @@ class GrowingParquet:
         with writing(self._folder):
             self._folder.mkdir()
 
-    def write(self, table: Table) -> None:
-        """Add rows, as a part of their own. Raises SwarmError on a full disk."""
-        part = self._folder / f"part-{self._parts:05d}.arrow"
+    def write(self, table: Table, number: int | None = None) -> None:
+        """Add rows, as a part of their own.
+
+        Args:
+            table: The rows.
+            number: Place of the part among all, for one who does not write them in order; None: behind the last.
+
+        Raises:
+            SwarmError: The disk is full.
+        """
+        part = self._folder / f"part-{self._parts if number is None else number:05d}.arrow"
         temporary = part.with_suffix(".tmp")
         with writing(part):
             with pa.OSFile(str(temporary), "wb") as file, pa.ipc.new_file(file, self._schema) as writer:

@@ -1,5 +1,6 @@
 """The folder that a run leaves: `scenario.toml`, `telemetry.parquet`, `summary.json`, `recording.rrd`, and
-`angles.parquet` where it was asked for, `scans.parquet` where there are LiDARs. `summary.json` is its marker.
+`angles.parquet` where it was asked for, `scans.parquet` where there are LiDARs, `filter.history/` for the smoother, and
+what that has made of it: `smooth.parquet` and `smooth.rrd`. `summary.json` is its marker.
 """
 
 from dataclasses import dataclass
@@ -9,7 +10,18 @@ from typing import Any
 
 import pyarrow as pa
 
-from swarm.results.files import ANGLES, PARTS, RECORDING, SCANS, SCENARIO, SUMMARY, TELEMETRY
+from swarm.results.files import (
+    ANGLES,
+    HISTORY,
+    PARTS,
+    RECORDING,
+    SCANS,
+    SCENARIO,
+    SMOOTH,
+    SMOOTH_RECORDING,
+    SUMMARY,
+    TELEMETRY,
+)
 from swarm.results.owned_folder import PROGRAM, RUNS, Contents, OwnedFolder, Status, find
 from swarm.results.parquet import PARTIAL
 from swarm.results.reading import read_telemetry
@@ -19,8 +31,11 @@ __all__ = ["PROGRAM", "RUNS", "SCENARIO", "Run", "RunFolder", "open_run"]
 CONTENTS = Contents(
     "a run",
     SUMMARY,
-    (SCENARIO, TELEMETRY, RECORDING, ANGLES, SCANS),
-    dict.fromkeys((PARTS, ANGLES + PARTIAL, SCANS + PARTIAL), ("part-*.arrow", "part-*.tmp", "joined.tmp")),
+    (SCENARIO, TELEMETRY, RECORDING, ANGLES, SCANS, SMOOTH, SMOOTH_RECORDING),
+    dict.fromkeys(
+        (PARTS, HISTORY, *(name + PARTIAL for name in (ANGLES, SCANS, SMOOTH))),
+        ("part-*.arrow", "part-*.tmp", "joined.tmp"),
+    ),
 )
 
 
@@ -79,6 +94,12 @@ class Run:
     def recording(self) -> Path | None:
         """The recording, or None where the run was made without."""
         file = self.folder / RECORDING
+        return file if file.exists() else None
+
+    @property
+    def smoothed_recording(self) -> Path | None:
+        """The recording of what `swarm smooth` has found, which belongs to the other, or None."""
+        file = self.folder / SMOOTH_RECORDING
         return file if file.exists() else None
 
 

@@ -16,6 +16,7 @@ from swarm.results.angles import AngleWriter, Believed
 from swarm.results.columns.groups import groups_of
 from swarm.results.columns.schema import schema
 from swarm.results.criteria import check_measures, judge, summary_of
+from swarm.results.filter_history import HistoryWriter
 from swarm.results.lidar_scans import ScanWriter
 from swarm.results.owned_folder import STOPPED
 from swarm.results.period import Period
@@ -53,6 +54,7 @@ class RunWriter:
         duration_s: float,
         angles: AngleWriter | None = None,
         scans: ScanWriter | None = None,
+        history: HistoryWriter | None = None,
     ) -> None:
         """Take the open writers.
 
@@ -63,9 +65,11 @@ class RunWriter:
             duration_s: Length of the run [s].
             angles: Writes the sweep angles, if they are wanted.
             scans: Writes the LiDARs' scans, if there are LiDARs.
+            history: Writes what the filters predicted and believed, if it is wanted.
         """
         self.notice = recording.notice
         self._telemetry, self._recording, self._angles, self._scans = telemetry, recording, angles, scans
+        self._history = history
         self._craft_count, self._duration_s = craft_count, duration_s
         self._started_s = time.perf_counter()
         self._time_s, self._tracking = 0.0, 0
@@ -77,6 +81,8 @@ class RunWriter:
             self._angles.append(period.frame, period.angles)
         if self._scans is not None:
             self._scans.append(period)
+        if self._history is not None:
+            self._history.append(period)
         self._time_s = period.time_s
         self._tracking = int(np.count_nonzero(period.estimate.status == Status.TRACKING))
 
@@ -105,6 +111,7 @@ def writing_run(
     record: bool = True,
     live: bool = False,
     angles: Believed | None = None,
+    history: bool = False,
 ) -> Iterator[RunWriter]:
     """Open a run's folder for the block; it is closed however the block ends.
 
@@ -120,6 +127,7 @@ def writing_run(
         record: Write recording.rrd.
         live: Show the recording meanwhile.
         angles: What the craft believe, for a run that writes their sweep angles.
+        history: Keep the history of the filters; their estimates carry the predictions.
 
     Raises:
         SwarmError: Nothing can be written, or a criterion measures what this run does not.
@@ -131,12 +139,13 @@ def writing_run(
             with ExitStack() as stack:
                 scans = stack.enter_context(_closing(ScanWriter(folder.path, scene.craft))) if scene.lidar else None
                 beliefs = stack.enter_context(_closing(AngleWriter(folder.path, angles))) if angles else None
+                past = stack.enter_context(_closing(HistoryWriter(folder.path, len(scene.craft)))) if history else None
                 telemetry = Telemetry(folder.path, scene.craft, groups_of(scene), scene.without_sensors)
                 stack.enter_context(_closing(telemetry))
                 recording = _recorder(folder, scene, (record and scenario.recording.enabled) or live, live)
                 stack.enter_context(_closing(recording))
                 navigating = len(scene.craft) - len(scene.without_sensors)
-                writer = RunWriter(telemetry, recording, navigating, duration_s, beliefs, scans)
+                writer = RunWriter(telemetry, recording, navigating, duration_s, beliefs, scans, past)
                 yield writer
         except BaseException as stop:
             # A second failure (the disk is still full) must not hide the first.

@@ -29,6 +29,7 @@ _FIGURES = Keys(
     perhaps={
         "nees": _CONSISTENCY,
         "nis": _CONSISTENCY,
+        "smooth_nees": _CONSISTENCY,
         "pnp_motion_bias": _BIAS,
         "ccd": Keys(always=dict.fromkeys(("stereo_share", "camera_share", "sensor_switches"), _NUMBER)),
         "integrity": Keys(),

@@ -1,5 +1,7 @@
 """Assembly of the parts of a flight from a validated scenario: sensors, computers, actuators, pushes."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from estimators.rotation import matrix_from_quaternion
@@ -57,7 +59,7 @@ def own_layout(scenario: Scenario, world: World) -> Photodiodes:
     return believed_layout(scenario, world.photodiodes)._replace(present=photodiodes(scenario, world).present)
 
 
-def computer(scenario: Scenario, world: World, motions: Fleet, suite: Sensors) -> Computer:
+def computer(scenario: Scenario, world: World, motions: Fleet, suite: Sensors, *, history: bool = False) -> Computer:
     """Return the computers of all craft.
 
     Args:
@@ -65,6 +67,7 @@ def computer(scenario: Scenario, world: World, motions: Fleet, suite: Sensors) -
         world: the world, for its models.
         motions: motions of the craft, for the cameras' targets.
         suite: all sensors, for the LiDARs.
+        history: whether estimates carry the filter's prediction, for a smoother.
 
     Raises:
         SwarmError: a calibration does not fit the craft.
@@ -73,7 +76,7 @@ def computer(scenario: Scenario, world: World, motions: Fleet, suite: Sensors) -
     known = [known for _, known in cameras(scenario, world, motions.at(0.0))]
     return Computer(
         decoder(scenario, layout.present),
-        Navigator(layout, navigation(scenario), known),
+        Navigator(layout, replace(navigation(scenario), history=history), known),
         inspection(scenario, suite.lidars),
     )
 

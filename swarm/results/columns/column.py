@@ -80,6 +80,14 @@ def pose_columns(prefix: str, whose: str) -> list[Column]:
     ]
 
 
+def rate_columns(prefix: str, whose: str) -> list[Column]:
+    """Return the six columns of velocity and angular rate."""
+    return [
+        *(Column(f"{prefix}_v{a}_m_s", "m/s", f"{whose}: velocity, {a}") for a in "xyz"),
+        *(Column(f"{prefix}_w{a}_rad_s", "rad/s", f"{whose}: angular rate, {a}") for a in "xyz"),
+    ]
+
+
 def fill_pose(position: Floats, quaternion: Floats, out: Floats) -> None:
     """Write poses into the rows of `pose_columns`.
 

@@ -8,7 +8,7 @@ import numpy as np
 from estimators.arrays import Floats, Ints
 from swarm.onboard.inspection import LIDAR_SENSOR
 from swarm.onboard.settings import Sensor, Status
-from swarm.results.columns.column import Column, Group, fill_pose, pose_columns
+from swarm.results.columns.column import Column, Group, fill_pose, pose_columns, rate_columns
 from swarm.results.period import Period
 from swarm.results.records import Errors, Truth
 from swarm.results.rows import estimate_errors_into, pose_errors_into, quaternions_into
@@ -21,13 +21,6 @@ SENSORS = tuple(
 )
 """Names of the sensor codes: whose pose the filter took in; both cameras are "stereo", the main one "camera"; "lidar":
 that of a craft which somebody else observes."""
-
-
-def _rates(prefix: str, whose: str) -> list[Column]:
-    return [
-        *(Column(f"{prefix}_v{a}_m_s", "m/s", f"{whose}: velocity, {a}") for a in "xyz"),
-        *(Column(f"{prefix}_w{a}_rad_s", "rad/s", f"{whose}: angular rate, {a}") for a in "xyz"),
-    ]
 
 
 COLUMNS = (
@@ -55,8 +48,8 @@ COLUMNS = (
     Column("missed_sync", "1", "sync flashes of the period that were predicted instead of seen", "small"),
     Column("rejected_pulses", "1", "pulses of the period that belonged to nothing", "whole"),
     Column("contact", "", "touched something during the period", "yes"),
-    *_rates("true", "truth"),
-    *_rates("ekf", "filter's estimate"),
+    *rate_columns("true", "truth"),
+    *rate_columns("ekf", "filter's estimate"),
 )
 _ROW = {column.name: row for row, column in enumerate(COLUMNS)}
 

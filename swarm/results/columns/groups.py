@@ -9,6 +9,8 @@ from swarm.results.columns.guidance import DOCKING, GUIDANCE
 from swarm.results.columns.integrity import integrity
 from swarm.results.columns.observer import observer
 from swarm.results.columns.peer import PEER
+from swarm.results.columns.smooth import COLUMNS as SMOOTH
+from swarm.results.columns.smooth import ONLY
 from swarm.results.scene import Scene
 
 
@@ -44,15 +46,19 @@ def column_reference() -> str:
         "`telemetry.parquet.partial`: Arrow files of about two seconds each. `swarm.open_run(FOLDER).telemetry` and",
         "`swarm report FOLDER` read them as the finished file. `angles.parquet` and `scans.parquet` grow likewise.",
         "",
+        "The columns `smooth_*` come from [`swarm smooth`](smoother.md). They are in a file of their own,",
+        "`smooth.parquet`, with `time_s`, `frame` and `craft`, row for row as in telemetry.parquet;",
+        "`swarm.open_run(FOLDER).telemetry` has both.",
+        "",
         "This page is made from the columns (`swarm.results.columns.groups.column_reference`).",
         "",
         "| column | type | unit | meaning |",
         "|---|---|---|---|",
     ]
     further = (PEER, CCD, observer((), ()), integrity(False), ACTUATION, GUIDANCE, DOCKING, faults(()))
-    for group in (core(()), *further):
-        for column in group.columns:
+    for columns, where in (*((group.columns, group.only) for group in (core(()), *further)), (SMOOTH, ONLY)):
+        for column in columns:
             kind = "string" if column.kind in ("state", "name") else str(column.field.type)
-            only = f"; only {group.only}" if group.only else ""
+            only = f"; only {where}" if where else ""
             lines.append(f"| `{column.name}` | {kind} | {column.unit} | {column.meaning}{only} |")
     return "\n".join(lines) + "\n"

@@ -6,6 +6,7 @@ import socket
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -32,16 +33,26 @@ def has_display() -> bool:
     return not sys.platform.startswith("linux") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
-def view(path: Path, web: bool = False) -> int:
-    """Show a recording until its viewer is closed, in a window or (`web`) in a browser; the viewer's exit code.
+def view(path: Path, web: bool = False, more: Sequence[Path] = ()) -> int:
+    """Show a recording until its viewer is closed, in a window or in a browser.
 
-    Raises SwarmError where there is no recording, or no display for a window.
+    Args:
+        path: The recording.
+        web: Show it in a browser.
+        more: Further files of the same recording.
+
+    Returns:
+        The viewer's exit code.
+
+    Raises:
+        SwarmError: There is no recording, or no display for a window.
     """
-    if not path.is_file():
-        raise SwarmError(f"there is no recording {path}; was the run made with the recording off?")
-    with path.open("rb") as file:
-        if file.read(len(MAGIC)) != MAGIC:
-            raise SwarmError(f"{path} is not a rerun recording")
+    for part in (path, *more):
+        if not part.is_file():
+            raise SwarmError(f"there is no recording {part}; was the run made with the recording off?")
+        with part.open("rb") as file:
+            if file.read(len(MAGIC)) != MAGIC:
+                raise SwarmError(f"{part} is not a rerun recording")
     if not web and not has_display():
         raise SwarmError(f"no display to open a window on; `swarm view --web {path.parent}` serves it to a browser")
     ports = ["--port", str(_free_port())]
@@ -50,7 +61,7 @@ def view(path: Path, web: bool = False) -> int:
         print(f"The viewer opens in the browser, for this machine only: {HOST}:{ports[-1]}. Ctrl-C ends it.")  # noqa: T201
     # Its own log is for rerun's developers; errors still come through.
     environment = {**os.environ, "RUST_LOG": "error"}
-    viewer = subprocess.Popen(_command(str(path), *ports), env=environment, start_new_session=True)
+    viewer = subprocess.Popen(_command(*map(str, (path, *more)), *ports), env=environment, start_new_session=True)
     try:
         return viewer.wait()
     finally:

@@ -12,6 +12,7 @@ from swarm.results.summary.cameras import cameras
 from swarm.results.summary.chi_square import consistency
 from swarm.results.summary.integrity import integrity
 from swarm.results.summary.peer import peer_scatter
+from swarm.results.summary.smooth import smoothed
 from swarm.results.summary.statistics import largest, mean, median, ratio, rms, share
 from swarm.results.table import TelemetryTable
 
@@ -60,4 +61,6 @@ def figures(rows: TelemetryTable, period_s: float, bias: dict[str, Any] | None) 
         out |= cameras(rows, period_s)
     if "dropped_photodiodes" in rows.columns:
         out |= integrity(rows)
+    if "smooth_px_m" in rows.columns:
+        out |= smoothed(rows, period_s)
     return out | peer_scatter(rows) if "peer_px_m" in rows.columns else out

@@ -74,6 +74,8 @@ def _fly(order: Order) -> tuple[dict[str, Any], bytes | None]:
     from swarm.studies.campaign.measures import Instruments
 
     scenario = Scenario.model_validate(order.scenario)
+    # The folder goes when the run ends: nobody will smooth it.
+    scenario = scenario.model_copy(update={"recording": scenario.recording.model_copy(update={"filter": False})})
     instruments = Instruments(scenario, order.measure)
     with TemporaryDirectory(prefix="swarm-") as place:
         run = simulate(scenario, out=Path(place) / "run", record=False, observer=instruments)
