@@ -28,7 +28,7 @@ from swarm.results.disk import writing
 from swarm.results.files import HISTORY
 from swarm.results.period import Period
 
-MOST_ROWS = 250_000
+MOST_ROWS = 100_000
 """A run of more rows keeps its history only if it is asked to: some 1.5 kB per row."""
 ROWS, PERIODS = 16_384, 120
 """Rows, and periods, in a file: 40 MB in memory at most, and no more is lost by a run that is killed."""

@@ -162,10 +162,12 @@ def _smoothed(folder: Path, craft_count: int) -> Iterator[tuple[int, float, pa.T
     """Yield the number of each part, the share that is done with it, and its rows; the last one first."""
     history, rows = History(folder, craft_count), RowReader(folder, (*WHO, *_TRUE, *_STATE))
     smoother, schema = Smoother(craft_count), _schema(folder)
-    flown = len(rows) // craft_count
-    parts = len(history.parts)
+    flown, parts, later = len(rows) // craft_count, len(history.parts), None
     for number, block in history.blocks():
         begin, past = int(block.frame[0]), int(block.frame[-1]) + 1
+        if later not in (None, past) or (number == 0 and begin != 0):
+            raise SwarmError(f"{folder / HISTORY}: periods before or after {begin} to {past - 1} are missing")
+        later = begin
         if number == parts - 1 and past < flown:
             # A kill between two writes: of these periods there is no history.
             yield parts, 0.0, _unknown(rows.rows(past * craft_count, flown * craft_count), schema)

@@ -382,7 +382,7 @@ class Recording(Table):
     filter: bool | None = Field(
         default=None,
         description="Whether the history of the filters is kept in filter.history for `swarm smooth`. Unset: where a "
-        "run has at most 250 000 rows of telemetry.",
+        "run has at most 100 000 rows of telemetry.",
     )
     detail: Annotated[tuple[str, ...], Strict(False)] = Field(
         default=(), description="Names of the craft that are drawn in full detail in a large swarm. Empty: the first."
