@@ -2,10 +2,10 @@
 
     python benchmarks/smoother.py [drift formation ...] [--seeds 3] [--recording FILE --calibration FILE] [--crowd 1000]
 
-Of every scenario: RMS of the filter over RMS of the smoother, and both NEES with their 95 % band over all seeds. Of every
-object and station of a recording: RMS distance of the poses from their mean over a second, by the filter and smoothed,
-and the median distance from the poses that came with the recording. With --crowd: what keeping the history costs a
-flight of so many craft, on disk too, and the time and memory of smoothing it, against the flight without.
+Of every scenario: RMS of the filter over RMS of the smoother, and both NEES with their 95 % band over all seeds. Of
+every object and station of a recording: RMS distance of the poses from their mean over a second, by the filter and
+smoothed, and the median distance from the poses that came with the recording. With --crowd: what keeping the history
+costs a flight of so many craft, on disk too, and the time and memory of smoothing it, against the flight without.
 """
 
 import argparse
@@ -30,7 +30,7 @@ def scenario(name: str, seeds: int, folder: Path) -> dict[str, Any]:
     """Return the gains and the consistency of some flights."""
     gains: dict[str, list[float]] = {"position": [], "attitude": []}
     nees: dict[str, list[np.ndarray]] = {"nees": [], "smooth_nees": []}
-    frames, period_s = [], 1 / 60
+    frames: list[np.ndarray] = []
     for seed in range(seeds):
         made = swarm.smooth(swarm.simulate(swarm.load(name, seed=seed), out=folder / f"{name}-{seed}", record=False))
         table, figures = made.telemetry, made.summary["swarm"]
@@ -43,7 +43,7 @@ def scenario(name: str, seeds: int, folder: Path) -> dict[str, Any]:
     out: dict[str, Any] = {f"{kind}_gain": float(np.mean(values)) for kind, values in gains.items()}
     frame = np.concatenate(frames).astype(np.int64)
     for column, arrays in nees.items():
-        found = consistency(frame, np.concatenate(arrays), period_s)
+        found = consistency(frame, np.concatenate(arrays), 1 / 60)
         assert found is not None
         out[column] = {key: found[key] for key in ("mean", "band_low", "band_high", "inside_band")}
     return out

@@ -3,6 +3,8 @@
 import json
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -17,9 +19,10 @@ from estimators.rotation import exp, left_jacobian, log, matrix_from_quaternion
 from estimators.state import STATES, State
 from swarm.cli.app import app
 from swarm.errors import SwarmError
-from swarm.results import filter_history, smoothing
+from swarm.results import filter_history
 from swarm.results.disk import FolderLock
 from swarm.results.filter_history import History, HistoryWriter, keeps_history
+from swarm.results.parquet import GrowingParquet
 from swarm.results.reading import read_telemetry
 from swarm.results.run_folder import RunFolder
 from swarm.results.telemetry import Telemetry
@@ -44,7 +47,7 @@ def run(flown, tmp_path):
 
 @pytest.fixture(scope="module")
 def smoothed(flown, tmp_path_factory):
-    shares = []
+    shares: list[float] = []
     folder = shutil.copytree(flown, tmp_path_factory.mktemp("runs") / "smoothed")
     made = swarm.smooth(folder, progress=shares.append)
     assert shares == sorted(shares)
@@ -154,7 +157,7 @@ def test_the_recording_gets_its_lines(smoothed):
     recording, more = smoothed.recording, smoothed.smoothed_recording
     (one,), (other,) = (RrdReader(str(file)).recordings() for file in (recording, more))
     assert one == other
-    rows = {}
+    rows: dict[int, Any] = {}
     for chunk in RrdReader(str(more)).stream():
         batch = chunk.to_record_batch()
         if chunk.entity_path == "/detail/craft-0/position_error/smoothed" and "frame" in batch.schema.names:
@@ -188,6 +191,20 @@ def test_a_run_without_a_recording_gets_none(run):
     made = swarm.smooth(run)
     assert made.recording is None
     assert made.smoothed_recording is None
+
+
+@pytest.mark.parametrize("left", [0, 3, 5000])
+def test_a_torn_recording_does_not_stop_it(run, left):
+    file = run / "recording.rrd"
+    file.write_bytes(file.read_bytes()[:left])
+    assert swarm.smooth(run).telemetry.column("smooth_px_m").null_count < 180
+
+
+def test_the_viewer_shows_both_recordings_as_one(smoothed, monkeypatch):
+    shown = []
+    monkeypatch.setattr("swarm.results.recording.viewer.view", lambda *files, **more: shown.append((files, more)) or 0)
+    assert CliRunner().invoke(app, ["view", str(smoothed.folder)]).exit_code == 0
+    assert shown == [((smoothed.recording,), {"web": False, "more": [smoothed.smoothed_recording]})]
 
 
 def test_without_a_history_it_says_how_to_get_one(run):
@@ -247,7 +264,8 @@ def made_run(folder, periods, craft=3, without=(), closed=True):
             period = period_of(k * PERIOD_S, k, truth, estimate)
             telemetry.append(period)
             more = period.estimate._asdict() | {"prediction": Prediction(np.full(craft, k > 0), state, wide, f)}
-            history.append(period._replace(estimate=type("Estimate", (), more)))
+            known: Any = SimpleNamespace(**more)
+            history.append(period._replace(estimate=known))
         if closed:
             history.close()
             telemetry.close()
@@ -309,7 +327,7 @@ def test_a_run_keeps_none_where_it_shall_not(tmp_path):
 def test_memory_holds_one_part_of_the_history_at_a_time(run, monkeypatch):
     """However many parts: none is read before the one behind it has been smoothed and written."""
     events = []
-    blocks, write = History.blocks, smoothing.GrowingParquet.write
+    blocks, write = History.blocks, GrowingParquet.write
 
     def reading(self):
         for number, block in blocks(self):
@@ -321,7 +339,7 @@ def test_memory_holds_one_part_of_the_history_at_a_time(run, monkeypatch):
         write(self, table, number)
 
     monkeypatch.setattr(History, "blocks", reading)
-    monkeypatch.setattr(smoothing.GrowingParquet, "write", writing)
+    monkeypatch.setattr(GrowingParquet, "write", writing)
     swarm.smooth(run)
     assert events == [(what, number) for number in (2, 1, 0) for what in ("read", "write")]
 

@@ -144,13 +144,17 @@ def _prepare(folder: Path) -> None:
 
 
 def _drawer(folder: Path, craft: list[str], file: Path) -> "SmoothedRecording | None":
-    """Return the drawer of the smoothed recording, for a run with a recording."""
+    """Return the drawer of the smoothed recording, for a run with a recording that can be read."""
     if not (folder / RECORDING).exists():
         return None
     # rerun takes most of a second to import: only who records pays for it.
-    from swarm.results.recording.smoothed import SmoothedRecording
+    from swarm.results.recording.smoothed import RecordingUnreadable, SmoothedRecording
 
-    return SmoothedRecording(file, open_run(folder), craft, "peer_px_m" in telemetry_columns(folder))
+    try:
+        return SmoothedRecording(file, open_run(folder), craft, "peer_px_m" in telemetry_columns(folder))
+    except RecordingUnreadable:
+        # A kill may have torn it; the estimates can be smoothed all the same.
+        return None
 
 
 def _schema(folder: Path) -> pa.Schema:

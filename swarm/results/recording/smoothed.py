@@ -7,6 +7,7 @@ the plot that it belongs to, so that the layout stays as it is:
     world/smoothed               the ways of the craft
 """
 
+import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -36,6 +37,10 @@ WAY_STEP = 6
 Values = Callable[[pa.Table], Floats]
 
 
+class RecordingUnreadable(SwarmError):
+    """The recording that the lines belong to is damaged."""
+
+
 class Smoothed(NamedTuple):
     """The lines of one plot: its entity, and their values (rows,) from the rows of smooth.parquet."""
 
@@ -56,7 +61,8 @@ class SmoothedRecording:
             replay: there is no truth.
 
         Raises:
-            SwarmError: the recording cannot be read, or the file cannot be written.
+            RecordingUnreadable: the recording is damaged.
+            SwarmError: the file cannot be written.
         """
         self._craft = list(craft)
         self._single = [name for name in _detail(run) if name in craft] or self._craft[:1]
@@ -112,7 +118,7 @@ class SmoothedRecording:
         colours = drawing.palette(len(self._craft))
         strips, inks = [], []
         for i in range(len(self._craft)):
-            known: Bools = np.isfinite(way[:, i]).all(axis=1)
+            known: Bools = np.all(np.isfinite(way[:, i]), axis=1)
             for piece in np.split(np.arange(len(way)), np.flatnonzero(~known)):
                 piece = piece[known[piece]]
                 if len(piece) > 1:
@@ -149,9 +155,12 @@ def _detail(run: Run) -> Sequence[str]:
 
 
 def _id(file: Path) -> str:
-    """Return the id of a recording. Raises SwarmError where the file has none."""
+    """Return the id of a recording. Raises RecordingUnreadable where the file has none."""
     try:
-        (store, *_) = RrdReader(str(file)).recordings()
+        # rerun warns of a file that a kill has left without its end; the id is at the beginning.
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            (store, *_) = RrdReader(str(file)).recordings()
         return str(store.recording_id)
     except (OSError, RuntimeError, ValueError) as error:
-        raise SwarmError(f"cannot read {file}: {error}") from error
+        raise RecordingUnreadable(f"cannot read {file}: {error}") from error

@@ -55,7 +55,7 @@ def scatter(rows: TelemetryTable, source: str, period_s: float) -> dict[str, flo
     turn = matrix_from_quaternion(rows.quaternion(source))
     # The way that the attitude has gone: small turns add up as vectors do.
     steps = np.full((max(len(turn) - 1, 0), 3), np.nan)
-    known: Bools = np.isfinite(turn).all(axis=(1, 2))
+    known: Bools = np.all(np.isfinite(turn), axis=(1, 2))
     both = known[1:] & known[:-1]
     steps[both] = log(turn[1:][both] @ np.swapaxes(turn[:-1][both], 1, 2))
     way = np.concatenate([np.zeros((1, 3)), np.cumsum(np.where(both[:, None], steps, 0.0), axis=0)])[: len(turn)]
