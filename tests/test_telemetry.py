@@ -26,6 +26,7 @@ from swarm.results.columns.integrity import integrity
 from swarm.results.columns.observer import observer
 from swarm.results.columns.peer import PEER
 from swarm.results.columns.schema import schema
+from swarm.results.columns.smooth import COLUMNS as SMOOTH
 from swarm.results.files import PARTS
 from swarm.results.files import TELEMETRY as FILE
 from swarm.results.reading import read_telemetry
@@ -252,4 +253,4 @@ def test_the_column_reference_is_in_step():
         "write swarm.results.columns.groups.column_reference() to docs/telemetry.md"
     )
     further = [PEER, CCD, observer((), ()), integrity(False), ACTUATION, GUIDANCE, DOCKING, faults(())]
-    assert column_reference().count("\n| `") == len(schema(further))
+    assert column_reference().count("\n| `") == len(schema(further)) + len(SMOOTH)

@@ -91,9 +91,14 @@ def errors(series: Series) -> Picture:
 
 
 def settle(axes: Axes, wrong: Floats, believed: Floats) -> None:
-    """Choose the height of a plot of errors and 3 sigma, (n,) each.
+    """Choose the height of a plot of errors and 3 sigma.
 
     The start, when a craft has only just found itself, must not flatten the rest.
+
+    Args:
+        axes: Plot to change.
+        wrong: Errors (n,).
+        believed: The 3 sigma (n,).
     """
     tops = [
         np.quantile(value[np.isfinite(value)], share)
