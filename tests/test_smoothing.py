@@ -202,7 +202,12 @@ def test_a_torn_recording_does_not_stop_it(run, left):
 
 def test_the_viewer_shows_both_recordings_as_one(smoothed, monkeypatch):
     shown = []
-    monkeypatch.setattr("swarm.results.recording.viewer.view", lambda *files, **more: shown.append((files, more)) or 0)
+
+    def view(*files, **more):
+        shown.append((files, more))
+        return 0
+
+    monkeypatch.setattr("swarm.results.recording.viewer.view", view)
     assert CliRunner().invoke(app, ["view", str(smoothed.folder)]).exit_code == 0
     assert shown == [((smoothed.recording,), {"web": False, "more": [smoothed.smoothed_recording]})]
 
