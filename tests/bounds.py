@@ -116,6 +116,7 @@ def infinite_columns(settings: Scenario, folder: Path) -> list[str]:
 def _value(table: type[Table], key: str, limits: Limits, side: str, *, outside: bool = False) -> Any:
     """Return a value for `key`: the limit, or a number outside it, or a list with that."""
     limit = limits.low if side == "low" else limits.high
+    limit = 0.0 if limit is None else limit
     for name, towards in (("gt", math.inf), ("lt", -math.inf)):
         if any(getattr(m, name, None) == limit for m in table.model_fields[key].metadata):
             limit = (
@@ -124,12 +125,12 @@ def _value(table: type[Table], key: str, limits: Limits, side: str, *, outside: 
                 else math.nextafter(float(limit), towards)
             )
     if outside:
-        limit = (limit or 0) + (-1 if side == "low" else 1) * max(1, abs(limit or 0))
+        limit = limit + (-1 if side == "low" else 1) * max(1, abs(limit))
     annotation = str(table.model_fields[key].annotation)
     shown = table.model_fields[key].default
     if "tuple" not in annotation:
         whole = table.model_fields[key].annotation is int or annotation.startswith("int")
-        return int(limit or 0) if whole else float(limit or 0)
+        return int(limit) if whole else float(limit)
     if key == "points_m":
         return [[limit, 0.0, 2.0], [0.1, 0.0, 2.0]]
     if key == "times_s":

@@ -60,7 +60,7 @@ def run(request: Request) -> Outcome:
     for i in range(tracks):
         random = rng.uniform(-RANGE_DEG, RANGE_DEG, (length - 1, 3))
         angles = np.concatenate([np.full((1, 3), STARTS_DEG[i]), random])
-        steps += follow(bench, request.each(angles, f"track {i + 1} of {tracks}, scan", (i, tracks)), i)
+        steps += follow(bench, request.each(list(angles), f"track {i + 1} of {tracks}, scan", (i, tracks)), i)
     note = (
         f"{tracks} tracks of {length} scans: an acquisition, then attitudes drawn within {RANGE_DEG:g} deg about each "
         "axis. Growth: least squares through the errors of a track against the number of the scan."

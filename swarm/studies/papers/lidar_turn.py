@@ -26,7 +26,7 @@ def run(request: Request) -> Outcome:
     for i, begin in enumerate(starts):
         part = yaw[begin : begin + per_track]
         angles = np.stack([np.zeros_like(part), np.zeros_like(part), part], axis=1)
-        steps += follow(bench, request.each(angles, f"track {i + 1} of {len(starts)}, scan", (i, len(starts))), i)
+        steps += follow(bench, request.each(list(angles), f"track {i + 1} of {len(starts)}, scan", (i, len(starts))), i)
     points, error = np.array([s.points for s in steps]), np.array([s.model_deg for s in steps])
     few, many = error[points <= np.quantile(points, FEW)], error[points >= np.quantile(points, MANY)]
     edge_on = under(
