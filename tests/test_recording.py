@@ -21,7 +21,7 @@ from swarm.errors import SwarmError
 from swarm.hardware import pad
 from swarm.results import scene as recorder
 from swarm.results.columns.peer import PEER
-from swarm.results.recording import drawing, plots, viewer
+from swarm.results.recording import crowd, drawing, plots, viewer
 from swarm.results.recording.batch import kept
 from swarm.results.recording.estimates import ENLARGED
 from swarm.results.recording.lighthouse import FAN_TURN_S
@@ -57,8 +57,8 @@ def scene_of(craft, detail=()):
     return Scene([f"craft-{i}" for i in range(craft)], [[part]] * craft, layout, [part], 120.0, detail)
 
 
-def fly(folder, craft=3, periods=90, scene=None, replay=False):
-    """A recording and the periods that went into it. Craft 1 knows nothing in period 5, and has a dark photodiode."""
+def fly(folder, craft=3, periods=90, scene=None, replay=False, lost_at=5):
+    """A recording and the periods that went into it. Craft 1 knows nothing in one period, and has a dark photodiode."""
     folder.mkdir(exist_ok=True)
     scene = (scene or scene_of(craft))._replace(replay=replay)
     rng = np.random.default_rng(4)
@@ -68,7 +68,7 @@ def fly(folder, craft=3, periods=90, scene=None, replay=False):
     for k in range(periods):
         truth = truth_at(k * PERIOD_S, craft)
         estimate = estimate_of(truth, rng)
-        if k == 5:
+        if k == lost_at:
             estimate = lost(estimate, 1)
         sight = np.full((craft, 6), Sight.LIT)
         sight[1 % craft, 2], sight[1 % craft, 3] = Sight.BLOCKED, Sight.OUTSIDE
@@ -190,7 +190,7 @@ def test_the_drawn_fans_sweep_as_equation_2_says(flight):
     """At time t the fan stands at theta = w t: for fan X x/z = cot theta on its whole plane, for fan Y y/z."""
     path, flown = flight
     for fan, start, axis in (("x", 0.0, 0), ("y", 0.5, 1)):
-        entity = f"world/lighthouse/fan_{fan}"
+        entity = f"world/fans/{fan}"
         at = np.array(read(path, entity, "Transform3D:translation"))[:, 0]
         turn = np.array(read(path, entity, "Transform3D:quaternion"))[:, 0]
         boresight = np.array([0.0, 0.0, 1.0])
@@ -232,20 +232,50 @@ def test_the_field_is_as_wide_as_it_says():
 def test_a_large_swarm_is_a_crowd_with_few_entities(tmp_path):
     path, flown = fly(tmp_path, craft=100, periods=12, scene=scene_of(100, ("craft-7",)))
     entities = {chunk.entity_path for chunk in RrdReader(str(path)).stream()}
-    assert len(entities) < 45
+    # A few per state of the crowd, none per craft.
+    assert len(entities) < 60
     assert "/world/craft/craft-7" in entities
     assert "/world/craft/craft-8" not in entities
-    poses = read(path, "world/crowd/model-0", "InstancePoses3D:translations")
-    assert [len(row) for row in poses] == [99] * 3
-    others = np.delete(flown[4].truth.position, 7, axis=0)
-    np.testing.assert_allclose(poses[1], others, atol=5e-7)
-    turns = read(path, "world/crowd/model-0", "InstancePoses3D:quaternions")
-    expected = np.delete(flown[4].truth.quaternion, 7, axis=0)
-    np.testing.assert_allclose(wxyz_from_xyzw(np.array(turns[1])), expected, atol=1e-6)
+    # Every craft but craft-7 is in the entity of its error, in the order of the craft, and nowhere else.
+    error_mm = 1e3 * np.delete(flown[4].errors.position_error_m, 7)
+    place = np.delete(flown[4].truth.position, 7, axis=0)
+    quaternion = np.delete(flown[4].truth.quaternion, 7, axis=0)
+    steps = (0.0, *crowd.ERRORS_MM, np.inf)
+    drawn = 0
+    for low, high, state in zip(steps, steps[1:], crowd.STATES, strict=False):
+        mine = (error_mm > low) & (error_mm <= high)
+        at = read(path, f"world/crowd/model-0/{state}", "InstancePoses3D:translations")
+        if not mine.any():
+            assert not at or np.isnan(at[1]).all()
+            continue
+        turns = read(path, f"world/crowd/model-0/{state}", "InstancePoses3D:quaternions")
+        np.testing.assert_allclose(at[1], place[mine], atol=5e-7)
+        np.testing.assert_allclose(wxyz_from_xyzw(np.array(turns[1])), quaternion[mine], atol=1e-6)
+        drawn += len(at[1])
+    assert drawn == 99
+    errors = np.nan_to_num([np.delete(p.errors.position_error_m, 7) for p in flown[::4]]).max(axis=0)
+    k = int(errors.argmax())
+    worst = f"worst: craft-{k + (k >= 7)}, {1e3 * errors[k]:.3g} mm"
+    assert read(path, "world/crowd/worst", "Points3D:labels") == [[worst]] * 3
     spread = read(path, "swarm/position_error", "Scalars:scalars")
     error = 1e3 * flown[4].errors.position_error_m
     known = error[np.isfinite(error)]
     np.testing.assert_allclose(spread[1][:3], [np.median(known), np.quantile(known, 0.95), known.max()])
+
+
+def test_a_lost_craft_of_a_crowd_leaves_its_state_and_comes_back(tmp_path):
+    path, flown = fly(tmp_path, craft=40, periods=10, lost_at=4)
+    frames = [0, 2, 4, 6, 8]
+    searching = read(path, "world/crowd/model-0/searching", "InstancePoses3D:translations")
+    assert [np.isnan(row).all() for row in searching] == [frame != 4 for frame in frames]
+    np.testing.assert_allclose(searching[2], [flown[4].truth.position[1]], atol=5e-7)
+    tracking = np.zeros(len(frames), dtype=int)
+    for state in list(crowd.STATES)[: len(crowd.ERRORS_MM) + 1]:
+        rows = read(path, f"world/crowd/model-0/{state}", "InstancePoses3D:translations")
+        # A state that nobody ever has is not there.
+        tracking += [int(np.isfinite(row).all(axis=1).sum()) for row in rows] or 0
+    assert tracking.tolist() == [39, 39, 38, 39, 39]
+    assert read(path, "world/crowd/worst", "Points3D:labels")[0] == ["worst: craft-1, searching"]
 
 
 def test_a_replay_draws_the_craft_at_its_estimate(tmp_path):

@@ -5,10 +5,14 @@ from swarm.results.recording.estimates import ENLARGED
 from swarm.results.recording.lighthouse import FAN_TURN_S, REAL_FAN_TURN_S
 from swarm.results.scene import Scene
 
-LIDARS = """| bright points | the last scan of a LiDAR, where its craft believes the returns to be |
+LIDARS = """| yellow points | the last scan of a LiDAR, where its craft believes the returns to be |
 """
 CAMERAS = """| blue, yellow line | from the main and the backup camera to a light that it sees |
 | pyramids on a craft | the fields of its cameras |
+"""
+CROWD = """| colour of a craft | its position error: blue within 1 mm, teal 3 mm, green 10 mm, yellow 30 mm, orange \
+beyond; red: searching, dark orange: coasting, purple: ambiguous, grey: without sensors |
+| white label | the worst craft of the last second: the longest without tracking, or the largest error |
 """
 ABOUT = """# What is drawn
 
@@ -21,7 +25,10 @@ ABOUT = """# What is drawn
 | red ray, point | photodiode in reach, but something stands in between |
 | grey point | photodiode outside field or range, or turned away |
 | two translucent fans | the lighthouse's lasers, **slowed down {slowed:.0f} times** |
-{cameras}| thin trail | where the craft was in the last {trail:.0f} s |
+{crowd}{cameras}| thin trail | where the craft was in the last {trail:.0f} s |
+
+To hide the fans, the rays or anything else, open the panel on the left (the buttons are at the top right), and click
+the eye beside `fans` or `rays`.
 
 The axes are those of the lighthouse: x right (red), y down (green), z forward (blue).
 
@@ -34,12 +41,13 @@ the values of independent craft. *ADOP* and *PDOP* say how much attitude and pos
 """
 
 
-def about(scene: Scene) -> str:
-    """Return the text for a scene, as Markdown."""
+def about(scene: Scene, crowd: bool) -> str:
+    """Return the text for a scene, as Markdown. crowd: most craft are drawn as one."""
     return ABOUT.format(
         craft="the craft at its estimate: the truth is not known" if scene.replay else "the craft where it truly is",
         enlarged=ENLARGED,
         slowed=FAN_TURN_S / REAL_FAN_TURN_S,
+        crowd=CROWD if crowd else "",
         trail=TRAIL_POINTS * TRAIL_STEP_S,
         cameras=(CAMERAS if scene.ccd else "") + (LIDARS if scene.lidar else ""),
     )

@@ -11,7 +11,9 @@ from swarm.results.recording.plots import Plot
 
 MOST_LANES = 6
 """Lanes of states that have room below the scene; of more, the others are scrolled to."""
-NOT_TO_POINT_AT = ("world/rays", "world/names", "world/trails", "world/lighthouse/fan_x", "world/lighthouse/fan_y")
+LANE_PX, LANES_HEAD_PX, SCREEN_PX = 41, 62, 940
+"""Heights of a lane with its name, of the panel's title and axis, and of the viewer's middle on a usual screen."""
+NOT_TO_POINT_AT = ("world/rays", "world/names", "world/trails", "world/fans")
 
 
 def _view(plot: Plot) -> rrb.TimeSeriesView:
@@ -70,12 +72,13 @@ def blueprint(
         background=[13, 17, 23],
         overrides={entity: rrb.EntityBehavior(interactive=False) for entity in NOT_TO_POINT_AT},
     )
+    panel_px = LANES_HEAD_PX + LANE_PX * min(lanes, MOST_LANES)
     status = rrb.StateTimelineView(origin="status", name="Status")
     about = rrb.TextDocumentView(origin="about", name="What is what")
     columns = [_column(swarm, "Swarm"), *(_column(plots, name) for name, plots in single.items())]
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(scene, status, row_shares=[7, 0.5 + 0.4 * min(lanes, MOST_LANES)]),
+            rrb.Vertical(scene, status, row_shares=[SCREEN_PX - panel_px, panel_px]) if lanes else scene,
             rrb.Tabs(*columns, about, active_tab=0),
             column_shares=[3, 2],
         ),

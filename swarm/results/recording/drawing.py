@@ -5,15 +5,20 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError
 
 from estimators.arrays import Floats, Ints
 from estimators.rotation import quaternion_from_matrix
 from swarm.results.scene import Visual
+from swarm.world.shapes import Mesh
 
 Colours = NDArray[np.uint8]
 SHARP_RAD = np.radians(25)
 MOST_EDGES = 400
 """An outline of more edges than this keeps the longest: a drawing, not a mesh."""
+
+MOST_FACES = 300
+"""A thing of more triangles is drawn plainer in a crowd."""
 
 _BRIGHT = ("4fc3f7", "ffb74d", "81c784", "f06292", "ba68c8", "fff176", "4db6ac", "ff8a65", "90a4ae", "a1887f")
 
@@ -42,6 +47,40 @@ def solid(visuals: Sequence[Visual]) -> Solid | None:
     normal = np.cross(triangle[:, 1] - triangle[:, 0], triangle[:, 2] - triangle[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
     return Solid(corner.astype(np.float32), np.repeat(normal, 3, axis=0).astype(np.float32), np.concatenate(colour))
+
+
+def plainer(visuals: Sequence[Visual]) -> list[Visual]:
+    """Return a thing of many triangles as the convex hulls of its parts: as large as it is, with fewer of them."""
+    if sum(len(mesh.face) for mesh, _ in visuals) <= MOST_FACES:
+        return list(visuals)
+    return [(_hull(mesh), rgba) for mesh, rgba in visuals]
+
+
+def _hull(mesh: Mesh) -> Mesh:
+    """Return the convex hull of a mesh, its faces turned outwards; a flat mesh stays as it is."""
+    try:
+        hull = ConvexHull(mesh.vertex)
+    except QhullError:
+        return mesh
+    face = hull.simplices.copy()
+    corner = mesh.vertex[face]
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    inward = np.sum(normal * hull.equations[:, :3], axis=1) < 0
+    face[inward] = face[inward][:, ::-1]
+    return Mesh(mesh.vertex, face)
+
+
+def tinted(body: Solid, colour: int, share: float) -> Solid:
+    """Return a solid in another colour.
+
+    Args:
+        body: The solid.
+        colour: The colour, rgb.
+        share: Part of it in the mixture with the solid's own colour, 0..1.
+    """
+    mixed = body.colour.astype(np.float64)
+    mixed[:, :3] += share * (np.array([*colour.to_bytes(3, "big")]) - mixed[:, :3])
+    return body._replace(colour=np.rint(mixed).astype(np.uint8))
 
 
 def outline(visuals: Sequence[Visual]) -> Floats:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import rerun as rr
 
+from estimators.arrays import Floats
 from swarm.results.columns.column import Column
 from swarm.results.columns.core import SENSORS, STATUS
 from swarm.results.recording.batch import Batch
@@ -24,15 +25,28 @@ STATE_COLOURS = (
 class Lanes:
     """status/NAME; status/NAME/sensor of craft with cameras; status/NAME/COLUMN of the shown columns of states."""
 
-    def __init__(self, stage: Stage, shown: Sequence[Column]) -> None:
+    def __init__(self, stage: Stage, shown: Sequence[Column], values: Floats) -> None:
+        """Choose the lanes.
+
+        Args:
+            stage: The scene.
+            shown: The shown columns.
+            values: Their values in the first period that is drawn, (C, columns): what means nothing to a craft, is not
+                known then.
+        """
         self._stage = stage
-        self._states = [(row, column) for row, column in enumerate(shown) if column.names]
+        self._states = [
+            (row, column, [i for i in stage.near.tolist() if np.isfinite(values[i, row])])
+            for row, column in enumerate(shown)
+            if column.names
+        ]
         self._watching = [pair.craft for pair in stage.scene.ccd if pair.craft in stage.near]
 
     @property
     def count(self) -> int:
         """Number of lanes."""
-        return len(self._stage.near) * (1 + len(self._states))
+        states = sum(len(having) for _, _, having in self._states)
+        return len(self._stage.navigating) + len(self._watching) + states
 
     def begin(self, canvas: Canvas) -> None:
         """Name and colour the states."""
@@ -41,9 +55,9 @@ class Lanes:
             self._configure(canvas, f"status/{names[i]}", STATUS, STATUS_COLOURS)
         for i in self._watching:
             self._configure(canvas, f"status/{names[i]}/sensor", SENSORS, SENSOR_COLOURS)
-        for _, column in self._states:
+        for _, column, having in self._states:
             colours = [STATE_COLOURS[k % len(STATE_COLOURS)] for k in range(len(column.names))]
-            for i in self._stage.near:
+            for i in having:
                 self._configure(canvas, f"status/{names[i]}/{column.name}", column.names, colours)
 
     def _configure(self, canvas: Canvas, entity: str, names: Sequence[str], colours: Sequence[int]) -> None:
@@ -57,8 +71,8 @@ class Lanes:
         for i in self._watching:
             states = [SENSORS[code] for code in batch.sensor[:, i]]
             send(f"status/{names[i]}/sensor", rr.StateChange.columns(state=states))
-        for row, column in self._states:
-            for i in self._stage.near:
+        for row, column, having in self._states:
+            for i in having:
                 codes = batch.shown[:, i, row]
                 if np.isfinite(codes).all():
                     states = [column.names[int(code)] for code in codes]

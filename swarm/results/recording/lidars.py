@@ -4,8 +4,11 @@ import numpy as np
 import rerun as rr
 
 from swarm.results.recording.batch import Batch
-from swarm.results.recording.canvas import Canvas, Send
+from swarm.results.recording.canvas import Canvas, Send, ink
 from swarm.results.recording.layer import Stage
+
+RETURNS = 0xFFFF00FF
+"""Colour of the returns: that of no craft and of no photodiode."""
 
 
 class Lidars:
@@ -18,7 +21,7 @@ class Lidars:
         """Set the colours."""
         self._canvas = canvas
         for i, _ in self._stage.scene.lidar:
-            points = rr.Points3D.from_fields(colors=self._stage.colour[i][None], radii=[-1.6])
+            points = rr.Points3D.from_fields(colors=ink(RETURNS), radii=[-2.4])
             canvas.static(f"world/lidar/{self._stage.scene.craft[i]}", points)
 
     def send(self, send: Send, batch: Batch) -> None:

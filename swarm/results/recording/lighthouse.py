@@ -1,4 +1,7 @@
-"""The lighthouse: its body, its field, its axes, and two fans that turn as the real ones do, slowed down."""
+"""The lighthouse: its body, its field, its axes, and two fans that turn as the real ones do, slowed down.
+
+The fans are one branch of the viewer's tree, `world/fans`, whose eye switches them off.
+"""
 
 import numpy as np
 import rerun as rr
@@ -12,8 +15,12 @@ from swarm.results.recording.layer import Stage
 FAN_TURN_S, REAL_FAN_TURN_S = 4.0, 1 / 60
 
 
+SPOKES = 8
+"""One of so many corners of a fan's rim is joined with the lighthouse."""
+
+
 class Lighthouse:
-    """world/lighthouse."""
+    """world/lighthouse; world/fans."""
 
     def __init__(self, stage: Stage) -> None:
         self._stage, self._field_rad = stage, float(np.radians(stage.scene.field_deg))
@@ -23,17 +30,18 @@ class Lighthouse:
         reach_m = self._stage.reach_m
         if (body := drawing.solid(self._stage.scene.lighthouse)) is not None:
             canvas.static("world/lighthouse/body", mesh(body))
-        strips = drawing.field(self._field_rad, 0.12 * reach_m)
-        canvas.static("world/lighthouse/field", rr.LineStrips3D(strips, colors=[0xB0BEC5A0], radii=-0.8))
-        axes, inks = 0.12 * reach_m * np.eye(3), ink(0xEF5350FF, 0x66BB6AFF, 0x42A5F5FF)
+        strips = drawing.field(self._field_rad, 0.06 * reach_m)
+        canvas.static("world/lighthouse/field", rr.LineStrips3D(strips, colors=[0xB0BEC560], radii=-0.6))
+        axes, inks = 0.08 * reach_m * np.eye(3), ink(0xEF5350FF, 0x66BB6AFF, 0x42A5F5FF)
         canvas.static("world/lighthouse/axes", rr.Arrows3D(vectors=axes, colors=inks, radii=0.003 * reach_m))
         vertex, face = drawing.fan(self._field_rad, reach_m)
-        for fan, points, colour in (("x", vertex, 0xFF8A6506), ("y", vertex[:, [1, 0, 2]], 0x4FC3F706)):
+        for fan, points, colour in (("x", vertex, 0xFF8A6501), ("y", vertex[:, [1, 0, 2]], 0x4FC3F701)):
             light = rr.Mesh3D(vertex_positions=points, triangle_indices=face, albedo_factor=colour)
-            canvas.static(f"world/lighthouse/fan_{fan}/light", light)
+            canvas.static(f"world/fans/{fan}/light", light)
             strip = np.roll(points, -1, axis=0).astype(np.float32)
-            rim = rr.LineStrips3D([strip], colors=ink(colour | 0x90), radii=-0.6)
-            canvas.static(f"world/lighthouse/fan_{fan}/rim", rim)
+            spokes = [points[[0, k]].astype(np.float32) for k in range(1 + SPOKES, len(points) - 1, SPOKES)]
+            inks = ink(colour | 0x60, *[colour | 0x28] * len(spokes))
+            canvas.static(f"world/fans/{fan}/rim", rr.LineStrips3D([strip, *spokes], colors=inks, radii=-0.5))
         if 0 < self._stage.begin_s < 0.1:
             # The timeline begins with the run, not with the middle of its first period.
             self._turn(canvas.at(np.zeros(1), np.zeros(1, dtype=np.int64)), np.zeros(1))
@@ -51,4 +59,4 @@ class Lighthouse:
             quaternion[:, axis], quaternion[:, 3] = np.sin(sign * a / 2), np.cos(a / 2)
             outside = np.abs(a) > self._field_rad / 2
             at = np.where(outside[:, None], np.nan, np.zeros((len(a), 3)))
-            send(f"world/lighthouse/fan_{fan}", rr.Transform3D.columns(translation=at, quaternion=quaternion))
+            send(f"world/fans/{fan}", rr.Transform3D.columns(translation=at, quaternion=quaternion))

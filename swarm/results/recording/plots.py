@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaincinv
 
-from estimators.arrays import Floats
+from estimators.arrays import Floats, Ints
 from swarm.results.columns.column import Column
 from swarm.results.columns.core import STATUS
 from swarm.results.recording.batch import Batch
 
 DOF = 6
 ORANGE, BLUE, RED = 0xFFB74DFF, 0x4FC3F7FF, 0xFF5252FF
-STATUS_COLOURS = (0x616161FF, 0x2E7D32FF, 0xEF6C00FF, 0x8E24AAFF)
+STATUS_COLOURS = (0xC62828FF, 0x2E7D32FF, 0xEF6C00FF, 0x8E24AAFF)
 """Colours of the names in `STATUS`."""
 THIN, MEDIUM, BOLD = 1.2, 1.6, 2.2
 Values = Callable[[Batch], Floats]
@@ -89,11 +89,15 @@ LOW = {"median": 0.5, "5 %": 0.05, "fewest": 0.0}
 
 
 class _Swarm(NamedTuple):
-    """Plots of all craft: a line each, or in a crowd their spread."""
+    """Plots of the craft that navigate: a line each, or in a crowd their spread.
+
+    craft, colours: of these craft. crowd: show the spread. which: their indices.
+    """
 
     craft: Sequence[str]
     colours: Sequence[int]
     crowd: bool
+    which: Ints
 
     def plot(
         self, entity: str, title: str, of: Values, sigma: Values | None = None, spread: dict[str, float] = HIGH
@@ -112,7 +116,8 @@ class _Swarm(NamedTuple):
         lines = [Line(name, colour, THIN) for name, colour in names]
 
         def values(batch: Batch) -> Floats:
-            lines = _spread(of(batch), tuple(spread.values())) if self.crowd else of(batch)
+            mine = of(batch)[:, self.which]
+            lines = _spread(mine, tuple(spread.values())) if self.crowd else mine
             return lines if sigma is None else np.concatenate([lines, 3 * _rms(sigma(batch))[:, None]], axis=1)
 
         return Plot(f"swarm/{entity}", title, lines if sigma is None else [*lines, SWARM_SIGMA], values)
@@ -132,16 +137,20 @@ def _counts(batch: Batch) -> Floats:
     return np.stack(counts, axis=1).astype(np.float64)
 
 
-def swarm_plots(craft: Sequence[str], colours: Sequence[int], crowd: bool, replay: bool) -> list[Plot]:
-    """Return the plots over all craft, from the top down.
+def swarm_plots(
+    craft: Sequence[str], colours: Sequence[int], crowd: bool, replay: bool, without: Sequence[str] = ()
+) -> list[Plot]:
+    """Return the plots over the craft that navigate, from the top down.
 
     Args:
         craft: Names of the craft.
         colours: Their colours.
         crowd: Show the spread instead of the craft.
         replay: There is no truth.
+        without: Names of craft without a sensor, which are left out; if there are no others, they are shown.
     """
-    swarm = _Swarm(craft, colours, crowd)
+    which = [i for i, name in enumerate(craft) if name not in set(without)] or list(range(len(craft)))
+    swarm = _Swarm([craft[i] for i in which], [colours[i] for i in which], crowd, np.array(which, dtype=np.int64))
     if replay:
         first = [
             swarm.plot("residual", "PnP residual RMS [µrad]", lambda b: 1e6 * b.residual_rad),

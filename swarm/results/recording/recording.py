@@ -2,10 +2,12 @@
 
 Everything is in the lighthouse frame (x right, y down, z forward), on the timelines `sim_time` and `frame`:
 
-    world/lighthouse     its body, field and two fans (which turn as the real ones do, slowed down)
+    world/lighthouse     its body, field and axes
+    world/fans           its two fans, which turn as the real ones do, slowed down
     world/craft/NAME     the craft at its true pose, its photodiodes by what they see
     world/estimate/NAME  an outline at the filter's estimate; in a replay the craft itself
     world/covariance     3 sigma ellipsoids of the position, enlarged, up to half a metre
+    world/crowd          the craft of a large swarm, by model and state, and a label of the worst
     world/rays           from the lighthouse to every photodiode in reach: lit or blocked
     world/trails         where the craft have been in the last seconds
     world/lidar/NAME     the last scan of a LiDAR, where its craft believes the returns to be
@@ -100,7 +102,7 @@ class Recording:
         near = np.array(detail if crowd else range(len(craft)), dtype=np.int64)
         reach_m = 1.25 * float(np.linalg.norm(known, axis=1).max()) if len(known) else 3.0
         stage = Stage(scene, near, crowd, detail, drawing.palette(len(craft)), reach_m, latest.time_s)
-        lanes, plots = Lanes(stage, self._shown.columns), Plots(stage, self._shown)
+        lanes, plots = Lanes(stage, self._shown.columns, self._shown.values(latest)), Plots(stage, self._shown)
         self._canvas.lay_out(blueprint(plots.swarm, plots.single, known, lanes.count, self._canvas.live))
         self._layers = [
             Lighthouse(stage),
@@ -115,7 +117,7 @@ class Recording:
             plots,
         ]
         self._canvas.static("world", rr.ViewCoordinates.RDF)
-        self._canvas.static("about", rr.TextDocument(about(scene), media_type="text/markdown"))
+        self._canvas.static("about", rr.TextDocument(about(scene, crowd), media_type="text/markdown"))
         for layer in self._layers:
             layer.begin(self._canvas)
         for period, errors in self._early:
@@ -157,7 +159,7 @@ class Plots:
         # Translucent, so that the lines of many craft do not hide each other.
         inks = [int.from_bytes(colour[:3].tobytes() + b"\xb4", "big") for colour in stage.colour]
         watching = {pair.craft for pair in scene.ccd}
-        self.swarm = swarm_plots(craft, inks, stage.crowd, scene.replay)
+        self.swarm = swarm_plots(craft, inks, stage.crowd, scene.replay, scene.without_sensors)
         self.single = {
             craft[i]: [
                 *craft_plots(craft[i], i, scene.replay, i in watching),
