@@ -13,9 +13,10 @@ from typing import Any, Literal
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import PolyCollection
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, NullLocator
 from numpy.typing import NDArray
 
@@ -67,12 +68,42 @@ def rendered(
         height_in: height of the figure [inch].
     """
     with mpl.rc_context(dict(look)):
-        figure = Figure(figsize=(width_in, height_in), layout="constrained")
-        paint(figure)
-        svg, png = BytesIO(), BytesIO()
-        figure.savefig(svg, format="svg", metadata={"Date": None})
-        figure.savefig(png, format="png", dpi=160)
-    return svg.getvalue(), png.getvalue()
+        figure = _painted(paint, (width_in, height_in))
+        return _saved(figure, "svg"), _saved(figure, "png")
+
+
+def draw_to(kind: str, paint: Callable[[Figure], None], look: Mapping[Any, Any], size_in: tuple[float, float]) -> bytes:
+    """Draw a figure and return it in one format.
+
+    Args:
+        kind: the format: "svg", "png" or "pdf".
+        paint: function that draws into an empty figure.
+        look: matplotlib settings.
+        size_in: width and height of the figure [inch].
+    """
+    with mpl.rc_context(dict(look)):
+        return _saved(_painted(paint, size_in), kind)
+
+
+def _painted(paint: Callable[[Figure], None], size_in: tuple[float, float]) -> Figure:
+    figure = Figure(figsize=size_in, layout="constrained")
+    paint(figure)
+    return figure
+
+
+def _saved(figure: Figure, kind: str) -> bytes:
+    out = BytesIO()
+    undated = {"svg": "Date", "pdf": "CreationDate"}.get(kind)
+    figure.savefig(out, format=kind, dpi=160, metadata=None if undated is None else {undated: None})
+    # The second format has the same layout: to find it takes longer than to draw it.
+    figure.set_layout_engine("none")
+    return out.getvalue()
+
+
+def texts_of(figure: Figure) -> list[Text]:
+    """Return all texts of a figure but the numbers at its ticks, which are made when it is drawn."""
+    ticks = {id(text) for axes in figure.axes for text in (*axes.get_xticklabels(), *axes.get_yticklabels())}
+    return [text for text in figure.findobj(Text) if isinstance(text, Text) and id(text) not in ticks]
 
 
 def save(figure: Figure, file: Path, salt: str | None = None) -> None:
@@ -159,7 +190,7 @@ def count_map(axes: Axes, counts: Floats, extent: tuple[float, float, float, flo
     )
     figure = axes.get_figure(root=True)
     assert figure is not None
-    figure.colorbar(image, ax=axes, ticks=range(0, most + 1, max(1, most // 6)), label=label)
+    figure.colorbar(image, ax=axes, ticks=range(0, most + 1, max(1, -(-most // 5))), label=label)
     axes.grid(visible=False)
 
 
@@ -172,3 +203,34 @@ def polygons(axes: Axes, corners: Floats, colours: Floats) -> None:
         colours: RGB colours, (n, 3).
     """
     axes.add_collection(PolyCollection(list(corners), facecolors=colours, edgecolors=colours, lw=0.6))
+
+
+def strips(axes: Axes, paths: Floats, colour: str, label: str) -> None:
+    """Draw many faint paths as one picture of pixels, and let the axes hold them.
+
+    Args:
+        axes: axes to draw in.
+        paths: corners of the paths, NaN where missing, (n, k, 2).
+        colour: colour of all.
+        label: label of all in the legend.
+    """
+    alpha = float(np.clip(12 / len(paths), 0.08, 0.6))
+    axes.add_collection(LineCollection(list(paths), colors=colour, linewidths=0.7, alpha=alpha, rasterized=True))
+    axes.plot([], [], color=colour, linewidth=0.8, label=label)
+    known = paths[np.isfinite(paths).all(axis=2)]
+    axes.update_datalim(known)
+    axes.autoscale_view()
+
+
+def value_map(axes: Axes, values: Floats) -> None:
+    """Draw numbers (columns, rows) as colours, a cell each, with a colour bar; the first row is below.
+
+    Args:
+        axes: axes to draw in.
+        values: numbers, NaN where missing, (columns, rows).
+    """
+    image = axes.imshow(values.T, aspect="auto", interpolation="nearest", origin="lower", cmap="viridis")
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    figure.colorbar(image, ax=axes)
+    axes.grid(visible=False)

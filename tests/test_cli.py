@@ -19,6 +19,8 @@ import pytest
 import swarm
 from swarm.assets import models, recordings, scenarios, studies
 from swarm.cli import app as cli
+from swarm.report.run import run_page
+from swarm.report.subject import Subject
 from swarm.results.progress import Progress
 from swarm.results.run_folder import Run, RunFolder, open_run
 from swarm.scenario import Scenario, load, to_toml
@@ -146,6 +148,9 @@ def test_the_shipped_recording_is_listed_and_replayed_by_its_name(command: Comma
     flown = command("replay", "handheld", "--no-recording", "--out", str(tmp_path / "run"))
     assert flown.code == 0
     assert "handheld.json" in flown.err
+    page = run_page(Subject(open_run(tmp_path / "run")))
+    assert page.commands == ["swarm replay handheld --out again"]
+    assert page.subtitle.endswith("s of recorded light replayed.")
     assert "the angles agree to" in flown.err
     assert open_run(tmp_path / "run").summary["swarm"]["tracking_share"] > 0.98
     wrong = command("replay", "handheld2")

@@ -8,7 +8,8 @@ import pytest
 
 import swarm
 from swarm.errors import SwarmError
-from swarm.report.run import sections
+from swarm.report.run import run_page
+from swarm.report.subject import Subject
 from swarm.results.columns.core import STATUS
 from swarm.results.columns.schema import schema
 from swarm.results.criteria import check_measures, judge, summary_of
@@ -197,8 +198,11 @@ def test_a_run_prints_which_held_and_its_exit_code_says_it(tmp_path, capsys, mon
     assert "position_error_m" in out
     run = swarm.open_run(tmp_path / "runs" / "short-0")
     assert run.summary["criteria_held"] is (code == 0)
-    page = next(section for section in sections(run) if section.title == "Criteria")
-    assert page.tables[0].rows[0][:2] == ["position_error_m", word.lower()]
+    page = run_page(Subject(run))
+    criteria = next(section for section in page.sections if section.title == "Criteria")
+    assert criteria.tables[0].rows[0][:2] == ["position_error_m", word.lower()]
+    assert page.facts[0].badge == ("PASS" if code == 0 else "FAIL")
+    assert page.verdict_kind == ("pass" if code == 0 else "fail")
 
 
 @pytest.mark.parametrize(

@@ -15,9 +15,11 @@ from mutants import COUNT, HOSTILE, tracebacks
 import swarm
 from swarm.cli import app as cli
 from swarm.errors import SwarmError
-from swarm.report.run import facts
+from swarm.report.page import html
+from swarm.report.run import facts, run_page
 from swarm.report.run_table import results
-from swarm.report.write import run_page, write_report
+from swarm.report.subject import Subject
+from swarm.report.write import write_report
 from swarm.results.reading import read_telemetry
 from swarm.results.run_folder import open_run
 from swarm.results.summary_shape import check_summary
@@ -63,7 +65,7 @@ def test_mutants_of_a_summary(run: Path) -> None:
         check_summary(summary, str(file))
         # The terminal's table, and the parts of a page, of whatever was let in.
         results(summary, 80)
-        facts(open_run(run)) if summary.get("swarm") else []
+        facts(Subject(open_run(run)))
 
     assert tracebacks([text], read) == []
 
@@ -173,7 +175,7 @@ def test_an_edited_run_is_one_message(
 def test_strange_numbers_still_make_a_page(run: Path, change: Callable[[pa.Table], pa.Table]) -> None:
     edit(run, change)
     with np.errstate(all="ignore"):
-        assert run_page(open_run(run)).title == "Run: run"
+        assert "<h1>Run: run</h1>" in html(run_page(Subject(open_run(run))))
 
 
 @pytest.mark.parametrize("name", ["study.json", "study.toml", "runs.parquet"])

@@ -18,10 +18,11 @@ from swarm import scenario
 from swarm.assets import scenarios
 from swarm.errors import SwarmError
 from swarm.flight import builders
-from swarm.scenario import Scenario, load, to_toml
+from swarm.scenario import Scenario, for_replay, load, to_toml
 from swarm.scenario.mistakes import tables_of
 from swarm.scenario.motions import Course, paths
 from swarm.scenario.table import Table
+from swarm.scenario.text import changed, toml_value
 from swarm.units import si, written_unit
 from swarm.world.motion.paths import grouped
 
@@ -578,3 +579,13 @@ def test_no_number_of_a_scenario_is_bounded_by_nothing_but_zero() -> None:
             if any(isinstance(limit, Gt) and limit.gt == 0 for limit in field.metadata):
                 loose.add(key)
     assert loose == set()
+
+
+def test_settings_that_are_not_the_usual_ones_are_told_as_set_takes_them():
+    recording = Path("walk.rec.gz")
+    usual = for_replay(recording)
+    other = for_replay(recording, ["navigation.gate_probability=0.99", "navigation.integrity.residual_test=false"])
+    assert list(changed(usual, usual)) == []
+    told = {key: toml_value(value) for key, value in changed(usual, other)}
+    assert told == {"navigation.gate_probability": "0.99", "navigation.integrity.residual_test": "false"}
+    assert for_replay(recording, [f"{key}={value}" for key, value in told.items()]) == other

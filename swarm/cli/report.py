@@ -1,5 +1,6 @@
 """The command `swarm report`: one HTML page of a run or a study."""
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -8,11 +9,26 @@ import typer
 from swarm.cli.terminal import mistakes
 
 
+class Paper(StrEnum):
+    """A format of figures for a paper."""
+
+    PDF = "pdf"
+    SVG = "svg"
+
+
 def report(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="The folder of a study, or of a run.")],
     out: Annotated[
         Path | None,
         typer.Option("--out", metavar="FILE", help="Write to this file. Default: FOLDER/report.html."),
+    ] = None,
+    figures: Annotated[
+        Paper | None,
+        typer.Option(
+            "--figures",
+            help="Also write every figure for a paper: 180 mm and 89 mm wide, in a serif type, signs as LaTeX sets "
+            "them, text as text.",
+        ),
     ] = None,
 ) -> None:
     """Make one HTML page of a run or a study.
@@ -20,11 +36,14 @@ def report(
     \b
     swarm report runs/scaling
     swarm report runs/formation-7 --out formation.html
+    swarm report runs/formation-7 --figures pdf
     """
     with mistakes():
         from swarm.report.write import write_report
 
-        page, figures = write_report(run, out)
+        page, files = write_report(run, out, None if figures is None else figures.value)
         typer.echo(f"{page}  opens in any browser, and needs nothing else")
-        if figures:
-            typer.echo(f"{figures[0].parent}/  its {len(figures)} figures, as SVG and PNG")
+        if files:
+            count = len({file for file in files if file.suffix == ".png"})
+            also = "" if figures is None else f", and for a paper (NAME-page.{figures}, NAME-column.{figures})"
+            typer.echo(f"{files[0].parent}/  its {count} figures, as SVG and PNG{also}")

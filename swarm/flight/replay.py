@@ -4,6 +4,7 @@ A recording contains no truth: the true columns stay null, and the pose that the
 into the peer columns. The station's factory calibration is subtracted from the angles before any other step.
 """
 
+import shlex
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +14,7 @@ import numpy as np
 from estimators.arrays import Floats, Ints
 from estimators.lighthouse.integrity import Sweeps
 from estimators.lighthouse.sweep import correct
-from swarm.assets import find_model
+from swarm.assets import find_model, recordings
 from swarm.errors import SwarmError
 from swarm.flight import builders
 from swarm.flight.recordings.consistency import Consistency, Sample, assess
@@ -36,6 +37,7 @@ from swarm.results.run_folder import Run
 from swarm.results.run_writer import writing_run
 from swarm.results.scene import Scene
 from swarm.scenario import Scenario, for_replay
+from swarm.scenario.text import changed, toml_value
 from swarm.sensors.sight import Sight
 from swarm.units import ARCSEC
 from swarm.world.craft import visuals
@@ -88,6 +90,7 @@ def replay(
         SwarmError: the recording or the calibration cannot be read, or the folder cannot be written.
     """
     settings, told = scenario if scenario is not None else for_replay(Path(recording)), progress or untold
+    command = _command(recording, settings, object_name, lighthouse, calibration, source)
     playback = Playback(recording, settings, object_name, lighthouse, calibration, source)
     settings = playback.settings
     if tell is not None:
@@ -102,11 +105,44 @@ def replay(
         record=record,
         angles=playback.believed if settings.recording.angles else None,
         history=playback.history,
+        command=command,
     ) as writer:
         for period in playback.fly():
             writer.append(period)
             told(writer.progress)
     return writer.run
+
+
+def _command(
+    recording: str | Path,
+    settings: Scenario,
+    object_name: str | None,
+    lighthouse: int,
+    calibration: str | Path | None,
+    source: Source,
+) -> str:
+    """Return the command that repeats a replay: its arguments, and every setting that is not the usual one.
+
+    Args:
+        recording: file written by libsurvive.
+        settings: settings as the user gave them.
+        object_name: name of the tracked object, None for the only one.
+        lighthouse: number of the station.
+        calibration: file of the station's known errors.
+        source: raw pulses or angles.
+    """
+    own = next((name for name, file in recordings().items() if file == Path(recording)), None)
+    words = ["swarm", "replay", own or str(recording)]
+    words += ["--object", object_name] if object_name is not None else []
+    words += ["--lighthouse", str(lighthouse)] if lighthouse else []
+    # A recording that comes with the program brings its calibration.
+    words += ["--calibration", str(calibration)] if calibration is not None and own is None else []
+    words += ["--from", source] if source != "pulses" else []
+    usual = for_replay(Path(recording))
+    words += ["--seed", str(settings.seed)] if settings.seed != usual.seed else []
+    for key, value in changed(usual, settings):
+        words += ["--set", f"{key}={toml_value(value)}"]
+    return shlex.join(words)
 
 
 class Playback:

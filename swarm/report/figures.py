@@ -1,20 +1,35 @@
-"""Figures of a report: one look for all, each as SVG and as PNG."""
+"""Figures of a report: one look for all, in a wide layout and in a narrow one for a telephone.
 
-from collections.abc import Callable
+A painter draws into an empty figure and asks `panels` for its axes, which stand beside each other in the wide layout
+and below each other in the narrow one. Both are drawn with letters of the same size, so that they are read at the width
+for which they are made. On request the same painter draws for a paper, in a format of `PAPER`.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from estimators.arrays import Floats
-from swarm.figures import Axes, Figure, rendered
+from swarm.figures import Axes, Figure, draw_to, rendered, texts_of
 from swarm.report.rows import Spread
 from swarm.results.disk import writing
 
 BLUE, ORANGE, GREEN, RED, PURPLE, GREY = "#1f6fb4", "#d9772b", "#2f8f5b", "#c0392b", "#7b5ea7", "#7d8a97"
 SERIES = (BLUE, ORANGE, GREEN, PURPLE, RED, "#128a94", "#a5762e", "#5c6fc4")
-WIDTH_IN = 9.0
+WIDTH_IN, NARROW_IN = 9.0, 4.1
+PAPER_WIDE_IN, PAPER_NARROW_IN = 7.1, 3.5
+"""Widths of a page with two columns, and of one of its columns."""
+LEAST_WIDE_IN = 5.5
+"""A figure that is narrower has the narrow layout."""
+NARROW_BELOW_PX = 640
+"""Screens of less than this show the narrow layout."""
 MOST_POINTS = 1500
+PAPER = ("pdf", "svg")
+"""Formats in which figures are drawn for a paper on request."""
 _INK = "#1c2733"
 _LOOK: dict[str, Any] = {
     "font.family": "DejaVu Sans",
@@ -39,37 +54,165 @@ _LOOK: dict[str, Any] = {
     "legend.fontsize": 9,
     "svg.hashsalt": "lighthouse-swarm",
 }
+_PAPER_LOOK: dict[str, Any] = {
+    **_LOOK,
+    "font.family": "STIXGeneral",
+    "font.size": 8.0,
+    "mathtext.fontset": "stix",
+    "axes.formatter.use_mathtext": True,
+    "axes.titlesize": 8.5,
+    "axes.titleweight": "normal",
+    "axes.edgecolor": "#444444",
+    "axes.labelcolor": "black",
+    "axes.linewidth": 0.6,
+    "text.color": "black",
+    "xtick.color": "black",
+    "ytick.color": "black",
+    "grid.linewidth": 0.4,
+    "lines.linewidth": 1.2,
+    "lines.markersize": 3.5,
+    "legend.fontsize": 8.0,
+    "pdf.fonttype": 42,
+    "svg.fonttype": "none",
+}
+"""Letters of Times and mathematics as LaTeX sets them, embedded as TrueType, and text that stays text."""
+_MATHEMATICS = {
+    "°": r"$^{\circ}$",
+    "µ": r"$\mu$",
+    "σ": r"$\sigma$",
+    "±": r"$\pm$",
+    "≤": r"$\leq$",
+    "≥": r"$\geq$",
+    "²": r"$^{2}$",
+    "–": "\u2013",
+}
+"""Signs of a label, and how LaTeX writes them."""
+Paint = Callable[[Figure], None]
 
 
-class Picture(NamedTuple):
-    """A finished figure of a report: the name of its files, a caption, and both forms of it."""
+@dataclass(frozen=True)
+class Picture:
+    """A figure of a report: the name of its files, a caption, its painter, and its heights [inch]."""
 
     name: str
     caption: str
-    svg: bytes
-    png: bytes
+    paint: Paint
+    height_in: float
+    narrow_height_in: float
 
-    def write(self, folder: Path) -> list[Path]:
-        """Write both forms into `folder`, and return the files."""
-        files = []
-        for suffix, content in (("svg", self.svg), ("png", self.png)):
-            file = folder / f"{self.name}.{suffix}"
-            with writing(file):
-                file.write_bytes(content)
-            files.append(file)
-        return files
+    @cached_property
+    def _wide(self) -> tuple[bytes, bytes]:
+        return rendered(self.paint, _LOOK, WIDTH_IN, self.height_in)
+
+    @property
+    def svg(self) -> bytes:
+        """The wide layout as SVG."""
+        return self._wide[0]
+
+    @property
+    def png(self) -> bytes:
+        """The wide layout as PNG."""
+        return self._wide[1]
+
+    @cached_property
+    def narrow(self) -> bytes:
+        """The narrow layout as SVG."""
+        return draw_to("svg", self.paint, _LOOK, (NARROW_IN, self.narrow_height_in))
+
+    def write(self, folder: Path, paper: str | None = None) -> list[Path]:
+        """Write the figure into a folder, and return the files.
+
+        Args:
+            folder: The folder, which exists.
+            paper: One of `PAPER`: draw the figure for a paper in this format, as wide as a page and as one of its two
+                columns. None: the wide layout as SVG and as PNG.
+        """
+        contents = {f"{self.name}.svg": self.svg, f"{self.name}.png": self.png} if paper is None else self._for(paper)
+        for name, content in contents.items():
+            with writing(folder / name):
+                (folder / name).write_bytes(content)
+        return [folder / name for name in contents]
+
+    def _for(self, paper: str) -> dict[str, bytes]:
+        sizes = (
+            ("page", PAPER_WIDE_IN, self.height_in * PAPER_WIDE_IN / WIDTH_IN),
+            ("column", PAPER_NARROW_IN, self.narrow_height_in * PAPER_NARROW_IN / NARROW_IN),
+        )
+        return {
+            f"{self.name}-{name}.{paper}": draw_to(paper, self._in_mathematics, _PAPER_LOOK, (width_in, height_in))
+            for name, width_in, height_in in sizes
+        }
+
+    def _in_mathematics(self, figure: Figure) -> None:
+        self.paint(figure)
+        for text in texts_of(figure):
+            text.set_text(latex(text.get_text()))
 
 
-def picture(name: str, caption: str, paint: Callable[[Figure], None], height_in: float = 3.4) -> Picture:
-    """Draw a figure of a report.
+def picture(
+    name: str, caption: str, paint: Paint, height_in: float = 3.4, narrow_height_in: float | None = None
+) -> Picture:
+    """Return a figure of a report, which is drawn when it is asked for.
 
     Args:
         name: Stem of the figure's files.
         caption: Sentence that says what is seen; also the text for those who cannot see it.
-        paint: Function that draws into an empty figure of the page's width.
-        height_in: Height of the figure [inch].
+        paint: Function that draws into an empty figure.
+        height_in: Height of the wide layout [inch].
+        narrow_height_in: Height of the narrow layout [inch], by default that of the wide one.
     """
-    return Picture(name, caption, *rendered(paint, _LOOK, WIDTH_IN, height_in))
+    return Picture(name, caption, paint, height_in, narrow_height_in or height_in)
+
+
+def is_narrow(figure: Figure) -> bool:
+    """Tell whether a figure is of the narrow layout."""
+    return float(figure.get_figwidth()) < LEAST_WIDE_IN
+
+
+def panels(figure: Figure, count: int, columns: int = 2, **options: Any) -> list[Axes]:
+    """Return axes in rows of `columns` in the wide layout, and all below each other in the narrow one.
+
+    Args:
+        figure: The figure.
+        count: Number of axes.
+        columns: Number of columns in the wide layout.
+        **options: More of the axes' properties, as for `Figure.subplots`.
+    """
+    columns = 1 if is_narrow(figure) else min(columns, count)
+    axes = list(figure.subplots(-(-count // columns), columns, squeeze=False, **options).flat)
+    for empty in axes[count:]:
+        empty.set_axis_off()
+    return axes[:count]
+
+
+def legend(figure: Figure, axes: Sequence[Axes] = (), columns: int = 5) -> None:
+    """Put one legend above the axes, where it covers no curve; equal labels count once.
+
+    Args:
+        figure: The figure.
+        axes: The axes whose labels are shown; none: all of the figure.
+        columns: Most columns in the wide layout.
+    """
+    found: dict[str, Any] = {}
+    for one in axes or figure.axes:
+        for handle, label in zip(*one.get_legend_handles_labels(), strict=True):
+            found.setdefault(label, handle)
+    if found:
+        longest = max(map(len, found))
+        fit = max(1, int((figure.get_figwidth() - 0.3) / (0.5 + 0.085 * longest)))
+        figure.legend(
+            list(found.values()), list(found), loc="outside upper left", ncols=min(columns, fit, len(found)),
+            columnspacing=1.4, handlelength=1.6,
+        )  # fmt: skip
+
+
+def latex(text: str) -> str:
+    """Return a label with its signs in LaTeX's mathematics."""
+    if "$" in text:
+        return text
+    for sign, written in _MATHEMATICS.items():
+        text = text.replace(sign, written)
+    return text.replace("$$", "")
 
 
 def band(axes: Axes, x: Floats, spread: Spread, label: str, colour: str, **style: Any) -> None:

@@ -1,6 +1,7 @@
 """The page of a report: its parts, and the template that turns it into one HTML file that needs no network.
 
-The only file that knows jinja2. Figures are embedded as SVG in data URIs, the style stands in the page's head.
+The only file that knows jinja2. Figures are embedded as SVG in data URIs, in a wide and a narrow layout of which the
+browser takes the one that fits; the style stands in the page's head.
 """
 
 import math
@@ -12,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from swarm.report.figures import Picture
+from swarm.report.figures import NARROW_BELOW_PX, Picture
 
 NOTHING = "–"
 
@@ -35,11 +36,16 @@ class Table:
 
 
 class Fact(NamedTuple):
-    """A figure that the reader should take away: its name, the figure with its unit, and what it means."""
+    """A card: a figure that the reader should take away, with its unit and what it means.
+
+    kind: "pass", "fail", or "" for what is neither. badge: a word in the card's corner.
+    """
 
     name: str
     value: str
     meaning: str = ""
+    kind: str = ""
+    badge: str = ""
 
 
 @dataclass(frozen=True)
@@ -54,13 +60,19 @@ class Section:
 
 @dataclass(frozen=True)
 class Page:
-    """A report. warning: what the reader must know first. commands, versions: how to get the same numbers again."""
+    """A report.
+
+    warning: what the reader must know first. verdict: the result in a line, and its kind, as a card's. commands,
+    versions: how to get the same numbers again.
+    """
 
     title: str
     subtitle: str
     sections: Sequence[Section]
     facts: Sequence[Fact] = ()
     warning: str = ""
+    verdict: str = ""
+    verdict_kind: str = ""
     commands: Sequence[str] = ()
     versions: Sequence[str] = ()
     reproduce: str = ""
@@ -74,7 +86,8 @@ class Page:
 
 def html(page: Page) -> str:
     """Return the whole page as HTML."""
-    return _environment(autoescape=True).get_template("report.html.j2").render(page=page)
+    template = _environment(autoescape=True).get_template("report.html.j2")
+    return template.render(page=page, narrow_px=NARROW_BELOW_PX)
 
 
 def prose(template: str, block: str, **values: Any) -> list[str]:
@@ -132,6 +145,16 @@ def number(value: float | np.floating[Any] | None, digits: int = 3, scale: float
     magnitude = math.floor(math.log10(abs(value)))  # 99.96 has become 100
     text = f"{value:.{max(digits - 1 - magnitude, 0)}f}"
     return f"{float(text):,.0f}".replace(",", "\u202f") if magnitude >= 4 else text
+
+
+def plain(value: object, digits: int = 6) -> str:
+    """Return the text of a setting or an exact figure: a number without padded zeros, anything else as it is.
+
+    Args:
+        value: The value.
+        digits: Most significant digits.
+    """
+    return f"{value:.{digits}g}" if isinstance(value, float) else str(value)
 
 
 def _data_uri(svg: bytes) -> str:

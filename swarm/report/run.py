@@ -1,128 +1,128 @@
-"""The page of one run: its figures, a table of criteria, and a table per craft."""
+"""The page of one run: its verdicts and a few figures as cards, then its sections, each from a file of its own."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+import shlex
+from collections.abc import Callable
+from itertools import takewhile
 
-import numpy as np
-
-from swarm.report.page import Column, Fact, Section, Table, number, prose
-from swarm.report.run_figures import MOST_PANELS, Series, consistency, dilution, errors, visibility
-from swarm.report.run_table import about, limits, outcome
-from swarm.report.smooth_figure import is_smoothed, smoothed
-from swarm.results.run_folder import Run
-from swarm.results.table import TelemetryTable
-
-MOST_ROWS = 60
-PROSE = "run.txt.j2"
-CRAFT_COLUMNS = (
-    ("tracking_share", 100.0, Column("tracking", "%")),
-    ("mean_visible", 1.0, Column("photodiodes lit", "mean")),
-    ("ekf_position_rms_m", 1000.0, Column("position RMS", "mm")),
-    ("ekf_position_max_m", 1000.0, Column("position max", "mm")),
-    ("ekf_attitude_rms_deg", 1.0, Column("attitude RMS", "°")),
-    ("ekf_attitude_max_deg", 1.0, Column("attitude max", "°")),
-    ("smooth_position_rms_m", 1000.0, Column("smoothed position RMS", "mm")),
-    ("smooth_attitude_rms_deg", 1.0, Column("smoothed attitude RMS", "°")),
-    ("pnp_position_rms_m", 1000.0, Column("PnP position RMS", "mm")),
-    ("mean_adop_deg_per_rad", 1.0, Column("ADOP", "°/rad")),
-    ("mean_pdop_m_per_rad", 1.0, Column("PDOP", "m/rad")),
-    ("ekf_position_scatter_mm", 1.0, Column("scatter", "mm")),
-    ("smooth_position_scatter_mm", 1.0, Column("smoothed scatter", "mm")),
-    ("peer_position_scatter_mm", 1.0, Column("peer scatter", "mm")),
+from swarm.report.findings import LEAST_DELTA_V, MEANINGS
+from swarm.report.page import Fact, Page, Section, number
+from swarm.report.sections import (
+    consistency,
+    craft,
+    criteria,
+    effort,
+    errors,
+    faults,
+    geometry,
+    guidance,
+    smoothed,
+    trajectory,
+    visibility,
+    words,
 )
-"""Key in the summary, factor, and head of the table per craft."""
+from swarm.report.subject import Subject
+from swarm.results.run_folder import SCENARIO
+
+SECTIONS: tuple[Callable[[Subject], Section | None], ...] = (
+    words.section,
+    trajectory.section,
+    guidance.section,
+    errors.section,
+    consistency.section,
+    smoothed.section,
+    geometry.section,
+    visibility.section,
+    effort.section,
+    faults.section,
+    criteria.section,
+    craft.section,
+)
+"""The sections in their order on the page; one that has nothing to say is left out."""
+REPLAY = "swarm replay "
+"""Beginning of the line in the head of a replay's scenario.toml that repeats it."""
 
 
-def facts(run: Run) -> list[Fact]:
+def run_page(subject: Subject) -> Page:
+    """Return the page of one run."""
+    run, told = subject.run, subject.scenario.get("description")
+    head = [line.removeprefix("# ") for line in takewhile(lambda line: line.startswith("#"), _lines(subject))]
+    versions = [line for line in head if len(line.split()) == 2 and line.split()[1][:1].isdigit()]
+    verdict, kind = criteria.verdict_line(subject.verdicts)
+    warning = ""
+    if run.status != "complete":
+        warning = f"This run is not complete ({run.summary.get('reason', 'it was killed')})."
+    return Page(
+        title=f"Run: {run.folder.name}",
+        subtitle=f"{told.rstrip('.')}. {extent(subject)}." if isinstance(told, str) and told else extent(subject),
+        verdict=verdict,
+        verdict_kind=kind,
+        facts=[*criteria.cards(subject.verdicts), *facts(subject)],
+        sections=sections(subject),
+        warning=warning,
+        reproduce=_reproduce(subject),
+        commands=_commands(subject, head),
+        versions=versions,
+        source_name=SCENARIO,
+        source=run.scenario or "",
+    )
+
+
+def facts(subject: Subject) -> list[Fact]:
     """Return the run in a few figures."""
-    swarm = run.summary.get("swarm") or {}
-    share, craft = number(swarm.get("tracking_share"), scale=100), run.summary["craft_count"]
-    out = [Fact("Tracking", f"{share} %", f"of the time, {craft} craft")]
+    swarm = subject.summary.get("swarm")
+    if not swarm:
+        return []
+    craft = subject.summary.get("craft") or {}
+    count = sum(bool(figures.get("navigates", True)) for figures in craft.values())
+    share = number(swarm.get("tracking_share"), scale=100)
+    who = f"{count} craft that navigate" if count < len(craft) else f"{count} craft"
+    out = [Fact("Tracking", f"{share} %", f"of the time, {who}")]
     for name, what, unit, scale in (("Position", "position", "m", 1000), ("Attitude", "attitude", "deg", 1)):
         shown = " mm" if unit == "m" else "°"
         rms, largest = (number(swarm.get(f"ekf_{what}_{which}_{unit}"), scale=scale) for which in ("rms", "max"))
         out.append(Fact(f"{name} error, RMS", f"{rms}{shown}", f"at most {largest}{shown}"))
     if nees := swarm.get("nees"):
-        side = "inside" if nees["inside_band"] else "outside"
-        out.append(
-            Fact(
-                "NEES, mean",
-                number(nees["mean"]),
-                f"{side} the 95 % band {number(nees['band_low'])} to {number(nees['band_high'])}; 6 is consistent",
-            )
-        )
-    out += _smoothed_facts(swarm)
+        side = "inside" if nees["inside_band"] else "below" if nees["mean"] < nees["band_low"] else "above"
+        band = f"6 is exact, {number(nees['band_low'])} to {number(nees['band_high'])} is chance"
+        hit = "; it touched something" if side == "above" and swarm.get("contact_periods") else ""
+        out.append(Fact("NEES, mean", number(nees["mean"]), f"{MEANINGS[side]}{hit} ({band})"))
+    if (delta_v := swarm.get("delta_v_m_s") or 0.0) >= LEAST_DELTA_V:
+        out.append(Fact("Delta-v", f"{number(delta_v)} m/s", "per craft that navigates, mean"))
+    out += smoothed.facts(swarm)
     return [fact for fact in out if not fact.value.startswith("–")]
 
 
-def _smoothed_facts(swarm: Mapping[str, Any]) -> list[Fact]:
-    """Return the gain of the smoother, against the truth or, in a replay, in scatter."""
-    ratios = [swarm.get(f"smooth_to_ekf_{what}_ratio") for what in ("position", "attitude")]
-    gains = [number(1 / ratio) for ratio in ratios if ratio]
-    if len(gains) == 2:
-        position, attitude = gains
-        return [Fact("Smoothed", f"{position} times", f"below the filter's position error; attitude {attitude} times")]
-    before, after = (swarm.get(f"{source}_position_scatter_mm") for source in ("ekf", "smooth"))
-    if not before or not after:
-        return []
-    return [Fact("Scatter, smoothed", f"{number(after)} mm", f"of the filter's positions {number(before)} mm")]
-
-
-def extent(run: Run) -> str:
-    """Return how many craft flew for how long: by the summary, or by the rows where a killed run has no figures."""
-    craft, seconds = run.summary.get("craft_count"), run.summary.get("duration_s")
-    if craft is not None and seconds is not None:
-        return f"{craft} craft, {seconds:.1f} s flown"
-    table = run.telemetry
-    if not len(table):
+def extent(subject: Subject) -> str:
+    """Return how many craft flew for how long, or of what light a replay is."""
+    if not subject.recorded:
         return "nothing recorded"
-    time = table.column("time_s").to_numpy()
-    return f"{len(table.column('craft').unique())} craft, rows of {time.max() - time.min():.1f} s"
+    count, seconds = subject.summary["craft_count"], subject.summary["duration_s"]
+    if subject.series.replayed:
+        return f"{seconds:.1f} s of recorded light replayed"
+    return f"{count} craft, {seconds:.1f} s flown"
 
 
-def sections(run: Run) -> list[Section]:
-    """Return the sections of a run's page: figures over time, then the craft in a table."""
-    if not len(run.telemetry):
+def sections(subject: Subject) -> list[Section]:
+    """Return the sections of a run's page."""
+    if not subject.recorded:
         return [Section("Nothing was recorded", ["Not one lighthouse period was recorded."])]
-    series = Series(TelemetryTable.of(run.telemetry))
-    out = []
-    if np.isfinite(series.of("position_error_m")).any():
-        which = prose(PROSE, "which", craft=len(series.names)) if len(series.names) > MOST_PANELS else []
-        out += [
-            Section("Error against what the filter believes", prose(PROSE, "error") + which, [errors(series)]),
-            Section("Consistency", prose(PROSE, "consistency"), [consistency(series)]),
-        ]
-    if is_smoothed(series):
-        out.append(Section("Smoothed", prose(PROSE, "smoothed"), [smoothed(series)]))
-    return [
-        *out,
-        Section("Geometry", prose(PROSE, "geometry"), [dilution(series)]),
-        Section("Visibility", (), [visibility(series)]),
-        *([Section("Criteria", (), (), [_criteria(verdicts)])] if (verdicts := run.summary.get("criteria")) else []),
-        *([Section("Craft by craft", (), (), [_table(craft)])] if (craft := run.summary.get("craft")) else []),
-    ]
+    return [made for section in SECTIONS if (made := section(subject)) is not None]
 
 
-def _criteria(verdicts: Sequence[Mapping[str, Any]]) -> Table:
-    rows = [[v["name"], outcome(v).lower(), about(v), number(v["value"]), limits(v)] for v in verdicts]
-    return Table([Column(head) for head in ("criterion", "", "craft", "value", "limits")], rows, left=3)
+def _lines(subject: Subject) -> list[str]:
+    return (subject.run.scenario or "").splitlines()
 
 
-def _table(craft: Mapping[str, Any]) -> Table:
-    known = [w for w in CRAFT_COLUMNS if any(figures.get(w[0]) is not None for figures in craft.values())]
-    worst = sorted(craft.items(), key=lambda item: -(item[1].get("ekf_position_rms_m") or 0.0))[:MOST_ROWS]
-    shown = list(craft.items()) if len(craft) <= MOST_ROWS else worst
-    body = []
-    for name, figures in shown:
-        nees = figures.get("nees")
-        band = f"{nees['band_low']:.2f}–{nees['band_high']:.2f}" if nees else "–"
-        body.append(
-            [
-                name,
-                *(number(figures.get(key), scale=scale) for key, scale, _ in known),
-                number(nees["mean"] if nees else None),
-                band,
-            ]
-        )
-    caption = f"The {MOST_ROWS} worst of {len(craft)} craft." if len(shown) < len(craft) else ""
-    return Table([Column("craft"), *(c for _, _, c in known), Column("NEES"), Column("95 % band")], body, caption)
+def _reproduce(subject: Subject) -> str:
+    if subject.recorded and subject.series.replayed:
+        return "The same recording with the same settings gives the same numbers; the settings below have every value."
+    return "The scenario below has every value and the seed."
+
+
+def _commands(subject: Subject, head: list[str]) -> list[str]:
+    """Return the command that repeats the run: for a replay the one in the head of its scenario, if it is there."""
+    replayed = [f"{line} --out again" for line in head if line.startswith(REPLAY)]
+    if replayed or (subject.recorded and subject.series.replayed):
+        return replayed
+    folder = subject.run.folder
+    return [f"swarm run {shlex.quote(str(folder / SCENARIO))} --out again"] if subject.run.scenario else []

@@ -51,10 +51,7 @@ def facts(rows: Rows) -> list[Fact]:
             )
         )
     if (line := central_line(rows)) and line.limit_craft:
-        beyond = " (extrapolated)" if line.limit_craft > many else ""
-        out.append(
-            Fact("It keeps pace up to", f"{number(line.limit_craft, 2)} craft", f"on one core like this one{beyond}")
-        )
+        out.append(Fact("It keeps pace up to", f"{number(line.limit_craft, 2)} craft", "on one core like this one"))
     return out
 
 
@@ -105,6 +102,7 @@ def _central(rows: Rows) -> list[str]:
         own=np.nanmean(own),
         crossing=next((n for n, c, o in zip(rows.points, cost, own, strict=True) if c > o), None),
         load=cost[-1] / own[-1],
+        full=100 * cost[-1] / line.period_us if (line := central_line(rows)) else None,
         gain=rows.spread("central_position_gain_share", 100).mean,
         bound=rows.spread("rotor_known_position_gain_share", 100).mean[-1],
         found=rows.spread("rotor_variance_found_share", 100).mean[-1],

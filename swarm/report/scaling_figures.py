@@ -1,8 +1,8 @@
 """The figures of a scaling study: everything against the number of craft, and the central solver's cost as a line.
 
 The central solver's time is fitted by t = a + b N over the runs, relative errors counting alike. The swarm that one
-computer like this can just follow is where the measured times, joined by straight lines and the last one carried on,
-meet the lighthouse's period.
+computer like this can just follow is where the measured times, joined by straight lines, meet the lighthouse's period;
+nothing is carried on beyond the largest swarm that was flown.
 """
 
 from typing import NamedTuple
@@ -11,7 +11,7 @@ import numpy as np
 
 from estimators.arrays import Floats
 from swarm.figures import Axes, Figure, plain_log_y
-from swarm.report.figures import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, Picture, band, picture
+from swarm.report.figures import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, Picture, band, legend, panels, picture
 from swarm.report.page import number
 from swarm.report.rows import Rows
 
@@ -28,7 +28,10 @@ class Curve(NamedTuple):
 
 
 class CostLine(NamedTuple):
-    """The cost t = start + slope N [us] over all sizes, and the craft at which the period is full (None: never)."""
+    """The cost t = start + slope N [us] over all sizes, and the craft at which the period is full.
+
+    limit_craft: None where the largest swarm that was flown does not fill it.
+    """
 
     start_us: float
     slope_us: float
@@ -49,11 +52,13 @@ def central_line(rows: Rows) -> CostLine | None:
 
 
 def _meets(rows: Rows, period_us: float) -> float | None:
-    """Return the craft at which the mean times meet the period, perhaps beyond the last; None if they do not rise."""
+    """Return the craft at which the mean times meet the period; None if they stay below it, as far as flown."""
     points, cost = rows.points, rows.spread("central_solve_us").mean
     points, cost = points[np.isfinite(cost)], cost[np.isfinite(cost)]
     above = np.flatnonzero(cost >= period_us)
-    end = min(max(int(above[0]) if above.size else len(cost) - 1, 1), len(cost) - 1)
+    if not above.size:
+        return None
+    end = max(int(above[0]), 1)
     rise = (cost[end] - cost[end - 1]) / (points[end] - points[end - 1])
     return float(points[end] + (period_us - cost[end]) / rise) if rise > 0 else None
 
@@ -67,7 +72,7 @@ def onboard(rows: Rows) -> Picture:
         _draw(axes, rows, alone, Curve("onboard_swarm_per_craft_us", "all craft as one batch, per craft", ORANGE))
         plain_log_y(axes)
         axes.set_ylabel("time per craft and period [µs]")
-        axes.legend()
+        legend(figure)
 
     caption = (
         "On-board time per craft and lighthouse period (decode, PnP, dilution, filter) against the number of craft; "
@@ -89,7 +94,7 @@ def visibility(rows: Rows) -> Picture:
         _draw(axes, rows, *curves, scale=100)
         axes.set_ylim(0, 104)
         axes.set_ylabel("share [%]")
-        axes.legend(loc="lower left")
+        legend(figure)
 
     where = "Craft 0 is in the middle, at the same place in every run."
     caption = f"Photodiodes lit and time tracking as the volume fills. {where}"
@@ -100,7 +105,7 @@ def precision(rows: Rows) -> Picture:
     """Draw errors and NEES."""
 
     def paint(figure: Figure) -> None:
-        position, attitude, nees = figure.subplots(1, 3)
+        position, attitude, nees = panels(figure, 3, 3)
         for axes, name, scale, label in (
             (position, "position_rms_m", 1000, "position error, RMS [mm]"),
             (attitude, "attitude_rms_deg", 1, "attitude error, RMS [°]"),
@@ -113,19 +118,18 @@ def precision(rows: Rows) -> Picture:
             _draw(axes, rows, *curves, scale=scale)
             plain_log_y(axes)
             axes.set_title(label)
-        position.legend()
         low, high = rows.spread("nees_band_low").mean, rows.spread("nees_band_high").mean
         _draw(nees, rows, Curve("nees_mean", "mean over swarm and time", BLUE))
         nees.fill_between(rows.points, low, high, color=GREY, alpha=0.15, linewidth=0, label="95 % band")
         nees.axhline(NEES_DOF, color=GREY, linewidth=1, linestyle=":")
         nees.set_ylim(bottom=0)
         nees.set_title("NEES, 6 is consistent")
-        nees.legend(loc="lower left")
+        legend(figure)
         for axes in (position, attitude, nees):
             axes.tick_params(axis="x", labelrotation=45)
 
     caption = "Errors against the truth, and the filter's consistency, against the number of craft."
-    return picture("precision", caption, paint, 3.6)
+    return picture("precision", caption, paint, 3.9, 8.0)
 
 
 def central_cost(rows: Rows) -> Picture:
@@ -140,19 +144,13 @@ def central_cost(rows: Rows) -> Picture:
             axes.axhline(period_ms, color=GREY, linewidth=1.2)
             _note(axes, f"one period, {period_ms:.1f} ms", (rows.points[0], period_ms), (0, 4), GREY)
             if limit := line.limit_craft:
-                last = rows.spread("central_solve_us").mean[-1]
-                ends = np.array([last, line.period_us]) * 1e-3
-                axes.plot((rows.points[-1], limit), ends, color=RED, linewidth=1, linestyle=":")
                 axes.plot([limit], [period_ms], "D", color=RED)
                 _note(axes, f"{number(limit, 2)} craft", (limit, period_ms), (8, -12), RED)
         plain_log_y(axes)
         axes.set_ylabel("time per period [ms]")
-        axes.legend(loc="upper left", bbox_to_anchor=(0, 0.9))
+        legend(figure)
 
-    caption = (
-        "Time to solve a period's poses: one central computer for all craft, and one craft for itself; dotted, carried "
-        "on from the last two sizes."
-    )
+    caption = "Time to solve a period's poses: one central computer for all craft, and one craft for itself."
     return picture("central-cost", caption, paint)
 
 
@@ -166,10 +164,10 @@ def central_gain(rows: Rows) -> Picture:
     )
 
     def paint(figure: Figure) -> None:
-        gain, rotor = figure.subplots(1, 2)
+        gain, rotor = panels(figure, 2)
         _draw(gain, rows, *curves, scale=100)
         gain.set_title("1 sigma smaller than alone [%]")
-        gain.legend()
+        legend(figure, [gain])
         _draw(rotor, rows, Curve("rotor_variance_found_share", "", RED), scale=100)
         rotor.set_title("rotor errors' variance found [%]")
         rotor.set_ylim(0, 100)
@@ -180,7 +178,7 @@ def central_gain(rows: Rows) -> Picture:
         "What solving together would gain in one period, from the covariances: the central solver, and its bound, "
         "rotor errors known exactly."
     )
-    return picture("central-gain", caption, paint)
+    return picture("central-gain", caption, paint, 3.6, 6.4)
 
 
 def craft_axis(axes: Axes, counts: Floats) -> None:

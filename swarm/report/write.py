@@ -3,13 +3,14 @@
 from pathlib import Path
 
 from swarm.errors import SwarmError
-from swarm.report import run as of_run
 from swarm.report import scaling, sweep
 from swarm.report.page import Page, Section, html
 from swarm.report.rows import Rows
+from swarm.report.run import run_page
+from swarm.report.subject import Subject
 from swarm.results.disk import write_text, writing
 from swarm.results.files import SUMMARY
-from swarm.results.run_folder import SCENARIO, Run, open_run
+from swarm.results.run_folder import Run, open_run
 from swarm.results.summary_shape import check_summary
 from swarm.studies.campaign.study_folder import FIGURES, REPORT, FinishedStudy, is_study, open_study
 from swarm.studies.campaign.task import COMPLETE
@@ -20,36 +21,44 @@ REPRODUCE = (
 )
 
 
-def write_report(path: str | Path, out: Path | None = None) -> tuple[Path, list[Path]]:
-    """Write the page of the run or the study at `path` to `out`, by default `report.html` in its folder.
+def write_report(path: str | Path, out: Path | None = None, paper: str | None = None) -> tuple[Path, list[Path]]:
+    """Write the page of a run or a study, and its figures.
 
-    Returns the page's file and the files of its figures. Raises SwarmError where `path` is neither a run nor a study,
-    or where nothing can be written.
+    Args:
+        path: The folder of the run or the study.
+        out: The page's file, by default `report.html` in that folder.
+        paper: Write the figures for a paper, in this format of `swarm.report.figures.PAPER`.
+
+    Returns:
+        The page's file and the files of its figures.
+
+    Raises:
+        SwarmError: `path` is neither a run nor a study, its files are damaged, or nothing can be written.
     """
-    folder, page = _page(path)
+    folder, page, text = _page(path)
     file = out or folder / REPORT
     figures = file.parent / (FIGURES if out is None else f"{file.stem}-{FIGURES}")
     with writing(figures):
         file.parent.mkdir(parents=True, exist_ok=True)
         if page.pictures:
             figures.mkdir(exist_ok=True)
-    write_text(file, html(page))
-    return file, [written for picture in page.pictures for written in picture.write(figures)]
+    write_text(file, text)
+    written = [file for picture in page.pictures for file in picture.write(figures)]
+    if paper is not None:
+        written += [file for picture in page.pictures for file in picture.write(figures, paper)]
+    return file, written
 
 
-def _page(path: str | Path) -> tuple[Path, Page]:
-    """Return the folder at `path`, and the page of the run or the study in it."""
+def _page(path: str | Path) -> tuple[Path, Page, str]:
+    """Return the folder at `path`, the page of the run or the study in it, and that page as HTML."""
     result = open_study(path) if is_study(path) else open_run(path)
     if isinstance(result, Run):
         check_summary(result.summary, str(result.folder / SUMMARY))
     try:
-        return result.folder, run_page(result) if isinstance(result, Run) else study_page(result)
+        page = run_page(Subject(result)) if isinstance(result, Run) else study_page(result)
+        return result.folder, page, html(page)
     except SwarmError as error:
         raise SwarmError(f"{result.folder}: {error}") from error
-    except (ArithmeticError, LookupError, TypeError, ValueError) as error:
-        # Every value has the right type by now; what is left are figures that contradict each other.
-        told = f"its files contradict each other, as after a change by hand ({type(error).__name__}: {error})"
-        raise SwarmError(f"{result.folder}: no report can be made: {told}") from error
 
 
 def study_page(study: FinishedStudy) -> Page:
@@ -81,26 +90,4 @@ def study_page(study: FinishedStudy) -> Page:
         versions=state.get("versions", []),
         source_name="study.toml",
         source=study.text,
-    )
-
-
-def run_page(run: Run) -> Page:
-    """Return the page of one run."""
-    scenario = run.scenario or ""
-    head = [line.removeprefix("# ") for line in scenario.splitlines() if line.startswith("# ")]
-    versions = [line for line in head if len(line.split()) == 2 and line.split()[1][:1].isdigit()]
-    warning = (
-        "" if run.status == "complete" else f"This run is not complete ({run.summary.get('reason', 'it was killed')})."
-    )
-    return Page(
-        title=f"Run: {run.folder.name}",
-        subtitle=of_run.extent(run),
-        facts=of_run.facts(run) if run.summary.get("swarm") else [],
-        sections=of_run.sections(run),
-        warning=warning,
-        reproduce="The scenario below has every value and the seed.",
-        commands=[f"swarm run {run.folder}/{SCENARIO} --out again"] if scenario else [],
-        versions=versions,
-        source_name=SCENARIO,
-        source=scenario,
     )

@@ -112,6 +112,7 @@ def writing_run(
     live: bool = False,
     angles: Believed | None = None,
     history: bool = False,
+    command: str = "",
 ) -> Iterator[RunWriter]:
     """Open a run's folder for the block; it is closed however the block ends.
 
@@ -128,13 +129,14 @@ def writing_run(
         live: Show the recording meanwhile.
         angles: What the craft believe, for a run that writes their sweep angles.
         history: Keep the history of the filters; their estimates carry the predictions.
+        command: The command that repeats the run, where it is not `swarm run` of its scenario.
 
     Raises:
         SwarmError: Nothing can be written, or a criterion measures what this run does not.
     """
     check_criteria(scenario, scene)
     with RunFolder.create(scenario.name, scenario.seed, None if out is None else Path(out), force) as folder:
-        folder.write_scenario(to_toml(scenario, versions()))
+        folder.write_scenario(to_toml(scenario, [*versions(), *([command] if command else [])]))
         try:
             with ExitStack() as stack:
                 scans = stack.enter_context(_closing(ScanWriter(folder.path, scene.craft))) if scene.lidar else None

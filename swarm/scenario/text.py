@@ -32,6 +32,22 @@ def to_toml(scenario: Scenario, comments: Iterable[str] = ()) -> str:
     return "\n".join([*lines, *_table("", scenario)]).lstrip("\n") + "\n"
 
 
+def changed(usual: BaseModel, table: BaseModel, name: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the dotted keys whose values are not the usual ones, and their values; keys that were unset are left out.
+
+    Args:
+        usual: The usual values.
+        table: A table of the same kind.
+        name: Dotted key of the table, empty for a whole scenario.
+    """
+    for key in type(table).model_fields:
+        before, value, dotted = getattr(usual, key), getattr(table, key), f"{name}.{key}".removeprefix(".")
+        if isinstance(value, BaseModel) and type(value) is type(before):
+            yield from changed(before, value, dotted)
+        elif value != before and value is not None:
+            yield dotted, value
+
+
 def _table(name: str, table: BaseModel) -> Iterator[str]:
     keys = sorted(type(table).model_fields, key=lambda key: key not in ("name", "count"))
     values = {key: getattr(table, key) for key in keys}

@@ -1,0 +1,71 @@
+"""The verdicts on the scenario's criteria: a card each, and a table."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from swarm.report.page import Column, Fact, Section, Table, number
+from swarm.report.run_table import about, limits, outcome
+from swarm.report.subject import Subject
+from swarm.units import split_unit, written_unit
+
+KNOWN = ("name", "value", "craft", "min", "max", "held", "about")
+"""Keys of a verdict that the card shows in its own way; whatever else is a text is a sentence about the verdict."""
+SMALLER, SMALLER_BELOW = {"m": "mm", "m/s": "mm/s"}, 0.1
+"""Units in which small figures are shown on a card, and what is small."""
+WORDS = {True: "PASS", False: "FAIL", None: "NOT JUDGED"}
+MOST_CARDS = 24
+
+
+def cards(verdicts: Sequence[Mapping[str, Any]]) -> list[Fact]:
+    """Return a card per criterion, the missed ones first."""
+    order = sorted(verdicts, key=lambda verdict: (True, None, False).index(verdict["held"]), reverse=True)
+    return [_card(verdict) for verdict in order[:MOST_CARDS]]
+
+
+def verdict_line(verdicts: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
+    """Return the verdict on the run in one line, and its kind: "pass", "fail", or "" where there are no criteria."""
+    if not verdicts:
+        return "", ""
+    missed = sum(verdict["held"] is False for verdict in verdicts)
+    open_ = sum(verdict["held"] is None for verdict in verdicts)
+    later = f"; {open_} not judged, because the run ended before" if open_ else ""
+    if missed:
+        return f"FAIL: {missed} of {len(verdicts)} criteria missed{later}", "fail"
+    judged = len(verdicts) - open_
+    if not judged:
+        return f"Not judged: the run ended before the time of its {open_} criteria", ""
+    return f"PASS: {'all ' if not open_ else ''}{judged} criteria held{later}", "pass"
+
+
+def section(subject: Subject) -> Section | None:
+    """Return the section; None without criteria."""
+    if not subject.verdicts:
+        return None
+    rows = [
+        [v["name"], outcome(v).lower(), about(v), number(v["value"]), limits(v), *_sentences(v)[:1]]
+        for v in subject.verdicts
+    ]
+    heads = ["criterion", "", "craft", "value", "limits"]
+    if any(len(row) > len(heads) for row in rows):
+        heads.append("why")
+        rows = [[*row, ""][: len(heads)] for row in rows]
+    return Section("Criteria", (), (), [Table([Column(head) for head in heads], rows, left=3)])
+
+
+def _card(verdict: Mapping[str, Any]) -> Fact:
+    name, unit = split_unit(verdict["name"])[0].replace("_", " "), written_unit(verdict["name"])
+    whose = about(verdict)
+    known = [v for v in (verdict["value"], verdict["min"], verdict["max"]) if v is not None]
+    scale = 1.0
+    if unit in SMALLER and max(map(abs, known)) < SMALLER_BELOW:
+        unit, scale = SMALLER[unit], 1000.0
+    unit = unit.replace("deg", "°")
+    scaled = {key: None if verdict[key] is None else scale * verdict[key] for key in ("value", "min", "max")}
+    value = f"{number(scaled['value'])} {unit}".strip() if scaled["value"] is not None else "no value"
+    meaning = f"{limits(scaled)} {unit}".strip() + (f", {whose}" if whose != "all" else "")
+    kind = {True: "pass", False: "fail", None: ""}[verdict["held"]]
+    return Fact(name, value, ". ".join([meaning, *_sentences(verdict)]), kind, WORDS[verdict["held"]])
+
+
+def _sentences(verdict: Mapping[str, Any]) -> list[str]:
+    return [text for key, text in verdict.items() if key not in KNOWN and isinstance(text, str) and text]
