@@ -7,9 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from swarm.report.series import Series
+from swarm.results.columns.core import COLUMNS
 from swarm.results.run_folder import SCENARIO, Run
 from swarm.results.summary import summarise
-from swarm.results.table import TelemetryTable
+from swarm.results.table import TelemetryTable, doubles
 from swarm.user_text import parse_toml
 
 NO_FAULT = "none"
@@ -45,8 +46,13 @@ class Subject:
 
     @cached_property
     def series(self) -> Series:
-        """The telemetry as arrays."""
-        return Series(TelemetryTable.of(self.run.telemetry))
+        """The telemetry as arrays. Raises SwarmError where a column of numbers holds words."""
+        table = self.run.telemetry
+        numbers = [c.name for c in COLUMNS if c.kind not in ("state", "name") and c.name in table.column_names]
+        for name in numbers:
+            if str(table.schema.field(name).type).startswith(("string", "large_string", "dictionary")):
+                doubles(table, name)
+        return Series(TelemetryTable.of(table))
 
     @cached_property
     def scenario(self) -> dict[str, Any]:
