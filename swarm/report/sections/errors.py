@@ -38,7 +38,7 @@ def chosen(series: Series, column: str = "position_error_m") -> list[int]:
     """Return the craft with values in a column: all if few, else evenly from the best to the worst by RMS error."""
     error = series.of("position_error_m")
     known = np.isfinite(error)
-    told = np.isfinite(series.of(column)).any(axis=0)
+    told = np.asarray(np.isfinite(series.of(column)).any(axis=0))
     craft = [i for i in series.navigating.tolist() if told[i]]
     if len(craft) <= MOST_CRAFT:
         return craft
