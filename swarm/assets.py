@@ -9,12 +9,16 @@
 A user names one of these, or gives the path of a file.
 """
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
-from swarm.errors import SwarmError, did_you_mean
+from swarm.errors import SwarmError, did_you_mean, surely_meant
 from swarm.user_text import short, user_path
 
 PACKAGE = Path(__file__).resolve().parent
+MESHES = (".obj", ".stl")
+"""Endings of mesh files, each of which is a craft by itself."""
 
 
 def folder(name: str) -> Path:
@@ -68,17 +72,58 @@ def find_model(name_or_path: str | Path, relative_to: Path | None = None) -> Pat
         return path.resolve()
     if _is_path(text, ".xml"):
         raise SwarmError(f"model file {path} does not exist")
-    raise SwarmError(f"no model {short(text)!r}{did_you_mean(text, known)}; or give the path of an .xml file")
+    other = another_kind(text, CRAFT)
+    hint = other or f"{did_you_mean(text, known)}; or give the path of an .xml file"
+    raise SwarmError(f"no model {short(text)!r}{hint}")
+
+
+class Kind(NamedTuple):
+    """A kind of file that commands take. known: those that come along. use: how one is used, with `{}` for it."""
+
+    what: str
+    known: Callable[[], dict[str, Path]]
+    use: str
+
+
+SCENARIO = Kind("scenario", scenarios, "swarm run {}")
+STUDY = Kind("study", studies, "swarm study {}")
+CRAFT = Kind("craft model", models, 'a scenario names it, as in --set swarm.model="{}"')
+RECORDING = Kind("recording", recordings, "swarm replay {}")
+KINDS = (SCENARIO, STUDY, CRAFT, RECORDING)
+
+
+def another_kind(text: str, wanted: Kind) -> str:
+    """Return a hint that ends a message: `text` names, or is the file of, another kind than the wanted one, or empty."""
+    for kind in KINDS:
+        if kind is not wanted and text in kind.known():
+            return f", but a {kind.what}: {kind.use.format(text)}"
+    return ""
+
+
+def file_of_another_kind(path: Path, wanted: Kind) -> str:
+    """Return what a file is by its name, where that is not the wanted kind, and how it is used; or an empty string."""
+    name = path.name.lower()
+    if name.endswith((".xml", *MESHES)):
+        kind = CRAFT
+    elif name.endswith((".rec", ".rec.gz")):
+        kind = RECORDING
+    elif name.endswith(".rrd"):
+        return f"the recording of a run: swarm view {path}"
+    elif name.endswith((".parquet", ".json")):
+        return f"a file of results: swarm report {path.parent}"
+    else:
+        return ""
+    return "" if kind is wanted else f"a {kind.what}: {kind.use.format(path)}"
 
 
 def find_scenario(name_or_path: str | Path) -> Path:
     """Return the TOML file of a scenario, a known name or a path. Raises SwarmError with the nearest known name."""
-    return _find_toml("scenario", str(name_or_path), scenarios())
+    return _find_toml(SCENARIO, str(name_or_path))
 
 
 def find_study(name_or_path: str | Path) -> Path:
     """Return the TOML file of a study, a known name or a path. Raises SwarmError with the nearest known name."""
-    return _find_toml("study", str(name_or_path), studies())
+    return _find_toml(STUDY, str(name_or_path))
 
 
 def find_recording(name_or_path: str | Path) -> Path:
@@ -92,21 +137,41 @@ def find_recording(name_or_path: str | Path) -> Path:
     if not there and text in known:
         return known[text]
     if not there and not path.suffix and path.name == text:
-        raise SwarmError(f"no recording {text!r}{did_you_mean(text, known)}; or give the path of a file")
+        raise SwarmError(_no_such(RECORDING, text, "a file"))
+    if there and path.suffix == ".toml":
+        raise SwarmError(f"{path} is no recording, but a .toml file: swarm run {path}")
+    if there and (other := file_of_another_kind(path, RECORDING)):
+        raise SwarmError(f"{path} is no recording, but {other}")
     return path
 
 
-def _find_toml(what: str, text: str, known: dict[str, Path]) -> Path:
+def _find_toml(kind: Kind, text: str) -> Path:
+    known = kind.known()
     if text in known:
         return known[text]
     path = user_path(text)
     if path.is_file():
+        if other := file_of_another_kind(path, kind):
+            raise SwarmError(f"{path} is no {kind.what}, but {other}")
         return path.resolve()
+    if path.is_dir():
+        inside = path / f"{kind.what}.toml"
+        hint = f"; did you mean {str(inside)!r}?" if inside.is_file() else ""
+        raise SwarmError(f"{path} is not a {kind.what} file but a folder{hint}")
     if path.exists():
-        raise SwarmError(f"{path} is not a scenario file{' but a folder' if path.is_dir() else ''}")
+        raise SwarmError(f"{path} is not a {kind.what} file")
     if _is_path(text, ".toml"):
-        raise SwarmError(f"{what} file {path} does not exist{did_you_mean(path.stem, known)}")
-    raise SwarmError(f"no {what} {short(text)!r}{did_you_mean(text, known)}; or give the path of a .toml file")
+        beside = [str(path.with_name(file.name)) for file in path.parent.glob("*.toml")]
+        near = surely_meant(str(path), beside) or surely_meant(path.stem, known)
+        raise SwarmError(f"{kind.what} file {path} does not exist{near}")
+    raise SwarmError(_no_such(kind, text, "a .toml file"))
+
+
+def _no_such(kind: Kind, text: str, file: str) -> str:
+    """Return the message about a name that no file of this kind has."""
+    if other := another_kind(text, kind):
+        return f"no {kind.what} {text!r}{other}"
+    return f"no {kind.what} {short(text)!r}{did_you_mean(text, kind.known())}; or give the path of {file}"
 
 
 def _models_in(place: Path) -> dict[str, Path]:

@@ -5,10 +5,12 @@ traceback), 128 + n stopped by signal n (130: Ctrl-C; 141: the reader of the out
 """
 
 import os
+import signal
 import sys
 from typing import Annotated
 
 import typer
+from typer.main import get_command
 
 from swarm.cli.calibrate import calibrate
 from swarm.cli.check import check
@@ -22,6 +24,7 @@ from swarm.cli.smooth import smooth
 from swarm.cli.streams import ended_by_output, open_streams
 from swarm.cli.study import study
 from swarm.cli.terminal import error_message, stopping_once
+from swarm.cli.usage import is_usage, usage_message
 from swarm.cli.view import view
 from swarm.errors import SwarmError
 from swarm.user_text import check_text
@@ -67,7 +70,7 @@ def main() -> int:
             try:
                 for number, argument in enumerate(sys.argv[1:], start=1):
                     check_text(argument, f"argument {number}")
-                app(prog_name="swarm")
+                ended = get_command(app).main(prog_name="swarm", standalone_mode=False)
             finally:
                 sys.stdout.flush()
         except SwarmError as error:
@@ -80,7 +83,17 @@ def main() -> int:
             if isinstance(end, OSError):
                 raise
             return end.code if isinstance(end.code, int) else int(bool(end.code))
-    return 0
+        except typer.Abort:
+            return 128 + signal.SIGINT
+        except Exception as error:
+            if not is_usage(error):
+                raise
+            if type(error).__name__ == "NoArgsIsHelpError":
+                print(error, file=sys.stderr)  # noqa: T201
+            else:
+                error_message(usage_message(error, sys.argv[1:]))
+            return 2
+    return ended if isinstance(ended, int) else 0
 
 
 def _version(wanted: bool) -> None:

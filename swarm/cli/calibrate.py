@@ -73,12 +73,13 @@ def calibrate(
         from rich.console import Console
 
         from swarm.flight.recordings.calibration_file import held_parts, place_for, write_calibration
+        from swarm.results.files import SUMMARY
         from swarm.studies.calibration.calibrate import calibrate_survey
         from swarm.studies.calibration.report import file_text, print_calibration
         from swarm.studies.calibration.survey import observe_recording, observe_run
 
         held, file = held_parts(hold), place_for(out, force=force)
-        if survey.is_file():
+        if survey.is_file() and not (survey.parent / SUMMARY).is_file():
             seen = observe_recording(survey, object_name, lighthouse, calibration)
         elif object_name is not None or calibration is not None:
             raise SwarmError("--object and --calibration belong to a recording, and a run goes by its own scenario")

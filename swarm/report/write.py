@@ -10,9 +10,12 @@ from swarm.report.run import run_page
 from swarm.report.subject import Subject
 from swarm.results.disk import write_text, writing
 from swarm.results.files import SUMMARY
+from swarm.results.owned_folder import find
+from swarm.results.run_folder import CONTENTS as RUN
 from swarm.results.run_folder import Run, open_run
 from swarm.results.summary_shape import check_summary
-from swarm.studies.campaign.study_folder import FIGURES, REPORT, FinishedStudy, is_study, open_study
+from swarm.studies.campaign.study_folder import CONTENTS as STUDY
+from swarm.studies.campaign.study_folder import FIGURES, REPORT, FinishedStudy, open_study
 from swarm.studies.campaign.task import COMPLETE
 
 REPRODUCE = (
@@ -51,7 +54,8 @@ def write_report(path: str | Path, out: Path | None = None, paper: str | None = 
 
 def _page(path: str | Path) -> tuple[Path, Page, str]:
     """Return the folder at `path`, the page of the run or the study in it, and that page as HTML."""
-    result = open_study(path) if is_study(path) else open_run(path)
+    folder, _, kind = find(path, STUDY, RUN)
+    result = open_study(folder) if kind is STUDY else open_run(folder)
     if isinstance(result, Run):
         check_summary(result.summary, str(result.folder / SUMMARY))
     try:

@@ -16,19 +16,28 @@ back.
 
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from difflib import get_close_matches
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import Any, Literal, NamedTuple, Self
 
-from swarm.errors import SwarmError, did_you_mean
+from swarm.errors import SwarmError
 from swarm.results.disk import FolderLock, overwrite, write_text, writing
 from swarm.user_text import parse_json, read_text, user_path
 
 PROGRAM = "lighthouse-swarm"
 RUNS = Path("runs")
 """Folder in which results go by default, and are looked for."""
+MOST_NAMED = 8
+"""Results that a message names at most."""
+OTHERS = {
+    "summary.json": "a run: swarm view {}",
+    "study.json": "a study: swarm report {}",
+    "comparison.json": "an experiment of a paper, whose table is in comparison.json",
+}
+"""Markers of all kinds of results, and what a folder with one is."""
 Status = Literal["running", "complete", "interrupted"]
 STOPPED = "stopped by the user"
 ROOM = 64 * 1024
@@ -62,21 +71,52 @@ def marker_in(folder: Path, contents: Contents) -> dict[str, Any] | None:
     return marker if isinstance(marker, dict) and marker.get("program") == PROGRAM else None
 
 
-def find(path: str | Path, contents: Contents) -> tuple[Path, dict[str, Any]]:
-    """Return the folder `path`, or `runs/<path>` where there is no such folder, and its marker.
+def find(path: str | Path, *kinds: Contents) -> tuple[Path, dict[str, Any], Contents]:
+    """Return the folder `path`, or `runs/<path>` where there is no such folder, its marker, and its kind.
 
-    Raises SwarmError where it is not of this kind, and names the nearest that is.
+    A file of a result stands for its folder. Raises SwarmError where it is of none of the kinds, and names the nearest
+    that is.
     """
     folder = user_path(path)
-    if not folder.exists() and (RUNS / folder).is_dir():
+    if not folder.exists() and (RUNS / folder).exists():
         folder = RUNS / folder
-    marker = marker_in(folder, contents)
-    if marker is None:
-        missing = "there is no such folder" if not folder.exists() else f"it has no {contents.marker} of {PROGRAM}"
-        places = [place for place in (folder, folder.parent, RUNS) if place.is_dir()]
-        near = {file.parent for place in places for file in place.glob(f"*/{contents.marker}")} - {folder}
-        raise SwarmError(f"{path} is not {contents.what}: {missing}{did_you_mean(str(path), sorted(map(str, near)))}")
-    return folder, marker
+    if folder.is_file() and any((folder.parent / kind.marker).is_file() for kind in kinds):
+        folder = folder.parent
+    for kind in kinds:
+        marker = marker_in(folder, kind)
+        if marker is not None:
+            return folder, marker, kind
+    what = " or ".join(kind.what for kind in kinds)
+    raise SwarmError(f"{path} is not {what}: {_why_not(folder, kinds)}{_nearest(folder, kinds)}")
+
+
+def _why_not(folder: Path, kinds: Sequence[Contents]) -> str:
+    """Return why a folder is of none of the kinds."""
+    if not folder.exists():
+        return "there is no such folder"
+    if folder.is_file():
+        return "it is a file, and not in such a folder"
+    for marker, what in OTHERS.items():
+        if (folder / marker).is_file():
+            return f"it is {what.format(folder)}"
+    return f"it has no {' or '.join(kind.marker for kind in kinds)} of {PROGRAM}"
+
+
+def _nearest(folder: Path, kinds: Sequence[Contents]) -> str:
+    """Return a question with the nearest result, first of all another seed of the same scenario, or those there are."""
+    places = [place for place in (folder, folder.parent, RUNS) if place.is_dir()]
+    found = {file.parent for place in places for kind in kinds for file in place.glob(f"*/{kind.marker}")} - {folder}
+    stem, dash, number = folder.name.rpartition("-")
+    seeds = {one: one.name.rpartition("-")[2] for one in found if one.name.rpartition("-")[:2] == (stem, dash) != ("", "")}
+    same = [one for one, seed in seeds.items() if seed.isdigit()]
+    if same and number.isdigit():
+        return f"; did you mean {str(min(same, key=lambda one: abs(int(seeds[one]) - int(number))))!r}?"
+    named = {one.name: str(one) for one in sorted(found)}
+    if near := get_close_matches(folder.name, named, n=1, cutoff=0.6):
+        return f"; did you mean {named[near[0]]!r}?"
+    shown = list(named.values())[:MOST_NAMED]
+    more = f" and {len(named) - MOST_NAMED} more" if len(named) > MOST_NAMED else ""
+    return f"; known: {', '.join(shown)}{more}" if shown else ""
 
 
 def refuse_taken(path: Path, contents: Contents, force: bool) -> None:

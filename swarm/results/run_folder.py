@@ -108,5 +108,5 @@ def open_run(path: str | Path) -> Run:
 
     Raises SwarmError where it is not a run, and names the nearest that is.
     """
-    folder, summary = find(path, CONTENTS)
+    folder, summary, _ = find(path, CONTENTS)
     return Run(folder, summary.get("status", "running"), summary)

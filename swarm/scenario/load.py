@@ -72,6 +72,8 @@ def load(name_or_path: str | Path, overrides: Iterable[str | Override] = (), see
     """
     path = find_scenario(str(name_or_path))
     data = {"name": safe_name(path.stem), **read_toml(path)}
+    if "base" in data and not {"swarm", "craft"} & data.keys():
+        raise SwarmError(f"{shown(path)} is no scenario, but a study: swarm study {shown(path)}")
     return validate(data, overrides, seed, file=shown(path), folder=path.parent)
 
 

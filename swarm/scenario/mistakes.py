@@ -203,8 +203,8 @@ def _expected(detail: ErrorDetails, place: Place, unit: str) -> str:
         return "must be letters, digits, '-', '_' and '.' only, and begin with a letter or digit"
     if kind.startswith(("model", "dataclass")):
         return 'expected a table, such as { kind = "hold" }' if place.path[-1] == "motion" else "expected a table"
-    if kind == "tuple_type" and place.path == ("craft",):
-        return "expected a list of tables: begin each with [[craft]]"
+    if kind == "tuple_type" and tables_of(place.annotation):
+        return f"expected a list of tables: begin each with [[{dotted(place.path)}]], or write [{{...}}, {{...}}]"
     if kind == "dict_type":
         return f"expected a table of keys: begin it with [{dotted(place.path)}]"
     whole = place.annotation
@@ -282,6 +282,30 @@ def _owners(key: str, root: type[Table]) -> list[str]:
             )
         waiting += [(k, t) for k, f in table.model_fields.items() for t in tables_of(f.annotation)]
     return list(dict.fromkeys(found))
+
+
+def keys_called(word: str) -> tuple[list[str], bool]:
+    """Return the keys of single tables whose name, without its unit, is a word, or else has it as a part.
+
+    `duration` means duration_s, `count` swarm.count, `noise` lighthouse.angle_noise_arcsec and others.
+
+    Returns:
+        The keys, the ones at the top of the file first, and whether the word is their whole name.
+    """
+    found: list[tuple[int, int, str]] = []
+    waiting: list[tuple[str, type[Table]]] = [("", Scenario)]
+    while waiting:
+        prefix, table = waiting.pop(0)
+        for key, field in table.model_fields.items():
+            stem, inner = split_unit(key)[0], tables_of(field.annotation)
+            if word in (key, stem) and not inner:
+                found.append((0, prefix.count("."), f"{prefix}{key}"))
+            elif word in stem.split("_") and not inner:
+                found.append((1, prefix.count("."), f"{prefix}{key}"))
+            if len(inner) == 1 and get_origin(field.annotation) is not tuple and _plain(field.annotation) is not tuple:
+                waiting.append((f"{prefix}{key}.", inner[0]))
+    best = min(found, default=(1, 0, ""))[0]
+    return [key for rank, _, key in sorted(found, key=lambda one: one[:2]) if rank == best], best == 0
 
 
 def _place(loc: Path, root: type[Table]) -> Place:

@@ -120,6 +120,12 @@ def load_study(
     """
     path = find_study(name_or_path)
     data = read_toml(path)
+    if "base" not in data and {"swarm", "craft"} & data.keys():
+        name = shown(path)
+        raise SwarmError(
+            f'{name} is no study, but a scenario: swarm run {name}; a study names it, base = "{path.name}", and says '
+            "what differs between its runs"
+        )
     for table, is_leaf in (("grid", _is_value), ("random", _is_range)):
         if isinstance(data.get(table), dict):
             data[table] = dict(_flat(data[table], is_leaf))

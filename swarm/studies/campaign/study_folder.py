@@ -19,7 +19,7 @@ from typing import Any, NamedTuple, TextIO
 from swarm.errors import SwarmError
 from swarm.results.disk import writing
 from swarm.results.files import SUMMARY
-from swarm.results.owned_folder import RUNS, Contents, OwnedFolder, Status, find, marker_in
+from swarm.results.owned_folder import Contents, OwnedFolder, Status, find, marker_in
 from swarm.results.parquet import Kind, Table, column, read_table, table_of, write_table
 from swarm.results.shape import Keys, Leaf, check_shape
 from swarm.scenario.text import toml_value
@@ -185,14 +185,9 @@ class StudyFolder(OwnedFolder):
 
 def open_study(path: str | Path) -> FinishedStudy:
     """Return the study in the folder `path`, or `runs/<path>`. Raises SwarmError where there is none."""
-    folder, state = find(path, CONTENTS)
+    folder, state, _ = find(path, CONTENTS)
     check_shape(state, _STATE, str(folder / STATE))
     return FinishedStudy(folder, state, rows_table(_rows_of(folder).values(), state.get("parameters", [])))
-
-
-def is_study(path: str | Path) -> bool:
-    """Tell whether `path`, or `runs/<path>`, is the folder of a study."""
-    return any(marker_in(folder, CONTENTS) is not None for folder in (user_path(path), RUNS / path))
 
 
 def rows_table(rows: Iterable[Row], parameters: Sequence[str]) -> Table:
