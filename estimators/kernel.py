@@ -14,12 +14,15 @@ from typing import Any, ParamSpec, TypeVar
 import numba
 from numba.core import event
 from numba.core.dispatcher import Dispatcher
+from numba.core.types import unliteral
 from numba.extending import register_jitable
 
 from estimators.kernel_cache import KernelCache
 
 P = ParamSpec("P")
 R = TypeVar("R")
+_KERNELS: list[Dispatcher] = []
+"""Every kernel of the modules that have been imported."""
 
 
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
@@ -27,6 +30,8 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
     compiled: Callable[P, R] = numba.njit(nogil=True, error_model="numpy", fastmath=False)(function)
     if isinstance(compiled, Dispatcher):  # not where NUMBA_DISABLE_JIT is set
         compiled._cache = KernelCache(function)  # type: ignore[arg-type,attr-defined]
+        compiled.get_call_template = _of_any_value(compiled)  # type: ignore[method-assign]
+        _KERNELS.append(compiled)
     return compiled
 
 
@@ -34,6 +39,19 @@ def formula(function: Callable[P, R]) -> Callable[P, R]:
     """Let kernels call `function` with numbers; from Python it stays what it is, and takes arrays as well."""
     shared: Callable[P, R] = register_jitable(function)
     return shared
+
+
+def _of_any_value(compiled: Dispatcher) -> Callable[[Any, Any], Any]:
+    """Return the kernel's way to compile for a call by another kernel, in which a constant counts as any value.
+
+    By itself numba compiles once more for every constant of every call, such as a flag or the start of a count.
+    """
+    find = compiled.get_call_template
+
+    def found(args: Any, kws: Any) -> Any:
+        return find([unliteral(a) for a in args], {name: unliteral(a) for name, a in kws.items()})
+
+    return found
 
 
 class _Counter(event.Listener):

@@ -333,8 +333,9 @@ def multiply_into(a: Floats, b: Floats, out: Floats) -> None:
     Args:
         a: the left factor (3, 3).
         b: the right factor (3, 3).
-        out: receives a b (3, 3); must be neither of the factors.
+        out: receives a b (3, 3); may be `b` itself, but not `a`.
     """
-    for i in range(3):
-        for j in range(3):
-            out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
+    for j in range(3):
+        x, y, z = b[0, j], b[1, j], b[2, j]
+        for i in range(3):
+            out[i, j] = a[i, 0] * x + a[i, 1] * y + a[i, 2] * z

@@ -105,10 +105,9 @@ def propagate(rotation: Floats, angular_rate: Floats, position: Floats, velocity
         velocity: (3,) [m/s].
         dt: the step [s].
     """
-    turn, turned = np.empty((3, 3)), np.empty((3, 3))
+    turn = np.empty((3, 3))
     exp_into(angular_rate * dt, turn)
-    multiply_into(turn, rotation, turned)
-    rotation[:] = turned
+    multiply_into(turn, rotation, rotation)
     for i in range(3):
         position[i] += velocity[i] * dt
 
@@ -185,10 +184,9 @@ def correct(rotation: Floats, angular_rate: Floats, position: Floats, velocity: 
         velocity: (3,) [m/s].
         x: (12, 1), the error state.
     """
-    turn, turned = np.empty((3, 3)), np.empty((3, 3))
+    turn = np.empty((3, 3))
     exp_into(x[:3, 0], turn)
-    multiply_into(turn, rotation, turned)
-    rotation[:] = turned
+    multiply_into(turn, rotation, rotation)
     for i in range(3):
         angular_rate[i] += x[3 + i, 0]
         position[i] += x[6 + i, 0]

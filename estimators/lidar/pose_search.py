@@ -251,8 +251,7 @@ def _search_into(
                 break
             solve_cholesky(lower, step)
             exp_into(step[:3], turn)
-            multiply_into(turn, r, turned)
-            r[:] = turned
+            multiply_into(turn, r, r)
             for i in range(3):
                 p[i] += step[3 + i]
         score[c] = _score(r, p, point, surface, nearest, low, cell, views, image, depth, width, tolerance, own)

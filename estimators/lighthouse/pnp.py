@@ -148,6 +148,15 @@ def _evaluate(table: Floats, n: int, rotation: Floats, position: Floats, curved:
 
 
 @kernel
+def _take(next_rotation: Floats, next_position: Floats, rotation: Floats, position: Floats) -> None:
+    """Overwrite a pose by the next one."""
+    for i in range(3):
+        position[i] = next_position[i]
+        for j in range(3):
+            rotation[i, j] = next_rotation[i, j]
+
+
+@kernel
 def _refine_one(
     table: Floats, n: int, rotation: Floats, position: Floats, iterations_max: int, work: Floats
 ) -> tuple[bool, int, float]:
@@ -159,7 +168,9 @@ def _refine_one(
     takes hundreds of steps. work: scratch (34, 6).
     """
     damped, lower, step = work[16:22], work[22:28], work[33]
-    turned, next_rotation, next_position = work[28:31, :3], work[28:31, 3:], work[31, :3]
+    # Both contiguous, as `rotation` is: then what is called with them is compiled once.
+    scratch = work[28:31].reshape(2, 3, 3)
+    turned, next_rotation, next_position = scratch[0], scratch[1], work[31, :3]
     here, damping, curved = 0, 0.0, False
     cost = _evaluate(table, n, rotation, position, curved, work, 0)
     if not np.isfinite(cost):
@@ -182,8 +193,7 @@ def _refine_one(
             and step[3] ** 2 + step[4] ** 2 + step[5] ** 2 < lm.STEP_SMALL**2
         )
         if small and damping < lm.FIRST_DAMPING:
-            rotation[:] = next_rotation
-            position[:] = next_position
+            _take(next_rotation, next_position, rotation, position)
             # To second order in the step F changes by the product of gradient and step.
             for a in range(6):
                 cost += work[here + GRADIENT, a] * step[a]
@@ -192,8 +202,7 @@ def _refine_one(
         accepted, damping = lm.judged(cost, next_cost, damping)
         if accepted:
             cost = next_cost
-            rotation[:] = next_rotation
-            position[:] = next_position
+            _take(next_rotation, next_position, rotation, position)
             here = 8 - here
         if not curved and (damping > 0 or iteration == STEPS_PLAIN):
             curved = True

@@ -87,7 +87,10 @@ def _distinct_into(
                         chord += (rotation[c, best, i, j] - out_rotation[c, k, i, j]) ** 2
                 apart = apart and chord > nearest
             if apart:
-                out_rotation[c, kept], out_position[c, kept] = rotation[c, best], position[c, best]
+                for i in range(3):
+                    out_position[c, kept, i] = position[c, best, i]
+                    for j in range(3):
+                        out_rotation[c, kept, i, j] = rotation[c, best, i, j]
                 out_cost[c, kept] = cost[c, best]
                 kept += 1
 

@@ -101,7 +101,8 @@ def triangulate_into(uv1: Floats, uv2: Floats, rotation: Floats, origin: Floats,
     if not (z1 > 0 and z2 > 0 and np.isfinite(z1)):
         return False
     for k in range(4):
-        x[:] = row[k]
+        for i in range(3):
+            x[i] = row[k, i]
         solve_cholesky(lower, x)
         depth = z1 if k < 2 else z2
         slope[0, k] = depth * (uv1[0] * x[2] + x[0])

@@ -161,7 +161,8 @@ def follow(flashes: Flashes, count: int, timing: Timing, record: FlashRecord, sw
     Returns:
         The indices of the accepted X and Y flash (-1: not seen), and the number of expected flashes that were missed.
     """
-    record.last[:] += timing.period
+    for fan in range(2):
+        record.last[fan] += timing.period
     locked = record.last[0] - record.seen[0] <= timing.coast or record.last[1] - record.seen[1] <= timing.coast
     if locked:
         x = nearest(0, record.last[0], flashes, count, timing.tolerance)
