@@ -48,7 +48,7 @@ class Contents(NamedTuple):
     """The files of one kind of result.
 
     what: the kind, with its article. marker: name of the JSON file that marks it. files: names of the other files.
-    folders: names of folders, with the patterns of the files in them. instead: advice where there is such a result
+    folders: names of folders, with the patterns of the files in them and below. instead: advice where there is such a result
     already.
     """
 
@@ -194,11 +194,13 @@ class OwnedFolder:
                 folder = self.path / name
                 if not folder.is_dir():
                     continue
-                for file in [file for pattern in patterns for file in folder.glob(pattern)]:
+                for file in [file for pattern in patterns for file in folder.rglob(pattern)]:
                     file.unlink(missing_ok=True)
-                if any(folder.iterdir()):
-                    raise SwarmError(f"{folder} holds files that {PROGRAM} did not write; move them away")
-                folder.rmdir()
+                below = sorted((one for one in folder.rglob("*") if one.is_dir()), reverse=True)
+                for place in (*below, folder):
+                    if any(place.iterdir()):
+                        raise SwarmError(f"{place} holds files that {PROGRAM} did not write; move them away")
+                    place.rmdir()
 
     def mark(self, status: Status, content: Mapping[str, Any] = MappingProxyType({})) -> None:
         """Replace the marker. Raises ValueError where the content has NaN, SwarmError where nothing can be written.

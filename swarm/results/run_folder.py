@@ -1,15 +1,19 @@
 """The folder that a run leaves: `scenario.toml`, `telemetry.parquet`, `summary.json`, `recording.rrd`, and
 `angles.parquet` where it was asked for, `scans.parquet` where there are LiDARs, `filter.history/` for the smoother, and
-what that has made of it: `smooth.parquet` and `smooth.rrd`. `summary.json` is its marker.
+what that has made of it: `smooth.parquet` and `smooth.rrd`. `summary.json` is its marker. `inputs/` holds the files that
+the scenario names.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
+from pathlib import Path, PurePosixPath
+from types import MappingProxyType
 from typing import Any
 
 import pyarrow as pa
 
+from swarm.results.disk import writing
 from swarm.results.files import (
     ANGLES,
     HISTORY,
@@ -22,6 +26,7 @@ from swarm.results.files import (
     SUMMARY,
     TELEMETRY,
 )
+from swarm.results.inputs import FOLDER, PATTERNS
 from swarm.results.owned_folder import PROGRAM, RUNS, Contents, OwnedFolder, Status, find
 from swarm.results.parquet import PARTIAL
 from swarm.results.reading import read_telemetry
@@ -32,10 +37,13 @@ CONTENTS = Contents(
     "a run",
     SUMMARY,
     (SCENARIO, TELEMETRY, RECORDING, ANGLES, SCANS, SMOOTH, SMOOTH_RECORDING),
-    dict.fromkeys(
-        (PARTS, HISTORY, *(name + PARTIAL for name in (ANGLES, SCANS, SMOOTH))),
-        ("part-*.arrow", "part-*.tmp", "joined.tmp"),
-    ),
+    {
+        **dict.fromkeys(
+            (PARTS, HISTORY, *(name + PARTIAL for name in (ANGLES, SCANS, SMOOTH))),
+            ("part-*.arrow", "part-*.tmp", "joined.tmp"),
+        ),
+        FOLDER: PATTERNS,
+    },
 )
 
 
@@ -66,8 +74,15 @@ class RunFolder(OwnedFolder):
         """The recording's file."""
         return self.path / RECORDING
 
-    def write_scenario(self, text: str) -> None:
-        """Write the resolved scenario, TOML `text`. Raises SwarmError where it cannot be written."""
+    def write_scenario(self, text: str, files: Mapping[PurePosixPath, bytes] = MappingProxyType({})) -> None:
+        """Write the resolved scenario, TOML `text`, and the files that it names, by their paths in this folder.
+
+        Raises SwarmError where they cannot be written.
+        """
+        for name, data in files.items():
+            with writing(self.path / name):
+                (self.path / name).parent.mkdir(parents=True, exist_ok=True)
+            self.replace(str(name), lambda file, data=data: file.write_bytes(data))  # type: ignore[misc]
         self.write_text(SCENARIO, text)
 
 

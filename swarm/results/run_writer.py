@@ -17,6 +17,7 @@ from swarm.results.columns.groups import groups_of
 from swarm.results.columns.schema import schema
 from swarm.results.criteria import check_measures, judge, summary_of
 from swarm.results.filter_history import HistoryWriter
+from swarm.results.inputs import inputs_of
 from swarm.results.lidar_scans import ScanWriter
 from swarm.results.owned_folder import STOPPED
 from swarm.results.period import Period
@@ -135,8 +136,11 @@ def writing_run(
         SwarmError: Nothing can be written, or a criterion measures what this run does not.
     """
     check_criteria(scenario, scene)
+    # Read before the folder is emptied: they may be in it, in a run that is flown again in its own place.
+    inputs = inputs_of(scenario, models=not scene.replay)
     with RunFolder.create(scenario.name, scenario.seed, None if out is None else Path(out), force) as folder:
-        folder.write_scenario(to_toml(scenario, [*versions(), *([command] if command else [])]))
+        head = [*versions(), *([command] if command else [])]
+        folder.write_scenario(to_toml(inputs.scenario, head), inputs.files)
         try:
             with ExitStack() as stack:
                 scans = stack.enter_context(_closing(ScanWriter(folder.path, scene.craft))) if scene.lidar else None
