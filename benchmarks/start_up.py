@@ -28,7 +28,7 @@ from estimators.kernel import told_of_compilation
 craft, fly_s, folder = int(sys.argv[1]), float(sys.argv[2]), sys.argv[3]
 compiled = [0]
 scenario = load("swarm1000", [f"swarm.count={craft}", f"duration_s={fly_s or 1}"])
-with told_of_compilation(lambda done: compiled.append(done)):
+with told_of_compilation(lambda state: compiled.append(state.done)):
     flight = Flight(scenario)
     built = time.perf_counter() - began
     flight.period(0)

@@ -9,7 +9,7 @@ rests on it, and nothing else.
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, NamedTuple, ParamSpec, TypeVar
 
 import numba
 from numba.core import event
@@ -30,7 +30,7 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
     compiled: Callable[P, R] = numba.njit(nogil=True, error_model="numpy", fastmath=False)(function)
     if isinstance(compiled, Dispatcher):  # not where NUMBA_DISABLE_JIT is set
         compiled._cache = KernelCache(function)  # type: ignore[arg-type,attr-defined]
-        compiled.get_call_template = _of_any_value(compiled)  # type: ignore[method-assign]
+        compiled.get_call_template = _of_any_value(compiled)  # type: ignore[assignment,method-assign]
         _KERNELS.append(compiled)
     return compiled
 
@@ -49,26 +49,50 @@ def _of_any_value(compiled: Dispatcher) -> Callable[[Any, Any], Any]:
     find = compiled.get_call_template
 
     def found(args: Any, kws: Any) -> Any:
-        return find([unliteral(a) for a in args], {name: unliteral(a) for name, a in kws.items()})
+        plain: Callable[[Any], Any] = unliteral
+        return find([plain(a) for a in args], {name: plain(a) for name, a in kws.items()})
 
     return found
 
 
+class Compilation(NamedTuple):
+    """The state of compiling.
+
+    busy: a kernel is being compiled. done: kernels compiled so far. most: they and all others of the modules imported
+    that the cache does not hold; a program need not use each of them.
+    """
+
+    busy: bool
+    done: int
+    most: int
+
+
 class _Counter(event.Listener):
-    def __init__(self, tell: Callable[[int], None]) -> None:
-        self._tell, self._done = tell, 0
+    def __init__(self, tell: Callable[[Compilation], None]) -> None:
+        self._tell, self._depth = tell, 0
+        self._done: set[Dispatcher] = set()
+        self._missing: dict[Dispatcher, bool] = {}
 
     def on_start(self, event: Any) -> None:
-        self._tell(self._done)
+        self._depth += 1
+        self._say()
 
     def on_end(self, event: Any) -> None:
-        self._done += 1
-        self._tell(self._done)
+        self._depth -= 1
+        if event.data["dispatcher"] in self._missing:  # else a function of numba's own, or no kernel
+            self._done.add(event.data["dispatcher"])
+        self._say()
+
+    def _say(self) -> None:
+        for compiled in _KERNELS[len(self._missing) :]:
+            self._missing[compiled] = not compiled._cache.holds_any()  # type: ignore[attr-defined]
+        most = len(self._done) + sum(missing and one not in self._done for one, missing in self._missing.items())
+        self._tell(Compilation(self._depth > 0, len(self._done), most))
 
 
 @contextmanager
-def told_of_compilation(tell: Callable[[int], None]) -> Iterator[None]:
-    """Within the block, call `tell` with the number of kernels compiled so far as each one begins and ends.
+def told_of_compilation(tell: Callable[[Compilation], None]) -> Iterator[None]:
+    """Within the block, call `tell` with the state of compiling as each kernel begins and ends.
 
     What comes out of the cache on disk is not compiled, and not told.
     """

@@ -84,6 +84,14 @@ class KernelCache(NumbaCache):
         with suppress(OSError):
             _write(self._file(key), dumps((key, data._reduce())))  # type: ignore[no-untyped-call]
 
+    def holds_any(self) -> bool:
+        """Tell whether the folder holds this version of the kernel, for whatever argument types."""
+        for file in folder().glob(f"{self._name}.*.nbc"):
+            with suppress(OSError, EOFError, ValueError, pickle.UnpicklingError):
+                if pickle.loads(file.read_bytes())[0][-1] == self._digest:
+                    return True
+        return False
+
     @cached_property
     def _name(self) -> str:
         name = f"{self._function.__module__}.{self._function.__qualname__}"

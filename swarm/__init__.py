@@ -1,9 +1,10 @@
 """Fly a swarm of spacecraft in front of one laser lighthouse; each craft finds its own pose.
 
     import swarm
-    run = swarm.simulate(swarm.load("formation"))
+    run = swarm.simulate("formation")   # or swarm.load("formation", ["swarm.count=16"]), or the path of a .toml file
     run.telemetry   # a pyarrow.Table, one row per craft and lighthouse period; .to_pandas() where pandas is installed
     run.summary     # the figures that `swarm run` prints
+    swarm.report(run.folder)
 
 The names exported here are imported when they are first used, so that `import swarm` and `swarm --help` are fast.
 """
@@ -15,11 +16,14 @@ if TYPE_CHECKING:
     from swarm.errors import SwarmError
     from swarm.flight.replay import replay
     from swarm.flight.simulate import simulate
+    from swarm.report.write import report
     from swarm.results.run_folder import Run, open_run
     from swarm.results.smoothing import smooth
     from swarm.scenario import Scenario, load
     from swarm.studies.calibration.calibrate import calibrate_survey
     from swarm.studies.calibration.survey import observe_recording, observe_run
+    from swarm.studies.campaign.conduct import study
+    from swarm.studies.papers import reproduce
 
 __all__ = [
     "Run",
@@ -32,8 +36,11 @@ __all__ = [
     "observe_run",
     "open_run",
     "replay",
+    "report",
+    "reproduce",
     "simulate",
     "smooth",
+    "study",
 ]
 
 _HOME = {
@@ -46,18 +53,22 @@ _HOME = {
     "observe_run": "swarm.studies.calibration.survey",
     "open_run": "swarm.results.run_folder",
     "replay": "swarm.flight.replay",
+    "reproduce": "swarm.studies.papers",
     "simulate": "swarm.flight.simulate",
     "smooth": "swarm.results.smoothing",
+    "study": "swarm.studies.campaign.conduct",
 }
 
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
         return import_module("swarm.version").VERSION
+    if name == "report":
+        return import_module("swarm.report")  # which can be called
     if name not in _HOME:
         raise AttributeError(f"module 'swarm' has no attribute {name!r}")
     return getattr(import_module(_HOME[name]), name)
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted(__all__)

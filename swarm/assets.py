@@ -1,10 +1,11 @@
-"""Lookup of models/ and scenarios/: beside the package in a checkout, inside it once installed.
+"""Lookup of models/, scenarios/ and docs/: beside the package in a checkout, inside it once installed.
 
     models/lighthouse/lighthouse.xml          a lighthouse
     models/craft/<name>/<name>.xml            a craft
     scenarios/<name>.toml                     a scenario
     scenarios/studies/<name>.toml             a study: many runs of a scenario
     scenarios/recordings/<name>.rec.gz        a recording to replay, with the station's calibration in <name>.json
+    docs/<name>.md                            a page of the documentation
 
 A user names one of these, or gives the path of a file.
 """
@@ -22,7 +23,7 @@ MESHES = (".obj", ".stl")
 
 
 def folder(name: str) -> Path:
-    """Return the folder `models` or `scenarios`. Raises SwarmError where the installation lacks it."""
+    """Return the folder `models`, `scenarios` or `docs`. Raises SwarmError where the installation lacks it."""
     for place in (PACKAGE / name, PACKAGE.parent / name):
         if place.is_dir():
             return place
@@ -77,6 +78,11 @@ def find_model(name_or_path: str | Path, relative_to: Path | None = None) -> Pat
     raise SwarmError(f"no model {short(text)!r}{hint}")
 
 
+def pages() -> dict[str, Path]:
+    """Return the pages of the documentation: name -> Markdown file."""
+    return {path.stem: path for path in sorted(folder("docs").glob("*.md"))}
+
+
 class Kind(NamedTuple):
     """A kind of file that commands take. known: those that come along. use: how one is used, with `{}` for it."""
 
@@ -93,7 +99,7 @@ KINDS = (SCENARIO, STUDY, CRAFT, RECORDING)
 
 
 def another_kind(text: str, wanted: Kind) -> str:
-    """Return a hint that ends a message: `text` names, or is the file of, another kind than the wanted one, or empty."""
+    """Return a hint that ends a message, that `text` is the name of another kind of file, or an empty string."""
     for kind in KINDS:
         if kind is not wanted and text in kind.known():
             return f", but a {kind.what}: {kind.use.format(text)}"

@@ -18,6 +18,6 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 
 def surely_meant(name: str, known: Iterable[str]) -> str:
-    """Return `"; did you mean 'formation.toml'?"` where one of the known names differs by a slip, or an empty string."""
+    """Return `"; did you mean 'mine.toml'?"` where one of the known names differs by a slip, or an empty string."""
     near = get_close_matches(name, sorted(known), n=1, cutoff=0.8)
     return f"; did you mean {near[0]!r}?" if near else ""

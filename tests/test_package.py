@@ -32,8 +32,11 @@ def test_the_wheel_carries_code_models_and_scenarios_and_nothing_else(wheel):
         "swarm/scenarios/recordings/handheld.json",
         "swarm/report/templates/report.html.j2",
         "swarm/cli/app.py",
+        "swarm/docs/scenario.md",
+        "swarm/docs/scenario.schema.json",
     ):
         assert wanted in names
+    assert not [name for name in names if name.endswith(".png")]
     assert not [name for name in names if "__pycache__" in name or name.endswith((".nbi", ".nbc", ".rrd"))]
 
 

@@ -12,7 +12,8 @@ import pytest
 from rich.cells import cell_len
 from rich.console import Console
 
-from swarm.cli.progress import COMPILING, ProgressDisplay
+from estimators.kernel import Compilation
+from swarm.cli.progress import ProgressDisplay
 from swarm.report.findings import findings, warnings
 from swarm.report.run_table import print_report
 from swarm.results.progress import Progress
@@ -257,7 +258,7 @@ def test_without_a_terminal_progress_is_a_line_now_and_then(monkeypatch: pytest.
     out = io.StringIO()
     with ProgressDisplay(Console(file=out, width=40), "formation") as show:
         show.run(HALF)
-        clock[0] += 5.0
+        clock[0] += 10.0
         show.run(HALF)
         show.run(HALF)
         show.run(DONE)
@@ -306,20 +307,56 @@ def test_on_a_terminal_a_study_is_one_line_with_the_time_left(width: int, monkey
     assert "…" not in frames[-1]
 
 
-def test_compilation_says_what_it_is_and_how_long_it_took(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_compiling_is_counted_a_line_every_ten_seconds_and_told_once_at_the_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     clock = [100.0]
     monkeypatch.setattr("swarm.cli.progress.time.monotonic", lambda: clock[0])
     out = io.StringIO()
     with ProgressDisplay(Console(file=out, width=40), "formation") as show:
-        for done in (0, 1, 30, 70):
-            show.compiling(done)
-            clock[0] += 4.0
+        for done in range(20):
+            show.compiling(Compilation(True, done, 70))
+            clock[0] += 1.5
+            show.compiling(Compilation(False, done + 1, 70))
         show.run(HALF)
-    assert out.getvalue().splitlines()[1:4] == [
-        f"formation: {COMPILING}",
-        "formation: compiling the kernels: 30 so far",
-        "formation: 70 kernels compiled in 16 s; the next run finds them in the cache",
+        clock[0] += 2.0
+        # More kernels later on are not announced again.
+        show.compiling(Compilation(True, 20, 70))
+        clock[0] += 0.5
+        show.compiling(Compilation(False, 21, 70))
+        show.run(DONE)
+    assert out.getvalue().splitlines() == [
+        "formation: starting",
+        "formation: compiling kernels, once: 7 of at most 70, 10 s so far",
+        "formation: compiling kernels, once: 14 of at most 70, 21 s so far",
+        "formation: 30.0 of 30.0 s, 3.4 times real time, 8 of 8 craft tracking",
+        "formation: 21 kernels compiled in 30 s; the next run finds them in the cache",
     ]
+
+
+@pytest.mark.parametrize("width", [60, 80])
+def test_on_a_terminal_compiling_is_one_line_that_changes(width: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = [100.0]
+    monkeypatch.setattr("swarm.cli.progress.time.monotonic", lambda: clock[0])
+    out = io.StringIO()
+    console = Console(file=out, width=width, force_terminal=True, legacy_windows=False, color_system=None)
+    with ProgressDisplay(console, "formation-reconfigure") as show:
+        show.compiling(Compilation(True, 31, 110))
+        clock[0] += 125.0
+        assert (
+            show.text()
+            == {
+                60: "compiling 31 of <=110, 125 s",
+                80: "compiling kernels, once: 31 of at most 110, 125 s so far",
+            }[width]
+        )
+        show.compiling(Compilation(False, 32, 110))
+    frames = [frame for frame in out.getvalue().replace("\x1b", "\n\x1b").splitlines() if "32 of" in frame]
+    assert frames
+    assert "…" not in frames[-1]
+    assert out.getvalue().endswith(
+        "formation-reconfigure: 32 kernels compiled in 125 s; the next run finds them in the cache\n"
+    )
 
 
 def test_only_what_is_not_in_the_cache_is_told_as_compiled(tmp_path: Path) -> None:
@@ -328,7 +365,8 @@ def test_only_what_is_not_in_the_cache_is_told_as_compiled(tmp_path: Path) -> No
     )
     code = (
         "from estimators.kernel import told_of_compilation\nfrom small import twice\ntold = []\n"
-        "with told_of_compilation(told.append):\n    twice(1.0)\n    twice(2.0)\ntwice(1)\nprint(told)"
+        "with told_of_compilation(lambda state: told.append(tuple(state))):\n    twice(1.0)\n    twice(2.0)\ntwice(1)\n"
+        "print(told)"
     )
     environment = {
         **os.environ,
@@ -339,7 +377,7 @@ def test_only_what_is_not_in_the_cache_is_told_as_compiled(tmp_path: Path) -> No
         subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True).stdout
         for _ in range(2)
     ]
-    assert answers == ["[0, 1]\n", "[]\n"]
+    assert answers == ["[(True, 0, 1), (False, 1, 1)]\n", "[]\n"]
 
 
 def test_a_run_whose_kernels_are_in_the_cache_says_nothing_of_compiling(tmp_path: Path) -> None:

@@ -103,7 +103,7 @@ def test_a_run_is_flown_again_where_it_was_moved_to_with_the_same_numbers(cad: P
     mine = tmp_path / "mine.toml"
     mine.write_text(
         f'duration_s = 0.1\nseed = 4\n[swarm]\ncount = 2\nmodel = "{cad / "own.xml"}"\n'
-        'motion = {kind = "hold", centre_m = [0, 0, 5], spacing_m = 4.0}\n[navigation]\ncalibration = "known.toml"\n'
+        'motion = {kind = "hold", position_m = [0, 0, 5], spacing_m = 4.0}\n[navigation]\ncalibration = "known.toml"\n'
     )
     run = swarm.simulate(mine, out=tmp_path / "run", record=False)
     assert run.scenario is not None
@@ -141,5 +141,5 @@ def test_force_replaces_the_inputs_and_keeps_what_a_user_put_there(tmp_path: Pat
 
 
 def test_a_model_that_cannot_be_read_is_one_message(tmp_path: Path) -> None:
-    with pytest.raises(SwarmError, match="none.xml cannot be read: No such file"):
+    with pytest.raises(SwarmError, match=r"none.xml cannot be read: No such file"):
         Copies().add_model(tmp_path / "none.xml")

@@ -14,6 +14,7 @@ from typer.main import get_command
 
 from swarm.cli.calibrate import calibrate
 from swarm.cli.check import check
+from swarm.cli.docs import docs
 from swarm.cli.layout import layout
 from swarm.cli.list import list_all
 from swarm.cli.replay import replay
@@ -46,13 +47,13 @@ Begin with:
 A run leaves a folder: recording.rrd for the viewer,
 telemetry.parquet with a row per craft and period,
 summary.json, and scenario.toml to repeat it.
-From Python: import swarm; swarm.simulate(swarm.load("formation"))
+From Python: import swarm; swarm.simulate("formation")
 """
 
 app = typer.Typer(
     name="swarm",
     help=HELP,
-    epilog="swarm COMMAND --help explains a command with an example. Scenario files: docs/scenario.md.",
+    epilog="swarm COMMAND --help explains a command with an example. Scenario files: swarm docs scenario.",
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode=None,
@@ -114,5 +115,5 @@ def _swarm(
 
 
 app.command("list")(list_all)
-for command in (run, view, check, replay, smooth, reproduce, calibrate, layout, study, report):
+for command in (run, view, check, replay, smooth, reproduce, calibrate, layout, study, report, docs):
     app.command()(command)

@@ -1,9 +1,13 @@
-"""The progress of a run, a study or an experiment: a bar on a terminal, a plain line every few seconds elsewhere."""
+"""The progress of a run, a study or an experiment: one line that changes on a terminal, elsewhere a line now and then.
+
+Compiling is told in the same line, and once more when all is done, with the time that it took. That is about a minute
+of a processor, on a busy machine a multiple of it: nothing is promised, what is done is counted.
+"""
 
 import time
 from contextlib import ExitStack
 from types import TracebackType
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from rich.console import Console
 from rich.progress import BarColumn, ProgressColumn, Task, TextColumn
@@ -14,11 +18,11 @@ from rich.text import Text
 from swarm.results.progress import Progress
 from swarm.studies.campaign.conduct import StudyProgress
 
+if TYPE_CHECKING:
+    from estimators.kernel import Compilation
+
 PLAIN_EVERY_S = 10.0
-"""Wall time between two plain lines."""
-COMPILES_FOR_S = 30
-"""Time that compiling takes on a core of 2023 that does little else."""
-COMPILING = f"compiling the kernels that this kind of run needs, once: about {COMPILES_FOR_S} s the first time"
+"""Least wall time between two plain lines; the first one and the last one count for themselves."""
 WIDE = 76
 """Columns of a terminal from which the bar spells everything out."""
 
@@ -36,8 +40,9 @@ class ProgressDisplay:
         self._share = 0.0
         self._first: tuple[float, float] | None = None
         self._last_line_s = 0.0
+        self._compilation: Compilation | None = None
         self._compiling_since_s: float | None = None
-        self._compiled = 0
+        self._compiling_s = 0.0
         self._stack = ExitStack()
         self.wide = console.width >= WIDE
         self._bar: Bar | None = None
@@ -61,12 +66,14 @@ class ProgressDisplay:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._stack.close()
-        if kind is None:
-            self._end_compiling()
         if self._bar:
             self._bar.stop()
         elif self._plain:
             self._line(self._plain + self._left())
+        if self._compilation is not None and kind is None:
+            done = self._compilation.done
+            kernels = "1 kernel" if done == 1 else f"{done} kernels"
+            self._line(f"{kernels} compiled in {self._compiling_s:.0f} s; the next run finds them in the cache")
 
     def run(self, progress: Progress) -> None:
         """Show how far a run is."""
@@ -88,33 +95,40 @@ class ProgressDisplay:
         words += f", {progress.failed} failed" if progress.failed else ""
         if progress.share_left == 1:
             # The workers are other processes, and say nothing of their compiling.
-            words += f", the first ones compile, ~{COMPILES_FOR_S} s"
+            words += ", the first ones may compile"
         self._show(1 - progress.share_left, words, words)
 
     def experiment(self, share: float, what: str) -> None:
         """Show how far an experiment is: the share that is done, and what is being done."""
         self._show(share, what, what)
 
-    def compiling(self, done: int) -> None:
-        """Tell that kernels are being compiled, `done` of them so far."""
-        self._compiled = done
-        if self._compiling_since_s is None:
-            self._compiling_since_s = time.monotonic()
-            if not self._bar:
-                self._line(COMPILING)
-        elif not self._bar and time.monotonic() - self._last_line_s >= PLAIN_EVERY_S:
-            self._line(f"compiling the kernels: {done} so far")
+    def compiling(self, compilation: "Compilation") -> None:
+        """Tell how far the compiling of kernels is."""
+        self._compilation, now_s = compilation, time.monotonic()
+        if compilation.busy and self._compiling_since_s is None:
+            self._compiling_since_s = now_s
+        elif not compilation.busy and self._compiling_since_s is not None:
+            self._compiling_s += now_s - self._compiling_since_s
+            self._compiling_since_s = None
+        if not self._bar and now_s - self._last_line_s >= PLAIN_EVERY_S:
+            self._line(self._compiling_words())
 
     def text(self) -> str:
         """Return the words beside the bar."""
-        if self._compiling_since_s is not None:
-            if self.wide:
-                return f"compiling kernels, once, ~{COMPILES_FOR_S} s: {self._compiled} so far"
-            return f"compiling {self._compiled} so far"
+        # Between two kernels of the beginning nothing else is done.
+        if self._compiling_since_s is not None or (self._compilation is not None and not self._words):
+            return self._compiling_words()
         return self._words + self._left() if self._words else "starting"
 
+    def _compiling_words(self) -> str:
+        done, most = (0, 0) if self._compilation is None else self._compilation[1:]
+        since_s = self._compiling_since_s
+        took_s = self._compiling_s + (0.0 if since_s is None else time.monotonic() - since_s)
+        if self._bar and not self.wide:
+            return f"compiling {done} of <={most}, {took_s:.0f} s"
+        return f"compiling kernels, once: {done} of at most {most}, {took_s:.0f} s so far"
+
     def _show(self, share: float, words: str, plain: str) -> None:
-        self._end_compiling()
         self._share, self._words, self._plain = share, words, plain
         if self._first is None:
             self._first = time.monotonic(), share
@@ -136,13 +150,6 @@ class ProgressDisplay:
         if hours:
             return f", {hours} h {minutes:02d} min left"
         return f", {minutes} min {seconds:02d} s left" if minutes else f", {seconds} s left"
-
-    def _end_compiling(self) -> None:
-        """Tell how long it took, if anything was compiled since this was told last."""
-        if self._compiling_since_s is not None:
-            took_s = time.monotonic() - self._compiling_since_s
-            self._compiling_since_s = None
-            self._line(f"{self._compiled} kernels compiled in {took_s:.0f} s; the next run finds them in the cache")
 
     def _line(self, text: str) -> None:
         self._last_line_s = time.monotonic()

@@ -1,7 +1,7 @@
 """Messages about a command line that cannot be understood, in the words and the form of all other messages.
 
-typer and click find these mistakes; what they say (`Invalid value for '--seed': Input should be a valid integer`) is not
-what a user sees.
+typer and click find these mistakes; what they say (`Invalid value for '--seed': Input should be a valid integer`) is
+not what a user sees.
 """
 
 import re
@@ -94,7 +94,8 @@ def _value(names: Sequence[str], arguments: Sequence[str]) -> str | None:
 def _option_meant(option: str, context: Any, arguments: Sequence[str]) -> str:
     """Return the option that is meant, or the key of a scenario that `--set` would change."""
     options = [] if context is None else [name for p in context.command.params for name in p.opts if name[:2] == "--"]
-    keys, exact = [], False
+    keys: list[str] = []
+    exact = False
     if context is not None and context.info_name in TAKE_KEYS:
         from swarm.scenario.mistakes import keys_called
 

@@ -36,7 +36,7 @@ from swarm.results.records import Peer
 from swarm.results.run_folder import Run
 from swarm.results.run_writer import writing_run
 from swarm.results.scene import Scene
-from swarm.scenario import Scenario, for_replay
+from swarm.scenario import Scenario, checked, for_replay
 from swarm.scenario.text import changed, toml_value
 from swarm.sensors.sight import Sight
 from swarm.units import ARCSEC
@@ -89,7 +89,7 @@ def replay(
     Raises:
         SwarmError: the recording or the calibration cannot be read, or the folder cannot be written.
     """
-    settings, told = scenario if scenario is not None else for_replay(Path(recording)), progress or untold
+    settings, told = for_replay(Path(recording)) if scenario is None else checked(scenario), progress or untold
     command = _command(recording, settings, object_name, lighthouse, calibration, source)
     playback = Playback(recording, settings, object_name, lighthouse, calibration, source)
     settings = playback.settings

@@ -11,7 +11,7 @@ from swarm.results.period import Period
 from swarm.results.progress import Progress
 from swarm.results.run_folder import Run
 from swarm.results.run_writer import writing_run
-from swarm.scenario import Scenario
+from swarm.scenario import Scenario, checked
 
 
 class Observer(Protocol):
@@ -39,7 +39,7 @@ def untold(progress: Progress) -> None:
 
 
 def simulate(
-    scenario: Scenario,
+    scenario: Scenario | str | Path,
     *,
     out: str | Path | None = None,
     force: bool = False,
@@ -51,7 +51,7 @@ def simulate(
     """Fly a scenario and write the run.
 
     Args:
-        scenario: scenario to fly.
+        scenario: scenario to fly: loaded, or its name or .toml file; one that was changed in Python is checked again.
         out: folder of the run, by default `runs/<scenario>-<seed>`.
         force: replace an existing run.
         live: open the viewer.
@@ -66,6 +66,7 @@ def simulate(
         SwarmError: the scenario cannot fly, or the folder cannot be written.
         KeyboardInterrupt: after the run was closed and marked as interrupted.
     """
+    scenario = checked(scenario)
     rows = len(scenario.craft_names) * periods_of(scenario)
     history = keeps_history(scenario.recording.filter, rows)
     flight, watch, tell = Flight(scenario, history=history), observer or Nobody(), progress or untold

@@ -52,6 +52,11 @@ def write_report(path: str | Path, out: Path | None = None, paper: str | None = 
     return file, written
 
 
+def report(path: str | Path, out: str | Path | None = None) -> Path:
+    """Write the page as `write_report` does, and return its file."""
+    return write_report(path, None if out is None else Path(out))[0]
+
+
 def _page(path: str | Path) -> tuple[Path, Page, str]:
     """Return the folder at `path`, the page of the run or the study in it, and that page as HTML."""
     folder, _, kind = find(path, STUDY, RUN)

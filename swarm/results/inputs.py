@@ -8,7 +8,7 @@ Models that come with the program are among them: the next version's may be othe
 """
 
 from pathlib import Path, PurePosixPath
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 from swarm.assets import find_model
 from swarm.scenario import Lighthouse, Scenario
@@ -21,8 +21,6 @@ PATTERNS = tuple(
     for ending in ("xml", "obj", "stl", "msh", "png", "ktx", "skn", "bin", "raw", "toml", "json", "gmsh", "vtk", "tmp")
 )
 """Files that the folder holds."""
-
-T = TypeVar("T", bound=Craft | Lighthouse)
 
 
 class Inputs(NamedTuple):
@@ -47,7 +45,7 @@ def inputs_of(scenario: Scenario, models: bool = True) -> Inputs:
     def model(name: str) -> str:
         return f"{FOLDER}/{copies.add_model(find_model(name, Path()))}"
 
-    def named(table: T) -> T:
+    def named(table: Craft | Lighthouse) -> Craft | Lighthouse:
         return table.model_copy(update={"model": model(table.model)})
 
     changed: dict[str, object] = {"lighthouse": named(scenario.lighthouse)}

@@ -48,8 +48,8 @@ class Contents(NamedTuple):
     """The files of one kind of result.
 
     what: the kind, with its article. marker: name of the JSON file that marks it. files: names of the other files.
-    folders: names of folders, with the patterns of the files in them and below. instead: advice where there is such a result
-    already.
+    folders: names of folders, with the patterns of the files in them and below. instead: advice where there is such a
+    result already.
     """
 
     what: str
@@ -107,7 +107,9 @@ def _nearest(folder: Path, kinds: Sequence[Contents]) -> str:
     places = [place for place in (folder, folder.parent, RUNS) if place.is_dir()]
     found = {file.parent for place in places for kind in kinds for file in place.glob(f"*/{kind.marker}")} - {folder}
     stem, dash, number = folder.name.rpartition("-")
-    seeds = {one: one.name.rpartition("-")[2] for one in found if one.name.rpartition("-")[:2] == (stem, dash) != ("", "")}
+    seeds = {
+        one: one.name.rpartition("-")[2] for one in found if one.name.rpartition("-")[:2] == (stem, dash) != ("", "")
+    }
     same = [one for one, seed in seeds.items() if seed.isdigit()]
     if same and number.isdigit():
         return f"; did you mean {str(min(same, key=lambda one: abs(int(seeds[one]) - int(number))))!r}?"

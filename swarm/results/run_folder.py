@@ -7,6 +7,7 @@ the scenario names.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from html import escape
 from pathlib import Path, PurePosixPath
 from types import MappingProxyType
 from typing import Any
@@ -86,13 +87,43 @@ class RunFolder(OwnedFolder):
         self.write_text(SCENARIO, text)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Run:
     """A run on disk. status: "complete", "interrupted", or "running", which a killed run stays for ever."""
 
     folder: Path
     status: Status
     summary: dict[str, Any]
+
+    def __repr__(self) -> str:
+        """Say in one line which run this is, and how it went."""
+        return f"<Run {self.folder}: {', '.join(self._facts().values())}>"
+
+    def _repr_html_(self) -> str:
+        """Say it in a table, for notebooks."""
+        rows = "".join(
+            f"<tr><th>{escape(name)}</th><td>{escape(fact)}</td></tr>" for name, fact in self._facts().items()
+        )
+        return f"<table><caption>Run {escape(str(self.folder))}</caption>{rows}</table>"
+
+    def _facts(self) -> dict[str, str]:
+        """Return what a summary tells first, by its heading; a run that was killed, or edited, tells less."""
+        whole, swarm = self.summary, self.summary.get("swarm")
+        facts = {"status": str(self.status)}
+        told = (
+            ("craft", whole, "craft_count", 1.0, "{:.0f} craft"),
+            ("flown", whole, "duration_s", 1.0, "{:.1f} s"),
+            ("tracking", swarm, "tracking_share", 100.0, "{:.0f} % tracking"),
+            ("position error, RMS", swarm, "ekf_position_rms_m", 1e3, "{:.3g} mm"),
+            ("attitude error, RMS", swarm, "ekf_attitude_rms_deg", 1.0, "{:.3g} deg"),
+        )
+        for name, figures, key, scale, form in told:
+            value = figures.get(key) if isinstance(figures, dict) else None
+            if isinstance(value, int | float):
+                facts[name] = form.format(scale * value)
+        if isinstance(held := whole.get("criteria_held"), bool):
+            facts["criteria"] = "criteria held" if held else "criteria missed"
+        return facts
 
     @cached_property
     def telemetry(self) -> pa.Table:

@@ -4,7 +4,7 @@ from swarm.scenario.cameras import Ccd, Outage
 from swarm.scenario.criteria import Criterion
 from swarm.scenario.dynamics import Actuation, Orbit
 from swarm.scenario.lidar import Lidar
-from swarm.scenario.load import Craft, craft, for_replay, load, validate
+from swarm.scenario.load import Craft, checked, craft, for_replay, load, validate
 from swarm.scenario.motions import (
     AnyMotion,
     Approach,
@@ -51,6 +51,7 @@ __all__ = [
     "Tumble",
     "Wander",
     "Waypoints",
+    "checked",
     "craft",
     "for_replay",
     "json_schema",

@@ -18,6 +18,7 @@ from swarm.scenario.cameras import Ccd
 from swarm.scenario.lidar import Lidar
 from swarm.scenario.mistakes import Problem, dotted, parse_path
 from swarm.scenario.schema import Scenario, SingleCraft, Swarm
+from swarm.scenario.table import Table
 from swarm.scenario.text import toml_value
 from swarm.user_text import NotToml, check_text, parse_toml, read_text, short, user_path
 
@@ -107,6 +108,23 @@ def validate(
     if problems:
         raise SwarmError(mistakes.report(problems, data, sources, file))
     return scenario
+
+
+def checked(scenario: Scenario | str | Path) -> Scenario:
+    """Return a scenario that can be flown, of one that Python code may have changed, or of a name or a file.
+
+    Raises SwarmError where a value is wrong, as `load` does: pydantic's `model_copy(update=...)` takes anything.
+    """
+    if not isinstance(scenario, Scenario):
+        return load(scenario)
+    return validate(_data(scenario), file="the scenario", folder=Path.cwd())
+
+
+def _data(table: Any) -> Any:
+    """Return a table as TOML would give it, whatever its attributes hold."""
+    if isinstance(table, Table):
+        return {key: _data(value) for key, value in vars(table).items() if value is not None}
+    return [_data(entry) for entry in table] if isinstance(table, list | tuple) else table
 
 
 def for_replay(recording: Path, overrides: Iterable[str] = (), seed: int | None = None) -> Scenario:

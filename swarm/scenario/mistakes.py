@@ -14,7 +14,7 @@ from pydantic_core import ErrorDetails
 from swarm.errors import did_you_mean
 from swarm.scenario.limits import limits_of
 from swarm.scenario.schema import Scenario
-from swarm.scenario.table import Table
+from swarm.scenario.table import Table, explained_by
 from swarm.scenario.text import toml_value
 from swarm.units import split_unit, written_unit
 from swarm.user_text import short
@@ -341,3 +341,10 @@ def _source(path: Path, sources: Mapping[Path, str]) -> str:
 def _type_name(value: Any) -> str:
     names = {bool: "true or false", str: "a string", int: "a number", float: "a decimal", dict: "a table"}
     return names.get(type(value), "a list" if isinstance(value, list | tuple) else "a date or time")
+
+
+def _explain(error: ValidationError, data: Mapping[str, Any], table: type[Table]) -> str:
+    return report(problems_of(error, data, table), data, {}, table.__name__)
+
+
+explained_by(_explain)

@@ -4,12 +4,13 @@ A table is frozen, refuses unknown keys, converts nothing silently and knows no 
 suffix; `swarm.units.si` converts a table to SI units. Validators are built when a table is first used.
 """
 
-from collections.abc import Iterator
-from typing import Annotated, Self
+from collections.abc import Callable, Iterator, Mapping
+from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
+from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
+from swarm.errors import SwarmError, did_you_mean
 from swarm.scenario.limits import DISTANCE, LENGTH, MOMENT, POSITION, SPIN, VELOCITY
 
 Component = Annotated[float, Field(ge=-1000, le=1000), POSITION]
@@ -31,10 +32,39 @@ Mistake = tuple[str, ...]
 """A mistake between several keys: a message, the key to blame, and the others that could be changed instead."""
 
 
+Explain = Callable[[ValidationError, Mapping[str, Any], "type[Table]"], str]
+_EXPLAIN: list[Explain] = []
+
+
+def explained_by(explain: Explain) -> None:
+    """Word the mistakes in tables that Python code makes by a function, whose file needs all tables."""
+    _EXPLAIN[:] = [explain]
+
+
 class Table(BaseModel):
     """One TOML table: frozen, no unknown key, no silent conversion, no infinity."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False, defer_build=True)
+
+    def __init__(self, /, **data: Any) -> None:
+        """Take the values of all keys. Raises SwarmError where one is wrong."""
+        try:
+            self.__pydantic_validator__.validate_python(data, self_instance=self)
+        except ValidationError as error:
+            said = _EXPLAIN[0](error, data, type(self)) if _EXPLAIN else str(error)
+            raise SwarmError(said) from None
+
+    # As for pydantic's own: within a table, tables are made without a call.
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Refuse: a table does not change."""
+        if name not in type(self).model_fields:
+            raise SwarmError(f"{type(self).__name__}.{name}: unknown key{did_you_mean(name, type(self).model_fields)}")
+        raise SwarmError(
+            f"{type(self).__name__}.{name}: a scenario does not change; load it with the other value, "
+            f'load("formation", ["duration_s=10"]), or make a copy, model_copy(update={{"{name}": ...}})'
+        )
 
     def between_keys(self) -> Iterator[Mistake]:
         """Yield every mistake that lies between several keys, each of them good by itself."""

@@ -1,7 +1,7 @@
 """A craft's or a lighthouse's model file, copied with all that it names, so that the copies need nothing else.
 
-An MJCF may include parts and name meshes, textures and further models anywhere on the disk. Its copy has the parts in it,
-and names the copies of the other files by paths that begin at its own folder: `inputs/` here.
+An MJCF may include parts and name meshes, textures and further models anywhere on the disk. Its copy has the parts in
+it, and names the copies of the other files by paths that begin at its own folder: `inputs/` here.
 
     inputs/servicer.xml     <mesh file="hull.obj"/>, in place of meshdir="/home/me/cad" and <mesh file="v3/hull.obj"/>
     inputs/hull.obj
@@ -43,7 +43,7 @@ class Copies:
         return self._of[path]
 
     def add_model(self, path: Path) -> PurePosixPath:
-        """Copy a model with all that it names, and return the copy's path. Raises SwarmError if a file is unreadable."""
+        """Copy a model with all that it names, and return the copy's path. Raises SwarmError if one is unreadable."""
         path = path.resolve()
         if path.suffix.lower() in MESHES:
             return self.add(path)
@@ -135,15 +135,17 @@ def _named(root: Element, path: Path, folders: dict[str, str] | None) -> Iterato
     """Yield every element that names a file that is there, with the attribute and the file."""
     folders = folders or {}
     for element in root.iter():
-        if not isinstance(element.tag, str):
-            continue
         for key in FILE_KEYS:
             if key not in element.attrib:
                 continue
             name = Path(element.attrib[key])
             if folders.get("strippath") == "true":
                 name = Path(name.name)
-            inside = "" if element.tag == "model" else folders.get("texturedir" if element.tag == "texture" else "meshdir", "")
+            inside = (
+                ""
+                if element.tag == "model"
+                else folders.get("texturedir" if element.tag == "texture" else "meshdir", "")
+            )
             for place in (path.parent / inside, path.parent):
                 if (place / name).is_file():
                     yield element, key, place / name

@@ -13,7 +13,7 @@ from swarm.world.mesh_file import SUFFIXES, mesh_spec
 CRAFT = "a craft is MJCF, an OBJ or an STL"
 URDF = (
     'to convert it, write <mujoco><compiler discardvisual="false" fusestatic="false"/></mujoco> below <robot>, read it '
-    "with mujoco.MjSpec.from_file, compile, save to_xml(), and add the photodiodes (docs/models.md)"
+    "with mujoco.MjSpec.from_file, compile, save to_xml(), and add the photodiodes (swarm docs models)"
 )
 ROOTS = {
     "robot": f"a URDF, a craft is MJCF: {URDF}",

@@ -3,7 +3,7 @@
 import os
 import platform
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,7 +12,7 @@ from swarm.results.owned_folder import STOPPED
 from swarm.results.run_writer import versions
 from swarm.studies.campaign import cluster
 from swarm.studies.campaign.plan import PlannedRun, default_folder, plan
-from swarm.studies.campaign.study import Study, study_toml
+from swarm.studies.campaign.study import Study, load_study, study_toml
 from swarm.studies.campaign.study_folder import STUDY, FinishedStudy, Row, StudyFolder, open_study
 from swarm.studies.campaign.task import COMPLETE, FAILED, Flown, Order
 from swarm.version import VERSION
@@ -28,6 +28,56 @@ class StudyProgress(NamedTuple):
     failed: int
     total: int
     share_left: float
+
+
+def study(
+    name_or_path: str | Path,
+    overrides: Sequence[str] = (),
+    *,
+    craft: Sequence[int] = (),
+    seeds: int | None = None,
+    workers: int | None = None,
+    out: str | Path | None = None,
+    force: bool = False,
+    resume: bool = False,
+    scheduler: str | None = None,
+    serial: bool = False,
+    progress: Callable[[StudyProgress], None] | None = None,
+) -> FinishedStudy:
+    """Fly a scenario many times, as a study file says, and open the results.
+
+    On all cores the runs are flown by processes of their own, which import the calling program: call this below
+    `if __name__ == "__main__":`, or with `serial`.
+
+    Args:
+        name_or_path: Name or file of the study.
+        overrides: Changes for every run, "key=value" each.
+        craft: Numbers of craft; they replace the grid of swarm.count.
+        seeds: Number of seeds; replaces the file's.
+        workers: Runs at a time on this machine; default: one per core.
+        out: Folder of the results; default `runs/<study>`.
+        force: Replace what is there.
+        resume: Keep the runs that are finished there.
+        scheduler: Address of a dask scheduler; without it the runs are flown on this machine.
+        serial: Fly one run after the other in this process.
+        progress: Is told how far the study is.
+
+    Returns:
+        The study, opened.
+
+    Raises:
+        SwarmError: The study is wrong, a folder is in the way, or no scheduler answers.
+    """
+    chosen = load_study(name_or_path, overrides, craft=craft, seeds=seeds, workers=workers)
+    return conduct(
+        chosen,
+        out=None if out is None else Path(out),
+        force=force,
+        resume=resume,
+        scheduler=scheduler,
+        serial=serial,
+        progress=progress,
+    )
 
 
 def conduct(

@@ -26,7 +26,7 @@ from swarm.scenario.text import toml_value
 from swarm.studies.campaign.plan import PlannedRun
 from swarm.studies.campaign.task import HEAD, LOST, SECONDS
 from swarm.units import written_unit
-from swarm.user_text import parse_json, read_text, user_path
+from swarm.user_text import parse_json, read_text
 
 STUDY, STATE, ROWS, JOURNAL, TELEMETRY = "study.toml", "study.json", "runs.parquet", "journal.jsonl", "telemetry"
 REPORT, FIGURES = "report.html", "figures"
@@ -68,6 +68,10 @@ class FinishedStudy(NamedTuple):
     folder: Path
     state: dict[str, Any]
     rows: Table
+
+    def __repr__(self) -> str:
+        """Say in one line which study this is."""
+        return f"<Study {self.folder}: {self.status}, {len(self.rows)} of {self.state.get('planned', '?')} runs>"
 
     @property
     def status(self) -> str:

@@ -41,6 +41,10 @@ class Reproduction:
     outcome: Outcome
     sample: str = "full"
 
+    def __repr__(self) -> str:
+        """Say in one line which experiment this is."""
+        return f"<Experiment {self.folder}: {self.experiment.source}, {self.experiment.figure}>"
+
 
 def write(
     folder: Path, name: str, experiment: Experiment, request: Request, outcome: Outcome, force: bool = False

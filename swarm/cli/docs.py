@@ -1,0 +1,49 @@
+"""The command `swarm docs`: the documentation, at the terminal; it is installed with the program."""
+
+import sys
+from typing import Annotated
+
+import typer
+
+from swarm.cli.terminal import mistakes
+
+
+def docs(
+    page: Annotated[
+        str | None, typer.Argument(metavar="PAGE", help="Print this page. Without it, all are listed.")
+    ] = None,
+) -> None:
+    """Read the documentation.
+
+    \b
+    swarm docs
+    swarm docs scenario
+    """
+    with mistakes():
+        from rich.console import Console
+        from rich.text import Text
+
+        from swarm.assets import pages
+        from swarm.errors import SwarmError, did_you_mean
+        from swarm.tables import table
+
+        known = pages()
+        if page is None:
+            made = table("page", tight=True)
+            made.add_column("")
+            for name, path in known.items():
+                title = path.read_text(encoding="utf-8").partition("\n")[0].lstrip("# ")
+                made.add_row(Text(name), Text(title))
+            Console().print(made)
+            typer.echo(f"\nThe files are in {next(iter(known.values())).parent}")
+            return
+        name = page.removeprefix("docs/").removesuffix(".md")
+        if name not in known:
+            raise SwarmError(f"no page {page!r}{did_you_mean(name, known)}")
+        text = known[name].read_text(encoding="utf-8")
+        if sys.stdout.isatty():
+            from rich.markdown import Markdown
+
+            Console().print(Markdown(text))
+        else:
+            typer.echo(text, nl=False)
