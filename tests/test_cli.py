@@ -27,6 +27,7 @@ from swarm.scenario import Scenario, load, to_toml
 from swarm.studies.papers import find
 from swarm.studies.papers.catalogue import EXPERIMENTS
 
+FIGURES: dict[str, Any] = {"status": "complete", "swarm": None, "craft": {}}
 HEAVY = {
     "mujoco",
     "numba",
@@ -43,7 +44,7 @@ HEAVY = {
     "jinja2",
 }
 ROOT = Path(__file__).parent.parent
-COMMANDS = ("list", "run", "view", "check", "replay", "calibrate", "layout", "reproduce", "study", "report")
+COMMANDS = ("list", "run", "view", "check", "replay", "calibrate", "layout", "reproduce", "study", "report", "docs")
 
 
 class Result(NamedTuple):
@@ -138,6 +139,57 @@ def test_list_shows_every_scenario_and_model_on_one_line(command: Command) -> No
         line = next(line for line in lines if line.startswith(f"  {name} "))
         assert len(line.split()) > 3
     assert len(lines) == len(scenarios()) + len(studies()) + len(models()) + len(recordings()) + 7
+
+
+def on_a_terminal(monkeypatch: pytest.MonkeyPatch, columns: int) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
+
+
+@pytest.mark.parametrize("columns", [60, 80])
+def test_list_is_tables_on_a_terminal_that_fit_and_lose_no_word(
+    command: Command, monkeypatch: pytest.MonkeyPatch, columns: int
+) -> None:
+    on_a_terminal(monkeypatch, columns)
+    out = re.sub(r"\x1b\[[0-9;]*m", "", command("list").out)
+    assert max(map(len, out.splitlines())) <= columns
+    assert "…" not in out
+    words = set(out.split())
+    for path in (*scenarios().values(), *studies().values()):
+        assert set(tomllib.loads(path.read_text())["description"].split()) <= words
+    row = next(line.split() for line in out.splitlines() if line.startswith("formation-reconfigure "))
+    assert row[1:3] == (["12", "80"] if columns == 80 else ["Twelve", "craft"])
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("formation", ["Eight craft on a turning ring", "What a swarm looks like", "8: mockup", "30 s", "about 5 s"]),
+        ("docking", ["sensors   lighthouse photodiodes", "exit code 1 if one does not hold", "2: servicer, berth"]),
+        ("inspect-satellite", ["LiDAR"]),
+        ("docking-dark", ["runs       30", "docking, 95 s each", "fault[0].at_s = [10.0, 27.0, 43.0], seed"]),
+        ("servicer", ["24 kg", "20 photodiodes, 12 thrusters, 3 reaction wheels", "docking port"]),
+        ("handheld", ["A simulated hand-held object", "swarm replay handheld --list"]),
+    ],
+)
+def test_list_name_tells_what_it_is_and_how_long_it_takes(command: Command, name: str, said: list[str]) -> None:
+    result = command("list", name)
+    assert result.code == 0
+    for words in said:
+        assert words in result.out
+    assert max(len(line) for line in result.out.splitlines() if "/" not in line) <= 80
+
+
+def test_every_name_has_its_page_and_no_other(command: Command) -> None:
+    for name in (*scenarios(), *studies()):
+        assert "takes " in command("list", name).out, name
+    assert command("list", "formatoin").err == "error: nothing is called 'formatoin'; did you mean 'formation'?\n"
+
+
+def test_the_documentation_is_at_hand(command: Command) -> None:
+    assert re.search(r"^scenario +The scenario file *$", command("docs").out, re.MULTILINE)
+    assert command("docs", "criteria").out == (ROOT / "docs" / "criteria.md").read_text()
+    assert "did you mean 'criteria'?" in command("docs", "docs/critera.md").err
 
 
 def test_the_shipped_recording_is_listed_and_replayed_by_its_name(command: Command, tmp_path: Path) -> None:
@@ -278,8 +330,71 @@ def test_mistakes_on_the_command_line(command: Command, tmp_path: Path, argument
 def test_what_is_no_command_or_option_exits_with_2_too(command: Command, arguments: list[str]) -> None:
     result = command(*arguments)
     assert result.code == 2
-    assert "Error: " in result.err
-    assert "Traceback" not in result.err
+    assert result.err.startswith("error: ")
+    assert len(result.err.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("runn formation", "no command 'runn'; did you mean 'run'?"),
+        ("run", "swarm run: SCENARIO is missing: a name that `swarm list` shows"),
+        ("run formation --sed 3", "swarm run: no option --sed; did you mean --seed?"),
+        ("run formation --duration 3", "no option --duration; did you mean --set duration_s=3?"),
+        ("check formation --count=16", "no option --count; did you mean --set swarm.count=16?"),
+        ("run formation --out", "--out: a value is missing"),
+        ("run formation --seed x", "--seed: 'x' is not a whole number"),
+        ("run formation again", "swarm run: unexpected 'again' after the last argument"),
+        ("replay handheld --lighthouse=-1", "--lighthouse: '-1' must be at least 0"),
+        ("calibrate x --poses ownn", "--poses: 'ownn' must be one of 'truth', 'own'; did you mean 'own'?"),
+        ("layout mockup --cone-deg wide", "--cone-deg: 'wide' is not a number"),
+        ("run scaling", "no scenario 'scaling', but a study: swarm study scaling"),
+        ("study formation", "no study 'formation', but a scenario: swarm run formation"),
+        ("check handheld", "no scenario 'handheld', but a recording: swarm replay handheld"),
+        ("replay mockup", "no recording 'mockup', but a craft model: a scenario names it"),
+        (
+            "check craft.xml",
+            'craft.xml is no scenario, but a craft model: a scenario names it, as in --set swarm.model="',
+        ),
+        ("replay mine.toml", "mine.toml is no recording, but a .toml file: swarm run mine.toml"),
+        ("run many.toml", "many.toml is no scenario, but a study: swarm study many.toml"),
+        (
+            "study mine.toml",
+            'mine.toml is no study, but a scenario: swarm run mine.toml; a study names it, base = "mine.',
+        ),
+        ("run min.toml", "scenario file min.toml does not exist; did you mean 'mine.toml'?"),
+        ("check run-7", "run-7 is not a scenario file but a folder; did you mean 'run-7/scenario.toml'?"),
+        ("run formation --set fault={kind='ghosts'}", "fault: expected a list of tables: begin each with [[fault]]"),
+        ("view run-9", "run-9 is not a run: there is no such folder; did you mean 'run-7'?"),
+        ("view runs/run-9", "runs/run-9 is not a run: there is no such folder; did you mean 'run-7'?"),
+        ("view many", "many is not a run: it is a study: swarm report many"),
+        ("report nope", "nope is not a study or a run: there is no such folder; known: many, other-7, run-7"),
+        ("report mine.toml", "mine.toml is not a study or a run: it is a file, and not in such a folder"),
+    ],
+)
+def test_a_message_names_what_was_meant(command: Command, tmp_path: Path, line: str, message: str) -> None:
+    (tmp_path / "craft.xml").write_text(FEW)
+    (tmp_path / "mine.toml").write_text("[swarm]\ncount = 1\n")
+    (tmp_path / "many.toml").write_text('base = "mine.toml"\n')
+    for name, marker in (("run-7", "summary.json"), ("other-7", "summary.json"), ("many", "study.json")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / marker).write_text('{"program": "lighthouse-swarm", "status": "complete"}')
+    (tmp_path / "run-7" / "scenario.toml").touch()
+    result = command(*line.replace("'", '"').split())
+    assert result.code == 2
+    assert len(result.err.splitlines()) == 1
+    assert message in result.err
+
+
+def test_a_file_that_is_not_there_is_not_mistaken_for_a_scenario_of_another_name(command: Command) -> None:
+    assert command("run", "missing.toml").err == "error: scenario file missing.toml does not exist\n"
+
+
+def test_a_file_of_a_run_stands_for_its_folder(command: Command, tmp_path: Path) -> None:
+    with RunFolder(tmp_path / "run-7") as folder:
+        folder.finish(FIGURES)
+    (tmp_path / "run-7" / "telemetry.parquet").touch()
+    assert "run-7 has no recording" in command("view", "run-7/telemetry.parquet").err
 
 
 def test_a_mistake_in_a_process_of_its_own_has_no_control_codes() -> None:
@@ -305,9 +420,6 @@ def test_a_reader_that_goes_away_is_no_error() -> None:
     program.stderr.close()
     assert program.wait(60) == 128 + signal.SIGPIPE
     assert errors == b""
-
-
-FIGURES: dict[str, Any] = {"status": "complete", "swarm": None, "craft": {}}
 
 
 @pytest.fixture
@@ -435,7 +547,11 @@ import swarm.flight.simulate, swarm.flight.replay
 assert swarm.flight.simulate.simulate.__name__ == "simulate" and callable(swarm.simulate) and callable(swarm.replay)
 from swarm.flight.simulate import simulate
 assert swarm.simulate is simulate
-assert set(swarm.__all__) <= set(dir(swarm))
+assert dir(swarm) == sorted(swarm.__all__)
+for name in ("study", "report", "replay", "reproduce", "simulate"):
+    assert callable(getattr(swarm, name)), name
+import swarm.report.write
+assert callable(swarm.report)
 try:
     swarm.simulat
 except AttributeError as error:

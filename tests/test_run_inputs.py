@@ -99,7 +99,7 @@ def test_every_shipped_model_can_be_copied(name: str, tmp_path: Path) -> None:
 
 
 def test_a_run_is_flown_again_where_it_was_moved_to_with_the_same_numbers(cad: Path, tmp_path: Path) -> None:
-    (tmp_path / "known.toml").write_text("[fan_x]\nphase_rad = 0.001\n")
+    (tmp_path / "known.toml").write_text("[fan_x]\nphase_rad = 0.001\n[fan_y]\n")
     mine = tmp_path / "mine.toml"
     mine.write_text(
         f'duration_s = 0.1\nseed = 4\n[swarm]\ncount = 2\nmodel = "{cad / "own.xml"}"\n'

@@ -1,4 +1,4 @@
-"""The command `swarm list`: the scenarios, studies, craft models and recordings that there are, and each of them whole."""
+"""The command `swarm list`: the scenarios, studies, craft models and recordings there are, or one of them whole."""
 
 import sys
 from collections.abc import Iterator
@@ -52,13 +52,13 @@ def list_all(
                 else:
                     _print_lines(kind)
             return
-        kind = next((kind for kind in KINDS if name in kind.known()), None)
-        if kind is None:
+        meant = next((kind for kind in KINDS if name in kind.known()), None)
+        if meant is None:
             known = [one for kind in KINDS for one in kind.known()]
             raise SwarmError(f"nothing is called {name!r}{did_you_mean(name, known)}")
         from swarm.cli.about import print_about
 
-        print_about(Console(), kind, name)
+        print_about(Console(), meant, name)
 
 
 def _print_kind(console: "Console", kind: "Kind") -> None:

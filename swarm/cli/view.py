@@ -23,14 +23,13 @@ def view(
         from swarm.results.recording.viewer import view as open_viewer
         from swarm.results.run_folder import open_run
 
-        more: list[Path] = []
-        if run.suffix == ".rrd":
-            recording: Path | None = run
-        else:
-            recording, smoothed = (opened := open_run(run)).recording, opened.smoothed_recording
-            more = [] if smoothed is None else [smoothed]
+        opened = None if run.suffix == ".rrd" else open_run(run)
+        recording = run if opened is None else opened.recording
+        smoothed = None if opened is None else opened.smoothed_recording
+        more = [] if smoothed is None else [smoothed]
         if recording is None:
-            raise SwarmError(f"{run} has no recording: it was flown with --no-recording, or recording.enabled = false")
+            folder = run if opened is None else opened.folder
+            raise SwarmError(f"{folder} has no recording: it was flown with --no-recording, or recording.enabled = false")
         with stoppable():
             code = open_viewer(recording, web=web, more=more)
         raise typer.Exit(code)

@@ -104,7 +104,7 @@ def _why_not(folder: Path, kinds: Sequence[Contents]) -> str:
 
 def _nearest(folder: Path, kinds: Sequence[Contents]) -> str:
     """Return a question with the nearest result, first of all another seed of the same scenario, or those there are."""
-    places = [place for place in (folder, folder.parent, RUNS) if place.is_dir()]
+    places = [place for place in (folder, folder.parent, RUNS, Path()) if place.is_dir()]
     found = {file.parent for place in places for kind in kinds for file in place.glob(f"*/{kind.marker}")} - {folder}
     stem, dash, number = folder.name.rpartition("-")
     seeds = {
