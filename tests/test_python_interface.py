@@ -38,7 +38,9 @@ def test_a_run_without_figures_is_one_line_too(summary: dict[str, Any]) -> None:
 
 
 def test_a_study_is_one_short_line() -> None:
-    study = FinishedStudy(Path("runs/scaling"), {"status": "interrupted", "planned": 28}, table_of([column("run", [0, 1], "")]))
+    study = FinishedStudy(
+        Path("runs/scaling"), {"status": "interrupted", "planned": 28}, table_of([column("run", [0, 1], "")])
+    )
     assert repr(study) == "<Study runs/scaling: interrupted, 2 of 28 runs>"
 
 
@@ -70,7 +72,7 @@ def test_no_message_of_the_validator_reaches_a_user() -> None:
     with pytest.raises(swarm.SwarmError, match=r"Scenario.duration_s: a scenario does not change; load it with"):
         scenario.duration_s = 3.0
     with pytest.raises(swarm.SwarmError, match=r"Scenario.duraton_s: unknown key; did you mean 'duration_s'"):
-        scenario.duraton_s = 3.0  # type: ignore[attr-defined]
+        scenario.duraton_s = 3.0
     with pytest.raises(swarm.SwarmError, match=r"Swarm: count = \"x\": expected a whole number, not a string"):
         Swarm(count="x")  # type: ignore[arg-type]
     with pytest.raises(swarm.SwarmError, match="no scenario 'formatoin'; did you mean 'formation'"):

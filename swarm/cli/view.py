@@ -29,7 +29,9 @@ def view(
         more = [] if smoothed is None else [smoothed]
         if recording is None:
             folder = run if opened is None else opened.folder
-            raise SwarmError(f"{folder} has no recording: it was flown with --no-recording, or recording.enabled = false")
+            raise SwarmError(
+                f"{folder} has no recording: it was flown with --no-recording, or recording.enabled = false"
+            )
         with stoppable():
             code = open_viewer(recording, web=web, more=more)
         raise typer.Exit(code)
