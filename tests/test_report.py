@@ -16,8 +16,12 @@ from estimators.kernel import Compilation
 from swarm.cli.progress import ProgressDisplay
 from swarm.report.findings import findings, warnings
 from swarm.report.run_table import print_report
+from swarm.report.study_table import print_study
+from swarm.results.parquet import column, table_of
 from swarm.results.progress import Progress
 from swarm.studies.campaign.conduct import StudyProgress
+from swarm.studies.campaign.study_folder import FinishedStudy
+from swarm.studies.campaign.task import COMPLETE
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -284,9 +288,7 @@ def test_a_study_and_an_experiment_tell_the_time_left(monkeypatch: pytest.Monkey
     assert out.getvalue().splitlines() == [
         "noise: starting",
         "noise: 4/10 runs, 1 failed, 1 min 30 s left",
-        "noise: 4/10 runs, 1 failed, 1 min 30 s left",
         "static: starting",
-        "static: pose 5 of 10, 1 h 15 min left",
         "static: pose 5 of 10, 1 h 15 min left",
     ]
 
@@ -305,6 +307,44 @@ def test_on_a_terminal_a_study_is_one_line_with_the_time_left(width: int, monkey
     assert frames
     assert "4/10 runs, 1 failed, 1 min 00 s left" in frames[-1]
     assert "…" not in frames[-1]
+
+
+@pytest.mark.parametrize(
+    ("width", "missing"),
+    [
+        (80, ""),
+        (60, "No room in 60 columns for: NEES, mean (runs.parquet has them)."),
+        (45, "No room in 45 columns for: NEES, mean; time tracking (runs.parquet has them)."),
+    ],
+)
+def test_a_studys_table_fits_and_names_what_it_leaves_out(width: int, missing: str, tmp_path: Path) -> None:
+    count, noise = [2, 2, 3, 3], [5.0, 10.0, 5.0, 10.0]
+    study = FinishedStudy(
+        tmp_path,
+        {"parameters": ["swarm.count", "lighthouse.angle_noise_arcsec"], "status": "complete", "wall_s": 3.0},
+        table_of(
+            [
+                column("run", [0, 1, 2, 3], ""),
+                column("status", [COMPLETE] * 4, "", kind="text"),
+                column("seed", [7] * 4, ""),
+                column("swarm.count", count, ""),
+                column("lighthouse.angle_noise_arcsec", noise, "arcsec"),
+                column("ekf_position_rms_m", [1e-4 * n for n in noise], "m"),
+                column("ekf_attitude_rms_deg", [3e-3 * n for n in noise], "°"),
+                column("nees_mean", [5.0, 5.5, 6.0, 6.5], ""),
+                column("tracking_share", [1.0] * 4, ""),
+            ]
+        ),
+    )
+    out = io.StringIO()
+    print_study(Console(file=out, width=width), study)
+    lines = out.getvalue().splitlines()
+    table = lines[: lines.index("")]
+    assert max(map(cell_len, table)) <= width
+    assert "…" not in out.getvalue()
+    assert {"count", "noise", "arcsec", "position"} <= set(" ".join(lines[:3]).split())
+    assert " ".join(" ".join(lines).split()).count(missing)
+    assert ("NEES," in " ".join(lines[:3])) == (width == 80)
 
 
 def test_compiling_is_counted_a_line_every_ten_seconds_and_told_once_at_the_end(

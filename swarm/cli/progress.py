@@ -39,7 +39,7 @@ class ProgressDisplay:
         self._words, self._plain = "", ""
         self._share = 0.0
         self._first: tuple[float, float] | None = None
-        self._last_line_s = 0.0
+        self._last_line, self._last_line_s = "", 0.0
         self._compilation: Compilation | None = None
         self._compiling_since_s: float | None = None
         self._compiling_s = 0.0
@@ -68,8 +68,8 @@ class ProgressDisplay:
         self._stack.close()
         if self._bar:
             self._bar.stop()
-        elif self._plain:
-            self._line(self._plain + self._left())
+        elif self._plain and (last := self._plain + self._left()) != self._last_line:
+            self._line(last)
         if self._compilation is not None and kind is None:
             done = self._compilation.done
             kernels = "1 kernel" if done == 1 else f"{done} kernels"
@@ -152,7 +152,7 @@ class ProgressDisplay:
         return f", {minutes} min {seconds:02d} s left" if minutes else f", {seconds} s left"
 
     def _line(self, text: str) -> None:
-        self._last_line_s = time.monotonic()
+        self._last_line, self._last_line_s = text, time.monotonic()
         self._console.print(f"{self._title}: {text}", markup=False, highlight=False, soft_wrap=True)
 
 

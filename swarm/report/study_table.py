@@ -1,14 +1,26 @@
-"""The end of `swarm study` at the terminal: a table of the points, what failed, and where the rest is."""
+"""The end of `swarm study` at the terminal: a table of the points, what failed, and where the rest is.
+
+Headings are words below each other. Where the terminal is narrow, the figures of merit that matter least are left out,
+and a line names them.
+"""
+
+import textwrap
+from collections.abc import Sequence
 
 from rich.console import Console
+from rich.table import Table as Printed
 from rich.text import Text
 
-from swarm.report.sweep import point_table
+from swarm.report.page import Column
+from swarm.report.sweep import MERITS, point_table
 from swarm.studies.campaign.study_folder import ROWS, FinishedStudy
 from swarm.studies.campaign.task import COMPLETE, LOST
 from swarm.tables import table
 
 MOST_ROWS = 20
+HEAD_WIDTH, GAP = 10, 2
+"""Letters of a line of a heading, where its words allow it, and blanks between two columns."""
+LEFT_OUT_FIRST = ("NEES, mean", "time tracking", "attitude error, RMS")
 
 
 def print_study(console: Console, study: FinishedStudy) -> None:
@@ -17,10 +29,13 @@ def print_study(console: Console, study: FinishedStudy) -> None:
     failed = [row for row in rows if row["status"] != COMPLETE]
     if len(failed) < len(rows):
         points = point_table(study)
-        printed = table(*(f"{column.name}\n{column.unit}" for column in points.columns), left=0, wrap=True)
-        for cells in points.rows[:MOST_ROWS]:
-            printed.add_row(*cells)
+        shown = points.rows[:MOST_ROWS]
+        printed, missing = _table(points.columns, shown, console.width)
         console.print(printed)
+        if missing:
+            console.print(
+                Text(f"No room in {console.width} columns for: {'; '.join(missing)} ({ROWS} has them).", "dim")
+            )
         if len(points.rows) > MOST_ROWS:
             console.print(Text(f"The first {MOST_ROWS} points; {ROWS} has every run.", "dim"))
     for row in failed[:3]:
@@ -28,9 +43,37 @@ def print_study(console: Console, study: FinishedStudy) -> None:
     if len(failed) > 3:
         console.print(Text(f"... and {len(failed) - 3} more", "yellow"))
     again = ", --resume tries those that were lost again" if any(row["status"] == LOST for row in failed) else ""
-    missing = f", {len(failed)} failed{again}" if failed else ""
+    failures = f", {len(failed)} failed{again}" if failed else ""
     wall_s = float(study.state.get("wall_s", 0.0))
-    console.print(f"\n{len(rows) - len(failed)} runs in {wall_s:.1f} s{missing}", highlight=False)
+    console.print(f"\n{len(rows) - len(failed)} runs in {wall_s:.1f} s{failures}", highlight=False)
     console.print(f"{study.folder}/{ROWS}  a row per run", highlight=False, markup=False, soft_wrap=True)
     console.print("Look at it: ", end="")
     console.print(f"swarm report {study.folder}", style="bold", highlight=False, markup=False, soft_wrap=True)
+
+
+def _table(columns: Sequence[Column], rows: Sequence[Sequence[str]], width: int) -> tuple[Printed, list[str]]:
+    """Return the table of all columns that fit, and the names of those that do not."""
+    heads = [_head(column, columns) for column in columns]
+    widths = [
+        max(len(line) for line in (*head.split("\n"), *(row[i] for row in rows))) + GAP for i, head in enumerate(heads)
+    ]
+    kept, missing = list(range(len(columns))), []
+    for name in LEFT_OUT_FIRST:
+        if sum(widths[i] for i in kept) - GAP <= width:
+            break
+        missing.append(name)
+        kept = [i for i in kept if columns[i].name != name]
+    printed = table(*(heads[i] for i in kept), left=0, tight=True)
+    for row in rows:
+        printed.add_row(*(row[i] for i in kept))
+    return printed, missing
+
+
+def _head(column: Column, columns: Sequence[Column]) -> str:
+    """Return a heading of several lines; of a scenario's key its last part, where no other column ends so."""
+    name = column.name
+    if name not in {merit[2] for merit in MERITS}:
+        last = name.rpartition(".")[2]
+        alone = [other.name.rpartition(".")[2] for other in columns].count(last) == 1
+        name = (last if alone else name.replace(".", ". ")).replace("_", " ")
+    return "\n".join([*textwrap.wrap(name, HEAD_WIDTH, break_long_words=False), column.unit])
