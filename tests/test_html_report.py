@@ -313,7 +313,7 @@ def test_a_killed_run_has_the_extent_of_its_rows(tmp_path: Path) -> None:
 
 def test_what_is_neither_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(SwarmError, match="nothing is not a run: there is no such folder"):
+    with pytest.raises(SwarmError, match="nothing is not a study or a run: there is no such folder"):
         write_report("nothing")
 
 
