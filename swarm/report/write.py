@@ -10,7 +10,7 @@ from swarm.report.run import run_page
 from swarm.report.subject import Subject
 from swarm.results.disk import write_text, writing
 from swarm.results.files import SUMMARY
-from swarm.results.owned_folder import find
+from swarm.results.owned_folder import find_any
 from swarm.results.run_folder import CONTENTS as RUN
 from swarm.results.run_folder import Run, open_run
 from swarm.results.summary_shape import check_summary
@@ -59,7 +59,7 @@ def report(path: str | Path, out: str | Path | None = None) -> Path:
 
 def _page(path: str | Path) -> tuple[Path, Page, str]:
     """Return the folder at `path`, the page of the run or the study in it, and that page as HTML."""
-    folder, _, kind = find(path, STUDY, RUN)
+    folder, _, kind = find_any(path, STUDY, RUN)
     result = open_study(folder) if kind is STUDY else open_run(folder)
     if isinstance(result, Run):
         check_summary(result.summary, str(result.folder / SUMMARY))

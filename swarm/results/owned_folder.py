@@ -71,7 +71,12 @@ def marker_in(folder: Path, contents: Contents) -> dict[str, Any] | None:
     return marker if isinstance(marker, dict) and marker.get("program") == PROGRAM else None
 
 
-def find(path: str | Path, *kinds: Contents) -> tuple[Path, dict[str, Any], Contents]:
+def find(path: str | Path, contents: Contents) -> tuple[Path, dict[str, Any]]:
+    """Return the folder of a result of one kind, and its marker. Raises SwarmError as `find_any`."""
+    return find_any(path, contents)[:2]
+
+
+def find_any(path: str | Path, *kinds: Contents) -> tuple[Path, dict[str, Any], Contents]:
     """Return the folder `path`, or `runs/<path>` where there is no such folder, its marker, and its kind.
 
     A file of a result stands for its folder. Raises SwarmError where it is of none of the kinds, and names the nearest

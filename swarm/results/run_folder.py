@@ -1,7 +1,7 @@
 """The folder that a run leaves: `scenario.toml`, `telemetry.parquet`, `summary.json`, `recording.rrd`, and
 `angles.parquet` where it was asked for, `scans.parquet` where there are LiDARs, `filter.history/` for the smoother, and
-what that has made of it: `smooth.parquet` and `smooth.rrd`. `summary.json` is its marker. `inputs/` holds the files that
-the scenario names.
+what that has made of it: `smooth.parquet` and `smooth.rrd`. `summary.json` is its marker. `inputs/` holds the files
+that the scenario names.
 """
 
 from collections.abc import Mapping
@@ -154,5 +154,5 @@ def open_run(path: str | Path) -> Run:
 
     Raises SwarmError where it is not a run, and names the nearest that is.
     """
-    folder, summary, _ = find(path, CONTENTS)
+    folder, summary = find(path, CONTENTS)
     return Run(folder, summary.get("status", "running"), summary)

@@ -189,7 +189,7 @@ class StudyFolder(OwnedFolder):
 
 def open_study(path: str | Path) -> FinishedStudy:
     """Return the study in the folder `path`, or `runs/<path>`. Raises SwarmError where there is none."""
-    folder, state, _ = find(path, CONTENTS)
+    folder, state = find(path, CONTENTS)
     check_shape(state, _STATE, str(folder / STATE))
     return FinishedStudy(folder, state, rows_table(_rows_of(folder).values(), state.get("parameters", [])))
 
