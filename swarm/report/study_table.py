@@ -12,7 +12,8 @@ from rich.table import Table as Printed
 from rich.text import Text
 
 from swarm.report.page import Column
-from swarm.report.sweep import MERITS, point_table
+from swarm.report.sweep import point_table
+from swarm.report.sweep_figures import MERITS
 from swarm.studies.campaign.study_folder import ROWS, FinishedStudy
 from swarm.studies.campaign.task import COMPLETE, LOST
 from swarm.tables import table
@@ -72,7 +73,7 @@ def _table(columns: Sequence[Column], rows: Sequence[Sequence[str]], width: int)
 def _head(column: Column, columns: Sequence[Column]) -> str:
     """Return a heading of several lines; of a scenario's key its last part, where no other column ends so."""
     name = column.name
-    if name not in {merit[2] for merit in MERITS}:
+    if name not in {merit.label for merit in MERITS}:
         last = name.rpartition(".")[2]
         alone = [other.name.rpartition(".")[2] for other in columns].count(last) == 1
         name = (last if alone else name.replace(".", ". ")).replace("_", " ")
