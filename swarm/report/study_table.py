@@ -13,7 +13,6 @@ from rich.text import Text
 
 from swarm.report.page import Column
 from swarm.report.sweep import point_table
-from swarm.report.sweep_figures import MERITS
 from swarm.studies.campaign.study_folder import ROWS, FinishedStudy
 from swarm.studies.campaign.task import COMPLETE, LOST
 from swarm.tables import table
@@ -54,7 +53,7 @@ def print_study(console: Console, study: FinishedStudy) -> None:
 
 def _table(columns: Sequence[Column], rows: Sequence[Sequence[str]], width: int) -> tuple[Printed, list[str]]:
     """Return the table of all columns that fit, and the names of those that do not."""
-    heads = [_head(column, columns) for column in columns]
+    heads = [_head(column) for column in columns]
     widths = [
         max(len(line) for line in (*head.split("\n"), *(row[i] for row in rows))) + GAP for i, head in enumerate(heads)
     ]
@@ -70,11 +69,6 @@ def _table(columns: Sequence[Column], rows: Sequence[Sequence[str]], width: int)
     return printed, missing
 
 
-def _head(column: Column, columns: Sequence[Column]) -> str:
-    """Return a heading of several lines; of a scenario's key its last part, where no other column ends so."""
-    name = column.name
-    if name not in {merit.label for merit in MERITS}:
-        last = name.rpartition(".")[2]
-        alone = [other.name.rpartition(".")[2] for other in columns].count(last) == 1
-        name = (last if alone else name.replace(".", ". ")).replace("_", " ")
-    return "\n".join([*textwrap.wrap(name, HEAD_WIDTH, break_long_words=False), column.unit])
+def _head(column: Column) -> str:
+    """Return a heading of several lines: the words, and the unit below them."""
+    return "\n".join([*textwrap.wrap(column.name, HEAD_WIDTH, break_long_words=False), column.unit])

@@ -154,16 +154,21 @@ def writing_run(
                 writer = RunWriter(telemetry, recording, navigating, duration_s, beliefs, scans, past)
                 yield writer
         except BaseException as stop:
-            # A second failure (the disk is still full) must not hide the first.
-            summary = None
-            with suppress(SwarmError):
-                summary = summarise_run(folder.path)
-            with suppress(SwarmError):
-                folder.interrupt(_reason(stop), summary)
+            _interrupt(folder, _reason(stop))
             raise
         verdicts = judge(scenario.criteria, TelemetryTable.of_run(folder.path))
         folder.finish({**summarise_run(folder.path), **summary_of(verdicts)})
         writer.run = open_run(folder.path)
+
+
+def _interrupt(folder: RunFolder, reason: str) -> None:
+    """Mark the run as interrupted, with its figures as far as it went, and pass over what cannot be written."""
+    # A second failure (the disk is still full) must not hide the first.
+    summary = None
+    with suppress(SwarmError):
+        summary = summarise_run(folder.path)
+    with suppress(SwarmError):
+        folder.interrupt(reason, summary)
 
 
 @contextmanager
