@@ -1,7 +1,44 @@
 """Tables at a terminal, all in one style."""
 
+from collections.abc import Sequence
+from typing import NamedTuple
+
 from rich import box
 from rich.table import Table
+
+GAP = 2
+"""Blanks between two columns of a tight table."""
+
+
+class RankedColumn(NamedTuple):
+    """A column that is left out where there is no room: those of high `rank` first. head: up to two lines."""
+
+    rank: int
+    head: str
+    cells: Sequence[str]
+
+    @property
+    def width(self) -> int:
+        """Characters of its widest line."""
+        return max(len(text) for text in (*self.head.split("\n"), *self.cells))
+
+
+def fitting(width: int, columns: Sequence[RankedColumn]) -> tuple[Table, str]:
+    """Return the table of the columns that fit a terminal, and the heads of the others; the first one always stays.
+
+    Args:
+        width: Width of the terminal.
+        columns: The columns, that of the names first.
+    """
+    kept, out = list(columns), list[str]()
+    while len(kept) > 1 and sum(GAP + column.width for column in kept) - GAP > width:
+        last = max(kept[1:], key=lambda column: column.rank)
+        kept.remove(last)
+        out.append(" ".join(last.head.replace("-\n", "").split()))
+    made = table(*(column.head for column in kept), tight=True)
+    for cells in zip(*(column.cells for column in kept), strict=True):
+        made.add_row(*cells)
+    return made, "; ".join(out)
 
 
 def table(*heads: str, left: int = 1, tight: bool = False, wrap: bool = False) -> Table:

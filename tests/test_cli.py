@@ -217,7 +217,9 @@ def test_version(command: Command) -> None:
 def test_check_prints_the_resolved_scenario(command: Command) -> None:
     result = command("check", "formation", "--set", "swarm.count=3", "--seed", "5")
     assert result.code == 0
-    assert result.err == ""
+    told = next(line for line in result.err.splitlines() if line.startswith("craft-0")).split()
+    assert told[:6] == ["craft-0", "…", "craft-2", "0.4", "12", "0"]
+    assert set(told[6:]) == {"ideal"}
     assert result.out == to_toml(load("formation", ["swarm.count=3"], 5))
     assert tomllib.loads(result.out)["swarm"]["count"] == 3
 

@@ -158,12 +158,13 @@ def fake(attitude_deg: float, position_mm: float, blind: float = 0.0) -> Predict
     bad = np.arange(count) < blind * count
     attitude = np.where(bad, np.inf, np.deg2rad(attitude_deg))
     position = np.where(bad, np.inf, 1e-3 * position_mm)
-    return Prediction(np.ones((count, 4), dtype=np.bool_), attitude, position, np.where(bad, np.inf, 1.0))
+    error = np.where(bad, np.inf, 1.0)
+    return Prediction(np.ones((count, 4), dtype=np.bool_), attitude, position, error, error)
 
 
 @pytest.mark.parametrize("needed", [4, 5, 7, 13, 30])
 def test_the_smallest_number_is_the_smallest(needed: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked, tries = task(Request("mockup", None, 0.1, 2.0)), []
+    asked, tries = task(Request("mockup", None, 0.1, 2.0, losses=0)), []
 
     def find(task: Task, at: object, count: int, quick: bool) -> search.Found:
         tries.append(count)
@@ -172,7 +173,7 @@ def test_the_smallest_number_is_the_smallest(needed: int, monkeypatch: pytest.Mo
 
     monkeypatch.setattr(smallest, "find", find)
     free = Mount(np.zeros((200, 3)), np.zeros((200, 3)))
-    at = search.Places(free, free, 0.01, None, None)  # type: ignore[arg-type]
+    at = search.Places(free, free, 0.01, None, None, None)  # type: ignore[arg-type]
     said: list[str] = []
     assert smallest.smallest(asked, at, 0.1, 2.0, said.append) == max(needed, 6)
     assert len(tries) == len(said) <= 12
@@ -181,11 +182,11 @@ def test_the_smallest_number_is_the_smallest(needed: int, monkeypatch: pytest.Mo
 
 
 def test_a_precision_out_of_reach_says_what_there_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = task(Request("mockup", None, 0.1, 2.0))
+    asked = task(Request("mockup", None, 0.1, 2.0, losses=0))
     mount = Mount(np.zeros((4, 3)), np.zeros((4, 3)))
     monkeypatch.setattr(smallest, "find", lambda *a, **k: search.Found(mount, fake(0.2, 1.0)))
     free = Mount(np.zeros((20, 3)), np.zeros((20, 3)))
-    at = search.Places(free, free, 0.01, None, None)  # type: ignore[arg-type]
+    at = search.Places(free, free, 0.01, None, None, None)  # type: ignore[arg-type]
     with pytest.raises(SwarmError, match=r"20 photodiodes .* within 0\.200° and 1\.00 mm; wanted: 0\.1°, 2 mm"):
         smallest.smallest(asked, at, 0.1, 2.0, lambda text: None)
 
@@ -221,7 +222,7 @@ def command(
 
 @pytest.mark.usefixtures("quick")
 def test_a_layout_is_found_written_and_flies(command: Callable[..., tuple[int, str, str]]) -> None:
-    code, out, err = command("layout", "mockup", "--photodiodes", "12", "--out", "my/model.xml")
+    code, out, err = command("layout", "mockup", "--photodiodes", "12", "--losses", "0", "--out", "my/model.xml")
     assert code == 0, err
     files = ["my/model.xml", "my/model-layout.json", "my/model-layout.png", "my/model-layout.svg"]
     assert out.splitlines()[-4:] == [str(Path(file)) for file in files]
@@ -249,12 +250,14 @@ def test_a_layout_is_found_written_and_flies(command: Callable[..., tuple[int, s
     assert flight.summary["swarm"]["tracking_share"] > 0.5
 
     before = {file: Path(file).read_bytes() for file in files}
-    code, _, err = command("layout", "mockup", "--photodiodes", "12", "--out", "my/model.xml")
+    code, _, err = command("layout", "mockup", "--photodiodes", "12", "--losses", "0", "--out", "my/model.xml")
     assert code == 2
     assert "my/model.xml is there already; --force replaces it" in err.replace("\\", "/")
     assert {file: Path(file).read_bytes() for file in files} == before
     # Same seed, same layout.
-    assert command("layout", "mockup", "--photodiodes", "12", "--out", "my/model.xml", "--force")[0] == 0
+    assert (
+        command("layout", "mockup", "--photodiodes", "12", "--losses", "0", "--out", "my/model.xml", "--force")[0] == 0
+    )
     assert {file: Path(file).read_bytes() for file in files[:2]} == {file: before[file] for file in files[:2]}
 
 
@@ -268,7 +271,7 @@ def test_a_bare_hull_gets_the_fewest_photodiodes_that_do(command: Callable[..., 
     made = json.loads(Path("runs/layout-can-smallest/can-layout.json").read_text())
     assert set(made["layouts"]) == {"designed", "even"}
     assert made["photodiodes"] == len(load_craft(Path("runs/layout-can-smallest/can.xml")).point_m)
-    assert re.search(r"layout: \d+ photodiodes leave", err)
+    assert re.search(r"layout: \d+ photodiodes with one lost leave", err)
     assert "The wanted precision is" in out
     assert load_craft(find_model("runs/layout-can-smallest")).point_m.shape[1] == 3
 
@@ -279,6 +282,21 @@ def test_a_bare_hull_gets_the_fewest_photodiodes_that_do(command: Callable[..., 
         (["mockup"], "how many photodiodes? give --photodiodes, or a precision"),
         (["mokcup", "--photodiodes", "12"], "no model 'mokcup'; did you mean 'mockup'?"),
         (["mockup", "--photodiodes", "3"], "--photodiodes 3: must be at least 4 and at most 64"),
+        (["mockup", "--photodiodes", "4"], "--photodiodes 4: a pose needs 4, so with one lost none is left to spare"),
+        (["mockup", "--photodiodes", "12", "--losses", "2"], "--losses 2: must be at least 0 and at most 1"),
+        (["mockup", "--photodiodes", "12", "--craft", "a"], "--craft a: of which scenario? give --scene"),
+        (
+            ["mockup", "--photodiodes", "12", "--scene", "docking", "--distance-m", "2"],
+            "--distance-m: with --scene, the flight of the craft says where it is",
+        ),
+        (
+            ["cubesat6u", "--photodiodes", "12", "--keep-out", "radiator"],
+            "--keep-out radiator: cubesat6u.xml has no body, geom or site of this name",
+        ),
+        (
+            ["mockup", "--photodiodes", "12", "--keep-out", "0,0,0,1,0,1"],
+            "--keep-out 0,0,0,1,0,1: each first number must be below the second",
+        ),
         (["mockup", "--photodiodes", "12", "--position-mm", "0"], "--position-mm 0: must be above 0"),
         (["mockup", "--attitude-deg", "-1"], "--attitude-deg -1: must be above 0"),
         (
@@ -291,7 +309,10 @@ def test_a_bare_hull_gets_the_fewest_photodiodes_that_do(command: Callable[..., 
             "--off-axis-deg 60: must be at least 0 and below 60",
         ),
         (["mockup", "--photodiodes", "12", "--share", "1"], "--share 1: must be at least 0.5 and at most 0.99"),
-        (["mockup", "--photodiodes", "12", "--set", "swarm.count=3"], "a layout takes only lighthouse.*"),
+        (
+            ["mockup", "--photodiodes", "12", "--set", "swarm.count=3"],
+            "a layout without --scene takes only lighthouse.*",
+        ),
         (["mockup", "--photodiodes", "12", "--set", "lighthouse.feld_deg=3"], "unknown key; did you mean 'field_deg'"),
         (["mockup", "--photodiodes", "12", "--set", "lighthouse.angle_noise_arcsec=0"], "every layout is perfect"),
         (["mockup", "--photodiodes", "12", "--out", "my/model.txt"], "must end in .xml"),

@@ -181,15 +181,23 @@ def test_consistency_is_said_with_its_band() -> None:
     inside, outside = dict(figures(random.Random(0)), nees=consistency(6.2)), dict(figures(random.Random(0)))
     outside["nees"] = consistency(7.3)
     assert findings(inside)[0] == (
-        "NEES 6.20: as the filter promises (6 is exact, 5.10 to 6.90 is chance)",
+        "NEES 6.20: as the filter promises (6 is exact, chance 5.10 to 6.90)",
         "green",
     )
-    assert findings(outside)[0][0].startswith("NEES 7.30: errors larger than the filter promises (6 is exact, 5.10")
+    # Beyond chance, but errors within a tenth of the promise: nothing to act on.
+    for small in (7.2, 5.05):
+        outside["nees"] = consistency(small)
+        assert findings(outside)[0] == (
+            f"NEES {small:.2f}: as the filter promises (6 is exact, chance 5.10 to 6.90)",
+            "green",
+        )
+    outside["nees"] = consistency(13.5)
+    assert findings(outside)[0][0].startswith("NEES 13.50: errors 1.5 times what the filter promises: it expects less")
+    assert "acceleration_noise_m_s2" in findings(outside)[0][0]
     assert findings(outside)[0][1] == "yellow"
-    outside["nees"] = consistency(5.05)
-    assert findings(outside)[0][0].startswith(
-        "NEES 5.05: errors smaller than the filter promises, as in smooth motion (6 is"
-    )
+    outside["nees"] = consistency(3.84)
+    assert findings(outside)[0][0].startswith("NEES 3.84: errors 80% of what the filter promises: it is cautious")
+    assert findings(outside)[0][1] == ""
 
 
 def test_what_single_craft_suffer_is_not_hidden_by_the_swarm() -> None:
@@ -203,7 +211,7 @@ def test_what_single_craft_suffer_is_not_hidden_by_the_swarm() -> None:
     assert len(said) == 3
     assert said[0].startswith("dark never saw light")
     assert said[1].startswith("The filter refused 7 % of sharp's poses")
-    assert said[2] == "NEES above its band: sharp"
+    assert said[2] == "Errors larger than the filter promises: sharp"
     assert warnings({"calm": craft["calm"]}) == []
 
 

@@ -6,6 +6,9 @@ The objective, over many poses, with unsolvable ones counted as worse than any e
     2. the tail: the mean of ln e between the percentiles q - 20 % and q (a mean, because one percentile alone says
        little about which exchange leads towards a better one).
 
+Where one photodiode may be lost at any pose, unsolvable is a pose that is not solvable without each of the lit ones,
+none is forgiven, and e is the error without the one that is missed most.
+
 Step 1 is a matter of how many photodiodes see together, not of precision: from random sets, by counts alone, until no
 exchange of one photodiode for any candidate helps. The best sets that differ are refined likewise on the whole
 objective; then, a few times, some photodiodes of the best ones are thrown elsewhere and exchanged again (iterated local
@@ -22,7 +25,16 @@ import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
-from estimators.layout.error import LACKING, WANTED_LIT, WORST, Sightings, add_up, mixed_error
+from estimators.layout.error import (
+    LACKING,
+    WANTED_LIT,
+    WORST,
+    Sightings,
+    add_up,
+    fan_means,
+    lost_error,
+    mixed_error,
+)
 from estimators.lighthouse.pnp import FEWEST_LIT
 
 TAIL = 0.2
@@ -57,14 +69,15 @@ class Design(NamedTuple):
 
 
 @kernel
-def _excess(seen: Ints, reached: Bools, share: float) -> float:
+def _excess(seen: Ints, reached: Bools, share: float, losses: int) -> float:
     """Return the weighted excess of unsolvable poses over the forgiven share; `reached` (Q,): see one more."""
     total = 0.0
     for p in range(len(seen)):
-        lacking = FEWEST_LIT - seen[p] - reached[p]
+        lacking = FEWEST_LIT + losses - seen[p] - reached[p]
         if lacking > 0:
             total += 1 + SHORT * lacking
-    return EXCESS * max(0.0, total / len(seen) - MARGIN * (1 - share))
+    forgiven = MARGIN * (1 - share) if losses == 0 else 0.0
+    return EXCESS * max(0.0, total / len(seen) - forgiven)
 
 
 @kernel
@@ -80,11 +93,58 @@ def _tail(error: Floats, share: float) -> float:
 
 
 @kernel
-def _weighed(error: float, seen: int) -> float:
+def _weighed(error: float, seen: int, losses: int) -> float:
     """Return the error of a pose as the search counts it: finite, and raised where photodiodes are lacking."""
-    if seen < FEWEST_LIT:
+    if seen < FEWEST_LIT + losses:
         error = WORST
     return min(error, WORST) * (1 + LACKING * max(0, WANTED_LIT - seen))
+
+
+@kernel
+def _worst_loss(
+    row: Floats, lit: Bools, chosen: Ints, without: int, fan_sum: Floats, inverse: Floats, rho: float, space: Floats
+) -> float:
+    """Return the error e of one pose without the chosen photodiode that is missed most.
+
+    Args:
+        row: (N, 2, 6), the pose's rows.
+        lit: (N,).
+        chosen: (n,), indices of candidates.
+        without: slot of `chosen` that is left out; -1: none.
+        fan_sum: (2, 6), s of all that count.
+        inverse: (6, 6), L^-1, as `mixed_error` leaves it.
+        rho: of (19).
+        space: (2, 2, 6), workspace.
+    """
+    own, worst = fan_means(inverse, fan_sum, space[0]), 0.0
+    for slot in range(len(chosen)):
+        k = chosen[slot]
+        if slot != without and lit[k]:
+            worst = max(worst, lost_error(inverse, space[0], own, row[k], rho, space[1]))
+    return worst
+
+
+@kernel
+def _errors_of(
+    row: Floats,
+    lit: Bools,
+    chosen: Ints,
+    without: int,
+    normal: Floats,
+    fan_sum: Floats,
+    seen: Ints,
+    rho: float,
+    losses: int,
+    out: Floats,
+) -> None:
+    """Write the weighed errors (P,) of `chosen`, without one slot, and the sums that `add_up` writes."""
+    add_up(row, lit, chosen, without, normal, fan_sum, seen)
+    lower, inverse, space = np.zeros((6, 6)), np.zeros((6, 6)), np.empty((2, 2, 6))
+    for p in range(len(lit)):
+        error = mixed_error(normal[p], fan_sum[p], rho, lower, inverse)
+        if losses and error < np.inf and seen[p] > FEWEST_LIT:
+            error = _worst_loss(row[p], lit[p], chosen, without, fan_sum[p], inverse, rho, space)
+        out[p] = _weighed(error, seen[p], losses)
 
 
 @kernel
@@ -107,7 +167,7 @@ def _free(candidates: int, chosen: Ints) -> Bools:
 
 
 @kernel
-def _cover(reached: Bools, chosen: Ints, share: float) -> float:
+def _cover(reached: Bools, chosen: Ints, share: float, losses: int) -> float:
     """Exchange `chosen` (n,) in place until no exchange lowers the excess of unsolvable poses, or there is none."""
     poses, candidates = reached.shape
     slots = len(chosen)
@@ -117,11 +177,11 @@ def _cover(reached: Bools, chosen: Ints, share: float) -> float:
         slot = step % slots
         _count(reached, chosen, slot, seen)
         free = _free(candidates, chosen)
-        here, best = chosen[slot], _excess(seen, reached[:, chosen[slot]], share)
+        here, best = chosen[slot], _excess(seen, reached[:, chosen[slot]], share, losses)
         stale += 1
         for k in range(candidates):
             if free[k]:
-                excess = _excess(seen, reached[:, k], share)
+                excess = _excess(seen, reached[:, k], share, losses)
                 if excess < best - SMALL:
                     here, best, stale = k, excess, 0
         chosen[slot] = here
@@ -130,22 +190,20 @@ def _cover(reached: Bools, chosen: Ints, share: float) -> float:
 
 
 @kernel
-def _exchange(row: Floats, lit: Bools, reached: Bools, rho: float, chosen: Ints, share: float) -> float:
+def _exchange(row: Floats, lit: Bools, reached: Bools, rho: float, chosen: Ints, share: float, losses: int) -> float:
     """Exchange `chosen` (n,) in place until no exchange lowers the objective; returns it."""
     poses, candidates = lit.shape
     slots = len(chosen)
     normal, fan_sum = np.empty((poses, 6, 6)), np.empty((poses, 2, 6))
     seen, counted = np.empty(poses, dtype=np.int64), np.empty(len(reached), dtype=np.int64)
-    base, error = np.empty(poses), np.empty(poses)
+    base, error, space = np.empty(poses), np.empty(poses), np.empty((2, 2, 6))
     more, more_sum = np.empty((6, 6)), np.empty((2, 6))
     lower, inverse = np.zeros((6, 6)), np.zeros((6, 6))
     best, stale, step = np.inf, 0, 0
     while stale < slots and step < SWEEPS * slots:
         slot = step % slots
         _count(reached, chosen, slot, counted)
-        add_up(row, lit, chosen, slot, normal, fan_sum, seen)
-        for p in range(poses):
-            base[p] = _weighed(mixed_error(normal[p], fan_sum[p], rho, lower, inverse), seen[p])
+        _errors_of(row, lit, chosen, slot, normal, fan_sum, seen, rho, losses, base)
         free = _free(candidates, chosen)
         here, least = chosen[slot], best
         for turn in range(-1, candidates):
@@ -153,7 +211,7 @@ def _exchange(row: Floats, lit: Bools, reached: Bools, rho: float, chosen: Ints,
             k = chosen[slot] if turn < 0 else turn
             if turn >= 0 and not free[k]:
                 continue
-            excess = _excess(counted, reached[:, k], share)
+            excess = _excess(counted, reached[:, k], share, losses)
             if excess + BEST_TAIL > least:
                 continue
             for p in range(poses):
@@ -166,7 +224,12 @@ def _exchange(row: Floats, lit: Bools, reached: Bools, rho: float, chosen: Ints,
                             more[a, b] = normal[p, a, b]
                             for fan in range(2):
                                 more[a, b] += row[p, k, fan, a] * row[p, k, fan, b]
-                    error[p] = _weighed(mixed_error(more, more_sum, rho, lower, inverse), seen[p] + 1)
+                    e = mixed_error(more, more_sum, rho, lower, inverse)
+                    if losses and e < np.inf and seen[p] >= FEWEST_LIT:
+                        e = _worst_loss(row[p], lit[p], chosen, slot, more_sum, inverse, rho, space)
+                        own = fan_means(inverse, more_sum, space[0])
+                        e = max(e, lost_error(inverse, space[0], own, row[p, k], rho, space[1]))
+                    error[p] = _weighed(e, seen[p] + 1, losses)
             value = excess + _tail(error, share)
             if turn < 0:
                 best, least = value, value
@@ -178,27 +241,27 @@ def _exchange(row: Floats, lit: Bools, reached: Bools, rho: float, chosen: Ints,
     return best
 
 
-def objective(candidates: Sightings, chosen: Ints, share: float) -> float:
+def objective(candidates: Sightings, chosen: Ints, share: float, losses: int = 0) -> float:
     """Return the value that the search lowers: the weighted excess of unsolvable poses, and the tail of ln e.
 
     Args:
         candidates: what they measure.
         chosen: (n,), indices of candidates.
         share: q of the percentile.
+        losses: photodiodes that may be lost at any pose, 0 or 1.
     """
     poses = len(candidates.lit)
     chosen = np.ascontiguousarray(chosen, dtype=np.int64)
     normal, fan_sum, seen = np.empty((poses, 6, 6)), np.empty((poses, 2, 6)), np.empty(poses, dtype=np.int64)
-    add_up(candidates.row, candidates.lit, chosen, -1, normal, fan_sum, seen)
-    lower, inverse = np.zeros((6, 6)), np.zeros((6, 6))
-    error = np.empty(poses)
-    for p in range(poses):
-        error[p] = _weighed(mixed_error(normal[p], fan_sum[p], candidates.rotor_correlation, lower, inverse), seen[p])
+    error, rho = np.empty(poses), candidates.rotor_correlation
+    _errors_of(candidates.row, candidates.lit, chosen, -1, normal, fan_sum, seen, rho, losses, error)
     counted = np.count_nonzero(candidates.reached[:, chosen], axis=1)
-    return float(_excess(counted, np.zeros(len(counted), dtype=np.bool_), share) + _tail(error, share))
+    return float(_excess(counted, np.zeros(len(counted), dtype=np.bool_), share, losses) + _tail(error, share))
 
 
-def cover(reached: Bools, count: int, share: float, starts: int = STARTS, seed: int = 0) -> list[Design]:
+def cover(
+    reached: Bools, count: int, share: float, starts: int = STARTS, seed: int = 0, losses: int = 0
+) -> list[Design]:
     """Return sets of candidates by how few poses they leave unsolvable, best first, none twice.
 
     Args:
@@ -207,12 +270,13 @@ def cover(reached: Bools, count: int, share: float, starts: int = STARTS, seed: 
         share: q of the percentile.
         starts: number of random sets.
         seed: of the random sets.
+        losses: photodiodes that may be lost at any pose, 0 or 1.
     """
     rng = np.random.default_rng(seed)
     columns = np.asfortranarray(reached, dtype=np.bool_)
 
     def covering(start: Ints) -> Design:
-        excess = _cover(columns, start, share)
+        excess = _cover(columns, start, share, losses)
         return Design(np.sort(start), float(excess))
 
     firsts = [rng.choice(columns.shape[1], count, replace=False).astype(np.int64) for _ in range(starts)]
@@ -220,19 +284,21 @@ def cover(reached: Bools, count: int, share: float, starts: int = STARTS, seed: 
         return _best(pool.map(covering, firsts))
 
 
-def refine_design(candidates: Sightings, starts: Iterable[Ints], share: float) -> list[Design]:
+def refine_design(candidates: Sightings, starts: Iterable[Ints], share: float, losses: int = 0) -> list[Design]:
     """Exchange every start until no exchange lowers the objective; return the results, best first, none twice.
 
     Args:
         candidates: what they measure.
         starts: sets (n,) of indices.
         share: q of the percentile.
+        losses: photodiodes that may be lost at any pose, 0 or 1.
     """
     columns = np.asfortranarray(candidates.reached, dtype=np.bool_)
 
     def refined(start: Ints) -> Design:
         chosen = np.array(start, dtype=np.int64)
-        value = _exchange(candidates.row, candidates.lit, columns, candidates.rotor_correlation, chosen, share)
+        rho = candidates.rotor_correlation
+        value = _exchange(candidates.row, candidates.lit, columns, rho, chosen, share, losses)
         return Design(np.sort(chosen), float(value))
 
     with ThreadPoolExecutor(_workers()) as pool:
@@ -248,6 +314,7 @@ def design(
     finalists: int = FINALISTS,
     rounds: int = ROUNDS,
     seed: int = 0,
+    losses: int = 0,
 ) -> list[Design]:
     """Return the best sets of candidates that were found, at most KEPT, best first.
 
@@ -259,6 +326,7 @@ def design(
         finalists: number of sets that are refined.
         rounds: rounds of throws.
         seed: of the random sets and throws.
+        losses: photodiodes that may be lost at any pose, 0 or 1.
 
     Raises:
         ValueError: there are fewer candidates than photodiodes, or fewer than four photodiodes.
@@ -266,12 +334,12 @@ def design(
     places = candidates.lit.shape[1]
     if not FEWEST_LIT <= count <= places:
         raise ValueError(f"{count} photodiodes: at least {FEWEST_LIT} are needed, and there are {places} candidates")
-    covering = cover(candidates.reached, count, share, starts, seed)[:finalists]
-    best = refine_design(candidates, [found.chosen for found in covering], share)[:KEPT]
+    covering = cover(candidates.reached, count, share, starts, seed, losses)[:finalists]
+    best = refine_design(candidates, [found.chosen for found in covering], share, losses)[:KEPT]
     rng = np.random.default_rng([seed, 1])
     for _ in range(rounds):
         thrown = [_thrown(found.chosen, places, rng) for found in best for _ in range(THROWS)]
-        best = _best([*best, *refine_design(candidates, thrown, share)])[:KEPT]
+        best = _best([*best, *refine_design(candidates, thrown, share, losses)])[:KEPT]
     return best
 
 

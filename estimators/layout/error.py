@@ -12,6 +12,12 @@ The predicted error of the pose mixes attitude and position, each against what c
 
 With the rows' columns scaled by a / s and d / s, e^2 is the trace of H. A pose is solvable by a set if at least
 `FEWEST_LIT` of it are lit and they determine the pose; otherwise its error counts as infinite.
+
+Where the photodiode with rows J (2, 6) is lost, N and s lose its part. With A = N^-1, Z = A J^T and S = 1 - J Z,
+
+    (N - J^T J)^-1 = A + Z S^-1 Z^T                                                     (Sherman-Morrison-Woodbury)
+
+so the error without each photodiode takes two products of A with a vector; S is singular where it cannot be spared.
 """
 
 from typing import NamedTuple
@@ -30,6 +36,8 @@ LACKING = 0.02
 """In the search, a pose's error counts so much more for each photodiode that it lacks of the wanted ones."""
 WORST = 1e3
 """Errors beyond so many times the wanted ones count as unsolvable."""
+SPARED = 1e-10
+"""Determinant of S below which the others determine no pose; rounding makes it about 1e-13."""
 
 
 class Mix(NamedTuple):
@@ -121,6 +129,108 @@ def mixed_error(normal: Floats, fan_sum: Floats, rho: float, lower: Floats, inve
                 value += inverse[k, i] * part
             shared += value * value
     return float(np.sqrt((1 - rho) * own + rho * shared))
+
+
+@kernel
+def fan_means(inverse: Floats, fan_sum: Floats, fan_mean: Floats) -> float:
+    """Write N^-1 s of both fans, and return tr N^-1.
+
+    Args:
+        inverse: (6, 6), L^-1 with N = L L^T.
+        fan_sum: (2, 6), s.
+        fan_mean: (2, 6), receives N^-1 s.
+    """
+    own = 0.0
+    for i in range(6):
+        for j in range(i + 1):
+            own += inverse[i, j] ** 2
+    for fan in range(2):
+        _solve_into(inverse, fan_sum[fan], fan_mean[fan])
+    return own
+
+
+@kernel
+def _solve_into(inverse: Floats, right: Floats, out: Floats) -> None:
+    """Write N^-1 r = L^-T L^-1 r into `out` (6,)."""
+    for i in range(6):
+        out[i] = 0.0
+    for k in range(6):
+        part = 0.0
+        for j in range(k + 1):
+            part += inverse[k, j] * right[j]
+        for i in range(k + 1):
+            out[i] += inverse[k, i] * part
+
+
+@kernel
+def lost_error(inverse: Floats, fan_mean: Floats, own: float, row: Floats, rho: float, z: Floats) -> float:
+    """Return the error e without one photodiode, inf where the others determine no pose.
+
+    Args:
+        inverse: (6, 6), L^-1 with N = L L^T, as `mixed_error` leaves it.
+        fan_mean: (2, 6), N^-1 s.
+        own: trace of N^-1.
+        row: (2, 6), the photodiode's rows.
+        rho: of (19).
+        z: (2, 6), workspace, receives Z^T.
+    """
+    xx, xy, yy, zxx, zxy, zyy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for fan in range(2):
+        _solve_into(inverse, row[fan], z[fan])
+    for i in range(6):
+        xx += row[0, i] * z[0, i]
+        xy += row[0, i] * z[1, i]
+        yy += row[1, i] * z[1, i]
+        zxx += z[0, i] * z[0, i]
+        zxy += z[0, i] * z[1, i]
+        zyy += z[1, i] * z[1, i]
+    determinant = (1 - xx) * (1 - yy) - xy * xy
+    if determinant < SPARED:
+        return np.inf
+    # S^-1 of the symmetric S, (2, 2).
+    a, b, c = (1 - yy) / determinant, xy / determinant, (1 - xx) / determinant
+    trace = own + a * zxx + 2 * b * zxy + c * zyy
+    shared = 0.0
+    for fan in range(2):
+        # J N^-1 (s - its own row), then N'^-1 (s - its own row).
+        x, y = (-xx, -xy) if fan == 0 else (-xy, -yy)
+        for i in range(6):
+            x += row[0, i] * fan_mean[fan, i]
+            y += row[1, i] * fan_mean[fan, i]
+        p, q = a * x + b * y, b * x + c * y
+        for i in range(6):
+            shared += (fan_mean[fan, i] - z[fan, i] + p * z[0, i] + q * z[1, i]) ** 2
+    return float(np.sqrt((1 - rho) * trace + rho * shared))
+
+
+@kernel
+def _lost_errors_into(row: Floats, lit: Bools, chosen: Ints, rho: float, out: Floats) -> None:
+    poses = len(lit)
+    normal, fan_sum, seen = np.empty((poses, 6, 6)), np.empty((poses, 2, 6)), np.empty(poses, dtype=np.int64)
+    add_up(row, lit, chosen, -1, normal, fan_sum, seen)
+    lower, inverse = np.zeros((6, 6)), np.zeros((6, 6))
+    fan_mean, z = np.empty((2, 6)), np.empty((2, 6))
+    for p in range(poses):
+        out[p] = np.inf
+        if seen[p] <= FEWEST_LIT or not mixed_error(normal[p], fan_sum[p], rho, lower, inverse) < np.inf:
+            continue
+        own, worst = fan_means(inverse, fan_sum[p], fan_mean), 0.0
+        for k in chosen:
+            if lit[p, k]:
+                worst = max(worst, lost_error(inverse, fan_mean, own, row[p, k], rho, z))
+        if worst < WORST:
+            out[p] = worst
+
+
+def lost_errors(candidates: Sightings, chosen: Ints) -> Floats:
+    """Return the predicted error e (P,) of the chosen candidates (n,) without the lit one that is missed most.
+
+    It is inf at the poses that are not solvable without each of them.
+    """
+    out = np.empty(len(candidates.lit))
+    chosen = np.ascontiguousarray(chosen, dtype=np.int64)
+    _lost_errors_into(candidates.row, candidates.lit, chosen, candidates.rotor_correlation, out)
+    return out
 
 
 @kernel

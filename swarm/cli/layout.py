@@ -25,18 +25,49 @@ DistanceM = Annotated[
     typer.Option("--distance-m", metavar="M", help="Distance from the lighthouse. Default: 2 m. Repeatable."),
 ]
 ConeDeg = Annotated[
-    float,
-    typer.Option("--cone-deg", metavar="DEG", help="Largest angle of +z from the lighthouse; 180: any attitude."),
+    float | None,
+    typer.Option(
+        "--cone-deg",
+        metavar="DEG",
+        help="Largest angle of +z from the lighthouse. Default: 180, any attitude; with --scene: 5, away from the "
+        "flown attitude.",
+    ),
 ]
 OffAxisDeg = Annotated[
-    float, typer.Option("--off-axis-deg", metavar="DEG", help="Largest angle of positions off the boresight.")
+    float | None,
+    typer.Option("--off-axis-deg", metavar="DEG", help="Largest angle of positions off the boresight. Default: 30."),
+]
+Losses = Annotated[
+    int,
+    typer.Option(
+        "--losses",
+        metavar="0|1",
+        help="Photodiodes that may be dead or shadowed. 1: every pose stays solvable without any one.",
+    ),
+]
+KeepOut = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--keep-out",
+        metavar="ZONE",
+        help="Place none here: a body, geom or site of the model, or a box x0,x1,y0,y1,z0,z1 in metres. Repeatable.",
+    ),
+]
+Scene = Annotated[
+    str | None,
+    typer.Option("--scene", metavar="SCENARIO", help="Take the poses from this scenario's flight, and what shades."),
+]
+CraftName = Annotated[
+    str | None, typer.Option("--craft", metavar="NAME", help="The craft of the scene that the layout is for.")
 ]
 Share = Annotated[
     float, typer.Option("--share", metavar="SHARE", help="Share of the poses that must reach the precision.")
 ]
 Overrides = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Change one value of the lighthouse, lighthouse.KEY. Repeatable."),
+    typer.Option(
+        "--set", metavar="KEY=VALUE", help="Change one value: of the scene, or else lighthouse.KEY. Repeatable."
+    ),
 ]
 Seed = Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Use this seed for the search.")]
 Out = Annotated[
@@ -51,9 +82,13 @@ def layout(
     attitude_deg: AttitudeDeg = None,
     position_mm: PositionMm = None,
     distance_m: DistanceM = None,
-    cone_deg: ConeDeg = 180.0,
-    off_axis_deg: OffAxisDeg = 30.0,
+    cone_deg: ConeDeg = None,
+    off_axis_deg: OffAxisDeg = None,
     share: Share = 0.95,
+    losses: Losses = 1,
+    keep_out: KeepOut = None,
+    scene: Scene = None,
+    craft: CraftName = None,
     overrides: Overrides = None,
     seed: Seed = 0,
     out: Out = None,
@@ -62,9 +97,12 @@ def layout(
     """Find where a craft's photodiodes should sit.
 
     \b
-    swarm layout mockup --photodiodes 12
+    swarm layout mockup --photodiodes 12 --cone-deg 60
     swarm layout mockup --position-mm 2 --attitude-deg 0.1 \\
         --distance-m 3 --cone-deg 60 --out my/model.xml
+    swarm layout my/probe.xml --photodiodes 16 \\
+        --scene my/docking.toml \\
+        --keep-out wing_left --keep-out wing_right
     swarm run static --set swarm.model=my/model.xml
     """
     with mistakes():
@@ -79,10 +117,14 @@ def layout(
             photodiodes,
             attitude_deg,
             position_mm,
-            tuple(distance_m or (2.0,)),
+            tuple(distance_m or ()),
             cone_deg,
             off_axis_deg,
             share,
+            losses,
+            tuple(keep_out or ()),
+            scene,
+            craft,
             tuple(overrides or ()),
         )
         made = study(request, out, force, lambda text: typer.echo(f"layout: {text}", err=True), seed)

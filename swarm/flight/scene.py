@@ -1,7 +1,9 @@
 """The description of a flight that telemetry and recording receive before its first period."""
 
+from math import hypot
+
 from swarm.assets import find_model
-from swarm.flight.builders import photodiodes
+from swarm.flight.builders import assumed_angle_noise, photodiodes
 from swarm.flight.flight import Flight
 from swarm.results.scene import CcdScene, Scene
 from swarm.scenario import Scenario
@@ -36,4 +38,5 @@ def scene(scenario: Scenario, flight: Flight) -> Scene:
         guided=flight.pilot.guidance is not None,
         docking=bool(flight.latches.matings),
         faults=faults,
+        angle_noise_rad=hypot(*assumed_angle_noise(scenario)),
     )

@@ -1,6 +1,7 @@
 """Sentences about a run's figures: what they mean, and what is wrong with single craft."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 Figures = Mapping[str, Any]
@@ -14,11 +15,10 @@ BIAS_SIGMAS = 4.0
 """A slope of the motion bias below so many of its sigmas is not worth a line: chance reaches it once in 16 000."""
 LEAST_DELTA_V = 1e-9
 """Delta-v that is worth a sentence [m/s]; below it a motor made good no more than rounding."""
-MEANINGS = {
-    "inside": "as the filter promises",
-    "below": "errors smaller than the filter promises, as in smooth motion",
-    "above": "errors larger than the filter promises",
-}
+EXACT = 6.0
+"""NEES and NIS of errors that are as large as the filter promises."""
+WORTH = 0.1
+"""Errors that differ by less than this share from what the filter promises call for nothing."""
 
 
 class Finding(NamedTuple):
@@ -58,17 +58,36 @@ def _smoothed(figures: Figures) -> list[Finding | None]:
     ]
 
 
+def meaning(consistency: Figures) -> str:
+    """Return what a user makes of NEES or NIS: how large the errors are beside the filter's promise, and what to do."""
+    size = _size(consistency)
+    if consistency["inside_band"] or abs(size - 1) <= WORTH:
+        return "as the filter promises"
+    if size < 1:
+        return f"errors {size:.0%} of what the filter promises: it is cautious, as in smooth motion"
+    return f"errors {size:.2g} times what the filter promises: it expects less noise or smoother motion than there is"
+
+
+def _size(consistency: Figures) -> float:
+    """Return the size of the errors over what the filter promises."""
+    return math.sqrt(max(consistency["mean"], 0.0) / EXACT)
+
+
 def _consistency(figures: Figures, key: str) -> Finding | None:
     f = figures.get(key)
     if not f or f["effective_samples"] < FEWEST_SAMPLES:
         return None
-    side = "inside" if f["inside_band"] else "below" if f["mean"] < f["band_low"] else "above"
-    meaning = MEANINGS[side]
-    if side == "above" and (hit := figures.get("contact_periods")):
-        meaning += f"; there were {hit} periods in contact, whose blow no filter can know of"
-    band = f"6 is exact, {f['band_low']:.2f} to {f['band_high']:.2f} is chance"
+    said = meaning(f)
+    if f["mean"] > f["band_high"] and (hit := figures.get("contact_periods")):
+        said += f"; there were {hit} periods in contact, whose blow no filter can know of"
+    elif colour(f) == "yellow":
+        said += " (navigation.acceleration_noise_m_s2, docs/filter.md)"
     name = "NEES of the smoothed estimate" if key == "smooth_nees" else key.upper()
-    return Finding(f"{name} {f['mean']:.2f}: {meaning} ({band})", colour(f))
+    return Finding(f"{name} {f['mean']:.2f}: {said} (6 is exact, chance {_band(f)})", colour(f))
+
+
+def _band(f: Figures) -> str:
+    return f"{f['band_low']:.2f} to {f['band_high']:.2f}"
 
 
 def _motion_bias(figures: Figures, name: str, unit: str, shown: str) -> Finding | None:
@@ -76,7 +95,7 @@ def _motion_bias(figures: Figures, name: str, unit: str, shown: str) -> Finding 
     slopes, sigmas = bias.get(f"{name}_slope_s", ()), bias.get(f"{name}_slope_sigma_s", ())
     pairs = zip(slopes, sigmas, strict=True)
     if figures["samples"] < FEWEST_SAMPLES or not any(
-        slope is not None and abs(slope) > BIAS_SIGMAS * sigma for slope, sigma in pairs
+        slope is not None and sigma is not None and abs(slope) > BIAS_SIGMAS * sigma for slope, sigma in pairs
     ):
         return None
     rms = (bias[f"{name}_rms_{unit}"] or 0.0) * (1000 if shown == "mm" else 1)
@@ -92,6 +111,26 @@ NEVER_ACQUIRED = {
     "no own fix": "the observer did not know its own pose",
 }
 """Per outcome of a scan: why a target was never acquired."""
+
+
+def dockings(craft: Mapping[str, Figures]) -> list[Finding]:
+    """Return what became of every docking."""
+    ends = {name: end for name, f in craft.items() if (end := f.get("docking"))}
+    return [Finding(f"{name}: {end['sentence']}", "" if end["docked"] else "bold red") for name, end in ends.items()]
+
+
+def reasons(verdicts: Sequence[Figures]) -> list[Finding]:
+    """Return why criteria were missed, a sentence each; a reason that several share is told once."""
+    out, told = list[Finding](), set[str]()
+    for v in verdicts:
+        if not (why := v.get("why")):
+            continue
+        value, has_reason, reason = why.partition("; ")
+        if has_reason and reason in told:
+            why = f"{value}; for the same reason"
+        told.add(reason)
+        out.append(Finding(f"{v['name']}: {why}", "red"))
+    return out
 
 
 def inspections(lidar: Mapping[str, Figures]) -> list[Finding]:
@@ -122,7 +161,7 @@ def warnings(craft: Mapping[str, Figures]) -> list[Finding]:
     vain = [
         name
         for name, f in craft.items()
-        if (nees := f.get("nees")) and nees["effective_samples"] >= FEWEST_SAMPLES and nees["mean"] > nees["band_high"]
+        if (nees := f.get("nees")) and nees["effective_samples"] >= FEWEST_SAMPLES and colour(nees) == "yellow"
     ]
     out = []
     if dark:
@@ -140,7 +179,7 @@ def warnings(craft: Mapping[str, Figures]) -> list[Finding]:
     out += [sentence for name, f in craft.items() if (sentence := _ambiguous(name, f))]
     out += [sentence for name, f in craft.items() if (sentence := _untrusted(name, f))]
     if vain and len(craft) > 1:
-        out.append(f"NEES above its band: {names(vain)}")
+        out.append(f"Errors larger than the filter promises: {names(vain)}")
     return [Finding(sentence, "yellow") for sentence in out]
 
 
@@ -176,5 +215,10 @@ def names(craft: list[str]) -> str:
 
 
 def colour(consistency: Figures | None) -> str:
-    """Return the style of a consistency figure: green inside its band."""
-    return "" if not consistency else "green" if consistency["inside_band"] else "yellow"
+    """Return the style of a consistency figure: green as promised, yellow where errors are larger than promised."""
+    if not consistency:
+        return ""
+    size = _size(consistency)
+    if consistency["inside_band"] or abs(size - 1) <= WORTH:
+        return "green"
+    return "yellow" if size > 1 else ""

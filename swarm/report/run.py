@@ -4,7 +4,7 @@ import shlex
 from collections.abc import Callable
 from itertools import takewhile
 
-from swarm.report.findings import LEAST_DELTA_V, MEANINGS
+from swarm.report.findings import LEAST_DELTA_V, colour, meaning
 from swarm.report.page import Fact, Page, Section, number
 from swarm.report.sections import (
     consistency,
@@ -82,10 +82,8 @@ def facts(subject: Subject) -> list[Fact]:
         rms, largest = (number(swarm.get(f"ekf_{what}_{which}_{unit}"), scale=scale) for which in ("rms", "max"))
         out.append(Fact(f"{name} error, RMS", f"{rms}{shown}", f"at most {largest}{shown}"))
     if nees := swarm.get("nees"):
-        side = "inside" if nees["inside_band"] else "below" if nees["mean"] < nees["band_low"] else "above"
-        band = f"6 is exact, {number(nees['band_low'])} to {number(nees['band_high'])} is chance"
-        hit = "; it touched something" if side == "above" and swarm.get("contact_periods") else ""
-        out.append(Fact("NEES, mean", number(nees["mean"]), f"{MEANINGS[side]}{hit} ({band})"))
+        hit = "; it touched something" if swarm.get("contact_periods") and colour(nees) == "yellow" else ""
+        out.append(Fact("NEES, mean", number(nees["mean"]), f"{meaning(nees)}{hit} (6 is exact)"))
     if (delta_v := swarm.get("delta_v_m_s") or 0.0) >= LEAST_DELTA_V:
         out.append(Fact("Delta-v", f"{number(delta_v)} m/s", "per craft that navigates, mean"))
     out += smoothed.facts(swarm)

@@ -14,7 +14,7 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from swarm.report.findings import colour, findings, inspections, names, warnings
+from swarm.report.findings import Finding, colour, dockings, findings, inspections, names, reasons, warnings
 from swarm.tables import table
 
 Figures = Mapping[str, Any]
@@ -62,6 +62,8 @@ def _scatter(key: str) -> tuple[Value, Value]:
 TRACKING = Column(0, "tracking\n%", (_figure("tracking_share", 100),))
 ADOP = Column(4, "ADOP\n°/rad", (_figure("mean_adop_deg_per_rad"),))
 PDOP = Column(5, "PDOP\nm/rad", (_figure("mean_pdop_m_per_rad"),))
+AT_NOISE = Column(6, "at noise\n° / mm", (_figure("predicted_attitude_deg"), _figure("predicted_position_m", 1000)))
+"""What ADOP and PDOP make of this scenario's angle noise."""
 NEES = Column(3, "NEES\nmean", (_figure("mean", inside="nees"),))
 COLUMNS = (
     TRACKING,
@@ -73,6 +75,7 @@ COLUMNS = (
     Column(8, "PnP, °\nRMS / max", _error("pnp", "attitude deg")),
     ADOP,
     PDOP,
+    AT_NOISE,
     NEES,
     Column(6, "95 %\nband", (_figure("band_low", inside="nees"), _figure("band_high", inside="nees")), "–"),
 )
@@ -110,6 +113,8 @@ def print_report(console: Console, summary: Mapping[str, Any], folder: Path) -> 
     if verdicts := summary.get("criteria"):
         console.print()
         console.print(criteria_table(verdicts))
+        for missed in reasons(verdicts):
+            console.print(Text(missed.text, missed.style))
     if summary.get("status") != "complete":
         reason = summary.get("reason", "the program was killed")
         console.print(Text(f"\nThis run is not complete ({reason}); this is what there is until then.", style="yellow"))
@@ -163,7 +168,8 @@ def results(summary: Mapping[str, Any], width: int) -> RenderableType:
         return Text("Not one lighthouse period was recorded.")
     navigating = {name: f for name, f in summary["craft"].items() if f.get("navigates", True)}
     craft = _chosen(navigating)
-    rows = [*craft.items(), *([("swarm", swarm)] if len(navigating) > 1 else [])]
+    groups = summary.get("groups") or {}
+    rows = [*craft.items(), *groups.items(), *([("swarm", swarm)] if len(navigating) > 1 else [])]
     columns, left_out = _columns(rows, width)
     nobody = Text("No craft navigates in this run, so there is no tracking and no error to show.")
     lines: list[RenderableType] = [_table(rows, columns) if navigating else nobody]
@@ -172,7 +178,17 @@ def results(summary: Mapping[str, Any], width: int) -> RenderableType:
         lines.append(Text(f"No room in {width} columns for: {heads} (summary.json has them).", "dim"))
     if len(craft) < len(navigating):
         lines.append(Text(f"The {len(craft)} worst of {len(navigating)} craft; summary.json has them all.", "dim"))
-    sentences = [*findings(swarm), *inspections(summary.get("lidar") or {}), *warnings(summary["craft"])]
+    said = [("", swarm)] if not groups else list(groups.items())
+    sentences = [
+        *(
+            Finding(f"{name}: {each.text}" if name else each.text, each.style)
+            for name, f in said
+            for each in findings(f)
+        ),
+        *inspections(summary.get("lidar") or {}),
+        *dockings(summary["craft"]),
+        *warnings(summary["craft"]),
+    ]
     return Group(*lines, Text(), *(Text(sentence.text, sentence.style) for sentence in sentences))
 
 
@@ -224,7 +240,7 @@ def _table(rows: list[tuple[str, Figures]], columns: list[tuple[Column, list[str
     name_column = made.columns[0]
     name_column.no_wrap, name_column.max_width, name_column.overflow = True, NAME_WIDTH, "ellipsis"
     for i, (name, figures) in enumerate(rows):
-        is_swarm = i == len(rows) - 1 > 0
+        is_swarm = i == len(rows) - 1 > 0 and name == "swarm"
         if is_swarm:
             made.add_section()
         cells = (Text(texts[i], colour(figures.get("nees")) if c is NEES else "") for c, texts in columns)

@@ -10,6 +10,8 @@ A criterion's value is a statistic of one column over the rows of its craft and 
 `last` and `at_contact` are one value per craft, its last one and the last one before its first contact: each of them
 must lie within the limits, and the one farthest out, or least far in, is reported. What has no value is not held; a
 criterion about a time after the end of the run, which a shorter run of a scenario has, is not judged.
+
+A criterion that is missed says why in a sentence: its value, when it was reached, and how the craft navigated then.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -20,6 +22,7 @@ import pyarrow as pa
 
 from estimators.arrays import Floats, Ints
 from swarm.errors import SwarmError, did_you_mean
+from swarm.results.reasons import docking, navigation, without_pose
 from swarm.results.table import TelemetryTable
 from swarm.scenario import Criterion
 from swarm.scenario.criteria import NAMED
@@ -31,7 +34,7 @@ PAIRS_AT_A_TIME = 1_000_000
 class Verdict(NamedTuple):
     """One criterion judged. value: None where there is none; craft: the craft with that value, if it is one craft's;
     about: the craft that the criterion names, none for all. held: None where it is not judged, its time being after the
-    end of the run.
+    end of the run. time_s: when the value was reached, if it is that of one row; why: the reason, where it is missed.
     """
 
     name: str
@@ -41,6 +44,22 @@ class Verdict(NamedTuple):
     max: float | None
     held: bool | None
     about: tuple[str, ...]
+    time_s: float | None = None
+    why: str | None = None
+
+
+class _Found(NamedTuple):
+    """A criterion's value.
+
+    who: the craft whose value it is. row: the row of that value, or the one that says most about it; exact: it is that
+    of the value. span: first and last row of the time that it is about.
+    """
+
+    value: float | None
+    who: str | None = None
+    row: int | None = None
+    exact: bool = True
+    span: tuple[int, int] | None = None
 
 
 def check_measures(criteria: Sequence[Criterion], schema: pa.Schema, scenario: str) -> None:
@@ -103,20 +122,60 @@ def _judge(criterion: Criterion, rows: TelemetryTable) -> Verdict:
     c, mine = criterion, _chosen(rows, criterion)
     if c.from_s > float(rows.column("time_s").max(initial=0.0)):
         return Verdict(c.label, None, None, c.min, c.max, None, c.craft)
-    who: str | None = None
-    value: float | None = None
+    found = _found(c, rows, mine)
+    held = _margin(c, found.value) >= 0
+    time_s = float(rows.column("time_s")[found.row]) if found.row is not None and found.exact else None
+    why = None if held else _why(c, rows, mine, found)
+    who = found.who if c.statistic in ("last", "at_contact") and c.measure not in NAMED else None
+    return Verdict(c.label, found.value, who, c.min, c.max, held, c.craft, time_s, why)
+
+
+def _found(c: Criterion, rows: TelemetryTable, mine: Ints) -> _Found:
     if c.measure in NAMED:
-        value = _NAMED[c.measure](rows, mine)
-    elif c.statistic in ("last", "at_contact"):
-        single = [(name, _single(c, rows, own)) for name, own in _by_craft(rows, mine)]
+        return _NAMED[c.measure](rows, mine)
+    if c.statistic in ("last", "at_contact"):
+        single = [(name, *_single(c, rows, own)) for name, own in _by_craft(rows, mine)]
         # Craft to which the column means nothing have no value; who only never touched anything has missed.
-        means = [(name, v) for name, v in single if c.craft or v is not None]
-        who, value = min(means, key=lambda pair: _margin(c, pair[1])) if means else (None, None)
-    else:
-        known = rows.column(c.measure)[mine]
-        known = known[np.isfinite(known)]
-        value = float(_OVER_ALL[c.statistic](known)) if len(known) else None
-    return Verdict(c.label, value, who, c.min, c.max, _margin(c, value) >= 0, c.craft)
+        means = [_Found(v, name, row) for name, v, row in single if c.craft or v is not None]
+        return min(means, key=lambda found: _margin(c, found.value)) if means else _Found(None)
+    column = rows.column(c.measure)
+    known = mine[np.isfinite(column[mine])]
+    if not len(known):
+        return _Found(None)
+    value = float(_OVER_ALL[c.statistic](column[known]))
+    pick = {"max": np.argmax, "min": np.argmin}.get(c.statistic)
+    at = int(np.argmax(np.abs(column[known]))) if pick is None else int(pick(column[known]))
+    return _Found(value, None, int(known[at]), exact=pick is not None)
+
+
+def _why(c: Criterion, rows: TelemetryTable, mine: Ints, found: _Found) -> str:
+    """Return why a criterion is missed."""
+    limits = " and ".join(
+        [*([] if c.min is None else [f"at least {c.min:g}"]), *([] if c.max is None else [f"at most {c.max:g}"])]
+    )
+    head = f"{'no value' if found.value is None else f'{found.value:.4g}'} (limit: {limits})"
+    own = mine if found.row is None else mine[rows.craft[mine] == rows.craft[found.row]]
+    if found.who is not None:
+        own = mine[rows.craft[mine] == rows.names_of("craft").index(found.who)]
+    elif found.row is None and c.measure.startswith("docking_"):
+        own = next((each for _, each in _by_craft(rows, mine) if docking(rows, each) is not None), own)
+    about_docking = c.measure.startswith("docking_") or c.statistic == "at_contact"
+    if about_docking and len(own) and (end := docking(rows, own)) is not None and not end.docked:
+        return f"{head}; {end.sentence}"
+    if found.span is not None:
+        first, last = (float(rows.column("time_s")[row]) for row in found.span)
+        who = rows.names_of("craft")[rows.craft[found.span[0]]]
+        return f"{head}: {who} from {first:.1f} s to {last:.1f} s; {navigation(rows, found.span[0])}"
+    if found.row is None:
+        return f"{head}: never in contact" if c.statistic == "at_contact" else f"{head}{_nothing(rows, mine)}"
+    who, at = rows.names_of("craft")[rows.craft[found.row]], float(rows.column("time_s")[found.row])
+    most = "" if found.exact or c.measure in NAMED else f"largest, {rows.column(c.measure)[found.row]:.4g}, "
+    most = "first " if c.measure == "contacts" else most
+    return f"{head}: {most}{who} at {at:.1f} s; {navigation(rows, found.row)}"
+
+
+def _nothing(rows: TelemetryTable, mine: Ints) -> str:
+    return f": {navigation(rows, int(mine[-1]))}" if len(mine) else ": no row of these craft at these times"
 
 
 def _margin(criterion: Criterion, value: float | None) -> float:
@@ -128,16 +187,16 @@ def _margin(criterion: Criterion, value: float | None) -> float:
     return float(min(below, above))
 
 
-def _single(criterion: Criterion, rows: TelemetryTable, own: Ints) -> float | None:
-    """Return one craft's last value, or its last one before its first contact."""
+def _single(criterion: Criterion, rows: TelemetryTable, own: Ints) -> tuple[float | None, int | None]:
+    """Return one craft's last value, or its last one before its first contact, and the row of it."""
     if criterion.statistic == "at_contact":
         touching = np.flatnonzero(rows.column("contact")[own] == 1)
         if not len(touching):
-            return None
+            return None, None
         own = own[: touching[0]]
-    known = rows.column(criterion.measure)[own]
-    known = known[np.isfinite(known)]
-    return float(known[-1]) if len(known) else None
+    column = rows.column(criterion.measure)
+    known = own[np.isfinite(column[own])]
+    return (float(column[known[-1]]), int(known[-1])) if len(known) else (None, None)
 
 
 _OVER_ALL: dict[str, Callable[[Floats], Any]] = {
@@ -149,42 +208,56 @@ _OVER_ALL: dict[str, Callable[[Floats], Any]] = {
 }
 
 
-def _contacts(rows: TelemetryTable, mine: Ints) -> float | None:
-    return float(np.count_nonzero(rows.column("contact")[mine] == 1))
+def _contacts(rows: TelemetryTable, mine: Ints) -> _Found:
+    touching = mine[rows.column("contact")[mine] == 1]
+    row = int(touching[0]) if len(touching) else None
+    return _Found(float(len(touching)), None, row, exact=False)
 
 
-def _tracking_share(rows: TelemetryTable, mine: Ints) -> float | None:
-    return float(rows.being("status", "tracking")[mine].mean()) if len(mine) else None
+def _tracking_share(rows: TelemetryTable, mine: Ints) -> _Found:
+    if not len(mine):
+        return _Found(None)
+    gaps = [gap for _, own in _by_craft(rows, mine) if (gap := without_pose(rows, own)) is not None]
+    longest = max(gaps, key=lambda gap: gap[1] - gap[0], default=None)
+    return _Found(float(rows.being("status", "tracking")[mine].mean()), span=longest)
 
 
-def _longest_blind_s(rows: TelemetryTable, mine: Ints) -> float | None:
+def _longest_blind_s(rows: TelemetryTable, mine: Ints) -> _Found:
     tracking, time_s = rows.being("status", "tracking"), rows.column("time_s")
-    longest = None
+    longest = _Found(None)
     for _, own in _by_craft(rows, mine):
         seen = np.flatnonzero(tracking[own])
         if len(seen):
             # Up to the end of the rows, where it never came back.
-            at = np.append(time_s[own][seen], time_s[own][-1])
-            longest = max(longest or 0.0, float(np.diff(at).max()))
+            at = np.append(seen, len(own) - 1)
+            blind = np.diff(time_s[own][at])
+            i = int(np.argmax(blind))
+            if longest.value is None or blind[i] > longest.value:
+                first = min(at[i] + 1, len(own) - 1)
+                longest = _Found(float(blind[i]), span=(int(own[first]), int(own[at[i + 1]])))
     return longest
 
 
-def _separation_m(rows: TelemetryTable, mine: Ints) -> float | None:
+def _separation_m(rows: TelemetryTable, mine: Ints) -> _Found:
     place = np.stack([rows.column(f"true_p{a}_m")[mine] for a in "xyz"], axis=1)
     frame, count = rows.column("frame")[mine], len(np.unique(rows.craft[mine]))
     if count < 2:
-        return None
+        return _Found(None)
     order = np.argsort(frame, kind="stable")
     place = place[order].reshape(-1, count, 3)
     one, other = np.triu_indices(count, 1)
-    least, block = np.inf, max(1, PAIRS_AT_A_TIME // len(one))
+    least, row, block = np.inf, 0, max(1, PAIRS_AT_A_TIME // len(one))
     for first in range(0, len(place), block):
         part = place[first : first + block]
-        least = min(least, float(np.linalg.norm(part[:, one] - part[:, other], axis=2).min()))
-    return least
+        apart = np.linalg.norm(part[:, one] - part[:, other], axis=2)
+        if float(apart.min()) < least:
+            least = float(apart.min())
+            at, pair = np.unravel_index(int(apart.argmin()), apart.shape)
+            row = int(mine[order[(first + at) * count + one[pair]]])
+    return _Found(least, None, row)
 
 
-_NAMED: dict[str, Callable[[TelemetryTable, Ints], float | None]] = {
+_NAMED: dict[str, Callable[[TelemetryTable, Ints], _Found]] = {
     "contacts": _contacts,
     "tracking_share": _tracking_share,
     "longest_blind_s": _longest_blind_s,

@@ -146,7 +146,8 @@ def writing_run(
                 scans = stack.enter_context(_closing(ScanWriter(folder.path, scene.craft))) if scene.lidar else None
                 beliefs = stack.enter_context(_closing(AngleWriter(folder.path, angles))) if angles else None
                 past = stack.enter_context(_closing(HistoryWriter(folder.path, len(scene.craft)))) if history else None
-                telemetry = Telemetry(folder.path, scene.craft, groups_of(scene), scene.without_sensors)
+                about = scene.without_sensors, scene.equipment, scene.angle_noise_rad
+                telemetry = Telemetry(folder.path, scene.craft, groups_of(scene), *about)
                 stack.enter_context(_closing(telemetry))
                 recording = _recorder(folder, scene, (record and scenario.recording.enabled) or live, live)
                 stack.enter_context(_closing(recording))

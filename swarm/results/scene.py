@@ -18,6 +18,13 @@ Visual = tuple[Mesh, Floats]
 """One coloured part of a thing: its mesh [m] in the thing's own frame, and rgba (4,) in 0..1."""
 
 
+class Equipment(NamedTuple):
+    """Equipment by which a craft navigates: photodiodes on board, and names of its sensors, if it has any."""
+
+    photodiodes: int
+    sensors: tuple[str, ...]
+
+
 class CcdScene(NamedTuple):
     """One pair of cameras, as drawn: craft and target by index, pinhole_m (2, 3) and rotation (2, 3, 3) R_b_c in the
     craft's body frame, light_m (L, 3) in the target's; field_rad: full width of their field.
@@ -40,7 +47,8 @@ class Scene(NamedTuple):
     the first. ccd: the pairs of cameras, in the order of their images. lidar: craft and target of every LiDAR. replay:
     the run is of a recording, without a truth, and craft are drawn at their estimates. watched: an alert may be raised
     or something fail. actuated: a craft has thrusters or wheels. guided, docking: there are such craft. faults: names
-    of what may fail, in the order of the codes in `Period.fault`; empty without faults.
+    of what may fail, in the order of the codes in `Period.fault`; empty without faults. angle_noise_rad: standard
+    deviation of a sweep angle that the craft assume; None: unknown.
     """
 
     craft: Sequence[str]
@@ -57,6 +65,7 @@ class Scene(NamedTuple):
     guided: bool = False
     docking: bool = False
     faults: Sequence[str] = ()
+    angle_noise_rad: float | None = None
 
     @property
     def without_sensors(self) -> list[str]:
@@ -64,6 +73,23 @@ class Scene(NamedTuple):
         sensing = {pair.craft for pair in self.ccd} | {i for pair in self.lidar for i in pair}
         dark = np.flatnonzero(~self.photodiodes.present.any(axis=1))
         return [self.craft[i] for i in dark.tolist() if i not in sensing]
+
+    @property
+    def equipment(self) -> list[Equipment]:
+        """The equipment by which each craft navigates."""
+        cameras, observed = {pair.craft for pair in self.ccd}, {target for _, target in self.lidar}
+        counts = self.photodiodes.present.sum(axis=1).tolist()
+        return [
+            Equipment(
+                count,
+                (
+                    *(("lighthouse",) if count else ()),
+                    *(("cameras",) if i in cameras else ()),
+                    *(("LiDAR of another craft",) if i in observed else ()),
+                ),
+            )
+            for i, count in enumerate(counts)
+        ]
 
 
 class Recorder(Protocol):

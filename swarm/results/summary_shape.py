@@ -35,6 +35,7 @@ _FIGURES = Keys(
         "integrity": Keys(),
         "navigates": _YES,
         "observed": _YES,
+        "docking": Keys(always={"docked": _YES, "sentence": _TEXT}, known={"time_s": _NUMBER}),
     },
     rest=_NUMBER,
 )
@@ -45,7 +46,7 @@ _LIDAR = Keys(
 _VERDICT = Keys(
     always={"name": _TEXT},
     known={"value": _NUMBER, "craft": _TEXT, "min": _NUMBER, "max": _NUMBER, "held": _YES},
-    perhaps={"about": [_TEXT]},
+    perhaps={"about": [_TEXT], "time_s": _NUMBER, "why": _TEXT},
 )
 _SUMMARY = Keys(
     perhaps={
@@ -55,6 +56,7 @@ _SUMMARY = Keys(
         "duration_s": _NUMBER,
         "craft_count": _NUMBER,
         "swarm": _FIGURES,
+        "groups": Keys(rest=_FIGURES),
         "craft": Keys(rest=_FIGURES),
         "lidar": Keys(rest=_LIDAR),
         "criteria": [_VERDICT],

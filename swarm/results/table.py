@@ -13,8 +13,9 @@ import pyarrow as pa
 
 from estimators.arrays import Bools, Floats, Ints
 from swarm.errors import SwarmError, did_you_mean
-from swarm.results.files import WITHOUT_SENSORS
+from swarm.results.files import ANGLE_NOISE, EQUIPMENT, WITHOUT_SENSORS
 from swarm.results.reading import read_telemetry, telemetry_columns
+from swarm.results.scene import Equipment
 
 Load = Callable[[str], pa.Table]
 """Reads one column, as a table."""
@@ -101,8 +102,27 @@ class TelemetryTable:
     @property
     def without_sensors(self) -> list[str]:
         """Names of the craft that navigate by nothing."""
-        said = (self._load("craft").schema.metadata or {}).get(WITHOUT_SENSORS.encode())
+        said = self._said(WITHOUT_SENSORS)
         return list(json.loads(said)) if said else []
+
+    @property
+    def equipment(self) -> dict[str, Equipment]:
+        """The equipment by which each craft navigates; empty where the file does not say."""
+        said = self._said(EQUIPMENT)
+        runs = json.loads(said) if said else []
+        each = [Equipment(photodiodes, tuple(sensors)) for count, photodiodes, sensors in runs for _ in range(count)]
+        names = self.names_of("craft")
+        return dict(zip(names, each, strict=True)) if len(each) == len(names) else {}
+
+    @property
+    def angle_noise_rad(self) -> float | None:
+        """Standard deviation of a sweep angle that the craft assume [rad]; None where the file does not say."""
+        said = self._said(ANGLE_NOISE)
+        return float(said) if said else None
+
+    def _said(self, key: str) -> bytes | None:
+        """Return an entry of the file's metadata."""
+        return (self._load("craft").schema.metadata or {}).get(key.encode())
 
     def __len__(self) -> int:
         return len(self.column("craft"))

@@ -27,6 +27,7 @@ from swarm.results.files import PARTS, TELEMETRY
 from swarm.results.period import Period
 from swarm.results.reading import part_files
 from swarm.results.records import Errors
+from swarm.results.scene import Equipment
 
 PERIODS_PER_PART = 120
 ROWS_PER_GROUP = 65_536
@@ -40,7 +41,13 @@ class Telemetry:
     """
 
     def __init__(
-        self, folder: Path, craft: Sequence[str], groups: Sequence[Group] = (), without_sensors: Sequence[str] = ()
+        self,
+        folder: Path,
+        craft: Sequence[str],
+        groups: Sequence[Group] = (),
+        without_sensors: Sequence[str] = (),
+        equipment: Sequence[Equipment] = (),
+        angle_noise_rad: float | None = None,
     ) -> None:
         """Make the folder of parts.
 
@@ -49,6 +56,8 @@ class Telemetry:
             craft: Names of the craft, in the order of every period's rows.
             groups: Groups of columns beside the core, in the order of the file.
             without_sensors: Names of craft that navigate by nothing.
+            equipment: What each craft navigates by; empty: unknown.
+            angle_noise_rad: Standard deviation of a sweep angle that the craft assume [rad]; None: unknown.
 
         Raises:
             SwarmError: The folder cannot be written.
@@ -57,7 +66,7 @@ class Telemetry:
         self._core = core(craft)
         self._groups = (self._core, *groups)
         self._columns = [column for group in self._groups for column in group.columns]
-        self._schema = schema(groups, without_sensors)
+        self._schema = schema(groups, without_sensors, equipment, angle_noise_rad)
         periods = max(1, min(PERIODS_PER_PART, ROWS_PER_GROUP // max(1, len(craft))))
         self._block = np.full((len(self._columns), periods * len(craft)), np.nan)
         self._rows = self._parts = 0

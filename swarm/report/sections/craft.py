@@ -20,6 +20,8 @@ COLUMNS = (
     ("pnp_position_rms_m", 1000.0, Column("PnP position RMS", "mm")),
     ("mean_adop_deg_per_rad", 1.0, Column("ADOP", "°/rad")),
     ("mean_pdop_m_per_rad", 1.0, Column("PDOP", "m/rad")),
+    ("predicted_attitude_deg", 1.0, Column("ADOP × noise", "°")),
+    ("predicted_position_m", 1000.0, Column("PDOP × noise", "mm")),
     ("delta_v_m_s", 1.0, Column("delta-v", "m/s")),
     ("ekf_position_scatter_mm", 1.0, Column("scatter", "mm")),
     ("smooth_position_scatter_mm", 1.0, Column("smoothed scatter", "mm")),
@@ -36,20 +38,25 @@ def section(subject: Subject) -> Section | None:
         return None
     still = [name for name in craft if name not in navigating]
     text = [f"Left out, because without a sensor they do not navigate: {names(still)}."] if still else []
-    return Section("Craft by craft", text, (), [_table(navigating)])
+    groups: Mapping[str, Any] = subject.summary.get("groups") or {}
+    if groups:
+        text.append(
+            "Craft with different sensors have different errors: the first rows are the means of each set of sensors."
+        )
+    return Section("Craft by craft", text, (), [_table(navigating, groups)])
 
 
 def _worth_telling(key: str, value: float | None) -> bool:
     return value is not None and not (key == "delta_v_m_s" and value < LEAST_DELTA_V)
 
 
-def _table(craft: Mapping[str, Any]) -> Table:
+def _table(craft: Mapping[str, Any], groups: Mapping[str, Any]) -> Table:
     known = [c for c in COLUMNS if any(_worth_telling(c[0], figures.get(c[0])) for figures in craft.values())]
     worst = sorted(craft.items(), key=lambda item: -(item[1].get("ekf_position_rms_m") or 0.0))[:MOST_ROWS]
     shown = list(craft.items()) if len(craft) <= MOST_ROWS else worst
     consistent = any(figures.get("nees") for figures in craft.values())
     body = []
-    for name, figures in shown:
+    for name, figures in [*groups.items(), *shown]:
         told = ((figures.get(key) if _worth_telling(key, figures.get(key)) else None, scale) for key, scale, _ in known)
         row = [name, *(number(value, scale=scale) for value, scale in told)]
         if consistent:

@@ -5,6 +5,7 @@ import numpy as np
 from estimators.arrays import Ints
 from swarm.figures import Axes, Figure
 from swarm.report.figures import Picture, is_narrow, legend, panels, picture
+from swarm.report.findings import dockings
 from swarm.report.page import Section, prose
 from swarm.report.sections.over_time import lines, mark
 from swarm.report.series import Series
@@ -35,7 +36,9 @@ def section(subject: Subject) -> Section | None:
     if series.has("docking_range_m"):
         pictures.append(_approach(subject, np.flatnonzero(np.isfinite(series.of("docking_range_m")).any(axis=0))))
     pictures.append(_phases(subject, guided))
-    return Section("Guidance", prose("run.txt.j2", "guidance", docks=series.has("docking_range_m")), pictures)
+    text = prose("run.txt.j2", "guidance", docks=series.has("docking_range_m"))
+    ends = [finding.text for finding in dockings(subject.summary.get("craft") or {})]
+    return Section("Guidance", [*ends, *text], pictures)
 
 
 def _approach(subject: Subject, docking: Ints) -> Picture:

@@ -176,8 +176,8 @@ def swarm_plots(
     states = [Line(name, colour, BOLD) for name, colour in zip(STATUS, STATUS_COLOURS, strict=True)]
     return [
         *first,
-        swarm.plot("adop", "ADOP [deg/mrad]", lambda b: 1e-3 * b.adop),
-        swarm.plot("pdop", "PDOP [mm/mrad]", lambda b: b.pdop),
+        swarm.plot("adop", "ADOP [deg/rad]", lambda b: b.adop),
+        swarm.plot("pdop", "PDOP [m/rad]", lambda b: b.pdop),
         swarm.plot("lit", "Photodiodes lit", lambda b: b.visible.astype(np.float64), spread=LOW),
         *([Plot("swarm/status", "Craft by status", states, _counts)] if crowd else []),
     ]

@@ -17,13 +17,16 @@ from swarm.results.summary.statistics import largest, mean, median, ratio, rms, 
 from swarm.results.table import TelemetryTable
 
 
-def figures(rows: TelemetryTable, period_s: float, bias: dict[str, Any] | None) -> dict[str, Any]:
+def figures(
+    rows: TelemetryTable, period_s: float, bias: dict[str, Any] | None, noise_rad: float | None = None
+) -> dict[str, Any]:
     """Return the figures of these rows.
 
     Args:
         rows: The telemetry of one craft, or of several.
         period_s: Length of a lighthouse period [s].
         bias: The rows' motion bias.
+        noise_rad: Standard deviation of a sweep angle that the craft assume [rad]; None: unknown.
     """
     visible, solved = rows.column("visible"), np.isfinite(rows.column("pnp_px_m"))
     tracking = rows.being("status", "tracking")
@@ -39,8 +42,10 @@ def figures(rows: TelemetryTable, period_s: float, bias: dict[str, Any] | None) 
         "solved_share_with_5_photodiodes": share(solved, visible >= 5),
         "residual_median_rad": median(rows.column("residual_rad")),
         "mean_iterations": mean(rows.column("pnp_iterations")),
-        "mean_adop_deg_per_rad": mean(rows.column("adop_deg_per_rad")),
-        "mean_pdop_m_per_rad": mean(rows.column("pdop_m_per_rad")),
+        "mean_adop_deg_per_rad": (adop := mean(rows.column("adop_deg_per_rad"))),
+        "mean_pdop_m_per_rad": (pdop := mean(rows.column("pdop_m_per_rad"))),
+        "predicted_attitude_deg": None if adop is None or noise_rad is None else adop * noise_rad,
+        "predicted_position_m": None if pdop is None or noise_rad is None else pdop * noise_rad,
         "pnp_position_rms_m": rms(pnp[0]),
         "pnp_position_max_m": largest(pnp[0]),
         "pnp_attitude_rms_deg": rms(pnp[1]),

@@ -1,6 +1,8 @@
 """The summary of a run, from its telemetry: the swarm's figures and every craft's.
 
 Craft that others observe, and those without any sensor, do not find themselves: they count per craft, not in the swarm.
+Errors, photodiodes and dilutions of craft with different sensors are not averaged: the swarm then has none of them, and
+`groups` has the figures of the craft with the same sensors.
 """
 
 from pathlib import Path
@@ -9,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pyarrow as pa
 
+from swarm.results.reasons import docking
 from swarm.results.summary.figures import figures
 from swarm.results.summary.motion_bias import motion_bias
 from swarm.results.summary.scans import scans
@@ -20,8 +23,14 @@ NOTES = {
         "mean over the samples against its 95 % chi-square band for effective_samples independent ones: "
         "effective craft times periods over the autocorrelation time; craft of the same period share the rotor error"
     ),
+    "predicted": "ADOP and PDOP, times the standard deviation of a sweep angle that the craft assume",
+    "groups": "craft with the same sensors, where not all have the same; swarm has then only what all have in common",
     "pnp_motion_bias": "least-squares slope of (solution - truth) against the true rate, per axis x, y, z",
 }
+
+
+COMMON = ("samples", "tracking_share", "contact_periods")
+"""Figures that craft with different sensors have in common, beside the delta-v."""
 
 
 class _Craft(NamedTuple):
@@ -30,6 +39,19 @@ class _Craft(NamedTuple):
     name: str
     aside: bool
     rows: TelemetryTable
+
+
+class _Sorted(NamedTuple):
+    """The rows craft by craft.
+
+    everything: all rows. craft: every craft's. own: those of all craft that find themselves. groups: of these, those
+    with the same sensors, by the sensors' names, where not all have the same.
+    """
+
+    everything: TelemetryTable
+    craft: list[_Craft]
+    own: TelemetryTable
+    groups: dict[str, TelemetryTable]
 
 
 def summarise(table: pa.Table) -> dict[str, Any]:
@@ -50,18 +72,24 @@ def _summary(table: TelemetryTable) -> dict[str, Any]:
     if not len(table):
         return {"periods": 0, "duration_s": 0.0, "craft_count": 0, "swarm": None, "craft": {}, "notes": NOTES}
     still = set(table.without_sensors)
-    everything, parts, own = _by_craft(table, still)
+    everything, parts, own, groups = _by_craft(table, still)
     frame, time_s = everything.frame, everything.column("time_s")
     span = int(frame.max() - frame.min())
     period_s = float(time_s.max() - time_s.min()) / span if span else 0.0
     # The bias takes half of all columns, and nothing else needs them.
-    every = [own, *(craft.rows for craft in parts)]
+    every = [own, *groups.values(), *(craft.rows for craft in parts)]
     bias = [None if "peer_px_m" in table.columns else motion_bias(rows) for rows in every]
     everything.forget()
-    swarm, *single = (figures(rows, period_s, drift) for rows, drift in zip(every, bias, strict=True))
+    noise_rad = table.angle_noise_rad
+    swarm, *rest = (figures(rows, period_s, drift, noise_rad) for rows, drift in zip(every, bias, strict=True))
+    alike, single = dict(zip(groups, rest, strict=False)), rest[len(groups) :]
+    if groups:
+        swarm = {key: value if key in COMMON else None for key, value in swarm.items()}
     for craft, of_craft in zip(parts, single, strict=True):
         if craft.name in still:
             of_craft |= {"navigates": False, "tracking_share": None}
+        if (end := docking(craft.rows, np.arange(len(craft.rows)))) is not None:
+            of_craft["docking"] = end._asdict()
         if "observer" in table.columns:
             of_craft["observed"] = bool(np.isfinite(craft.rows.column("observer")).any())
     if "delta_v_m_s" in table.columns:
@@ -75,23 +103,31 @@ def _summary(table: TelemetryTable) -> dict[str, Any]:
         "duration_s": (span + 1) * period_s,
         "craft_count": len(table.names_of("craft")),
         "swarm": swarm,
+        **({"groups": alike} if alike else {}),
         "craft": {craft.name: of_craft for craft, of_craft in zip(parts, single, strict=True)},
         "notes": NOTES,
     }
 
 
-def _by_craft(table: TelemetryTable, still: set[str]) -> tuple[TelemetryTable, list[_Craft], TelemetryTable]:
-    """Return the rows craft by craft, those that are aside last: all, every craft's, and all that are not aside."""
+def _by_craft(table: TelemetryTable, still: set[str]) -> _Sorted:
+    """Return the rows craft by craft: group by group of those with the same sensors, then those that are aside."""
     names, codes = table.names_of("craft"), table.craft
     aside = np.isin(codes, [names.index(name) for name in still if name in names])
     if "observer" in table.columns:
         aside |= np.isfinite(table.column("observer"))
-    ranks = codes + len(names) * aside
+    equipment = table.equipment
+    sensors = [" and ".join(equipment[name].sensors) if name in equipment else "" for name in names]
+    kinds = list(dict.fromkeys(sensors[code] for code in np.unique(codes[~aside]).tolist()))
+    kind = np.array([kinds.index(each) if each in kinds else 0 for each in sensors], dtype=np.int64)
+    last = max(len(kinds), 1)
+    ranks = codes + len(names) * np.where(aside, last, kind[codes])
     everything = table.ordered(np.argsort(ranks, kind="stable"))
-    past = np.cumsum(np.bincount(ranks)).tolist()
+    past = np.cumsum(np.bincount(ranks, minlength=len(names) * (last + 1))).tolist()
     parts = [
-        _Craft(names[rank % len(names)], rank >= len(names), everything.part(first, last))
-        for rank, (first, last) in enumerate(zip([0, *past], past, strict=False))
-        if last > first
+        _Craft(names[rank % len(names)], rank >= last * len(names), everything.part(first, end))
+        for rank, (first, end) in enumerate(zip([0, *past], past, strict=False))
+        if end > first
     ]
-    return everything, parts, everything.part(0, len(codes) - int(np.count_nonzero(aside)))
+    edges = [0, *(past[(i + 1) * len(names) - 1] for i in range(last))]
+    groups = {name: everything.part(edges[i], edges[i + 1]) for i, name in enumerate(kinds)} if len(kinds) > 1 else {}
+    return _Sorted(everything, parts, everything.part(0, edges[-1]), groups)

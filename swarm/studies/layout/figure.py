@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from estimators.arrays import Floats
+from estimators.arrays import Floats, Ints
 from swarm.figures import BLUE, GREEN, GREY, VERMILLION, Axes, Figure, legend, page, plain_log_x, polygons
 from swarm.studies.layout.judgement import Judged
 from swarm.studies.layout.prediction import Task
@@ -19,6 +19,8 @@ VIEWS = {"front": (0.55, 0.35, 0.76), "back": (-0.55, 0.35, -0.76)}
 """From the craft towards the viewer, body frame."""
 FINEST = 1 / 15
 """Triangles are drawn in pieces smaller than this share of the hull: sorted by distance, they hide what is hidden."""
+CLUSTER = 0.06
+"""Photodiodes nearer to each other than this share of the layout's width are numbered together."""
 TICKS = [m * 10.0**k for k in range(-4, 4) for m in (1, 2, 5)]
 
 
@@ -30,11 +32,11 @@ def draw(task: Task, judged: Sequence[Judged], tried: Callable[[Floats], Floats]
         judged: The layouts, the design first.
         tried: Function that picks an error's values at the poses that were measured.
     """
-    figure, axes = page(1, 3, 3.4, 10.0)
+    figure, axes = page(1, 3, 3.9, 11.0)
     _curves(axes[0, 0], task, judged)
     for each, (side, towards) in zip(axes[0, 1:], VIEWS.items(), strict=True):
         _hull(each, task.hull, judged[0].mount, np.array(towards))
-        each.set_title(f"the design, from the {side}")
+        each.set_title(f"the design, from the {side}", fontsize=9)
     return figure
 
 
@@ -48,7 +50,7 @@ def _curves(axes: Axes, task: Task, judged: Sequence[Judged]) -> None:
         if each.measured is None:
             axes.plot(error[solved], share[solved], color=ink, lw=0.4, alpha=0.4)
             continue
-        label = f"{each.name}, {len(each.mount.point_m)}: {100 * each.predicted.unsolvable:.1f} % unsolvable"
+        label = f"{each.name}, {len(each.mount.point_m)}:\n{100 * each.predicted.unsolvable:.1f} % unsolvable"
         axes.plot(error[solved], share[solved], color=ink, lw=1.6, label=label)
         measured = np.sort(each.measured.error)
         at = (np.linspace(0.04, 0.98, 24) * len(measured)).astype(np.int64)
@@ -59,9 +61,9 @@ def _curves(axes: Axes, task: Task, judged: Sequence[Judged]) -> None:
     axes.set_xlim(0.8 * np.quantile(finite, 0.001), 1.3 * np.quantile(finite, 0.995))
     axes.set_ylim(0, 100)
     one = f"{np.degrees(task.mix.attitude_rad):g}° or {1e3 * task.mix.position_m:g} mm, 1 sigma"
-    axes.set_xlabel(f"error e of a pose (1 is {one})")
+    axes.set_xlabel(f"error e of a pose\n1 is {one}")
     axes.set_ylabel("poses with at most this error, %")
-    axes.set_title("lines: predicted; points: Monte Carlo; thin: other even spreads")
+    axes.set_title("error over the poses\nlines predicted, points Monte Carlo,\nthin: other even spreads", fontsize=9)
     legend(axes, place="lower right")
 
 
@@ -85,12 +87,25 @@ def _hull(axes: Axes, hull: Hull, mount: Mount, towards: Floats) -> None:
     seen = (mount.normal @ towards > 0) & hull.clear(mount.point_m, towards)
     flat = mount.point_m @ screen.T
     axes.plot(*flat[seen].T, "o", color="#b01e28", ms=5, mec="white")
-    for number in np.flatnonzero(seen):
-        axes.annotate(str(number), flat[number], xytext=(4, 3), textcoords="offset points", fontsize=7)
+    for together in _clusters(flat, np.flatnonzero(seen), CLUSTER * float(np.ptp(flat, axis=0).max())):
+        told = ", ".join(str(number) for number in together)
+        axes.annotate(told, flat[together[0]], xytext=(4, 3), textcoords="offset points", fontsize=7)
     axes.set_aspect("equal")
     axes.autoscale_view()
     axes.margins(0.08)
     axes.set_axis_off()
+
+
+def _clusters(point: Floats, which: Ints, near: float) -> list[list[int]]:
+    """Return the points (N, 2) among `which` in groups, those nearer than `near` to the first of a group together."""
+    out: list[list[int]] = []
+    for number in which.tolist():
+        group = next((g for g in out if float(np.linalg.norm(point[g[0]] - point[number])) < near), None)
+        if group is None:
+            out.append([number])
+        else:
+            group.append(number)
+    return out
 
 
 def _pieces(hull: Hull) -> tuple[Floats, Floats]:

@@ -20,7 +20,7 @@ from estimators.layout.error import WANTED_LIT, percentile
 from estimators.lighthouse.pose_trials import scatter
 from estimators.rotation import angle_between
 from swarm.onboard.acquisition import Sighting, search
-from swarm.studies.layout.poses import Poses, lattice
+from swarm.studies.layout.poses import Poses
 from swarm.studies.layout.prediction import Prediction, Task, mixed, predict
 from swarm.world.hull import Mount
 
@@ -75,7 +75,7 @@ class Comparison(NamedTuple):
 
 def sample(task: Task) -> Poses:
     """Return the poses that judge."""
-    return lattice(task.within, POSES, SEED)
+    return task.poses(POSES, SEED)
 
 
 def judge(task: Task, layouts: Sequence[tuple[str, Mount]], measured: Sequence[str]) -> list[Judged]:

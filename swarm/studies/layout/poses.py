@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.arrays import Floats
+from estimators.arrays import Floats, Ints
 
 GOLDEN = (np.sqrt(5) - 1) / 2
 """Step of the azimuth of u, in turns: the Fibonacci lattice of the sphere."""
@@ -32,10 +32,13 @@ class PoseRange(NamedTuple):
 
 
 class Poses(NamedTuple):
-    """rotation: (P, 3, 3) R_l_b. position: (P, 3) [m], lighthouse frame."""
+    """rotation: (P, 3, 3) R_l_b. position: (P, 3) [m], lighthouse frame. moment: (P,), the moment of a flown scene at
+    which each pose occurs; None: the craft is alone.
+    """
 
     rotation: Floats
     position: Floats
+    moment: Ints | None = None
 
 
 def lattice(within: PoseRange, count: int, seed: int | None = None) -> Poses:

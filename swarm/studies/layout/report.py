@@ -3,7 +3,7 @@
 Errors at a percentile are null where more poses are unsolvable than the percentile forgives; the terminal shows ∞.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from math import degrees, isfinite
 from typing import Any
 
@@ -18,11 +18,13 @@ from swarm.studies.layout.judgement import Comparison, Judged, compare, lit_shar
 from swarm.studies.layout.prediction import Task
 from swarm.studies.layout.request import Request
 from swarm.studies.layout.smallest import meets
-from swarm.tables import table
+from swarm.tables import RankedColumn, fitting, table
 
 Figures = Mapping[str, Any]
 WAYS = ("all_poses", "same_poses", "same_share")
 PERCENTILES = tuple(range(5, 100, 5))
+BOTH_COLUMNS = 78
+"""Width from which the comparison has room for what was measured beside what is predicted."""
 
 
 def figures(request: Request, task: Task, judged: Sequence[Judged]) -> dict[str, Any]:
@@ -49,10 +51,16 @@ def figures(request: Request, task: Task, judged: Sequence[Judged]) -> dict[str,
         "program": "lighthouse-swarm",
         "model": task.hull.path.name,
         "photodiodes": len(ours.mount.point_m),
-        "asked": {**request._asdict(), "distance_m": list(request.distance_m), "overrides": list(request.overrides)},
+        "asked": {
+            **request._asdict(),
+            "distance_m": list(request.distance_m),
+            "overrides": list(request.overrides),
+            "keep_out": list(request.keep_out),
+        },
+        "keep_out": [] if task.keep_out is None else task.keep_out.zones,
         "wanted_precision_met": None
         if (request.attitude_deg, request.position_mm) == (None, None)
-        else meets(ours.predicted, share, request.attitude_deg, request.position_mm),
+        else meets(ours.predicted, task, request.attitude_deg, request.position_mm),
         "error_of_one": {
             "attitude_deg": degrees(task.mix.attitude_rad),
             "position_mm": 1e3 * task.mix.position_m,
@@ -81,6 +89,8 @@ def _layout(judged: Judged, share: float) -> dict[str, Any]:
     return {
         "photodiodes": len(judged.mount.point_m),
         "unsolvable_share": found.unsolvable,
+        "unsolvable_with_one_lost_share": found.unsolvable_with_one_lost,
+        "error_with_one_lost": _number(percentile(found.lost, share)),
         f"share_with_{WANTED_LIT}_lit": lit_share(found),
         "predicted": _percentiles(found.attitude_rad, found.position_m, found.error, share),
         "measured": {
@@ -123,47 +133,27 @@ def _number(value: float) -> float | None:
 def print_report(console: Console, made: Figures) -> None:
     """Print the tables, and what they mean."""
     one, q = made["error_of_one"], f"{made['percentile']:g} %"
-    asked = made["asked"]
-    cone = "all attitudes" if asked["cone_deg"] >= 180 else f"+z within {asked['cone_deg']:g}° of the lighthouse"
-    distance = ", ".join(f"{d:g}" for d in asked["distance_m"])
-    console.print(
-        Text(
-            f"{made['photodiodes']} photodiodes on {made['model']}: {cone}, at {distance} m, "
-            f"up to {asked['off_axis_deg']:g}° off the boresight"
-        )
-    )
+    console.print(Text(f"{made['photodiodes']} photodiodes on {made['model']}: {_asked(made['asked'])}"))
     console.print(
         Text(f"error e: e² = (attitude / {one['attitude_deg']:g}°)² + (position / {one['position_mm']:g} mm)²")
     )
-    found = ("e\nmedian", f"e\n{q}", f"att., °\n{q}", f"pos., mm\n{q}", f"meas. e\n{q}", "/ pre-\ndicted")
-    heads = ("layout", "photo-\ndiodes", "unsolv-\nable, %", f"{WANTED_LIT} lit\n%", *found)
-    printed = table(*heads, tight=True, wrap=True)
     layouts = made["layouts"]
-    for name, layout in layouts.items():
-        predicted, measured = layout["predicted"], layout["measured"]
-        printed.add_row(
-            name,
-            str(layout["photodiodes"]),
-            f"{100 * layout['unsolvable_share']:.1f}",
-            f"{100 * layout[f'share_with_{WANTED_LIT}_lit']:.0f}",
-            *(_shown(predicted[key]) for key in ("median", "error", "attitude_deg", "position_mm")),
-            _shown(measured["error"]),
-            _shown(measured["median_ratio_to_predicted"]),
-        )
+    printed, left_out = fitting(console.width, _columns(layouts, q))
     console.print(printed)
+    if left_out:
+        console.print(Text(f"No room in {console.width} columns for: {left_out} (the JSON has them).", "dim"))
+    for sentence in (*_sentences(made), *_warnings(made)):
+        console.print(Text(*sentence))
+    found = ", ".join(
+        f"{name} {_percent(each['measured']['found_from_nothing_share'])}" for name, each in layouts.items()
+    )
     console.print(
         Text(
-            "Solvable poses that are found without a start, rightly and for certain, from one period's angles: "
-            + ", ".join(
-                f"{name} {_percent(each['measured']['found_from_nothing_share'])}" for name, each in layouts.items()
-            )
+            f"Solvable poses that are found without a start, rightly and for certain, from one period's angles: {found}"
         )
     )
-    if made["wanted_precision_met"] is not None:
-        verdict = "met" if made["wanted_precision_met"] else "NOT met"
-        console.print(Text(f"The wanted precision is {verdict} by the design at {q} of the poses, as predicted."))
     console.print(Text(f"Design against the other layouts, by the {q} percentile of e; unsolvable poses count as ∞:"))
-    console.print(_against(made))
+    console.print(_against(made, console.width))
     against = made["design_against_every_even_spread"]
     low, high = (100 * share for share in against["unsolvable"])
     console.print(
@@ -175,18 +165,82 @@ def print_report(console: Console, made: Figures) -> None:
     )
 
 
-def _against(made: Figures) -> Table:
+def _asked(asked: Figures) -> str:
+    """Return in words at which poses a layout is judged."""
+    cone = asked["cone_deg"]
+    if asked["scene"] is not None:
+        return f"along the flight of {asked['scene']}, turned by up to {cone:g}°"
+    attitudes = "all attitudes" if cone >= 180 else f"+z within {cone:g}° of the lighthouse"
+    distance = ", ".join(f"{d:g}" for d in asked["distance_m"])
+    return f"{attitudes}, at {distance} m, up to {asked['off_axis_deg']:g}° off the boresight"
+
+
+def _columns(layouts: Figures, q: str) -> list[RankedColumn]:
+    def cells(text: Callable[[Figures], str]) -> list[str]:
+        return [text(each) for each in layouts.values()]
+
+    six = f"share_with_{WANTED_LIT}_lit"
+    return [
+        RankedColumn(0, "layout", list(layouts)),
+        RankedColumn(4, "photo-\ndiodes", cells(lambda each: str(each["photodiodes"]))),
+        RankedColumn(1, "unsolv-\nable, %", cells(lambda each: f"{100 * each['unsolvable_share']:.1f}")),
+        RankedColumn(1, "one\nlost, %", cells(lambda each: f"{100 * each['unsolvable_with_one_lost_share']:.1f}")),
+        RankedColumn(7, f"{WANTED_LIT} lit\n%", cells(lambda each: f"{100 * each[six]:.0f}")),
+        RankedColumn(6, "e\nmedian", cells(lambda each: _shown(each["predicted"]["median"]))),
+        RankedColumn(2, f"e\n{q}", cells(lambda each: _shown(each["predicted"]["error"]))),
+        RankedColumn(5, f"e, one\nlost {q}", cells(lambda each: _shown(each["error_with_one_lost"]))),
+        RankedColumn(3, f"att., °\n{q}", cells(lambda each: _shown(each["predicted"]["attitude_deg"]))),
+        RankedColumn(3, f"pos., mm\n{q}", cells(lambda each: _shown(each["predicted"]["position_mm"]))),
+        RankedColumn(8, f"meas. e\n{q}", cells(lambda each: _shown(each["measured"]["error"]))),
+        RankedColumn(9, "/ pre-\ndicted", cells(lambda each: _shown(each["measured"]["median_ratio_to_predicted"]))),
+    ]
+
+
+def _sentences(made: Figures) -> Iterator[tuple[str, str]]:
+    """Yield what the layout promises."""
+    if made["asked"]["losses"]:
+        poses = made["poses"]["predicted"]
+        yield f"Each of {poses} poses that the search has not seen stays solvable with any one photodiode lost.", ""
+    if made["keep_out"]:
+        yield f"Kept free: {', '.join(made['keep_out'])}", ""
+    if made["wanted_precision_met"] is not None:
+        verdict, share = "met" if made["wanted_precision_met"] else "NOT met", f"{made['percentile']:g} % of the poses"
+        yield f"The wanted precision is {verdict} by the design at {share}, as predicted.", ""
+
+
+def _warnings(made: Figures) -> Iterator[tuple[str, str]]:
+    """Yield what the user should not overlook."""
+    designed = made["layouts"]["designed"]
+    if made["photodiodes"] < WANTED_LIT:
+        yield (
+            f"Warning: {made['photodiodes']} photodiodes; below {WANTED_LIT}, one lost leaves no check of the pose "
+            "and perhaps two poses that fit",
+            "yellow",
+        )
+    if not made["asked"]["losses"] and (share := designed["unsolvable_with_one_lost_share"]):
+        yield (
+            f"Warning: with one photodiode dead or shadowed, {100 * share:.2g} % of the poses are unsolvable "
+            "(--losses 1 looks for a layout without such poses)",
+            "yellow",
+        )
+    if made["asked"]["scene"] is None:
+        yield "The craft is judged alone: --scene takes ports and neighbours that shade it into account.", "dim"
+
+
+def _against(made: Figures, width: int) -> Table:
     change = ("\nother", "\nchange")
-    printed = table("", "poses", "predicted\ndesign", *change, "measured\ndesign", *change, left=2, tight=True)
+    both = width >= BOTH_COLUMNS
+    heads = ("predicted\ndesign", *change, *(("measured\ndesign", *change) if both else ()))
+    printed = table("", "poses", *heads, left=2, tight=True)
     for name, ways in made["design_against"].items():
         predicted, measured = ways["predicted"], ways["measured"]
         notes = {
             "all_poses": "all",
-            "same_poses": f"that both solve ({100 * predicted['both_solve_share']:.0f} %)",
-            "same_share": f"each one's best {100 * predicted['same_share_of_poses']:.0f} %",
+            "same_poses": f"both solve ({100 * predicted['both_solve_share']:.0f} %)",
+            "same_share": f"best {100 * predicted['same_share_of_poses']:.0f} % of each",
         }
         for way, note in notes.items():
-            cells = [*_cells(predicted[way]), *_cells(measured[way])]
+            cells = [*_cells(predicted[way]), *(_cells(measured[way]) if both else ())]
             printed.add_row(name if way == WAYS[0] else "", note, *cells)
     return printed
 

@@ -18,6 +18,8 @@ from swarm.studies.layout import judgement
 from swarm.studies.layout.even import even_spreads
 from swarm.studies.layout.figure import draw
 from swarm.studies.layout.judgement import Judged, judge
+from swarm.studies.layout.prediction import Task
+from swarm.studies.layout.refusal import refuse_too_few, refuse_unsolved
 from swarm.studies.layout.report import figures
 from swarm.studies.layout.request import Request, task
 from swarm.studies.layout.search import find, places
@@ -61,8 +63,11 @@ def study(request: Request, out: Path | None, force: bool, say: Callable[[str], 
         seed: Seed of the search.
 
     Raises:
-        SwarmError: Something is wrong; nothing is written then.
+        SwarmError: Something is wrong, or no layout keeps every pose solvable with one photodiode lost; nothing is
+            written then.
     """
+    if request.scene is not None:
+        say(f"flying {request.scene} by the truth")
     asked = task(request)
     model = asked.hull.path
     out = default_out(request, model) if out is None else out
@@ -72,6 +77,8 @@ def study(request: Request, out: Path | None, force: bool, say: Callable[[str], 
     say("places on the hull")
     at = places(asked)
     count = request.photodiodes
+    if asked.losses:
+        refuse_too_few(asked, at, count)
     if count is None:
         count = smallest(asked, at, request.attitude_deg, request.position_mm, say)
     say(f"{count} photodiodes among {len(at.coarse.point_m)} places, at {len(at.poses.position)} poses")
@@ -84,7 +91,9 @@ def study(request: Request, out: Path | None, force: bool, say: Callable[[str], 
         layouts.append((SHIPPED, asked.hull.shipped))
     others = [(f"{EVEN} {i}", other) for i, other in enumerate(evens[1:], start=1)]
     judged = judge(asked, layouts + others, [name for name, _ in layouts])
-    made = figures(request, asked, judged)
+    if asked.losses:
+        refuse_unsolved(asked, at, judged[0])
+    made = figures(request.filled(), asked, judged)
     _write(files, model, mount, made, judged, asked)
     return Study(made, files)
 
@@ -106,7 +115,7 @@ def _check_target(out: Path, model: Path, files: tuple[Path, ...], force: bool) 
 
 
 def _write(
-    files: tuple[Path, ...], model: Path, mount: Mount, made: dict[str, Any], judged: list[Judged], asked: Any
+    files: tuple[Path, ...], model: Path, mount: Mount, made: dict[str, Any], judged: list[Judged], asked: Task
 ) -> None:
     out, numbers, *pictures = files
     with writing(out):

@@ -1,0 +1,140 @@
+"""Facts about each craft of a scenario: mass, sensors, and the authority of its actuators beside what is planned.
+
+The authority along an axis is the largest force f along it that the actuators deliver without torque, and likewise for
+torque without force. With B the wrench of full output (`swarm.hardware.ActuatorSet.effect`), a linear program:
+
+    maximise  f   subject to   B u = f e,   0 <= u <= 1 for thrusters, -1 <= u <= 1 for wheels
+
+Of the two directions of an axis the weaker one counts. A craft without actuators is moved by an ideal force.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import linprog
+
+from estimators.arrays import Floats
+from swarm import scenario
+from swarm.flight.builders.dynamics import fitted
+from swarm.flight.flight import Flight
+from swarm.hardware import actuator_set
+from swarm.scenario import Craft, Scenario
+from swarm.scenario.motions.dock import Dock
+from swarm.scenario.motions.guided import Clear, Guided
+
+FEW_PHOTODIODES = 6
+"""Fewer than these leave nothing to check a pose with once one is lost."""
+SAMPLES = 400
+"""Times at which the acceleration of a motion without guidance is looked at."""
+NEGLIGIBLE = 1e-6
+"""Relative to what is available, and an acceleration [m/s^2]: nothing to speak of."""
+
+
+class CraftFacts(NamedTuple):
+    """One craft. names: those of the craft that are like it.
+
+    force_n, torque_nm: (3,) along the body axes; None where it is moved by an ideal force. planned: accelerations that
+    its guidance or motion may ask for [m/s^2], by the key that sets them.
+    """
+
+    names: tuple[str, ...]
+    mass_kg: float
+    photodiodes: int
+    cameras: int
+    force_n: Floats | None
+    torque_nm: Floats | None
+    planned: dict[str, float]
+
+    @property
+    def acceleration_m_s2(self) -> Floats | None:
+        """Largest accelerations along the body axes, (3,)."""
+        return None if self.force_n is None else self.force_n / self.mass_kg
+
+    def warnings(self) -> Iterator[str]:
+        """Yield what will not work as planned."""
+        who = self.names[0] if len(self.names) == 1 else f"{self.names[0]} and {len(self.names) - 1} more"
+        if 0 < self.photodiodes < FEW_PHOTODIODES:
+            told = f"with fewer than {FEW_PHOTODIODES}, one lost may end its navigation"
+            yield f"{who}: {self.photodiodes} photodiodes; {told}"
+        available = self.acceleration_m_s2
+        if available is None:
+            return
+        # The first of the weakest ones, whatever the rounding.
+        axis = int(np.argmax(available <= available.min() * (1 + NEGLIGIBLE)))
+        for key, planned in self.planned.items():
+            if planned > available[axis] * (1 + NEGLIGIBLE):
+                told = f"{available[axis]:.3g} m/s^2 available along {'xyz'[axis]}, {planned:.3g} planned"
+                yield f"{who}: {told} ({key})"
+
+
+def facts(settings: Scenario, flight: Flight) -> list[CraftFacts]:
+    """Return what each craft of a flight is, those that share a table and a model together."""
+    world, craft = flight.world, scenario.craft(settings)
+    actuators = actuator_set(fitted(settings, world), world.com_m)
+    where = {int(who): a for a, who in enumerate(actuators.who)}
+    cameras = set() if flight.sensors.ccd is None else {pair.craft for pair in flight.sensors.ccd.pairs}
+    present = flight.sensors.lighthouse.photodiodes.present.sum(axis=1)
+    motions, limits = _motion_accelerations(settings, flight), dict[int, tuple[Floats, Floats]]()
+    alike: dict[object, CraftFacts] = {}
+    for i, c in enumerate(craft):
+        planned, key = _planned(c, motions[i]), c.name if c.count == 1 else c.model
+        if key in alike:
+            known = alike[key]
+            most = {name: max(value, known.planned.get(name, 0.0)) for name, value in planned.items()}
+            alike[key] = known._replace(names=(*known.names, c.name), planned=known.planned | most)
+            continue
+        if i in where:
+            limits[i] = authority(actuators.effect[where[i]], actuators.axis.shape[1])
+        force, torque = limits.get(i, (None, None))
+        alike[key] = CraftFacts(
+            (c.name,), float(world.mass[i]), int(present[i]), 2 * (i in cameras), force, torque, planned
+        )
+    return list(alike.values())
+
+
+def authority(effect: Floats, wheels: int) -> tuple[Floats, Floats]:
+    """Return the largest force [N] and torque [N m] along the body axes in either direction, (3,) each.
+
+    Args:
+        effect: wrench of full output, (6, n), the wheels last.
+        wheels: number of wheels.
+    """
+    count = effect.shape[1]
+    bounds = [(0.0, 1.0)] * (count - wheels) + [(-1.0, 1.0)] * wheels + [(0.0, None)]
+    out = np.zeros(6)
+    # Forces and torques of one size each, for the solver's tolerances.
+    scale = np.repeat([np.abs(effect[:3]).max(initial=NEGLIGIBLE), np.abs(effect[3:]).max(initial=NEGLIGIBLE)], 3)
+    scaled = effect / scale[:, None]
+    for axis in range(6):
+        reach = [_most(scaled, sign * np.eye(6)[axis], bounds) for sign in (1.0, -1.0)]
+        out[axis] = min(reach) * scale[axis]
+    return out[:3], out[3:]
+
+
+def _most(effect: Floats, along: Floats, bounds: Sequence[tuple[float, float | None]]) -> float:
+    cost = np.zeros(len(bounds))
+    cost[-1] = -1.0
+    found = linprog(cost, A_eq=np.column_stack([effect, -along]), b_eq=np.zeros(6), bounds=bounds)
+    return 0.0 if found.fun is None else max(0.0, -float(found.fun))
+
+
+def _planned(craft: Craft, motion_m_s2: float) -> dict[str, float]:
+    """Return the accelerations that a craft's table plans, by key."""
+    motion = craft.table.motion
+    if isinstance(motion, Dock):
+        return {"motion.acceleration_m_s2": motion.acceleration_m_s2, "motion.brake_m_s2": motion.brake_m_s2}
+    if isinstance(motion, Clear) and motion.separation_m > 0:
+        return {"motion.brake_m_s2": motion.brake_m_s2}
+    if isinstance(motion, Guided):
+        return {}
+    return {f"motion, a {motion.kind}": motion_m_s2} if motion_m_s2 > NEGLIGIBLE else {}
+
+
+def _motion_accelerations(settings: Scenario, flight: Flight) -> Floats:
+    """Return the largest acceleration of every craft's motion without guidance, (C,) [m/s^2]."""
+    times = np.linspace(0.0, settings.duration_s, SAMPLES)
+    most = np.zeros(len(settings.craft_names))
+    for time_s in times:
+        most = np.maximum(most, np.linalg.norm(flight.motions.at(float(time_s)).acceleration, axis=1))
+    return most

@@ -1,0 +1,131 @@
+"""Reasons why a run missed a criterion, and the end of a docking, in one sentence each: value, time, navigation then.
+
+docking_lateral_at_contact_m: 0.042 (limit: at most 0.01) at 52.3 s; tracking then, 9 of 12 photodiodes lit
+no contact: blind since 52.6 s, 3 of 4 photodiodes lit, lost 0.50 m before the port
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators.arrays import Bools, Ints
+from swarm.onboard.guidance.phase import Phase
+from swarm.results.columns.guidance import PHASES
+from swarm.results.table import TelemetryTable
+
+STATES = {
+    "searching": "without a pose",
+    "coasting": "coasting without a pose",
+    "ambiguous": "undecided between poses",
+}
+
+
+class Docking(NamedTuple):
+    """The end of one craft's docking. docked: the latch has closed; time_s: when, or when it was lost."""
+
+    docked: bool
+    time_s: float | None
+    sentence: str
+
+
+def navigation(rows: TelemetryTable, row: int) -> str:
+    """Return in words how the craft of a row navigated then: by how many photodiodes, or since when without a pose."""
+    tracking = rows.being("status", "tracking")
+    if tracking[row]:
+        return f"tracking then{_lit(rows, row)}"
+    own = np.flatnonzero(rows.craft[: row + 1] == rows.craft[row])
+    had = own[tracking[own]]
+    if not len(had):
+        return f"no pose until then{_lit(rows, row)}"
+    since = own[np.searchsorted(own, had[-1]) + 1]
+    return f"blind since {_time(rows, int(since))}{_lit(rows, int(since))}"
+
+
+def without_pose(rows: TelemetryTable, own: Ints) -> tuple[int, int] | None:
+    """Return the first and the last of a craft's rows `own` in its longest time without a pose; None without any."""
+    blind = ~rows.being("status", "tracking")[own]
+    edge = np.flatnonzero(np.diff(np.concatenate([[False], blind, [False]]).astype(np.int8)))
+    if not len(edge):
+        return None
+    first, past = edge[::2], edge[1::2]
+    longest = int(np.argmax(past - first))
+    return int(own[first[longest]]), int(own[past[longest] - 1])
+
+
+def docking(rows: TelemetryTable, own: Ints) -> Docking | None:
+    """Return what became of the docking of the craft whose rows are `own`; None for one that does not dock."""
+    if "docking_range_m" not in rows.columns or not np.isfinite(rows.column("docking_range_m")[own]).any():
+        return None
+    docked = np.flatnonzero(_in_phase(rows, own, Phase.DOCKED))
+    if len(docked):
+        row = int(own[docked[0]])
+        # The rates of the contact are those before it.
+        return Docking(True, _seconds(rows, row), f"docked at {_time(rows, row)}, {_offset(rows, _before(rows, own))}")
+    touching = np.flatnonzero(rows.column("contact")[own] == 1)
+    if len(touching):
+        row = int(own[touching[0]])
+        told = f"contact at {_time(rows, row)}, but no capture: {_offset(rows, _before(rows, own))} before it"
+        return Docking(False, _seconds(rows, row), told)
+    row = _decisive(rows, own)
+    return Docking(False, _seconds(rows, row), f"no contact: {_why(rows, own, row)}")
+
+
+def _decisive(rows: TelemetryTable, own: Ints) -> int:
+    """Return the row that decided: where the pose was lost for good, or the craft gave up; else the last one."""
+    tracking = rows.being("status", "tracking")[own]
+    seen = np.flatnonzero(tracking)
+    if not tracking[-1] and len(seen):
+        return int(own[seen[-1] + 1])
+    aborted = np.flatnonzero(_in_phase(rows, own, Phase.ABORTED))
+    return int(own[aborted[0]] if len(aborted) else own[-1])
+
+
+def _why(rows: TelemetryTable, own: Ints, row: int) -> str:
+    distance = f"{rows.column('docking_range_m')[row]:.2f} m before the port"
+    tracking = rows.being("status", "tracking")
+    if not tracking[own].any():
+        return f"it never had a pose{_lit(rows, row)}, {distance}"
+    if not tracking[own[-1]]:
+        return f"blind since {_time(rows, row)}{_lit(rows, row)}, lost {distance}"
+    phase = _phase(rows, row)
+    if phase == Phase.ABORTED.name.lower():
+        return f"it gave up after its last retreat, at {_time(rows, row)}, {distance}; {navigation(rows, row)}"
+    doing = f", in phase {phase}" if phase else ""
+    return f"at the end, {_time(rows, row)}, it was {distance}{doing}; {navigation(rows, row)}"
+
+
+def _before(rows: TelemetryTable, own: Ints) -> int:
+    """Return the craft's row before its first contact, its last one without."""
+    touching = np.flatnonzero(rows.column("contact")[own] == 1)
+    return int(own[max(touching[0] - 1, 0)] if len(touching) else own[-1])
+
+
+def _offset(rows: TelemetryTable, row: int) -> str:
+    lateral, angle, speed = (rows.column(f"docking_{name}")[row] for name in ("lateral_m", "angle_deg", "speed_m_s"))
+    return f"{1000 * lateral:.1f} mm beside the axis, {angle:.2f}°, {speed:.3f} m/s"
+
+
+def _in_phase(rows: TelemetryTable, own: Ints, phase: Phase) -> Bools:
+    return rows.being("phase", phase.name.lower())[own]
+
+
+def _phase(rows: TelemetryTable, row: int) -> str:
+    return next((name for name in PHASES if rows.being("phase", name)[row]), "")
+
+
+def _lit(rows: TelemetryTable, row: int) -> str:
+    lit = rows.column("visible")[row] if "visible" in rows.columns else np.nan
+    if not np.isfinite(lit):
+        return ""
+    own = rows.equipment.get(rows.names_of("craft")[rows.craft[row]])
+    if own is not None and not own.photodiodes:
+        return ""
+    return f", {lit:.0f}{'' if own is None else f' of {own.photodiodes}'} photodiodes lit"
+
+
+def _seconds(rows: TelemetryTable, row: int) -> float:
+    return float(rows.column("time_s")[row])
+
+
+def _time(rows: TelemetryTable, row: int) -> str:
+    return f"{_seconds(rows, row):.1f} s"
