@@ -161,6 +161,9 @@ def test_the_summary_gives_the_reason_of_an_ambiguous_pose() -> None:
     assert said.text.startswith("The pose of plate was ambiguous in 40% of the periods: its lit photodiodes lie in one")
     (said,) = warnings({"plate": figures})
     assert "acceleration_noise" in said.text
+    # A target that others observe by LiDAR has no light of its own.
+    target = {"mean_visible": 0.0, "observed": True, "nees": None, "ambiguous_share": 0.4}
+    assert warnings({"target": target}) == []
 
 
 def test_check_names_the_flat_craft() -> None:

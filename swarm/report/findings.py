@@ -184,9 +184,10 @@ def warnings(craft: Mapping[str, Figures]) -> list[Finding]:
 
 
 def _ambiguous(name: str, figures: Figures) -> str | None:
-    """Return why the pose of a craft was ambiguous, None if it hardly was."""
+    """Return why the pose that a craft had by its own photodiodes was ambiguous, None if it hardly was."""
     share = figures.get("ambiguous_share") or 0.0
-    if share <= AMBIGUOUS_MUCH:
+    # Of a target that others observe, `inspections` tells why its shape does not decide.
+    if share <= AMBIGUOUS_MUCH or not figures["mean_visible"]:
         return None
     return (
         f"The pose of {name} was ambiguous in {share:.0%} of the periods: its lit photodiodes lie in one plane, or look"
