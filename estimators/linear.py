@@ -108,3 +108,44 @@ def invert_spd_into(a: Floats, out: Floats) -> bool:
                 s += lower[k, i] * lower[k, j]
             out[i, j] = out[j, i] = s
     return True
+
+
+@kernel
+def absorb_row(p: Floats, x: Floats, h: Floats, y: float, variance: float, gain: Floats, scale: Floats) -> float:
+    """Take one measurement y = h x + noise into an estimate x of covariance P, in place; return its share of the NIS.
+
+        s = h P h^T + r,   x <- x + P h^T (y - h x) / s,   P <- P - P h^T h P / s,   NIS = (y - h x)^2 / s
+
+    Rows whose noise is independent are taken in one after the other.
+
+    Args:
+        p: (n, n), P, symmetric.
+        x: (n,).
+        h: (n,).
+        y: the measurement.
+        variance: r, of its noise.
+        gain: (n,), workspace.
+        scale: (1,), receives s.
+    """
+    n = len(x)
+    gain[:] = 0.0
+    for j in range(n):
+        factor = h[j]
+        for i in range(n):
+            gain[i] += factor * p[j, i]
+    s, left = variance, y
+    for i in range(n):
+        s += h[i] * gain[i]
+        left -= h[i] * x[i]
+    scale[0] = s
+    pivot = 1 / np.sqrt(s)
+    left *= pivot
+    for i in range(n):
+        gain[i] *= pivot
+    for i in range(n):
+        factor = gain[i]
+        x[i] += factor * left
+        for j in range(n):
+            p[i, j] -= factor * gain[j]
+    share: float = left * left
+    return share

@@ -50,6 +50,8 @@ class Estimate(NamedTuple):
     rejected: Ints
     sensor: Ints
     ccd: None = None
+    coupling: Ints = np.zeros(8, dtype=np.int64)
+    rows: Ints = np.zeros(8, dtype=np.int64)
 
 
 def period_of(

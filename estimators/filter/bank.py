@@ -29,10 +29,17 @@ from estimators.state import State
 
 
 class UpdateResult(NamedTuple):
-    """`accepted` (C,), and `nis` (C,), the normalised innovation squared of both fates, NaN where masked out."""
+    """`accepted` (C,), `nis` (C,), the normalised innovation squared of both fates, and `log_determinant` (C,) of the
+    innovation's covariance, NaN where masked out.
+    """
 
     accepted: Bools
     nis: Floats
+    log_determinant: Floats
+
+
+Result = tuple[Bools, Floats, Floats]
+"""The three parts of an `UpdateResult`, to be written."""
 
 
 class Given(NamedTuple):
@@ -45,6 +52,19 @@ class Given(NamedTuple):
     r: Floats
     rows: Ints
     gate: Floats
+
+
+class Independent(NamedTuple):
+    """Measurements of C craft whose noise is independent from row to row, checked: as `Given`, with the variances of
+    the rows (C, m) in the place of r; pivot (C, 3): points of the bodies about which corrections turn them.
+    """
+
+    y: Floats
+    h: Floats
+    variance: Floats
+    rows: Ints
+    gate: Floats
+    pivot: Floats
 
 
 @cache
@@ -221,15 +241,25 @@ class FilterBank(ABC):
         state.position[mask] += shift[mask]
         state.velocity[mask] += velocity[mask]
 
-    def update(self, mask: Bools, y: Floats, h: Floats, r: Floats, count: Ints | None = None) -> UpdateResult:
+    def update(
+        self,
+        mask: Bools,
+        y: Floats,
+        h: Floats,
+        r: Floats,
+        count: Ints | None = None,
+        pivot: Floats | None = None,
+    ) -> UpdateResult:
         """Take in measurements y = H x + noise, gated per craft; a craft whose rows are gated out keeps its state.
 
         Args:
             mask: (C,), the craft concerned.
             y: (C, m), innovations: measured minus predicted.
             h: (C, m, 12), derivatives H by the error state x.
-            r: (C, m, m), covariances of the noise.
+            r: (C, m, m), covariances of the noise; or (C, m), variances of rows with independent noise.
             count: (C,), the number of rows of each craft, the first of the m; None: all m.
+            pivot: (C, 3) [m], body frame: where large corrections turn the bodies about, with independent rows
+                (`estimators.pivot`); None: their origins.
 
         Raises:
             ValueError: a wrong shape, a value that is not finite, a covariance that is not positive definite, a craft
@@ -242,6 +272,21 @@ class FilterBank(ABC):
         used = np.full(craft, rows) if count is None else np.ascontiguousarray(count, dtype=np.int64)
         if used.shape != (craft,) or np.any((used < 0) | (used > rows)):
             raise ValueError(f"count: expected {(craft,)} numbers from 0 to {rows}")
+        if np.ndim(r) == 2:
+            independent = Independent(
+                self._shaped("y", y, (rows,)),
+                self._shaped("h", h, (rows, STATES)),
+                self._shaped("r", r, (rows,)),
+                used,
+                gates(self.gate_probability, rows),
+                self._argument("pivot", np.zeros((craft, 3)) if pivot is None else pivot, (3,), mask),
+            )
+            if (wrong := _wrong_row(mask, independent)) >= 0:
+                reason = ("not finite", "not finite", "a variance is not positive and finite")[wrong]
+                raise ValueError(f"{'yhr'[wrong]}: {reason} for a craft of the mask")
+            result = self._nothing()
+            self._update_independent(mask & (used > 0), independent, result)
+            return UpdateResult(*result)
         there = np.arange(rows) < used[:, None]
         # Rows that a craft does not have are not read: whatever stands there becomes zero.
         y = self._argument("y", np.where(there, y, 0.0), (rows,), mask)
@@ -277,6 +322,13 @@ class FilterBank(ABC):
         innovations_into(mask, rotation, position, self._state, rate_coupling, y, h)
         return self._taken("covariance", mask, y, h, covariance, np.full(len(mask), POSE))
 
+    def adopt(self, mask: Bools, state: State, covariance: Floats) -> None:
+        """Take over states and covariances (C, 12, 12) of these craft, and start those that are not active."""
+        for own, given in zip((*self._state, self._covariance), (*state, covariance), strict=True):
+            own[mask] = given[mask]
+        self._active[mask] = True
+        self._begin(mask)
+
     def stop(self, mask: Bools) -> None:
         """Forget the state of these craft."""
         mask = self._checked(mask, active=False)
@@ -294,20 +346,28 @@ class FilterBank(ABC):
         """Move these craft on by `step` (C,) [s]."""
 
     @abstractmethod
-    def _update(self, mask: Bools, given: Given, accepted: Bools, nis: Floats) -> int:
-        """Take in the rows of these craft, write `accepted` (C,) and `nis` (C,).
+    def _update(self, mask: Bools, given: Given, result: Result) -> int:
+        """Take in the rows of these craft, and write their fates.
 
         Returns -1, or the first craft whose covariance of the innovation is not positive definite.
         """
 
+    @abstractmethod
+    def _update_independent(self, mask: Bools, given: Independent, result: Result) -> None:
+        """Take in the rows of these craft, and write their fates."""
+
     def _taken(self, name: str, mask: Bools, y: Floats, h: Floats, r: Floats, count: Ints) -> UpdateResult:
         """Update with checked rows; `name` is the argument to blame for an indefinite covariance."""
-        accepted, nis = np.zeros(len(mask), dtype=np.bool_), np.full(len(mask), np.nan)
+        result = self._nothing()
         given = Given(y, h, r, count, gates(self.gate_probability, y.shape[1]))
-        indefinite = self._update(mask, given, accepted, nis)
+        indefinite = self._update(mask, given, result)
         if indefinite >= 0:
             raise ValueError(f"{name}: not positive definite for craft {indefinite}")
-        return UpdateResult(accepted, nis)
+        return UpdateResult(*result)
+
+    def _nothing(self) -> Result:
+        craft = len(self._active)
+        return np.zeros(craft, dtype=np.bool_), np.full(craft, np.nan), np.full(craft, np.nan)
 
     def _checked(self, mask: Bools, active: bool = True) -> Bools:
         """The mask; all the craft that it names must be active if `active`."""
@@ -350,6 +410,23 @@ def _finite(array: Floats, mask: Bools) -> bool:
                 if not np.isfinite(array[c, i]):
                     return False
     return True
+
+
+@kernel
+def _wrong_row(mask: Bools, given: Independent) -> int:
+    """Return 0, 1 or 2 if y, H or a variance of a craft of the mask is not as it must be; -1 if all are."""
+    for c in range(len(mask)):
+        if not mask[c]:
+            continue
+        for a in range(given.rows[c]):
+            if not np.isfinite(given.y[c, a]):
+                return 0
+            for i in range(STATES):
+                if not np.isfinite(given.h[c, a, i]):
+                    return 1
+            if not 0 < given.variance[c, a] < np.inf:
+                return 2
+    return -1
 
 
 @kernel

@@ -8,6 +8,13 @@ noise of covariance R, the usual forms are regrouped so that nothing is inverted
     G = H P,  S = G H^T + R = L L^T,  Z = L^-1 G,  z = L^-1 y
     NIS = z^T z,   x = Z^T z,   P <- P - Z^T Z
 
+Where an update leaves less than `SHRUNK` of a variance, as the first ones do of the rates', the difference loses as
+many digits, and a quiet model forgets so little that they stay lost. There P is computed in the form of Joseph,
+
+    K = Z^T L^-T,   P <- (I - K H) P (I - K H)^T + K R K^T
+
+Rows of independent noise are taken in one after the other (`estimators.linear.absorb_row`), which is the same.
+
 filterpy takes S^-1 and the Joseph form instead. In exact arithmetic they are the same; in ours they differ by the
 rounding of P, some 1e-13 of it (tested: every column of the telemetry to 1e-9).
 """
@@ -15,7 +22,7 @@ rounding of P, some 1e-13 of it (tested: every column of the telemetry to 1e-9).
 import numpy as np
 
 from estimators.arrays import Bools, Floats
-from estimators.filter.bank import FilterBank, Given
+from estimators.filter.bank import FilterBank, Given, Independent, Result
 from estimators.filter.error_state import (
     POSE,
     POSE_COLUMNS,
@@ -24,9 +31,13 @@ from estimators.filter.error_state import (
     correct,
 )
 from estimators.kernel import kernel
-from estimators.linear import cholesky_into
+from estimators.linear import absorb_row, cholesky_into
+from estimators.pivot import ARMS, is_wide, shear, turn_about
 from estimators.rotation import exp_into, left_jacobian_into, multiply_into
 from estimators.state import State
+
+SHRUNK = 1e-3
+"""Share of a variance that an update may leave before the covariance is computed in the form of Joseph."""
 
 
 class CompiledFilterBank(FilterBank):
@@ -46,8 +57,11 @@ class CompiledFilterBank(FilterBank):
             self._covariance,
         )
 
-    def _update(self, mask: Bools, given: Given, accepted: Bools, nis: Floats) -> int:
-        return _update_all(mask, given, self._state, self._covariance, accepted, nis)
+    def _update(self, mask: Bools, given: Given, result: Result) -> int:
+        return _update_all(mask, given, self._state, self._covariance, result)
+
+    def _update_independent(self, mask: Bools, given: Independent, result: Result) -> None:
+        _update_one_by_one(mask, given, self._state, self._covariance, result)
 
 
 @kernel
@@ -123,15 +137,60 @@ def _picked(h: Floats) -> int:
 
 
 @kernel
-def _update_all(mask: Bools, given: Given, state: State, covariance: Floats, accepted: Bools, nis: Floats) -> int:
+def _has_shrunk(before: Floats, after: Floats) -> bool:
+    """Return whether less than SHRUNK of a variance is left."""
+    shrunk = False
+    for i in range(STATES):
+        shrunk = shrunk or after[i, i] < SHRUNK * before[i, i]
+    return shrunk
+
+
+@kernel
+def _joseph_into(p: Floats, gain: Floats, h: Floats, r: Floats, out: Floats) -> None:
+    """Write (I - K H) P (I - K H)^T + K R K^T into `out` (12, 12).
+
+    Args:
+        p: (12, 12), P.
+        gain: (n, 12), K^T.
+        h: (n, 12), H.
+        r: (n, n), R.
+        out: (12, 12).
+    """
+    n = len(gain)
+    rest, half = np.empty((STATES, STATES)), np.empty((STATES, STATES))
+    for i in range(STATES):
+        for j in range(STATES):
+            rest[i, j] = 1.0 if i == j else 0.0
+            for a in range(n):
+                rest[i, j] -= gain[a, i] * h[a, j]
+    for i in range(STATES):
+        for j in range(STATES):
+            half[i, j] = 0.0
+            for k in range(STATES):
+                half[i, j] += rest[i, k] * p[k, j]
+    for i in range(STATES):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(STATES):
+                total += half[i, k] * rest[j, k]
+            for a in range(n):
+                for d in range(n):
+                    total += gain[a, i] * r[a, d] * gain[d, j]
+            out[i, j] = out[j, i] = total
+
+
+@kernel
+def _update_all(mask: Bools, given: Given, state: State, covariance: Floats, result: Result) -> int:
     """Take in the rows of the craft of the mask; -1, or the first craft whose S is not positive definite.
 
     Sums go by groups: pose columns, then angular rate, then velocity. A row that has a single 1 in its pose columns, as
     those of a solved pose have, H = [I B], picks it instead of summing: the fast path of poses.
     """
+    accepted, nis, log_determinant = result
     most = given.y.shape[1]
     y, g = np.empty(most), np.empty((most, STATES))
     s, lower = np.empty((most, most)), np.zeros((most, most))
+    left = np.empty((STATES, STATES))
     x, total, picked = np.empty((STATES, 1)), np.empty(STATES), np.empty(most, np.int64)
     for c in range(len(mask)):
         if not mask[c]:
@@ -184,7 +243,9 @@ def _update_all(mask: Bools, given: Given, state: State, covariance: Floats, acc
         squared = 0.0
         for a in range(n):
             squared += y[a] * y[a]
-        nis[c] = squared
+        nis[c], log_determinant[c] = squared, 0.0
+        for a in range(n):
+            log_determinant[c] += 2 * np.log(lower[a, a])
         accepted[c] = squared <= given.gate[n]
         if not accepted[c]:
             continue
@@ -203,6 +264,64 @@ def _update_all(mask: Bools, given: Given, state: State, covariance: Floats, acc
                 for j in range(STATES):
                     total[j] += g[a, i] * g[a, j]
             for j in range(STATES):
-                p[i, j] -= total[j]
+                left[i, j] = p[i, j] - total[j]
+        if _has_shrunk(p, left):
+            for a in range(n - 1, -1, -1):  # K^T = L^-T Z
+                for k in range(a + 1, n):
+                    factor = lower[k, a]
+                    for i in range(STATES):
+                        g[a, i] -= factor * g[k, i]
+                for i in range(STATES):
+                    g[a, i] /= lower[a, a]
+            _joseph_into(p, g[:n], h[:n], given.r[c, :n, :n], left)
+        p[:] = left
         correct(state.rotation[c], state.angular_rate[c], state.position[c], state.velocity[c], x)
     return -1
+
+
+@kernel
+def _update_one_by_one(mask: Bools, given: Independent, state: State, covariance: Floats, result: Result) -> None:
+    """Take in the rows of the craft of the mask, one after the other."""
+    accepted, nis, log_determinant = result
+    p, x, gain = np.empty((STATES, STATES)), np.empty(STATES), np.empty(STATES)
+    left = np.empty((STATES, STATES))
+    arms, scale = np.empty(ARMS), np.empty(1)
+    for c in range(len(mask)):
+        if not mask[c]:
+            continue
+        p[:] = covariance[c]
+        x[:] = 0.0
+        squared, spread, n = 0.0, 0.0, given.rows[c]
+        for a in range(n):
+            squared += absorb_row(p, x, given.h[c, a], given.y[c, a], given.variance[c, a], gain, scale)
+            spread += np.log(scale[0])
+        nis[c], log_determinant[c] = squared, spread
+        if _has_shrunk(covariance[c], p):
+            p[:] = covariance[c]
+            for a in range(n):
+                h, r = given.h[c, a : a + 1], given.variance[c, a : a + 1]
+                for i in range(STATES):
+                    gain[i] = 0.0
+                    for j in range(STATES):
+                        gain[i] += p[i, j] * h[0, j]
+                s = r[0]
+                for i in range(STATES):
+                    s += h[0, i] * gain[i]
+                for i in range(STATES):
+                    gain[i] /= s
+                _joseph_into(p, gain.reshape(1, STATES), h, r.reshape(1, 1), left)
+                p[:] = left
+        accepted[c] = squared <= given.gate[n]
+        if accepted[c]:
+            turn_about(
+                state.rotation[c],
+                state.angular_rate[c],
+                state.position[c],
+                state.velocity[c],
+                x,
+                given.pivot[c],
+                arms,
+            )
+            if is_wide(p):
+                shear(p, arms)
+            covariance[c] = p

@@ -10,7 +10,7 @@ import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 
 from estimators.arrays import Bools, Floats
-from estimators.filter.bank import FilterBank, Given
+from estimators.filter.bank import FilterBank, Given, Independent, Result
 from estimators.filter.error_state import (
     POSE,
     STATES,
@@ -19,6 +19,7 @@ from estimators.filter.error_state import (
     propagate,
     transition_into,
 )
+from estimators.pivot import ARMS, is_wide, shear, turn_about
 
 
 class PoseFilterBank(FilterBank):
@@ -31,7 +32,9 @@ class PoseFilterBank(FilterBank):
 
     def _begin(self, mask: Bools) -> None:
         for i in np.flatnonzero(mask).tolist():
-            f = self._filter[i] = ExtendedKalmanFilter(STATES, POSE)
+            if i not in self._filter:
+                self._filter[i] = ExtendedKalmanFilter(STATES, POSE)
+            f = self._filter[i]
             f.P = self._covariance[i].copy()
 
     def _predict(self, mask: Bools, step: Floats) -> None:
@@ -44,26 +47,59 @@ class PoseFilterBank(FilterBank):
             propagate(state.rotation[i], state.angular_rate[i], state.position[i], state.velocity[i], step[i])
             self._covariance[i] = f.P
 
-    def _update(self, mask: Bools, given: Given, accepted: Bools, nis: Floats) -> int:
-        state = self._state
+    def _update(self, mask: Bools, given: Given, result: Result) -> int:
         for i in np.flatnonzero(mask).tolist():
-            f, n = self._filter[i], given.rows[i]
-            h = given.h[i, :n]
-            x_prior, p_prior = f.x, f.P
-            try:
-                # y is a column, as Hx is: filterpy would broadcast a 1-D measurement into a matrix.
-                f.update(given.y[i, :n, None], _matrix, _predicted, R=given.r[i, :n, :n], args=(h,), hx_args=(h,))
-                nis[i] = f.mahalanobis**2
-            except ValueError:  # a singular S, or the root of a negative number
-                f.x, f.P = x_prior, p_prior
+            n = given.rows[i]
+            x = self._take(i, given.y[i, :n], given.h[i, :n], given.r[i, :n, :n], given.gate[n], result)
+            if x is None:
                 return i
-            accepted[i] = nis[i] <= given.gate[n]
-            if accepted[i]:
-                correct(state.rotation[i], state.angular_rate[i], state.position[i], state.velocity[i], f.x)
-                self._covariance[i] = f.P
-            else:
-                f.x, f.P = x_prior, p_prior
+            if result[0][i]:
+                state = self._state
+                correct(state.rotation[i], state.angular_rate[i], state.position[i], state.velocity[i], x)
+                self._covariance[i] = self._filter[i].P
         return -1
+
+    def _update_independent(self, mask: Bools, given: Independent, result: Result) -> None:
+        for i in np.flatnonzero(mask).tolist():
+            n = given.rows[i]
+            noise = np.diag(given.variance[i, :n])
+            x = self._take(i, given.y[i, :n], given.h[i, :n], noise, given.gate[n], result)
+            if x is None:
+                raise ValueError(f"covariance: not positive definite for craft {i}")
+            if result[0][i]:
+                s, f, arms = self._state.of(i), self._filter[i], np.empty(ARMS)
+                turn_about(s.rotation, s.angular_rate, s.position, s.velocity, x[:, 0], given.pivot[i], arms)
+                if is_wide(f.P):
+                    shear(f.P, arms)
+                x[:] = 0.0
+                self._covariance[i] = f.P
+
+    def _take(self, i: int, y: Floats, h: Floats, r: Floats, gate: float, result: Result) -> Floats | None:
+        """Return the estimated error (12, 1) by the rows of one craft; None if its innovation's covariance is not
+        positive definite.
+
+        Args:
+            i: the craft.
+            y: (n,), innovations.
+            h: (n, 12), H.
+            r: (n, n), covariance of the noise.
+            gate: largest normalised innovation squared that is let in.
+            result: receives the fate.
+        """
+        f = self._filter[i]
+        accepted, nis, log_determinant = result
+        x_prior, p_prior = f.x, f.P
+        try:
+            # y is a column, as Hx is: filterpy would broadcast a 1-D measurement into a matrix.
+            f.update(y[:, None], _matrix, _predicted, R=r, args=(h,), hx_args=(h,))
+            nis[i], log_determinant[i] = f.mahalanobis**2, np.linalg.slogdet(f.S)[1]
+        except ValueError:  # a singular S, or the root of a negative number
+            f.x, f.P = x_prior, p_prior
+            return None
+        accepted[i] = nis[i] <= gate
+        if not accepted[i]:
+            f.x, f.P = x_prior, p_prior
+        return f.x  # type: ignore[no-any-return]
 
 
 def _matrix(x: Floats, h: Floats) -> Floats:

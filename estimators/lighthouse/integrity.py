@@ -93,18 +93,26 @@ def noncentralities(threshold: Floats, missed_detection: float) -> Floats:
     """Return the least b^T A b / a^2 of a fault that the test misses with no more than this probability; as
     `thresholds`.
     """
+    return np.array([_least(threshold[n], 2.0 * n - 6, missed_detection) for n in range(len(threshold))])
 
-    def least(n: int) -> float:
-        redundancy = 2.0 * n - 6
-        if redundancy <= 0:
-            return float(np.inf)
 
-        def too_often(noncentrality: float) -> float:
-            return float(chndtr(threshold[n], redundancy, noncentrality)) - missed_detection
+def shown_to_gate(gate: Floats, missed_detection: float) -> Floats:
+    """Return the least noncentrality that a gate on n = 0, 1, ... rows misses with no more than this probability.
 
-        return float(brentq(too_often, 0.0, 10 * (threshold[n] + 100), xtol=1e-6))
+    gate: (rows + 1,), the largest normalised innovation squared that is let in.
+    """
+    return np.array([_least(gate[n], float(n), missed_detection) for n in range(len(gate))])
 
-    return np.array([least(n) for n in range(len(threshold))])
+
+def _least(threshold: float, freedom: float, missed_detection: float) -> float:
+    """Return the least noncentrality that a threshold misses with this probability; infinite without freedom."""
+    if freedom <= 0:
+        return float(np.inf)
+
+    def too_often(noncentrality: float) -> float:
+        return float(chndtr(threshold, freedom, noncentrality)) - missed_detection
+
+    return float(brentq(too_often, 0.0, 10 * (threshold + 100), xtol=1e-6))
 
 
 @kernel

@@ -15,6 +15,8 @@ Per lighthouse period, after PnP:
   (`estimators.lighthouse.slope`), L being the noncentrality that it misses with the probability `missed_detection`. A
   filter that coasts keeps the second term of the last pose that it took in. If its gate refuses a pose, one of the
   two is wrong: the filter's level then covers the distance to the pose and the pose's own level.
+- A filter that takes in single sweeps of one to three photodiodes has the term of its last pose and one for the false
+  photodiode among these, which the gate has missed (`estimators.lighthouse.innovation.fault_slopes`).
 - The alert is raised if the filter's level exceeds its limit, or if there is no estimate.
 
 The rotor's speed is monitored as well. Flashes come once per turn; a turn that is too long or too short by the craft's
@@ -202,7 +204,9 @@ class Monitor:
         found = consistent_subset(one, rotation, position, self._noise, rate_covariance, self._threshold)
         return None if found is None else found.lit
 
-    def levels(self, screened: Screened, precision: Dilution, taken: Taken, after: Filtered) -> Integrity:
+    def levels(
+        self, screened: Screened, precision: Dilution, taken: Taken, after: Filtered, sweep_fault: Floats
+    ) -> Integrity:
         """Return the protection levels of this period's poses, and of the filters after them.
 
         Args:
@@ -210,6 +214,7 @@ class Monitor:
             precision: their dilution of precision.
             taken: result of the update of every filter with its pose.
             after: filters after every fix of the period.
+            sweep_fault: (2, C), what a false photodiode among single sweeps may do: position [m], attitude [deg].
         """
         s, out, active = self.settings, np.empty((4, len(screened.used))), after.active
         _levels_into(
@@ -225,6 +230,8 @@ class Monitor:
             self._held,
             out,
         )
+        out[:2, ~screened.solution.solved] = np.nan
+        out[2:] += sweep_fault
         if (refused := taken.refused & active).any():
             at, pose = np.flatnonzero(refused), screened.solution
             distance = np.linalg.norm(pose.position[at] - after.state.position[at], axis=1)

@@ -24,13 +24,11 @@ from estimators.state import State
 from swarm.onboard.acquisition import DECISIVE, NONE, Hypotheses, Sighting, advance, search
 from swarm.onboard.decoder import SweepAngles
 from swarm.onboard.integrity import Integrity, Monitor, Screened
-from swarm.onboard.settings import NavigationSettings, Sensor
+from swarm.onboard.settings import MIN_LIT, NavigationSettings, Sensor
 from swarm.onboard.tracks import UNKNOWN_RATE, Filtered, PoseFix, Taken, Tracks
 
 SIDE_PERIODS = 6
 """Periods after which the evidence on the sign of a tilt is forgotten: a craft may have turned meanwhile."""
-MIN_LIT = 4
-"""Least number of photodiodes for a pose (source 1, section 2)."""
 LARGEST_BLIND_S = 0.25
 """Time without a pose [s] beyond which a track predicts no angle."""
 
@@ -38,11 +36,13 @@ LARGEST_BLIND_S = 0.25
 class Light(NamedTuple):
     """Results of C craft from the lighthouse's light in one period.
 
-    visible: number of photodiodes seen by both fans, (C,). screened: poses after the residual test. dilution: dilution
-    of precision at those poses.
+    visible: number of photodiodes seen by both fans, (C,). theta: measured sweep angles, less the rotor's speed, NaN
+    where not seen, (C, K, 2) [rad]. screened: poses after the residual test. dilution: dilution of precision at those
+    poses.
     """
 
     visible: Ints
+    theta: Floats
     screened: Screened
     dilution: Dilution
 
@@ -114,11 +114,13 @@ class LighthouseFix:
         """Return the poses that all craft derive from their angles, starting from the filters' predictions."""
         s, active = self.settings, tracks.bank.active
         predicted = s.station.state_into(tracks.bank.state)
-        theta, lit = self._ideal(angles)
+        turned, theta, lit = self._ideal(angles)
         visible = np.count_nonzero(lit, axis=1)
         enough = visible >= MIN_LIT
         start = self._acquire(theta, lit, angles.offset_s, enough, predicted, tracks)
-        known = enough & (active | start.found)
+        # In tight mode the sweeps themselves go into a filter that runs; a pose only starts one, or finds it again.
+        solved = tracks.lost(s.search_again_s) if s.coupling == "tight" else active
+        known = enough & (solved | start.found)
         # The motion within the period as each craft estimates it; a craft with its first pose has no estimate of it.
         moves = active[:, None] & s.motion_compensation
         sweeps = Sweeps(
@@ -130,40 +132,45 @@ class LighthouseFix:
             velocity=np.where(moves, predicted.velocity, 0.0),
         )
         screened = self._solve(sweeps, known, visible, start, tracks)
+        # Where the sweeps themselves go into the filter, precision is that at the prediction.
+        unsolved = enough & active & ~known
+        at = State(screened.solution.rotation, screened.solution.position, predicted.velocity, predicted.angular_rate)
+        at = predicted.where(unsolved, at) if unsolved.any() else at
         precision = dilution(
-            screened.solution.rotation,
-            screened.solution.position,
-            screened.lit,
+            at.rotation,
+            at.position,
+            np.where(unsolved[:, None], lit, screened.lit),
             sweeps.point_m,
             sweeps.offset_s,
             sweeps.angular_rate,
             sweeps.velocity,
             s.rotor_correlation,
-            screened.solution.solved,
+            screened.solution.solved | unsolved,
         )
         rotation, position = s.station.pose_out(screened.solution.rotation, screened.solution.position)
         rows = self._rows(sweeps, screened, precision, predicted, tracks)
         screened = screened._replace(solution=screened.solution._replace(rotation=rotation, position=position))
         fix = self._spread_out(self._fix(screened, precision), start.spread)._replace(rows=rows)
-        return Light(visible, screened, precision), fix
+        return Light(visible, turned, screened, precision), fix
 
-    def levels(self, light: Light, taken: Taken, after: Filtered) -> Integrity:
+    def levels(self, light: Light, taken: Taken, after: Filtered, sweep_fault: Floats) -> Integrity:
         """Return the protection levels of this period's poses, and of the filters after all fixes.
 
         Args:
             light: this period's results from the lighthouse.
             taken: result of the update of every filter with its pose.
             after: filters after all fixes.
+            sweep_fault: (2, C), of single sweeps, as in `Monitor.levels`.
         """
-        return self._monitor.levels(light.screened, light.dilution, taken, after)
+        return self._monitor.levels(light.screened, light.dilution, taken, after, sweep_fault)
 
-    def _ideal(self, angles: SweepAngles) -> tuple[Floats, Bools]:
-        """Return the angles (C, K, 2) less rotor speed and fan errors, and the mask (C, K) where both are known."""
+    def _ideal(self, angles: SweepAngles) -> tuple[Floats, Floats, Bools]:
+        """Return the angles (C, K, 2) less rotor speed, and less fan errors too, and the mask (C, K) of the latter."""
         s = self.settings
         speed = self._monitor.speed(angles, s.frame_s)
         turned = angles.theta if speed is None else angles.theta * speed[:, None, None]
         theta = correct(turned, (s.fan_x, s.fan_y))
-        return theta, angles.lit & np.isfinite(theta[..., 0]) & np.isfinite(theta[..., 1])
+        return turned, theta, angles.lit & np.isfinite(theta[..., 0]) & np.isfinite(theta[..., 1])
 
     def _solve(self, sweeps: Sweeps, known: Bools, visible: Ints, start: _Start, tracks: Tracks) -> Screened:
         """Solve every craft's pose from its start, and test the residuals."""
@@ -236,7 +243,7 @@ class LighthouseFix:
         active = tracks.bank.active
         self._period += 1
         start = _Start(np.zeros(len(enough), dtype=np.bool_), predicted.rotation, predicted.position, {})
-        lost = active & (tracks.since_update_s > self.settings.search_again_s)
+        lost = tracks.lost(self.settings.search_again_s)
         who = np.flatnonzero(enough & (lost | ~active))
         before = [self._hypotheses[i] for i in who]
         sightings = [Sighting(theta[i], lit[i], self._point_m[i], offset_s[i]) for i in who]

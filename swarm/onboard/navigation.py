@@ -4,6 +4,7 @@ Per lighthouse period and craft, all to the epoch:
 
     own orders and orbit -> prediction              swarm.onboard.tracks
     lighthouse -> pose with covariance s^2 H         swarm.onboard.lighthouse_fix
+               or its sweep angles, one by one       swarm.onboard.single_sweeps
     cameras -> pose with covariance                  swarm.onboard.ccd
     each pose -> EKF                                 estimators.filter
 
@@ -19,6 +20,7 @@ from estimators.arrays import Bools, Floats, Ints
 from estimators.filter.bank import FilterBank
 from estimators.filter.compiled import CompiledFilterBank
 from estimators.filter.filterpy_bank import PoseFilterBank
+from estimators.filter.interacting import InteractingBank
 from estimators.filter.smoother import Prediction, predicted
 from estimators.lighthouse.dop import Dilution
 from estimators.lighthouse.pnp import PoseSolution
@@ -29,8 +31,9 @@ from swarm.onboard.ccd import CameraFix, CcdCalibration, CcdFix
 from swarm.onboard.decoder import SweepAngles
 from swarm.onboard.integrity import Integrity
 from swarm.onboard.lighthouse_fix import Light, LighthouseFix
-from swarm.onboard.settings import NavigationSettings, Sensor, Status
-from swarm.onboard.tracks import PoseFix, Taken, TrackLimits, Tracks
+from swarm.onboard.settings import MIN_LIT, Coupling, NavigationSettings, Sensor, Status
+from swarm.onboard.single_sweeps import SingleSweeps, SweepsTaken
+from swarm.onboard.tracks import Filtered, PoseFix, Taken, TrackLimits, Tracks
 
 MOST_BY_FILTERPY = 64
 """Largest number of craft filtered by FilterPy; more are filtered by the compiled bank, unless configured otherwise."""
@@ -42,10 +45,11 @@ class Estimate(NamedTuple):
     status: codes of `Status`, (C,). visible: number of photodiodes seen by both fans, (C,). pnp: this period's own
     poses. dilution: dilution of precision at those poses. rotation (C, 3, 3), position (C, 3) [m], angular_rate (C, 3)
     [rad/s], velocity (C, 3) [m/s] and covariance (C, 12, 12), ordered (attitude, angular rate, position, velocity): the
-    filter's, in the lighthouse frame. nis: normalised innovation squared of this period's pose, (C,). missed_sync,
-    rejected: counts of the decoder, (C,). sensor: codes of `Sensor`, (C,). ccd: the cameras' results; None if no craft
-    has any. integrity: integrity of the craft's own poses. prediction: the filters before this period's poses, where
-    the settings ask for the history of the filter.
+    filter's, in the lighthouse frame. nis: normalised innovation squared of this period's pose, or of its single
+    sweeps, (C,). missed_sync, rejected: counts of the decoder, (C,). sensor: codes of `Sensor`, (C,). ccd: the cameras'
+    results; None if no craft has any. integrity: integrity of the craft's own poses. coupling: codes of `Coupling`,
+    (C,). rows: number of single sweeps in the filter, (C,). prediction: the filters before this period's measurements,
+    where the settings ask for the history of the filter.
     """
 
     status: Ints
@@ -63,6 +67,8 @@ class Estimate(NamedTuple):
     sensor: Ints
     ccd: CcdFix | None
     integrity: Integrity
+    coupling: Ints
+    rows: Ints
     prediction: Prediction | None = None
 
     @property
@@ -73,11 +79,37 @@ class Estimate(NamedTuple):
         )
 
 
+def _bank(craft: int, kind: type[FilterBank], s: NavigationSettings) -> FilterBank:
+    """Return the filters of C craft: one model of motion, or a quiet one beside it."""
+    gate = s.gate_probability
+    pushed = kind(
+        craft,
+        acceleration_noise_m_s2=s.acceleration_noise_m_s2,
+        angular_acceleration_noise_rad_s2=s.angular_acceleration_noise_rad_s2,
+        gate_probability=gate,
+    )
+    if s.quiet is None:
+        return pushed
+    quiet = kind(
+        craft,
+        acceleration_noise_m_s2=min(s.quiet.acceleration_noise_m_s2, s.acceleration_noise_m_s2),
+        angular_acceleration_noise_rad_s2=min(
+            s.quiet.angular_acceleration_noise_rad_s2, s.angular_acceleration_noise_rad_s2
+        ),
+        gate_probability=gate,
+    )
+    return InteractingBank(quiet, pushed, s.quiet.quiet_s, s.quiet.manoeuvre_s)
+
+
 class Navigator:
     """The navigation computers of C craft: `step` takes one period's signals and returns each craft's estimate."""
 
     def __init__(
-        self, photodiodes: Photodiodes, settings: NavigationSettings, cameras: Sequence[CcdCalibration] = ()
+        self,
+        photodiodes: Photodiodes,
+        settings: NavigationSettings,
+        cameras: Sequence[CcdCalibration] = (),
+        inertia: Floats | None = None,
     ) -> None:
         """Start with craft whose own states are unknown.
 
@@ -85,19 +117,16 @@ class Navigator:
             photodiodes: layout that each craft assumes for itself (nominal or calibrated).
             settings: settings of every craft's navigation.
             cameras: calibrations of the craft that carry a pair of cameras, in the order of their images.
+            inertia: (C, 3, 3) [kg m^2], body frame, of craft that turn without torque; NaN for the others; None: all.
         """
         s, craft = settings, photodiodes.craft_count
         compiled = craft > MOST_BY_FILTERPY if s.filter == "auto" else s.filter == "compiled"
         kind: type[FilterBank] = CompiledFilterBank if compiled else PoseFilterBank
-        bank = kind(
-            craft,
-            acceleration_noise_m_s2=s.acceleration_noise_m_s2,
-            angular_acceleration_noise_rad_s2=s.angular_acceleration_noise_rad_s2,
-            gate_probability=s.gate_probability,
-        )
         self.settings = s
-        self.tracks = Tracks(bank, s.frame_s, TrackLimits(s.coast_limit_s, s.rejections_limit), s.orbit)
+        bank = _bank(craft, kind, s)
+        self.tracks = Tracks(bank, s.frame_s, TrackLimits(s.coast_limit_s, s.rejections_limit), s.orbit, inertia)
         self._light = LighthouseFix(photodiodes.point_m, s)
+        self._sweeps = SingleSweeps(photodiodes.point_m, s)
         self._cameras = CameraFix(cameras)
 
     def forget(self, mask: Bools) -> None:
@@ -124,14 +153,22 @@ class Navigator:
         prediction = self._predict(command)
         light, fix = self._light.find(angles, tracks)
         fixes, taken = [fix], [tracks.take_in(fix)]
+        sweeps = self._single(angles, light, fix, tracks)
         seen = None
         if signals is not None and signals.images is not None:
             seen, fix = self._cameras.find(signals.images, tracks)
             fixes.append(fix)
             taken.append(tracks.take_in(fix))
             seen = seen._replace(nis=taken[-1].nis)
-        tracks.count(np.any([t.fresh for t in taken], axis=0), np.any([t.refused for t in taken], axis=0))
-        estimate = self._estimate(angles, light, seen, fixes, taken)
+        pose, refused = (np.any([part[i] for part in taken], axis=0) for i in (0, 1))
+        decide = sweeps.photodiodes >= MIN_LIT
+        tracks.count(
+            pose | (sweeps.fresh & decide),
+            sweeps.fresh & ~decide,
+            # Three photodiodes that contradict the filter do not prove it wrong: it coasts.
+            refused | (sweeps.refused & (light.visible >= MIN_LIT)),
+        )
+        estimate = self._estimate(angles, light, seen, fixes, taken, sweeps)
         if prediction is None:
             return estimate
         # A filter that was stopped in this period has no estimate that could be smoothed.
@@ -145,6 +182,17 @@ class Navigator:
             return None
         return predicted(tracks.bank, self.settings.frame_s, lambda: tracks.predict(command))
 
+    def _single(self, angles: SweepAngles, light: Light, fix: PoseFix, tracks: Tracks) -> SweepsTaken:
+        """Update the filters whose craft use single sweeps in this period."""
+        without = ~fix.known & (self.settings.coupling != "loose")
+        return self._sweeps.take_in(light.theta, angles.offset_s, without, tracks)
+
+    def _integrity(self, light: Light, taken: Taken, sweeps: SweepsTaken, after: Filtered) -> Integrity:
+        """Return the integrity of poses and filters; rows of as many photodiodes as decide a pose count as one."""
+        pose = taken._replace(fresh=taken.fresh | (sweeps.fresh & (sweeps.photodiodes >= MIN_LIT)))
+        found = self._light.levels(light, pose, after, sweeps.fault)
+        return found._replace(dropped=np.where(sweeps.dropped != 0, sweeps.dropped, found.dropped))
+
     def _estimate(
         self,
         angles: SweepAngles,
@@ -152,13 +200,18 @@ class Navigator:
         seen: CcdFix | None,
         fixes: Sequence[PoseFix],
         taken: Sequence[Taken],
+        sweeps: SweepsTaken,
     ) -> Estimate:
         after = self.tracks.filtered()
         sensor = np.full(len(light.visible), Sensor.NONE, dtype=np.int64)
         for fix, became in zip(fixes, taken, strict=True):
             sensor = np.where(became.fresh, sensor | fix.sensor, sensor)
+        sensor = np.where(sweeps.fresh, sensor | Sensor.LIGHTHOUSE, sensor)
+        tight = sweeps.fresh & after.active
+        coupling = np.where(tight, Coupling.TIGHT, np.where(taken[0].fresh, Coupling.LOOSE, Coupling.NONE))
         status = np.where(self._light.undecided, Status.AMBIGUOUS, Status.SEARCHING)
-        fresh = np.where(self.tracks.since_update_s == 0.0, Status.TRACKING, Status.COASTING)
+        fresh = np.where(self.tracks.since_update_s == 0.0, Status.SINGLE_SWEEPS, Status.COASTING)
+        fresh = np.where(self.tracks.since_pose_s == 0.0, Status.TRACKING, fresh)
         return Estimate(
             status=np.where(after.active, fresh, status).astype(np.int64),
             visible=light.visible,
@@ -169,10 +222,12 @@ class Navigator:
             angular_rate=after.state.angular_rate,
             velocity=after.state.velocity,
             covariance=after.covariance,
-            nis=taken[0].nis,
+            nis=np.where(np.isfinite(sweeps.nis), sweeps.nis, taken[0].nis),
             missed_sync=angles.missed_sync,
             rejected=angles.rejected,
             sensor=sensor,
             ccd=seen,
-            integrity=self._light.levels(light, taken[0], after),
+            integrity=self._integrity(light, taken[0], sweeps, after),
+            coupling=coupling,
+            rows=sweeps.rows,
         )

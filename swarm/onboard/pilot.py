@@ -18,7 +18,7 @@ from swarm.onboard import control
 from swarm.onboard.actuation.actuation import Actuation
 from swarm.onboard.guidance.guidance import Guidance, Knowledge
 from swarm.onboard.navigation import Estimate
-from swarm.onboard.settings import Status
+from swarm.onboard.settings import BY_LIGHT
 
 
 class Motions(Protocol):
@@ -92,7 +92,7 @@ class Pilot:
             self._estimated = estimate.state.ahead(self._period_s / 2)
         if self.guidance is not None:
             sigma = np.sqrt(np.trace(estimate.covariance[:, 6:9, 6:9], axis1=1, axis2=2))
-            tracking = (estimate.status == Status.TRACKING) & ~estimate.integrity.alert
+            tracking = np.isin(estimate.status, BY_LIGHT) & ~estimate.integrity.alert
             self._known = Knowledge(
                 np.where(self.by_estimate, tracking, True), np.where(self.by_estimate, sigma, 0.0), latched
             )

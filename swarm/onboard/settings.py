@@ -12,18 +12,35 @@ from estimators.lighthouse.sweep import FanErrors
 from estimators.relative_orbit import RelativeOrbit
 from swarm.onboard.integrity import IntegritySettings
 
+MIN_LIT = 4
+"""Least number of photodiodes for a pose (source 1, section 2)."""
+
 
 class Status(IntEnum):
     """State of a craft's knowledge of its pose.
 
-    Searching: no pose. Tracking: this period's pose went into the filter. Coasting: prediction only. Ambiguous: more
-    than one pose fits, and none is reported.
+    Searching: no pose. Tracking: this period's pose went into the filter, or sweep angles of as many photodiodes as
+    decide one. Coasting: prediction only. Ambiguous: more than one pose fits, and none is reported. Single sweeps:
+    sweep angles of fewer photodiodes went into the filter.
     """
 
     SEARCHING = 0
     TRACKING = 1
     COASTING = 2
     AMBIGUOUS = 3
+    SINGLE_SWEEPS = 4
+
+
+BY_LIGHT = (Status.TRACKING, Status.SINGLE_SWEEPS)
+"""States of a craft whose filter took in light in this period."""
+
+
+class Coupling(IntEnum):
+    """How the lighthouse's light went into a craft's filter in a period: not at all, as a pose, or as single sweeps."""
+
+    NONE = 0
+    LOOSE = 1
+    TIGHT = 2
 
 
 class Sensor(IntFlag):
@@ -36,16 +53,32 @@ class Sensor(IntFlag):
 
 
 @dataclass(frozen=True)
+class QuietModel:
+    """The model of a craft that nothing pushes, beside that of one that manoeuvres, in SI units.
+
+    acceleration_noise_m_s2, angular_acceleration_noise_rad_s2: process noise. quiet_s, manoeuvre_s: mean times that a
+    craft is taken to stay in either model.
+    """
+
+    acceleration_noise_m_s2: float
+    angular_acceleration_noise_rad_s2: float
+    quiet_s: float
+    manoeuvre_s: float
+
+
+@dataclass(frozen=True)
 class NavigationSettings:
     """The configuration of every craft's navigation, in SI units.
 
     frame_s: length of a lighthouse period. angle_noise_rad, rotor_correlation: s and rho of (18), (19).
     motion_compensation: whether poses are solved with the motion within the period. acceleration_noise_m_s2,
-    angular_acceleration_noise_rad_s2: process noise of the filter. gate_probability: of the filter's gate.
+    angular_acceleration_noise_rad_s2: process noise of the filter, of its manoeuvring model if it has two. quiet: its
+    quiet model; None for one model. gate_probability: of the filter's gate.
     coast_limit_s: time without a pose after which the filter is stopped. residual_limit_rad: residual above which a fit
     is rejected. rejections_limit: number of successive poses refused by the gate after which the filter counts as
     wrong. search_again_s: time without a pose after which a search begins beside the filter. filter: "filterpy";
-    "compiled", which returns the same numbers faster; or "auto", which chooses by the number of craft. fan_x, fan_y:
+    "compiled", which returns the same numbers faster; or "auto", which chooses by the number of craft. coupling:
+    "loose", "tight" or "auto" (`swarm.onboard.single_sweeps`). fan_x, fan_y:
     known errors of the fans. integrity: settings of the integrity monitor. orbit: the lighthouse's orbit, None in
     weightless space. station: the lighthouse's frame in the world. history: whether estimates carry the filter's
     prediction, for a smoother.
@@ -57,12 +90,14 @@ class NavigationSettings:
     motion_compensation: bool = True
     acceleration_noise_m_s2: float = DEFAULT_ACCELERATION_NOISE_M_S2
     angular_acceleration_noise_rad_s2: float = DEFAULT_ANGULAR_ACCELERATION_NOISE_RAD_S2
+    quiet: QuietModel | None = None
     gate_probability: float = 0.99999
     coast_limit_s: float = 2.0
     residual_limit_rad: float = 5e-3
     rejections_limit: int = 6
     search_again_s: float = 0.25
     filter: str = "auto"
+    coupling: str = "auto"
     fan_x: FanErrors = field(default_factory=FanErrors)
     fan_y: FanErrors = field(default_factory=FanErrors)
     integrity: IntegritySettings = field(default_factory=IntegritySettings)

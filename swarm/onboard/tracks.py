@@ -13,11 +13,17 @@ import numpy as np
 from estimators.arrays import Bools, Floats, Ints
 from estimators.filter.bank import FilterBank
 from estimators.filter.error_state import POSE, POSE_COLUMNS, RATE_COLUMNS, STATES
+from estimators.free_rotation import free_accelerations
 from estimators.lighthouse.planar import Rows
 from estimators.relative_orbit import RelativeOrbit, acceleration
 from estimators.state import State
 from swarm.messages import Command
 
+UNDECIDED_RAD = 0.05
+"""Standard deviation of the attitude [rad], root of the trace, beyond which single sweeps may not tell mirror images
+apart: a search begins beside the filter, as for a craft that coasts."""
+MEANINGLESS_RAD = 0.6
+"""Likewise, beyond which the filter is stopped although single sweeps still come in: its equations are linear."""
 UNKNOWN_RATE = (1.0, 0.5)
 """Standard deviation per axis of a craft's rates before it knows them: angular [rad/s], linear [m/s]."""
 
@@ -78,10 +84,18 @@ class TrackLimits:
 class Tracks:
     """The filters of C craft, from one period to the next.
 
-    bank: the filters. since_update_s: time since each craft's last pose, (C,) [s].
+    bank: the filters. since_update_s: time since each craft's last pose or single sweeps, (C,) [s]. since_pose_s:
+    likewise since the last pose.
     """
 
-    def __init__(self, bank: FilterBank, frame_s: float, limits: TrackLimits, orbit: RelativeOrbit | None) -> None:
+    def __init__(
+        self,
+        bank: FilterBank,
+        frame_s: float,
+        limits: TrackLimits,
+        orbit: RelativeOrbit | None,
+        inertia: Floats | None = None,
+    ) -> None:
         """Begin with filters that have not been started.
 
         Args:
@@ -89,17 +103,22 @@ class Tracks:
             frame_s: length of a lighthouse period [s].
             limits: limits beyond which a filter is stopped.
             orbit: the lighthouse's orbit; None in weightless space.
+            inertia: (C, 3, 3) [kg m^2], body frame, of craft that turn without torque; NaN for the others; None: all.
         """
         craft = len(bank.active)
         self.bank, self._frame_s, self._limits, self._orbit = bank, frame_s, limits, orbit
-        self.since_update_s = np.zeros(craft)
+        self.since_update_s, self.since_pose_s = np.zeros((2, craft))
         self._rejections = np.zeros(craft, dtype=np.int64)
         self._command: Command | None = None
+        self._inertia = np.full((craft, 3, 3), np.nan) if inertia is None else np.ascontiguousarray(inertia)
+        self._turns_freely: Bools = np.isfinite(self._inertia).all(axis=(1, 2))
+        self._inverse = np.full((craft, 3, 3), np.nan)
+        self._inverse[self._turns_freely] = np.linalg.inv(self._inertia[self._turns_freely])
 
     def forget(self, mask: Bools) -> None:
         """Forget everything about the craft of the mask (C,)."""
         self.bank.stop(mask)
-        self.since_update_s[mask], self._rejections[mask] = 0.0, 0
+        self.since_update_s[mask], self.since_pose_s[mask], self._rejections[mask] = 0.0, 0.0, 0
         if self._command is not None:
             self._command = self._command.only(~mask)
 
@@ -108,12 +127,23 @@ class Tracks:
         bank = self.bank
         active = bank.active
         pull = None if self._orbit is None else acceleration(self._orbit, bank.position, bank.velocity)
+        free = active & self._turns_freely
+        nodding = self._free_turns(free) if free.any() else None
         bank.predict(self._frame_s, active)
         if pull is not None:
             still = np.zeros_like(pull)
             bank.add_motion(active, still, still, pull * self._frame_s**2 / 2, pull * self._frame_s)
+        if nodding is not None:
+            still = np.zeros_like(nodding)
+            bank.add_motion(free, nodding * self._frame_s**2 / 2, nodding * self._frame_s, still, still)
         if command is not None:
             self._add_command(command)
+
+    def _free_turns(self, free: Bools) -> Floats:
+        """Return the angular accelerations (C, 3) [rad/s^2] of the craft in the mask, which turn without torque."""
+        bank = self.bank
+        out: Floats = free_accelerations(free, bank.rotation, bank.angular_rate, self._inertia, self._inverse)
+        return out
 
     def _add_command(self, command: Command) -> None:
         """Add the ordered motion between the epochs, T apart: half a period by the last command, half by this one."""
@@ -145,15 +175,34 @@ class Tracks:
         bank.start(start, *pose, UNKNOWN_RATE, fix.start_coupling)
         return Taken(start | accepted, update & ~accepted, np.where(update, nis, np.nan))
 
-    def count(self, fresh: Bools, refused: Bools) -> None:
-        """Count the time without a pose and the refused poses; stop the filters that exceed a limit.
+    def count(self, pose: Bools, sweeps: Bools, refused: Bools) -> None:
+        """Count the time without light and the refusals; stop the filters that exceed a limit.
 
-        fresh: craft whose filter took in a pose, (C,). refused: craft whose gate refused one, (C,).
+        Args:
+            pose: craft whose filter took in a pose, or rows of as many photodiodes, (C,).
+            sweeps: craft whose filter took in single sweeps of fewer photodiodes, (C,).
+            refused: craft whose gate refused a pose, or rows of as many photodiodes, (C,).
         """
+        fresh, limit = pose | sweeps, self._limits.coast_limit_s
         self.since_update_s = np.where(fresh, 0.0, self.since_update_s + self._frame_s)
+        self.since_pose_s = np.where(pose, 0.0, self.since_pose_s + self._frame_s)
         self._rejections = np.where(fresh, 0, self._rejections + refused)
-        given_up = self.since_update_s > self._limits.coast_limit_s
+        given_up = (self.since_update_s > limit) | (sweeps & self.beyond(MEANINGLESS_RAD))
         self.bank.stop(self.bank.active & (given_up | (self._rejections >= self._limits.rejections_limit)))
+
+    def lost(self, time_s: float) -> Bools:
+        """Return the craft (C,) with a filter that have had no light for `time_s`, or only single sweeps that leave
+        the attitude undecided.
+        """
+        undecided = (self.since_pose_s > time_s) & self.beyond(UNDECIDED_RAD)
+        return self.bank.active & ((self.since_update_s > time_s) | undecided)
+
+    def beyond(self, attitude_rad: float) -> Bools:
+        """Return the craft (C,) with a filter whose attitude's standard deviation exceeds `attitude_rad`."""
+        with np.errstate(invalid="ignore"):
+            variance = np.trace(self.bank.covariance[:, :3, :3], axis1=1, axis2=2)
+            out: Bools = self.bank.active & (variance > attitude_rad**2)
+        return out
 
     def filtered(self) -> Filtered:
         """Return the filters as they are now."""

@@ -3,8 +3,8 @@
 A criterion's value is a statistic of one column over the rows of its craft and its time, or one of the named measures:
 
     contacts         rows in contact: craft times periods
-    tracking_share   share of the rows in which the craft tracks
-    longest_blind_s  the longest time that a craft went without a pose, once it had had one
+    tracking_share   share of the rows in which the craft tracks, or navigates by single sweeps
+    longest_blind_s  the longest time that a craft went without a pose or single sweeps, once it had had one
     separation_m     the least distance between the bodies' origins of any two of its craft, at the epochs
 
 `last` and `at_contact` are one value per craft, its last one and the last one before its first contact: each of them
@@ -219,11 +219,11 @@ def _tracking_share(rows: TelemetryTable, mine: Ints) -> _Found:
         return _Found(None)
     gaps = [gap for _, own in _by_craft(rows, mine) if (gap := without_pose(rows, own)) is not None]
     longest = max(gaps, key=lambda gap: gap[1] - gap[0], default=None)
-    return _Found(float(rows.being("status", "tracking")[mine].mean()), span=longest)
+    return _Found(float(rows.by_light[mine].mean()), span=longest)
 
 
 def _longest_blind_s(rows: TelemetryTable, mine: Ints) -> _Found:
-    tracking, time_s = rows.being("status", "tracking"), rows.column("time_s")
+    tracking, time_s = rows.by_light, rows.column("time_s")
     longest = _Found(None)
     for _, own in _by_craft(rows, mine):
         seen = np.flatnonzero(tracking[own])

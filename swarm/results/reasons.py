@@ -30,9 +30,10 @@ class Docking(NamedTuple):
 
 def navigation(rows: TelemetryTable, row: int) -> str:
     """Return in words how the craft of a row navigated then: by how many photodiodes, or since when without a pose."""
-    tracking = rows.being("status", "tracking")
+    tracking = rows.by_light
     if tracking[row]:
-        return f"tracking then{_lit(rows, row)}"
+        how = "tracking" if rows.being("status", "tracking")[row] else "by single sweeps"
+        return f"{how} then{_lit(rows, row)}"
     own = np.flatnonzero(rows.craft[: row + 1] == rows.craft[row])
     had = own[tracking[own]]
     if not len(had):
@@ -43,7 +44,7 @@ def navigation(rows: TelemetryTable, row: int) -> str:
 
 def without_pose(rows: TelemetryTable, own: Ints) -> tuple[int, int] | None:
     """Return the first and the last of a craft's rows `own` in its longest time without a pose; None without any."""
-    blind = ~rows.being("status", "tracking")[own]
+    blind = ~rows.by_light[own]
     edge = np.flatnonzero(np.diff(np.concatenate([[False], blind, [False]]).astype(np.int8)))
     if not len(edge):
         return None
@@ -72,7 +73,7 @@ def docking(rows: TelemetryTable, own: Ints) -> Docking | None:
 
 def _decisive(rows: TelemetryTable, own: Ints) -> int:
     """Return the row that decided: where the pose was lost for good, or the craft gave up; else the last one."""
-    tracking = rows.being("status", "tracking")[own]
+    tracking = rows.by_light[own]
     seen = np.flatnonzero(tracking)
     if not tracking[-1] and len(seen):
         return int(own[seen[-1] + 1])
@@ -82,7 +83,7 @@ def _decisive(rows: TelemetryTable, own: Ints) -> int:
 
 def _why(rows: TelemetryTable, own: Ints, row: int) -> str:
     distance = f"{rows.column('docking_range_m')[row]:.2f} m before the port"
-    tracking = rows.being("status", "tracking")
+    tracking = rows.by_light
     if not tracking[own].any():
         return f"it never had a pose{_lit(rows, row)}, {distance}"
     if not tracking[own[-1]]:

@@ -6,10 +6,24 @@ EKF's covariance NEES = e^T P^-1 e, e = (d, dp). Quaternions are wxyz, w >= 0. W
 
 import numpy as np
 
-from estimators.arrays import Floats
+from estimators.arrays import Floats, Ints
 from estimators.kernel import kernel
 from estimators.linear import cholesky_into
 from estimators.rotation import quaternion_between, quaternion_from_matrix_into
+
+POSE_ROWS = 6
+"""Degrees of freedom of a pose's innovation."""
+
+
+def referred_nis(nis: Floats, rows: Floats | Ints) -> Floats:
+    """Return NIS (n,) as if all were of poses: those of single sweeps get mean and variance of 6 degrees of freedom.
+
+    rows: number of single sweeps that were taken in, (n,); zero for a pose, or where they were refused.
+    """
+    known = rows > 0
+    dof = np.where(known, rows, POSE_ROWS)
+    out: Floats = np.where(known, POSE_ROWS + (nis - dof) * np.sqrt(POSE_ROWS / dof), nis)
+    return out
 
 
 @kernel

@@ -77,6 +77,11 @@ class TelemetryTable:
         names, codes = self.names_of(column), self.column(column)
         return codes == names.index(name) if name in names else np.zeros(len(codes), dtype=np.bool_)
 
+    @property
+    def by_light(self) -> Bools:
+        """Return whether light went into the filter, as a pose or as single sweeps, (rows,)."""
+        return self.being("status", "tracking") | self.being("status", "single_sweeps")
+
     def stacked(self, *names: str) -> Floats:
         """Return several columns side by side, (rows, len(names))."""
         return np.stack([self.column(name) for name in names], axis=1)

@@ -45,6 +45,7 @@ from swarm.scenario.limits import (
     SHARE_OF_NOISE,
     SPEED_SIGMA,
     SPIN_SIGMA,
+    STAY,
     STEPS,
     STRAY,
     TICK,
@@ -320,6 +321,35 @@ class Integrity(Table):
     )
 
 
+class Quiet(Table):
+    """The filter's second model of motion: that of a craft which nothing pushes but what it knows of."""
+
+    enabled: bool = Field(
+        default=True,
+        description="Whether the filter has a quiet model beside that of a craft that manoeuvres, and weighs them by "
+        "how well they predict the light (docs/filter.md).",
+    )
+    acceleration_noise_m_s2: Annotated[float, PROCESS] = Field(
+        default=0.002,
+        ge=1e-9,
+        le=100,
+        description="Process noise of a quiet craft: white acceleration, standard deviation per axis and period.",
+    )
+    angular_acceleration_noise_deg_s2: Annotated[float, TURNING_PROCESS] = Field(
+        default=0.12,
+        ge=1e-9,
+        le=36000,
+        description="Process noise of a quiet craft: white angular acceleration, standard deviation per axis and "
+        "period.",
+    )
+    mean_duration_s: Annotated[float, STAY] = Field(
+        default=1.0, ge=0.1, le=1e6, description="Mean time for which a craft is quiet."
+    )
+    mean_manoeuvre_s: Annotated[float, STAY] = Field(
+        default=2.0, ge=0.1, le=1e6, description="Mean time for which a craft manoeuvres."
+    )
+
+
 class Navigation(Table):
     """Every craft computes its pose on board."""
 
@@ -327,6 +357,11 @@ class Navigation(Table):
         default="auto",
         description="Extended Kalman filter: that of filterpy, or one compiled for large swarms, with the same "
         "numbers. auto: filterpy up to 64 craft, compiled beyond.",
+    )
+    coupling: Literal["auto", "loose", "tight"] = Field(
+        default="auto",
+        description="What goes into the filter: the pose of a period where four or more photodiodes decide one, and "
+        "where they do not its single sweep angles (auto); poses only (loose); or always the angles (tight).",
     )
     motion_compensation: bool = Field(
         default=True,
@@ -355,6 +390,7 @@ class Navigation(Table):
         le=36000,
         description="Process noise: white angular acceleration, standard deviation per axis and period.",
     )
+    quiet: Quiet = Field(default=Quiet(), description="Motion of a craft that nothing pushes.")
     gate_probability: Annotated[float, GATE] = Field(
         default=0.99999, gt=0.5, lt=1, description="Share of good measurements that the innovation gate lets pass."
     )

@@ -73,10 +73,13 @@ def computer(scenario: Scenario, world: World, motions: Fleet, suite: Sensors, *
         SwarmError: a calibration does not fit the craft.
     """
     layout = own_layout(scenario, world)
-    known = [known for _, known in cameras(scenario, world, motions.at(0.0))]
+    begin = motions.at(0.0)
+    known = [known for _, known in cameras(scenario, world, begin)]
+    # Who holds no attitude turns without torque.
+    inertia = np.where(begin.holds_attitude[:, None, None], np.nan, world.inertia)
     return Computer(
         decoder(scenario, layout.present),
-        Navigator(layout, replace(navigation(scenario), history=history), known),
+        Navigator(layout, replace(navigation(scenario), history=history), known, inertia),
         inspection(scenario, suite.lidars),
     )
 

@@ -10,7 +10,7 @@ from swarm.flight.builders.station import assumed_angle_noise
 from swarm.flight.recordings.station_calibration import read_calibration
 from swarm.hardware import Photodiodes
 from swarm.onboard.integrity import IntegritySettings
-from swarm.onboard.settings import NavigationSettings
+from swarm.onboard.settings import NavigationSettings, QuietModel
 from swarm.scenario import Scenario
 from swarm.units import si
 
@@ -34,9 +34,11 @@ def navigation(settings: Scenario) -> NavigationSettings:
         motion_compensation=table.motion_compensation,
         acceleration_noise_m_s2=table.acceleration_noise_m_s2,
         angular_acceleration_noise_rad_s2=table.angular_acceleration_noise_rad_s2,
+        quiet=_quiet(settings),
         gate_probability=table.gate_probability,
         coast_limit_s=table.coast_limit_s,
         filter=table.filter,
+        coupling=table.coupling,
         integrity=_integrity(settings),
         orbit=orbit(settings),
     )
@@ -44,6 +46,18 @@ def navigation(settings: Scenario) -> NavigationSettings:
         return made
     calibration = read_calibration(table.calibration)
     return replace(made, fan_x=calibration.fan_x, fan_y=calibration.fan_y)
+
+
+def _quiet(settings: Scenario) -> QuietModel | None:
+    table = si(settings.navigation.quiet)
+    if not table.enabled:
+        return None
+    return QuietModel(
+        table.acceleration_noise_m_s2,
+        table.angular_acceleration_noise_rad_s2,
+        table.mean_duration_s,
+        table.mean_manoeuvre_s,
+    )
 
 
 def _integrity(settings: Scenario) -> IntegritySettings:

@@ -26,8 +26,9 @@ from swarm.onboard.guidance.phase import Phase
 class Knowledge(NamedTuple):
     """Further inputs of the guidance of C craft, (C,) each.
 
-    tracking: whether the craft has had a pose in the last period. sigma_m: standard deviation of its position [m].
-    latched: state of the switch in its port.
+    tracking: whether light has gone into the craft's filter in the last period, as a pose or as single sweeps, and its
+    protection level is within its limit. sigma_m: standard deviation of its position [m]. latched: state of the switch
+    in its port.
     """
 
     tracking: Bools

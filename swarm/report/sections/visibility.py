@@ -9,7 +9,13 @@ from swarm.report.page import Section
 from swarm.report.series import Series
 from swarm.report.subject import Subject
 
-STATUS_COLOURS = {"tracking": "#9cc4e4", "coasting": "#e6a23c", "ambiguous": "#7b5ea7", "searching": "#c0392b"}
+STATUS_COLOURS = {
+    "tracking": "#9cc4e4",
+    "single_sweeps": "#a5c96a",
+    "coasting": "#e6a23c",
+    "ambiguous": "#7b5ea7",
+    "searching": "#c0392b",
+}
 MOST_NAMED = 16
 
 
@@ -41,7 +47,7 @@ def _picture(series: Series) -> Picture:
         _status(below, series)
         below.set_ylabel("craft [%]")
         below.set_xlabel("time [s]")
-        legend(figure, [below], 2 if is_narrow(figure) else 4)
+        legend(figure, [below], 2 if is_narrow(figure) else 5)
 
     caption = "Photodiodes lit by both fans, per craft; below, what the craft know of their pose."
     height_in = 2.8 + 0.24 * min(len(names), MOST_NAMED)
@@ -55,6 +61,6 @@ def _status(axes: Axes, series: Series) -> None:
         being = series.being("status", name)[:, series.lit]
         time_s, share = thin(series.time_s, 100 * np.mean(being, axis=1))
         if being.any():
-            axes.fill_between(time_s, bottom, bottom + share, linewidth=0, label=name, color=colour)
+            axes.fill_between(time_s, bottom, bottom + share, linewidth=0, label=name.replace("_", " "), color=colour)
         bottom = bottom + share
     axes.set_ylim(0, 100)

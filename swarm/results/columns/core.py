@@ -7,7 +7,7 @@ import numpy as np
 
 from estimators.arrays import Floats, Ints
 from swarm.onboard.inspection import LIDAR_SENSOR
-from swarm.onboard.settings import Sensor, Status
+from swarm.onboard.settings import Coupling, Sensor, Status
 from swarm.results.columns.column import Column, Group, fill_pose, pose_columns, rate_columns
 from swarm.results.period import Period
 from swarm.results.records import Errors, Truth
@@ -15,6 +15,10 @@ from swarm.results.rows import estimate_errors_into, pose_errors_into, quaternio
 
 STATUS = tuple(status.name.lower() for status in Status)
 """Names of the status codes."""
+STATUS_TEXT = tuple("by single sweeps" if status == Status.SINGLE_SWEEPS else status.name.lower() for status in Status)
+"""The same as a recording shows them."""
+COUPLINGS = tuple(coupling.name.lower() for coupling in Coupling)
+"""Names of the codes of the coupling in force."""
 SENSORS = tuple(
     "lidar" if code == LIDAR_SENSOR else "+".join(str(flag.name).lower() for flag in Sensor(code)) or "none"
     for code in range(LIDAR_SENSOR + 1)
@@ -44,12 +48,26 @@ COLUMNS = (
     Column("position_sigma_m", "m", "root of the trace of the filter's position covariance"),
     Column("attitude_sigma_deg", "deg", "root of the trace of the filter's attitude covariance"),
     Column("nees", "1", "squared pose error normalised by the filter's covariance, 6 degrees of freedom"),
-    Column("nis", "1", "squared innovation normalised by its covariance, 6 degrees of freedom"),
+    Column(
+        "nis",
+        "1",
+        "squared innovation normalised by its covariance: 6 degrees of freedom of a pose, or as many as `rows`; also "
+        "where it was refused",
+    ),
     Column("missed_sync", "1", "sync flashes of the period that were predicted instead of seen", "small"),
     Column("rejected_pulses", "1", "pulses of the period that belonged to nothing", "whole"),
     Column("contact", "", "touched something during the period", "yes"),
     *rate_columns("true", "truth"),
     *rate_columns("ekf", "filter's estimate"),
+    Column(
+        "coupling",
+        "",
+        "what the lighthouse's light went into the filter as: none, loose (a pose), tight (single sweeps)",
+        "state",
+        COUPLINGS,
+        required=True,
+    ),
+    Column("rows", "1", "single sweep angles that went into the filter", "small", required=True),
 )
 _ROW = {column.name: row for row, column in enumerate(COLUMNS)}
 
@@ -96,6 +114,8 @@ def _fill(craft: Ints, no_truth: Truth, period: Period, out: Floats) -> None:
         ("pnp_iterations", np.where(pnp.iterations == 0, np.nan, pnp.iterations)),
         ("residual_rad", pnp.residual_rad),
         ("nis", estimate.nis),
+        ("coupling", estimate.coupling),
+        ("rows", estimate.rows),
         ("missed_sync", estimate.missed_sync),
         ("rejected_pulses", estimate.rejected),
         ("contact", np.nan if period.truth is None else truth.contact),

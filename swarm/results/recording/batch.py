@@ -12,6 +12,7 @@ from swarm.results.columns import ccd as ccd_columns
 from swarm.results.columns.column import Column, Group
 from swarm.results.period import Period
 from swarm.results.records import Errors
+from swarm.results.rows import referred_nis
 
 
 class Cloud(NamedTuple):
@@ -80,7 +81,7 @@ def kept(period: Period, errors: Errors, shown: Floats) -> Batch:
         pdop=copy(estimate.dilution.pdop_m_per_rad),
         pnp_position=copy(estimate.pnp.position),
         residual_rad=copy(estimate.pnp.residual_rad),
-        nis=copy(estimate.nis),
+        nis=referred_nis(estimate.nis, estimate.rows),
         errors=Errors(*(copy(error) for error in errors)),
         peer_position=np.full_like(estimate.position, np.nan) if peer is None else copy(peer.position),
         sensor=copy(estimate.sensor),

@@ -7,7 +7,7 @@ import rerun as rr
 
 from estimators.arrays import Floats
 from swarm.results.columns.column import Column
-from swarm.results.columns.core import SENSORS, STATUS
+from swarm.results.columns.core import SENSORS, STATUS_TEXT
 from swarm.results.recording.batch import Batch
 from swarm.results.recording.canvas import Canvas, Send, ink
 from swarm.results.recording.layer import Stage
@@ -52,7 +52,7 @@ class Lanes:
         """Name and colour the states."""
         names = self._stage.scene.craft
         for i in self._stage.navigating:
-            self._configure(canvas, f"status/{names[i]}", STATUS, STATUS_COLOURS)
+            self._configure(canvas, f"status/{names[i]}", STATUS_TEXT, STATUS_COLOURS)
         for i in self._watching:
             self._configure(canvas, f"status/{names[i]}/sensor", SENSORS, SENSOR_COLOURS)
         for _, column, having in self._states:
@@ -67,7 +67,7 @@ class Lanes:
         """Send the states; a column that is unknown in a part of the batch is left out."""
         names = self._stage.scene.craft
         for i in self._stage.navigating:
-            send(f"status/{names[i]}", rr.StateChange.columns(state=[STATUS[code] for code in batch.status[:, i]]))
+            send(f"status/{names[i]}", rr.StateChange.columns(state=[STATUS_TEXT[code] for code in batch.status[:, i]]))
         for i in self._watching:
             states = [SENSORS[code] for code in batch.sensor[:, i]]
             send(f"status/{names[i]}/sensor", rr.StateChange.columns(state=states))

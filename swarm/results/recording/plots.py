@@ -14,13 +14,13 @@ from scipy.special import gammaincinv
 
 from estimators.arrays import Floats, Ints
 from swarm.results.columns.column import Column
-from swarm.results.columns.core import STATUS
+from swarm.results.columns.core import STATUS_TEXT
 from swarm.results.recording.batch import Batch
 
 DOF = 6
 ORANGE, BLUE, RED = 0xFFB74DFF, 0x4FC3F7FF, 0xFF5252FF
-STATUS_COLOURS = (0xC62828FF, 0x2E7D32FF, 0xEF6C00FF, 0x8E24AAFF)
-"""Colours of the names in `STATUS`."""
+STATUS_COLOURS = (0xC62828FF, 0x2E7D32FF, 0xEF6C00FF, 0x8E24AAFF, 0x7CB342FF)
+"""Colours of the names in `STATUS_TEXT`."""
 THIN, MEDIUM, BOLD = 1.2, 1.6, 2.2
 Values = Callable[[Batch], Floats]
 
@@ -133,7 +133,7 @@ def _nees(batch: Batch) -> Floats:
 
 
 def _counts(batch: Batch) -> Floats:
-    counts = [np.count_nonzero(batch.status == code, axis=1) for code in range(len(STATUS))]
+    counts = [np.count_nonzero(batch.status == code, axis=1) for code in range(len(STATUS_TEXT))]
     return np.stack(counts, axis=1).astype(np.float64)
 
 
@@ -173,7 +173,7 @@ def swarm_plots(
             ),
             Plot("swarm/nees", "NEES, mean of the swarm [6 if consistent]", (NEES, *BAND), _nees),
         ]
-    states = [Line(name, colour, BOLD) for name, colour in zip(STATUS, STATUS_COLOURS, strict=True)]
+    states = [Line(name, colour, BOLD) for name, colour in zip(STATUS_TEXT, STATUS_COLOURS, strict=True)]
     return [
         *first,
         swarm.plot("adop", "ADOP [deg/rad]", lambda b: b.adop),

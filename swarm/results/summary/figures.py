@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from swarm.results.rows import referred_nis
 from swarm.results.summary.cameras import cameras
 from swarm.results.summary.chi_square import consistency
 from swarm.results.summary.integrity import integrity
@@ -29,12 +30,16 @@ def figures(
         noise_rad: Standard deviation of a sweep angle that the craft assume [rad]; None: unknown.
     """
     visible, solved = rows.column("visible"), np.isfinite(rows.column("pnp_px_m"))
-    tracking = rows.being("status", "tracking")
+    tracking = rows.by_light
     pnp = rows.column("pnp_position_error_m"), rows.column("pnp_attitude_error_deg")
     ekf = rows.column("position_error_m"), rows.column("attitude_error_deg")
+    nis = rows.column("nis")
+    if "rows" in rows.columns:
+        nis = referred_nis(nis, rows.column("rows"))
     out: dict[str, Any] = {
         "samples": len(visible),
         "tracking_share": share(tracking, visible >= 0),
+        "single_sweeps_share": share(rows.being("status", "single_sweeps"), visible >= 0),
         "refused_share": share(np.isfinite(rows.column("nis")) & ~tracking, solved),
         "mean_visible": mean(visible),
         "contact_periods": int(np.count_nonzero(rows.column("contact") == 1)),
@@ -57,7 +62,7 @@ def figures(
         "ekf_to_pnp_position_ratio": ratio(ekf[0], pnp[0]),
         "ekf_to_pnp_attitude_ratio": ratio(ekf[1], pnp[1]),
         "nees": consistency(rows.frame, rows.column("nees"), period_s),
-        "nis": consistency(rows.frame, rows.column("nis"), period_s),
+        "nis": consistency(rows.frame, nis, period_s),
         "pnp_motion_bias": bias,
     }
     if (ambiguous := rows.being("status", "ambiguous")).any():

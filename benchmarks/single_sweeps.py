@@ -1,0 +1,344 @@
+"""What is navigation by single sweeps worth? RMS over the posterior Cramer-Rao bound by the number of lit photodiodes.
+
+    python benchmarks/single_sweeps.py [--craft 200] [--seeds 8] [--duration-s 5] [--photodiodes 1 2 3 4 12]
+                                       [--coupling auto] [--independent] [--out FILE]
+
+Mockups 3 m from the lighthouse move exactly as the filter assumes, white accelerations, and hold their places by their
+own estimates: their orders are known motion. They see all photodiodes for `CONVERGE_S`, then only some, drawn anew for
+every craft. The on-board code is the real one, decoder apart; every craft has a rotor of its own here, so that craft
+and seeds are independent samples.
+
+The bound is the information recursion of Tichavsky, Muravchik and Nehorai (IEEE Trans. Signal Process. 46, 1998), with
+Jacobians at the truth by finite differences, of a model that is written here once more:
+
+    J' = (Q + F J^-1 F^T)^-1 + sum of H^T R^-1 H,   R = (1 - rho) s^2 I + rho s^2 1 1^T per fan
+
+--independent: the filter takes the rows as independent, as the common open implementation does, to compare.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from harness import finish, options, show
+from scipy.stats import chi2
+
+from estimators import rotation as rot
+from estimators.arrays import Floats, Ints
+from swarm.flight import builders
+from swarm.hardware import Photodiodes, pad
+from swarm.messages import Command
+from swarm.onboard.decoder import SweepAngles
+from swarm.onboard.navigation import Navigator
+from swarm.onboard.settings import NavigationSettings
+from swarm.scenario import load
+
+CONVERGE_S = 0.75
+"""Time with all photodiodes lit, from the start [s]: the rates' priors are forgotten."""
+PLACE = np.array([0.0, 0.0, 3.0])
+STIFFNESS, DAMPING = 1.0, 1.8
+"""Of the feedback by which the craft hold their places [1/s^2, 1/s]."""
+STEP = 1e-5
+"""Of the finite differences [rad, m, rad/s, m/s]."""
+OFFSETS = np.array([-0.25, 0.25])
+"""Instants of boresight of fans X and Y after the epoch, in turns."""
+
+
+class Truth(NamedTuple):
+    """Rotation (C, 3, 3), angular rate, position, velocity (C, 3), as in the error state's order."""
+
+    rotation: Floats
+    rate: Floats
+    position: Floats
+    velocity: Floats
+
+    def moved(self, x: Floats) -> "Truth":
+        """Return the state that is off by the error x (C, 12)."""
+        return Truth(
+            rot.exp(x[:, :3]) @ self.rotation,
+            self.rate + x[:, 3:6],
+            self.position + x[:, 6:9],
+            self.velocity + x[:, 9:],
+        )
+
+    def less(self, other: "Truth") -> Floats:
+        """Return the error (C, 12) of the other state: this one is the other one moved by it."""
+        turned = rot.log(self.rotation @ np.swapaxes(other.rotation, 1, 2))
+        parts = turned, self.rate - other.rate, self.position - other.position, self.velocity - other.velocity
+        return np.concatenate(parts, axis=1)
+
+    def ahead(self, step_s: float) -> "Truth":
+        """Return the state after a step at constant rates."""
+        turned = rot.exp(self.rate * step_s) @ self.rotation
+        return Truth(turned, self.rate, self.position + self.velocity * step_s, self.velocity)
+
+
+def sweep(truth: Truth, points: Floats, frame_s: float) -> tuple[Floats, Floats]:
+    """Return the angles from boresight and their instants after the epoch, (C, K, 2) each, by fixed-point iteration."""
+    angle = np.zeros((len(points), points.shape[1], 2))
+    for _ in range(4):
+        instant = (OFFSETS + angle / (2 * np.pi)) * frame_s
+        angle = angles_at(truth, points, instant)
+    return angle, (OFFSETS + angle / (2 * np.pi)) * frame_s
+
+
+def angles_at(truth: Truth, points: Floats, instant: Floats) -> Floats:
+    """Return the angles (C, K, 2) at which the fans stand when they hit the photodiodes at these instants (C, K, 2)."""
+    turn = rot.exp(truth.rate[:, None, None] * instant[..., None])
+    arm = np.einsum("ckfij,cjl,ckl->ckfi", turn, truth.rotation, points)
+    q = truth.position[:, None, None] + truth.velocity[:, None, None] * instant[..., None] + arm
+    return np.stack([-np.arctan2(q[..., f, f], q[..., f, 2]) for f in (0, 1)], axis=-1)
+
+
+def differences(function: Any, truth: Truth) -> Floats:
+    """Return the derivative (C, m, 12) of a function of the state with values (C, m), by central differences."""
+    columns = []
+    for i in range(12):
+        x = np.zeros((len(truth.rate), 12))
+        x[:, i] = STEP
+        columns.append((function(truth.moved(x)) - function(truth.moved(-x))) / (2 * STEP))
+    return np.stack(columns, axis=-1)
+
+
+class Model(NamedTuple):
+    """Noise of the angles and of the motion, as the navigation has them."""
+
+    frame_s: float
+    sigma: float
+    rho: float
+    acceleration: float
+    angular_acceleration: float
+
+    def process_noise(self) -> Floats:
+        """Return Q (12, 12)."""
+        gamma = np.array([self.frame_s**2 / 2, self.frame_s])
+        block = np.kron(np.outer(gamma, gamma), np.eye(3))
+        out = np.zeros((12, 12))
+        out[:6, :6], out[6:, 6:] = self.angular_acceleration**2 * block, self.acceleration**2 * block
+        return out
+
+    def advanced(self, information: Floats, truth: Truth) -> Floats:
+        """Return J before the light of the next period."""
+        then = truth.ahead(self.frame_s)
+        f = differences(lambda state: state.ahead(self.frame_s).less(then), truth)
+        p = f @ np.linalg.inv(information) @ np.swapaxes(f, 1, 2) + self.process_noise()
+        return np.linalg.inv(p)
+
+    def light(self, truth: Truth, points: Floats, instant: Floats) -> Floats:
+        """Return the information (C, 12, 12) of the angles of photodiodes (C, n, 3) at these instants (C, n, 2)."""
+        craft, count, _ = points.shape
+        h = differences(lambda state: angles_at(state, points, instant).reshape(craft, -1), truth)
+        h = h.reshape(craft, count, 2, 12)
+        total = np.zeros((craft, 12, 12))
+        own, shared = (1 - self.rho) * self.sigma**2, self.rho * self.sigma**2
+        k = shared / (own + count * shared)
+        for fan in range(2):
+            rows = h[:, :, fan]
+            both = rows.sum(axis=1)
+            total += np.swapaxes(rows, 1, 2) @ rows - k * both[:, :, None] * both[:, None, :]
+        out: Floats = np.asarray(total / own, dtype=np.float64)
+        return out
+
+
+class Samples(NamedTuple):
+    """Squared errors, traces of the bound and NEES of the C craft at one instant, (C,) each; attitude, position."""
+
+    square: Floats
+    bound: Floats
+    nees: Floats
+
+
+def _order(estimate: Truth) -> tuple[Floats, Floats]:
+    """Return the linear and the angular acceleration (C, 3) by which the craft hold their places."""
+    away = rot.log(estimate.rotation @ HOLD.T)
+    return (
+        -STIFFNESS * (estimate.position - PLACE) - DAMPING * estimate.velocity,
+        -STIFFNESS * away - DAMPING * estimate.rate,
+    )
+
+
+HOLD = rot.exp(np.array([0.0, np.pi - 0.3, 0.0])) @ rot.exp(np.array([0.2, 0.0, 0.0]))
+"""Attitude that the craft hold: the front towards the lighthouse, turned by some 20 degrees."""
+
+
+def fly(
+    settings: NavigationSettings,
+    model: Model,
+    points: Floats,
+    lit: Ints,
+    at_s: list[float],
+    seed: int,
+) -> dict[float, Samples]:
+    """Fly C craft that see their first `lit` (C, n) photodiodes after a while; return samples at times after that.
+
+    Args:
+        settings: of the navigation.
+        model: noise of the angles and of the motion.
+        points: (K, 3) [m], photodiodes.
+        lit: (C, n), photodiodes that stay lit.
+        at_s: times after the others go dark [s].
+        seed: of all draws.
+    """
+    rng, craft = np.random.default_rng(seed), len(lit)
+    layout: Photodiodes = pad([points] * craft, [np.tile([0.0, 0.0, 1.0], (len(points), 1))] * craft)
+    navigator, step = Navigator(layout, settings), model.frame_s
+    every = np.broadcast_to(points, (craft, *points.shape))
+    truth = Truth(
+        np.broadcast_to(HOLD, (craft, 3, 3)) @ rot.exp(0.02 * rng.standard_normal((craft, 3))),
+        np.zeros((craft, 3)),
+        PLACE + 0.02 * rng.standard_normal((craft, 3)),
+        np.zeros((craft, 3)),
+    )
+    information = np.broadcast_to(np.diag(np.repeat([1.0, 1.0, 100.0, 4.0], 3)), (craft, 12, 12))
+    few = np.zeros((craft, len(points)), dtype=np.bool_)
+    few[np.arange(craft)[:, None], lit] = True
+    order = np.zeros((2, craft, 3))
+    none = np.zeros(craft, dtype=np.int64)
+    out, known = {}, truth
+    begin = round(CONVERGE_S / step)
+    last = begin + round(max(at_s) / step)
+    instants = {begin + round(time / step): time for time in at_s}
+    for frame in range(last + 1):
+        if frame:
+            before = order
+            order = np.stack(_order(known))
+            noise = (
+                rng.standard_normal((2, craft, 3))
+                * np.array([model.acceleration, model.angular_acceleration])[:, None, None]
+            )
+            information = model.advanced(information, truth)
+            shift, change = (3 * before + order) * step**2 / 8, (before + order) * step / 2
+            shift, change = shift + noise * step**2 / 2, change + noise * step
+            truth = truth.ahead(step).moved(np.concatenate([shift[1], change[1], shift[0], change[0]], axis=1))
+        seen = few if frame > begin else np.ones_like(few)
+        angle, instant = sweep(truth, every, step)
+        if frame > begin:
+            bright = every[np.arange(craft)[:, None], lit], instant[np.arange(craft)[:, None], lit]
+        else:
+            bright = every, instant
+        information = information + model.light(truth, *bright)
+        rotor, own = rng.standard_normal((craft, 1, 2)), rng.standard_normal(angle.shape)
+        noisy = angle + model.sigma * (np.sqrt(model.rho) * rotor + np.sqrt(1 - model.rho) * own)
+        theta = np.where(seen[..., None], np.pi / 2 + noisy, np.nan)
+        instant = np.where(seen[..., None], instant + (noisy - angle) * step / (2 * np.pi), 0.0)
+        estimate = navigator.step(
+            SweepAngles(theta, instant, seen, none, none, none), None, Command(order[0], order[1]) if frame else None
+        )
+        known = Truth(estimate.rotation, estimate.angular_rate, estimate.position, estimate.velocity)
+        if frame in instants:
+            centre = every[np.arange(craft)[:, None], lit].mean(axis=1)
+            out[instants[frame]] = _samples(truth, known, estimate.covariance, information, centre)
+        lost = ~np.isfinite(known.position[:, 0])
+        if lost.any():  # a craft without an estimate orders nothing
+            known = Truth(
+                *(
+                    np.where(lost.reshape(-1, *[1] * (a.ndim - 1)), b, a)
+                    for a, b in zip(known, _held(craft), strict=True)
+                )
+            )
+    return out
+
+
+def _held(craft: int) -> Truth:
+    zero = np.zeros((craft, 3))
+    return Truth(np.broadcast_to(HOLD, (craft, 3, 3)), zero, np.broadcast_to(PLACE, (craft, 3)), zero)
+
+
+def _samples(truth: Truth, known: Truth, covariance: Floats, information: Floats, centre: Floats) -> Samples:
+    """Return the errors, the bound, and the NEES of the attitude and of the lit photodiodes' centre (C, 3) [m]: there
+    the error of a turn about them is straight (`estimators.pivot`), and the covariance holds for wide errors too.
+    """
+    error, bound = truth.less(known), np.linalg.inv(information)
+    pose = np.array([0, 1, 2, 6, 7, 8])
+    square = np.stack([np.sum(error[:, part] ** 2, axis=1) for part in (slice(0, 3), slice(6, 9))])
+    traces = np.stack([np.trace(bound[:, part, part], axis1=1, axis2=2) for part in (slice(0, 3), slice(6, 9))])
+    arm = np.einsum("cij,cj->ci", known.rotation, centre)
+    turn = np.tile(np.eye(6), (len(error), 1, 1))
+    turn[:, 3:, :3] = -rot.skew(arm)
+    p = turn @ covariance[:, pose[:, None], pose] @ np.swapaxes(turn, 1, 2)
+    there = np.isfinite(error).all(axis=1)
+    nees = np.full(len(error), np.nan)
+    e = error[there][:, pose]
+    e[:, 3:] += (np.einsum("cij,cj->ci", truth.rotation, centre) - arm)[there]
+    nees[there] = np.einsum("ci,ci->c", e, np.linalg.solve(p[there], e[..., None])[..., 0])
+    return Samples(square, traces, nees)
+
+
+def figures(samples: list[Samples]) -> dict[str, Any]:
+    """Return RMS, bound, their ratio, and the NEES with its 95 % band, of independent samples."""
+    square, bound, nees = (np.concatenate(part, axis=-1) for part in zip(*samples, strict=True))
+    known = np.isfinite(nees)
+    rms = np.sqrt(square[:, known].mean(axis=1))
+    best = np.sqrt(bound[:, known].mean(axis=1))
+    median = np.sqrt(np.median(square[:, known], axis=1))
+    n = int(known.sum())
+    low, high = chi2.ppf([0.025, 0.975], 6 * n) / n
+    mean = float(nees[known].mean())
+    return {
+        "known": float(known.mean()),
+        "position_rms_mm": 1e3 * float(rms[1]),
+        "position_median_mm": 1e3 * float(median[1]),
+        "position_bound_mm": 1e3 * float(best[1]),
+        "position_ratio": float(rms[1] / best[1]),
+        "attitude_rms_deg": float(np.degrees(rms[0])),
+        "attitude_bound_deg": float(np.degrees(best[0])),
+        "attitude_ratio": float(rms[0] / best[0]),
+        "nees": mean,
+        "nees_low": float(low),
+        "nees_high": float(high),
+        "inside": bool(low <= mean <= high),
+        "samples": n,
+    }
+
+
+def mockup() -> Floats:
+    """Return the mockup's photodiodes (12, 3) [m]."""
+    from swarm.flight.flight import Flight
+
+    photodiodes = Flight(load("drift", ["swarm.count=1"])).world.photodiodes
+    points: Floats = photodiodes.point_m[0][photodiodes.present[0]]
+    return points
+
+
+def main() -> None:
+    """Fly, and print."""
+    chosen = options(
+        __doc__,
+        craft=(200, "craft per seed"),
+        seeds=(8, "seeds"),
+        photodiodes=([1, 2, 3, 4, 12], "numbers of lit photodiodes"),
+        at_s=([1.0, 5.0], "instants after the others go dark [s]"),
+        coupling=("auto", "navigation.coupling"),
+        independent=(False, "take the rows as independent in the filter"),
+    )
+    overrides = ['navigation.filter="compiled"', "navigation.quiet.enabled=false"]
+    scenario = load("drift", [f'navigation.coupling="{chosen.coupling}"', *overrides])
+    settings = builders.navigation(scenario)
+    model = Model(
+        settings.frame_s,
+        settings.angle_noise_rad,
+        settings.rotor_correlation,
+        settings.acceleration_noise_m_s2,
+        settings.angular_acceleration_noise_rad_s2,
+    )
+    if chosen.independent:
+        from dataclasses import replace
+
+        settings = replace(settings, rotor_correlation=0.0)
+    points, result = mockup(), {}
+    for count in chosen.photodiodes:
+        samples: dict[float, list[Samples]] = {time: [] for time in chosen.at_s}
+        for seed in range(chosen.seeds):
+            rng = np.random.default_rng([seed, count])
+            lit = np.argsort(rng.random((chosen.craft, len(points))), axis=1)[:, :count]
+            for time, one in fly(settings, model, points, lit, chosen.at_s, 1000 * count + seed).items():
+                samples[time].append(one)
+        for time, some in samples.items():
+            result[f"{count} lit, {time:g} s"] = figures(some)
+            print(f"{count} lit, {time:g} s", result[f"{count} lit, {time:g} s"], flush=True)
+    names = list(next(iter(result.values())))
+    show("by single sweeps", ["", *names], [[key, *value.values()] for key, value in result.items()])
+    finish("single_sweeps", {"coupling": chosen.coupling, "cases": result}, chosen.out)
+
+
+if __name__ == "__main__":
+    main()

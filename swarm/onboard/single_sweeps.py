@@ -1,0 +1,127 @@
+"""Navigation by single sweeps: the sweep angles themselves go into the filter, one row each, without a pose.
+
+One angle is one measurement (docs/single-sweeps.md). Which craft use rows is the setting `coupling`:
+
+    auto    those that have no pose in this period: one to three photodiodes lit, or a pose that failed
+    loose   none: a craft without a pose coasts
+    tight   all that have a filter; a pose is solved only to start one, or to find one again
+
+The rows of a period are tested together by the filter's gate. If they fail, they are searched for false photodiodes
+without which the others agree with the prediction; without a subset that agrees, none is used.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators.arrays import Bools, Floats, Ints
+from estimators.filter.bank import gates
+from estimators.lighthouse.innovation import RowBatch, SweepNoise, agreeing, fault_slopes, innovations, rows_of_sweeps
+from estimators.lighthouse.integrity import shown_to_gate
+from estimators.lighthouse.rows import Rows, Station
+from estimators.lighthouse.sweep import lighthouse_1
+from swarm.onboard.settings import MIN_LIT, NavigationSettings
+from swarm.onboard.tracks import Tracks
+
+
+class SweepsTaken(NamedTuple):
+    """Result of the filters' updates with single sweeps, (C,) each.
+
+    fresh: whether rows were accepted. refused: whether they were refused, all of them. nis: squared innovation
+    normalised by its covariance, NaN without rows. rows: number of rows in the filter. photodiodes: number of
+    photodiodes that they come from. dropped: number of photodiodes left out as false; -1: none agreed. fault: what a
+    false one among fewer than MIN_LIT may do to position [m] and attitude [deg], (2, C); zero elsewhere.
+    """
+
+    fresh: Bools
+    refused: Bools
+    nis: Floats
+    rows: Ints
+    photodiodes: Ints
+    dropped: Ints
+    fault: Floats
+
+
+def _none(craft: int) -> SweepsTaken:
+    no, zero = np.zeros(craft, dtype=np.bool_), np.zeros(craft, dtype=np.int64)
+    return SweepsTaken(no, no, np.full(craft, np.nan), zero, zero, zero, np.zeros((2, craft)))
+
+
+class SingleSweeps:
+    """The rows of C craft from one station with the two fans of Lighthouse 1.0."""
+
+    def __init__(self, point_m: Floats, settings: NavigationSettings) -> None:
+        """Take the photodiodes, point_m (C, K, 3) [m], at the positions that the craft assume."""
+        s = settings
+        fans = lighthouse_1(s.fan_x, s.fan_y)
+        self._stations = [Station(np.array(s.station.rotation), np.array(s.station.position), fans)]
+        self._point_m = point_m
+        self._compensated = s.motion_compensation
+        own = max(float(np.sqrt(1 - s.rotor_correlation)), LEAST_OWN)
+        self._noise = SweepNoise(s.angle_noise_rad * own, s.angle_noise_rad * float(np.sqrt(s.rotor_correlation)))
+        self._gate = gates(s.gate_probability, 2 * point_m.shape[1])
+        self._screens = s.integrity.residual_test
+        self._missed = np.sqrt(shown_to_gate(self._gate, s.integrity.missed_detection))
+
+    def take_in(self, theta: Floats, offset_s: Floats, mask: Bools, tracks: Tracks) -> SweepsTaken:
+        """Update the filters of the craft of the mask with their rows.
+
+        Args:
+            theta: (C, K, 2) [rad], measured sweep angles, less the rotor's speed; NaN where not seen.
+            offset_s: (C, K, 2) [s], instants of the angles minus the epoch.
+            mask: (C,), the craft concerned; those without a filter are left out.
+            tracks: filters, predicted to the epoch.
+        """
+        mask = mask & tracks.bank.active
+        if not mask.any():
+            return _none(len(mask))
+        instants = offset_s if self._compensated else np.zeros_like(offset_s)
+        rows = rows_of_sweeps(theta, instants, np.isfinite(theta) & mask[:, None, None])
+        kept = np.ones(len(rows.angle), dtype=np.bool_)
+        out = SweepsTaken._make(part.copy() for part in _none(len(mask)))
+        predicted, covariance = tracks.bank.state, tracks.bank.covariance
+        self._update(rows, kept, mask, tracks, out)
+        if self._screens:
+            self._without_false(rows, kept, tracks, out)
+        for c in np.flatnonzero(out.fresh):
+            own = slice(rows.first[c], rows.first[c + 1])
+            out.photodiodes[c] = len(np.unique(rows.photodiode[own][kept[own]]))
+            if self._screens and out.photodiodes[c] < MIN_LIT:
+                used = Rows._make(part[kept[own]] for part in rows.of(int(c)))
+                before = predicted.of(int(c)), covariance[c]
+                open_s = float(tracks.since_pose_s[c]) if out.photodiodes[c] < DETERMINED else 0.0
+                slopes = fault_slopes(used, self._stations, self._point_m[c], *before, self._noise, open_s)
+                out.fault[:, c] = self._missed[len(used.angle)] * np.array([slopes[0], np.degrees(slopes[1])])
+        return out
+
+    def _update(self, rows: RowBatch, kept: Bools, mask: Bools, tracks: Tracks, out: SweepsTaken) -> None:
+        """Give the kept rows of the craft of the mask to their filters, and write their fate."""
+        bank = tracks.bank
+        found = innovations(rows, kept, mask, self._stations, self._point_m, bank.state, self._noise)
+        asked = mask & (found.number > 0)
+        result = bank.update(asked, found.y, found.h, np.ones_like(found.y), found.number, found.pivot)
+        out.fresh[asked], out.refused[asked] = result.accepted[asked], ~result.accepted[asked]
+        out.nis[asked], out.rows[asked] = result.nis[asked], np.where(result.accepted, found.number, 0)[asked]
+
+    def _without_false(self, rows: RowBatch, kept: Bools, tracks: Tracks, out: SweepsTaken) -> None:
+        """Try again without false photodiodes where the gate has refused the rows."""
+        again = np.zeros(len(out.fresh), dtype=np.bool_)
+        bank = tracks.bank
+        for c in np.flatnonzero(out.refused):
+            own = rows.of(int(c))
+            state, covariance = bank.state.of(int(c)), bank.covariance[c]
+            keep = agreeing(own, self._stations, self._point_m[c], state, covariance, self._noise, self._gate)
+            out.dropped[c] = -1
+            if keep is not None:
+                kept[rows.first[c] : rows.first[c + 1]] = keep
+                lit = np.unique(own.photodiode)
+                out.dropped[c] = len(lit) - len(np.unique(own.photodiode[keep]))
+                again[c] = True
+        if again.any():
+            self._update(rows, kept, again, tracks, out)
+
+
+DETERMINED = 3
+"""Photodiodes whose rows leave nothing of a pose open."""
+LEAST_OWN = 1e-3
+"""Least share of a photodiode's own noise in an angle's: all of it from the rotor would make rows certain."""

@@ -1,0 +1,303 @@
+"""Navigation by single sweeps: the rows' noise, corrections about a pivot, two models of motion, few photodiodes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimators import rotation as rot
+from estimators.arrays import Bools, Floats
+from estimators.filter.bank import FilterBank
+from estimators.filter.compiled import CompiledFilterBank
+from estimators.filter.filterpy_bank import PoseFilterBank
+from estimators.filter.interacting import InteractingBank
+from estimators.free_rotation import free_accelerations
+from estimators.lighthouse.innovation import (
+    RowBatch,
+    SweepNoise,
+    agreeing,
+    fault_slopes,
+    innovations,
+    rows_of_sweeps,
+)
+from estimators.lighthouse.integrity import shown_to_gate
+from estimators.lighthouse.rows import AT_ORIGIN, linearise
+from estimators.lighthouse.sweep import ideal_theta
+from estimators.pivot import ARMS, shear_into, turn_about
+from estimators.state import State
+from swarm.hardware import pad
+from swarm.onboard.decoder import SweepAngles
+from swarm.onboard.navigation import Navigator
+from swarm.onboard.settings import Coupling, NavigationSettings, QuietModel, Status
+
+T, CRAFT = 1 / 60, 4
+NOISE = SweepNoise(1.5e-5, 4.0e-5)
+SIGMA = float(np.hypot(*NOISE))
+SETTINGS = NavigationSettings(T, SIGMA, (NOISE.shared_rad / SIGMA) ** 2)
+OFFSETS = np.array([-T / 4, T / 4])
+POINTS = np.array(
+    [[5, 1, 1], [-4, 4, 2], [1, -3, 3], [2, 2, 4], [-2, 2, 4], [-2, -2, 4], [2, -2, 4], [4, 4, 1]]
+) * np.array(0.01)
+BANKS: list[type[FilterBank]] = [PoseFilterBank, CompiledFilterBank]
+
+
+def every(craft: int = CRAFT) -> Bools:
+    return np.ones(craft, dtype=np.bool_)
+
+
+def still(craft: int = CRAFT) -> State:
+    rng, nothing = np.random.default_rng(1), np.zeros((craft, 3))
+    facing = rot.exp(np.array([0.0, np.pi - 0.3, 0.0]))
+    return State(
+        facing @ rot.exp(0.1 * rng.standard_normal((craft, 3))),
+        np.array([0.1, -0.2, 3.0]) + 0.1 * rng.standard_normal((craft, 3)),
+        nothing,
+        nothing.copy(),
+    )
+
+
+def seen(state: State, rng: np.random.Generator, shown: int, noise: float = 1.0) -> tuple[Floats, Floats]:
+    """Angles of craft at rest, NaN beyond the first `shown` photodiodes; every craft has a rotor of its own."""
+    theta = ideal_theta(np.einsum("cij,kj->cki", state.rotation, POINTS) + state.position[:, None])
+    rotor = NOISE.shared_rad * rng.standard_normal((len(theta), 1, 2))
+    theta = theta + noise * (rotor + NOISE.own_rad * rng.standard_normal(theta.shape))
+    theta[:, shown:] = np.nan
+    return theta, np.where(np.isfinite(theta), OFFSETS, 0.0)
+
+
+def rows_at(state: State, shown: int, seed: int = 0):
+    theta, offset = seen(state, np.random.default_rng(seed), shown)
+    rows = rows_of_sweeps(theta, offset, np.isfinite(theta))
+    point = np.tile(POINTS, (len(theta), 1, 1))
+    return rows, point, innovations(rows, np.ones(len(rows.angle), np.bool_), every(), [AT_ORIGIN], point, state, NOISE)
+
+
+def covariance_of(rows) -> Floats:
+    same = rows.fan[:, None] == rows.fan
+    return NOISE.own_rad**2 * np.eye(len(same)) + NOISE.shared_rad**2 * same
+
+
+@pytest.mark.parametrize("shown", [1, 3, 8])
+def test_whitened_rows_have_the_information_of_the_rows(shown):
+    state = still()
+    rows, point, found = rows_at(state, shown)
+    for c in range(CRAFT):
+        own, n = rows.of(c), found.number[c]
+        one = state.of(c)
+        y, h = linearise(own, [AT_ORIGIN], point[c], one.rotation, one.position, one.velocity, one.angular_rate)
+        inverse = np.linalg.inv(covariance_of(own))
+        assert n == 2 * shown
+        white, scale = found.h[c, :n], np.sqrt(np.diag(h.T @ inverse @ h))
+        np.testing.assert_allclose(white.T @ white, h.T @ inverse @ h, rtol=0, atol=1e-9 * np.outer(scale, scale).max())
+        np.testing.assert_allclose(found.y[c, :n] @ found.y[c, :n], y @ inverse @ y, rtol=1e-9)
+        np.testing.assert_allclose(found.pivot[c], POINTS[:shown].mean(axis=0), atol=1e-15)
+
+
+def started(kind: type[FilterBank], state: State, wide: float = 1.0) -> FilterBank:
+    bank = kind(len(state.position), acceleration_noise_m_s2=0.2, gate_probability=0.999999)
+    p = np.tile(1e-6 * wide**2 * np.eye(6), (len(state.position), 1, 1))
+    bank.start(every(len(p)), state.rotation, state.position, p, (0.05, 0.05))
+    bank.predict(T, every(len(p)))
+    return bank
+
+
+@pytest.mark.parametrize("wide", [1.0, 30.0])
+@pytest.mark.parametrize("shown", [1, 2, 8])
+def test_both_banks_take_independent_rows_alike(shown, wide):
+    state = still()
+    banks = [started(kind, state, wide) for kind in BANKS]
+    for seed in range(5):
+        _, _, found = rows_at(banks[0].state, shown, seed)
+        results = [b.update(every(), found.y, found.h, np.ones_like(found.y), found.number, found.pivot) for b in banks]
+        np.testing.assert_array_equal(results[0].accepted, results[1].accepted)
+        np.testing.assert_allclose(results[0].nis, results[1].nis, rtol=1e-9)
+        np.testing.assert_allclose(results[0].log_determinant, results[1].log_determinant, rtol=1e-9, atol=1e-9)
+        scale = np.sqrt(np.einsum("cii->ci", banks[0].covariance))
+        off = (banks[0].covariance - banks[1].covariance) / (scale[:, :, None] * scale[:, None])
+        assert np.abs(off).max() < 1e-9
+        for name in ("rotation", "position", "velocity", "angular_rate"):
+            np.testing.assert_allclose(getattr(banks[0], name), getattr(banks[1], name), rtol=1e-9, atol=1e-12)
+
+
+def test_a_large_turn_leaves_the_pivot_in_its_place_and_the_shear_is_its_derivative():
+    rng = np.random.default_rng(0)
+    r, p, w, v, b = rot.exp(rng.standard_normal(3)), *rng.standard_normal((3, 3)), 0.1 * rng.standard_normal(3)
+    d, dw = 0.5 * rng.standard_normal(3), 0.3 * rng.standard_normal(3)
+    arm = r @ b
+    x = np.concatenate([d, dw, -np.cross(d, arm), -np.cross(dw, arm) - np.cross(w, np.cross(d, arm))])
+
+    def moved(error: Floats, arms: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        state = r.copy(), w.copy(), p.copy(), v.copy()
+        turn_about(*state, error, b, arms)
+        return state
+
+    turned, rate, position, velocity = moved(x, np.empty(ARMS))
+    np.testing.assert_allclose(position + turned @ b, p + arm, atol=1e-14)
+    np.testing.assert_allclose(velocity + np.cross(rate, turned @ b), v + np.cross(w, arm), atol=1e-14)
+    # In the pivot's coordinates B (d, dw, dp, dv) of the errors before and after, the place and its velocity are equal.
+    arms, matrix = np.empty(ARMS), np.empty((12, 12))
+    base = moved(x, arms)
+    shear_into(arms, matrix)
+    before, after = of_pivot(arm, w), of_pivot(turned @ b, rate)
+    np.testing.assert_allclose(after @ matrix, before, atol=1e-14)
+    for i in range(12):
+        step = 1e-6 * np.eye(12)[i]
+        one, other = moved(x + step, np.empty(ARMS)), moved(x - step, np.empty(ARMS))
+        turn = rot.log(one[0] @ base[0].T) - rot.log(other[0] @ base[0].T)
+        column = np.concatenate([turn, *(a - c for a, c in zip(one[1:], other[1:], strict=True))]) / 2e-6
+        np.testing.assert_allclose((after @ column)[6:], before[6:, i], atol=1e-8)
+
+
+def of_pivot(arm: Floats, rate: Floats) -> Floats:
+    """B, (12, 12)."""
+    out = np.eye(12)
+    out[6:9, :3] = out[9:, 3:6] = -rot.skew(arm)
+    out[9:, :3] = -rot.skew(rate) @ rot.skew(arm)
+    return out
+
+
+def test_a_false_photodiode_is_found_by_the_prediction_alone():
+    state = still(1)
+    bank = started(CompiledFilterBank, state)
+    theta, offset = seen(bank.state, np.random.default_rng(3), 3)
+    theta[0, 1] += 0.05
+    rows = rows_of_sweeps(theta, offset, np.isfinite(theta)).of(0)
+    gate = shown_to_gate(np.full(7, 30.0), 1e-4)
+    kept = agreeing(rows, [AT_ORIGIN], POINTS, bank.state.of(0), bank.covariance[0], NOISE, gate)
+    assert kept is not None
+    assert set(rows.photodiode[~kept]) == {1}
+    theta[0, :3] += 0.05 * np.arange(3)[:, None]
+    rows = rows_of_sweeps(theta, offset, np.isfinite(theta)).of(0)
+    assert agreeing(rows, [AT_ORIGIN], POINTS, bank.state.of(0), bank.covariance[0], NOISE, gate) is None
+
+
+@pytest.mark.parametrize("shown", [2, 3])
+def test_what_an_undetected_fault_does_is_within_the_slope(shown):
+    state, rng = still(1), np.random.default_rng(4)
+    bank = started(CompiledFilterBank, state)
+    for _ in range(60):
+        bank.predict(T, every(1))
+        theta, offset = seen(state, rng, 8, noise=0.0)
+        rows = rows_of_sweeps(theta, offset, np.isfinite(theta))
+        give(bank, rows)
+    bank.predict(T, every(1))
+    theta, offset = seen(state, rng, shown, noise=0.0)
+    rows = rows_of_sweeps(theta, offset, np.isfinite(theta))
+    first, p, one = rows.of(0), bank.covariance[0], bank.state.of(0)
+    h = linearise(first, [AT_ORIGIN], POINTS, one.rotation, one.position, one.velocity, one.angular_rate).matrix
+    shown_by = np.linalg.inv(h @ p @ h.T + covariance_of(first))
+    worst = 0.0
+    for bias in np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0], [1.0, -1.0]]):
+        false = np.where(first.photodiode == 1, bias[first.fan], 0.0)
+        lying = theta.copy()
+        lying[0, 1] += bias / np.sqrt(false @ shown_by @ false)  # noncentrality one
+        followed = started(CompiledFilterBank, state)
+        followed.adopt(every(1), bank.state, bank.covariance)
+        rows = rows_of_sweeps(lying, offset, np.isfinite(lying))
+        for period in range(60):
+            open_s = period * T if shown < 3 else 0.0
+            place, turn = fault_slopes(
+                rows.of(0), [AT_ORIGIN], POINTS, followed.state.of(0), followed.covariance[0], NOISE, open_s
+            )
+            give(followed, rows)
+            away = float(np.linalg.norm(followed.position - state.position))
+            turned = float(np.linalg.norm(rot.log(followed.rotation[0] @ state.rotation[0].T)))
+            worst = max(worst, away / place, turned / turn)
+            followed.predict(T, every(1))
+    assert 0.1 < worst <= 1.0, "a bound, and not an empty one"
+
+
+def give(bank: FilterBank, rows: RowBatch) -> None:
+    """Let the bank of one craft take in its rows."""
+    kept = np.ones(len(rows.angle), np.bool_)
+    found = innovations(rows, kept, every(1), [AT_ORIGIN], POINTS[None], bank.state, NOISE)
+    bank.update(every(1), found.y, found.h, np.ones_like(found.y), found.number, found.pivot)
+
+
+def angles(state: State, rng: np.random.Generator, shown: int) -> SweepAngles:
+    theta, offset = seen(state, rng, shown)
+    none = np.zeros(len(theta), dtype=np.int64)
+    return SweepAngles(theta, offset, np.isfinite(theta).all(axis=2), none, none, none)
+
+
+@pytest.mark.parametrize("coupling", ["auto", "tight", "loose"])
+def test_three_photodiodes_keep_a_craft_navigating(coupling):
+    state, rng = still(), np.random.default_rng(6)
+    layout = pad([POINTS] * CRAFT, [np.tile([0.0, 0.0, 1.0], (len(POINTS), 1))] * CRAFT)
+    navigator = Navigator(layout, replace(SETTINGS, coupling=coupling, filter="compiled"))
+    for _ in range(30):
+        converged = navigator.step(angles(state, rng, 8))
+    assert (converged.status == Status.TRACKING).all()
+    assert (converged.coupling == (Coupling.TIGHT if coupling == "tight" else Coupling.LOOSE)).all()
+    for _ in range(130):
+        last = navigator.step(angles(state, rng, 3))
+    if coupling == "loose":
+        assert (last.status == Status.SEARCHING).all()
+        assert not last.rows.any()
+        return
+    assert (last.status == Status.SINGLE_SWEEPS).all()
+    assert (last.rows == 6).all()
+    error = np.linalg.norm(last.position - state.position, axis=1)
+    assert (error < 5e-3).all()
+    assert (error < last.integrity.position_m).all()
+    assert np.isfinite(last.integrity.position_m).all()
+
+
+def test_a_craft_in_tight_mode_knows_the_same_alone():
+    state = still()
+    layout = pad([POINTS] * CRAFT, [np.tile([0.0, 0.0, 1.0], (len(POINTS), 1))] * CRAFT)
+    quiet = QuietModel(0.002, 0.002, 1.0, 2.0)
+    settings = replace(SETTINGS, coupling="tight", filter="compiled", quiet=quiet)
+    together, alone = Navigator(layout, settings), Navigator(layout.of(2), settings)
+    rng = np.random.default_rng(7)
+    for period in range(40):
+        light = angles(state, rng, 8 if period < 20 else 2)
+        one = SweepAngles._make(part[2:3] for part in light)
+        every_craft, own = together.step(light), alone.step(one)
+        for name in ("status", "rotation", "position", "velocity", "covariance", "nis", "rows"):
+            np.testing.assert_array_equal(getattr(every_craft, name)[2], getattr(own, name)[0], err_msg=name)
+
+
+def interacting(kind: type[FilterBank], craft: int) -> InteractingBank:
+    quiet = kind(craft, acceleration_noise_m_s2=0.002, angular_acceleration_noise_rad_s2=0.002)
+    return InteractingBank(quiet, kind(craft), 1.0, 2.0)
+
+
+def test_two_models_of_either_bank_agree_and_tell_a_push_from_quiet():
+    rng, state = np.random.default_rng(8), still()
+    banks = [interacting(kind, CRAFT) for kind in BANKS]
+    p, b = np.tile(1e-6 * np.eye(6), (CRAFT, 1, 1)), np.zeros((CRAFT, 6, 6))
+    push = np.array([0.0, 0.0, 0.3, 0.3])
+    for bank in banks:
+        bank.start(every(), state.rotation, state.position, p, (1.0, 0.5))
+    for period in range(120):
+        time = max(0.0, (period - 90) * T)
+        place = state.position + np.outer(push, [time**2 / 2, 0.0, 0.0]) + 1e-3 * rng.standard_normal((CRAFT, 3))
+        turned = rot.exp(1e-3 * rng.standard_normal((CRAFT, 3))) @ state.rotation
+        for bank in banks:
+            bank.predict(T, every())
+        fates = [bank.update_pose(every(), turned, place, p, b) for bank in banks]
+        np.testing.assert_allclose(fates[0].nis, fates[1].nis, rtol=1e-9)
+        if period == 85:
+            quiet = banks[0].quiet_probability.copy()
+    np.testing.assert_allclose(banks[0].covariance, banks[1].covariance, rtol=1e-8, atol=1e-16)
+    np.testing.assert_allclose(banks[0].position, banks[1].position, rtol=0, atol=1e-12)
+    assert (quiet > 0.8).all()
+    assert (banks[0].quiet_probability[2:] < 0.2).all()
+    assert (banks[0].quiet_probability[:2] > 0.6).all()
+    banks[0].stop(every())
+    assert not banks[0].active.any()
+
+
+def test_free_turns_keep_the_angular_momentum():
+    rng = np.random.default_rng(9)
+    inertia = np.diag([1.0, 2.0, 2.5])[None] * 1e-3
+    rotation, rate = rot.exp(rng.standard_normal((1, 3))), rng.standard_normal((1, 3))
+    before = rotation[0] @ inertia[0] @ rotation[0].T @ rate[0]
+    step = 3e-4
+    for _ in range(1500):
+        rate = rate + step / 2 * free_accelerations(every(1), rotation, rate, inertia, np.linalg.inv(inertia))
+        rotation = rot.exp(step * rate) @ rotation
+        rate = rate + step / 2 * free_accelerations(every(1), rotation, rate, inertia, np.linalg.inv(inertia))
+    after = rotation[0] @ inertia[0] @ rotation[0].T @ rate[0]
+    np.testing.assert_allclose(after, before, rtol=1e-3, atol=1e-6)
