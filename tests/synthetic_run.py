@@ -50,8 +50,8 @@ class Estimate(NamedTuple):
     rejected: Ints
     sensor: Ints
     ccd: None = None
-    coupling: Ints = np.zeros(8, dtype=np.int64)
-    rows: Ints = np.zeros(8, dtype=np.int64)
+    coupling: int = 0
+    rows: int = 0
 
 
 def period_of(

@@ -226,7 +226,7 @@ def test_it_coasts_without_light_gives_up_after_the_limit_and_finds_itself_again
     rotation = rot.exp(np.array([0.2, 2.8, 0.1]))
     in_light = (points @ rotation.T + [0.2, 0.1, 3.0])[None]
     every, few = np.ones((1, 8), dtype=bool), np.array([[True] * 3 + [False] * 5])
-    navigator = Navigator(layout, replace(SETTINGS, coast_limit_s=0.5))
+    navigator = Navigator(layout, replace(SETTINGS, coast_limit_s=0.5, coupling="loose"))
 
     def step(seen):
         return navigator.step(angles_of(in_light, rng, NOISE_RAD, seen))

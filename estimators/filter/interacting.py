@@ -14,11 +14,14 @@ The estimate is the mean and the covariance of the mixture (H. Blom, Y. Bar-Shal
 1988). Means are taken in the error state at the manoeuvring model's state. Innovations come in for the mixture's mean
 x; a model's own is y_j = y - H (x_j - x). A measurement is let in if either model's gate does; a model that refuses it
 keeps its state, and starts from the other one's at the next mixing.
+
+Models are mixed after updates with `DECIDING` rows or more only. In the dark, or by one or two photodiodes, nothing
+tells the models apart: there mixing would make a quiet craft a manoeuvring one within t_i, and its prediction useless.
 """
 
 import numpy as np
 
-from estimators.arrays import Bools, Floats
+from estimators.arrays import Bools, Floats, Ints
 from estimators.filter.bank import FilterBank, Given, Independent, Result
 from estimators.kernel import kernel
 from estimators.rotation import exp_into, log_into, multiply_into
@@ -56,6 +59,7 @@ class InteractingBank(FilterBank):
         self._leave = 1 / quiet_s, 1 / manoeuvre_s
         self._first = quiet_s / (quiet_s + manoeuvre_s)
         self.quiet_probability = np.full(len(self._active), self._first)
+        self._told = np.zeros(len(self._active), dtype=np.bool_)
 
     def add_motion(self, mask: Bools, turn: Floats, rate: Floats, shift: Floats, velocity: Floats) -> None:
         """Add known motion to both models; arguments as in `FilterBank.add_motion`."""
@@ -72,15 +76,18 @@ class InteractingBank(FilterBank):
 
     def _begin(self, mask: Bools) -> None:
         self.quiet_probability[mask] = self._first
+        self._told[mask] = False
         for bank in self._models:
             bank.adopt(mask, self._state, self._covariance)
 
     def _predict(self, mask: Bools, step: Floats) -> None:
         quiet, manoeuvring = self._models
         states, covariances = (quiet.state, manoeuvring.state), (quiet.covariance, manoeuvring.covariance)
-        _mix_all(mask, step, self._leave, self.quiet_probability, *states, *covariances)
+        told = mask & self._told
+        _mix_all(told, step, self._leave, self.quiet_probability, *states, *covariances)
+        self._told[mask] = False
         for bank, state, covariance in zip(self._models, states, covariances, strict=True):
-            bank.adopt(mask, state, covariance)
+            bank.adopt(told, state, covariance)
             bank.predict(step, mask)
         self._combine(mask)
 
@@ -92,7 +99,7 @@ class InteractingBank(FilterBank):
             if (indefinite := bank._update(mask, own, fate)) >= 0:
                 return indefinite
             fates.append(fate)
-        self._weigh(mask, fates[0], fates[1], result)
+        self._weigh(mask, fates[0], fates[1], given.rows, result)
         return -1
 
     def _update_independent(self, mask: Bools, given: Independent, result: Result) -> None:
@@ -101,7 +108,7 @@ class InteractingBank(FilterBank):
             fate = np.zeros_like(result[0]), np.full_like(result[1], np.nan), np.full_like(result[2], np.nan)
             bank._update_independent(mask, given._replace(y=self._own(mask, bank, given.y, given.h)), fate)
             fates.append(fate)
-        self._weigh(mask, fates[0], fates[1], result)
+        self._weigh(mask, fates[0], fates[1], given.rows, result)
 
     def _own(self, mask: Bools, bank: FilterBank, y: Floats, h: Floats) -> Floats:
         """Return the innovations (C, m) of one model from the mixture's."""
@@ -114,6 +121,7 @@ class InteractingBank(FilterBank):
         mask: Bools,
         quiet: Result,
         manoeuvring: Result,
+        rows: Ints,
         result: Result,
     ) -> None:
         """Update the models' probabilities by their likelihoods, and combine them."""
@@ -125,6 +133,7 @@ class InteractingBank(FilterBank):
         probability = odds / (1 + odds)
         self.quiet_probability[either] = np.clip(probability, LEAST, 1 - LEAST)[either]
         accepted[either] = True
+        self._told |= either & (rows >= DECIDING)
         m = self.quiet_probability
         for out, one, other in ((nis, quiet[1], manoeuvring[1]), (log_determinant, quiet[2], manoeuvring[2])):
             out[mask] = np.where(either, m * one + (1 - m) * other, other)[mask]
@@ -136,6 +145,8 @@ class InteractingBank(FilterBank):
         _combine_all(mask, self.quiet_probability, *banks, self._state, self._covariance)
 
 
+DECIDING = 6
+"""Rows of an update after which models are mixed: those of a pose, or of three photodiodes."""
 LEAST = 1e-6
 """Least probability of a model: so much evidence is forgotten."""
 
