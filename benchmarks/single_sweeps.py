@@ -310,7 +310,7 @@ def main() -> None:
         coupling=("auto", "navigation.coupling"),
         independent=(False, "take the rows as independent in the filter"),
     )
-    overrides = ['navigation.filter="compiled"', "navigation.quiet.enabled=false"]
+    overrides = ['navigation.filter="compiled"', 'navigation.quiet.craft="none"']
     scenario = load("drift", [f'navigation.coupling="{chosen.coupling}"', *overrides])
     settings = builders.navigation(scenario)
     model = Model(

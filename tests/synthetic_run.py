@@ -50,8 +50,8 @@ class Estimate(NamedTuple):
     rejected: Ints
     sensor: Ints
     ccd: None = None
-    coupling: int = 0
-    rows: int = 0
+    coupling: Ints | int = 0
+    rows: Ints | int = 0
 
 
 def period_of(
@@ -122,6 +122,8 @@ def estimate_of(
         np.zeros(craft, dtype=np.int64),
         np.zeros(craft, dtype=np.int64),
         np.ones(craft, dtype=np.int64),
+        coupling=np.ones(craft, dtype=np.int64),
+        rows=np.zeros(craft, dtype=np.int64),
     )
 
 
@@ -160,4 +162,6 @@ def lost(estimate: Estimate, craft: int) -> Estimate:
         estimate.missed_sync,
         estimate.rejected,
         zero(estimate.sensor),
+        coupling=np.zeros_like(estimate.status),
+        rows=np.zeros_like(estimate.status),
     )

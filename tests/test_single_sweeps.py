@@ -246,7 +246,7 @@ def test_three_photodiodes_keep_a_craft_navigating(coupling):
 def test_a_craft_in_tight_mode_knows_the_same_alone():
     state = still()
     layout = pad([POINTS] * CRAFT, [np.tile([0.0, 0.0, 1.0], (len(POINTS), 1))] * CRAFT)
-    quiet = QuietModel(0.002, 0.002, 1.0, 2.0)
+    quiet = QuietModel(0.002, 0.002, 1.0, 2.0, only_free=False)
     settings = replace(SETTINGS, coupling="tight", filter="compiled", quiet=quiet)
     together, alone = Navigator(layout, settings), Navigator(layout.of(2), settings)
     rng = np.random.default_rng(7)

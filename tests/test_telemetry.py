@@ -109,6 +109,7 @@ def test_what_is_not_known_is_null(tmp_path):
     row = read_telemetry(tmp_path).to_pylist()[1]
     missing = {name for name, value in row.items() if value is None}
     known = {"time_s", "frame", "craft", "status", "sensor", "visible", "missed_sync", "rejected_pulses", "contact"}
+    known |= {"coupling", "rows"}
     assert missing == {name for name in row if name not in known and not name.startswith("true_")}
     assert row["status"] == "searching"
     for column in read_telemetry(tmp_path).select([f.name for f in schema() if f.type == pa.float64()]).columns:

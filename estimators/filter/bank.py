@@ -323,7 +323,13 @@ class FilterBank(ABC):
         return self._taken("covariance", mask, y, h, covariance, np.full(len(mask), POSE))
 
     def adopt(self, mask: Bools, state: State, covariance: Floats) -> None:
-        """Take over states and covariances (C, 12, 12) of these craft, and start those that are not active."""
+        """Take over states and covariances, and start the craft that are not active.
+
+        Args:
+            mask: (C,), the craft concerned.
+            state: of the C craft.
+            covariance: (C, 12, 12).
+        """
         for own, given in zip((*self._state, self._covariance), (*state, covariance), strict=True):
             own[mask] = given[mask]
         self._active[mask] = True

@@ -40,6 +40,7 @@ class InteractingBank(FilterBank):
         manoeuvring: FilterBank,
         quiet_s: float,
         manoeuvre_s: float,
+        may_be_quiet: Bools | None = None,
     ) -> None:
         """Interact two banks of the same craft.
 
@@ -48,6 +49,8 @@ class InteractingBank(FilterBank):
             manoeuvring: bank with that of a craft that is pushed.
             quiet_s: mean time that a craft stays quiet [s].
             manoeuvre_s: mean time that it manoeuvres [s].
+            may_be_quiet: (C,), craft that have the quiet model; the others' numbers are those of the manoeuvring bank
+                alone; None: all.
         """
         super().__init__(
             len(quiet.active),
@@ -57,12 +60,21 @@ class InteractingBank(FilterBank):
         )
         self._models = quiet, manoeuvring
         self._leave = 1 / quiet_s, 1 / manoeuvre_s
-        self._first = quiet_s / (quiet_s + manoeuvre_s)
-        self.quiet_probability = np.full(len(self._active), self._first)
+        self._both = np.ones(len(self._active), dtype=np.bool_) if may_be_quiet is None else may_be_quiet.copy()
+        self._first = np.where(self._both, quiet_s / (quiet_s + manoeuvre_s), 0.0)
+        self.quiet_probability = self._first.copy()
         self._told = np.zeros(len(self._active), dtype=np.bool_)
 
     def add_motion(self, mask: Bools, turn: Floats, rate: Floats, shift: Floats, velocity: Floats) -> None:
-        """Add known motion to both models; arguments as in `FilterBank.add_motion`."""
+        """Add known motion to both models.
+
+        Args:
+            mask: (C,), the craft concerned.
+            turn: (C, 3) [rad].
+            rate: (C, 3) [rad/s].
+            shift: (C, 3) [m].
+            velocity: (C, 3) [m/s].
+        """
         super().add_motion(mask, turn, rate, shift, velocity)
         for bank in self._models:
             bank.add_motion(mask, turn, rate, shift, velocity)
@@ -70,12 +82,12 @@ class InteractingBank(FilterBank):
     def stop(self, mask: Bools) -> None:
         """Forget the state of these craft."""
         super().stop(mask)
-        self.quiet_probability[mask] = self._first
+        self.quiet_probability[mask] = self._first[mask]
         for bank in self._models:
             bank.stop(mask)
 
     def _begin(self, mask: Bools) -> None:
-        self.quiet_probability[mask] = self._first
+        self.quiet_probability[mask] = self._first[mask]
         self._told[mask] = False
         for bank in self._models:
             bank.adopt(mask, self._state, self._covariance)
@@ -126,14 +138,14 @@ class InteractingBank(FilterBank):
     ) -> None:
         """Update the models' probabilities by their likelihoods, and combine them."""
         accepted, nis, log_determinant = result
-        either = mask & (quiet[0] | manoeuvring[0])
+        either = mask & ((quiet[0] & self._both) | manoeuvring[0])
         with np.errstate(over="ignore", invalid="ignore"):
             ahead = (manoeuvring[1] + manoeuvring[2] - quiet[1] - quiet[2]) / 2
             odds = self.quiet_probability / (1 - self.quiet_probability) * np.exp(np.clip(ahead, -50, 50))
         probability = odds / (1 + odds)
-        self.quiet_probability[either] = np.clip(probability, LEAST, 1 - LEAST)[either]
+        self.quiet_probability[either] = np.where(self._both, np.clip(probability, LEAST, 1 - LEAST), 0.0)[either]
         accepted[either] = True
-        self._told |= either & (rows >= DECIDING)
+        self._told |= either & self._both & (rows >= DECIDING)
         m = self.quiet_probability
         for out, one, other in ((nis, quiet[1], manoeuvring[1]), (log_determinant, quiet[2], manoeuvring[2])):
             out[mask] = np.where(either, m * one + (1 - m) * other, other)[mask]

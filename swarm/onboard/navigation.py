@@ -79,8 +79,15 @@ class Estimate(NamedTuple):
         )
 
 
-def _bank(craft: int, kind: type[FilterBank], s: NavigationSettings) -> FilterBank:
-    """Return the filters of C craft: one model of motion, or a quiet one beside it."""
+def _bank(craft: int, kind: type[FilterBank], s: NavigationSettings, inertia: Floats | None) -> FilterBank:
+    """Return the filters of C craft: one model of motion, or a quiet one beside it.
+
+    Args:
+        craft: number of craft.
+        kind: kind of the filters.
+        s: settings of the navigation.
+        inertia: (C, 3, 3) [kg m^2] of craft that turn without torque; NaN for the others; None: all.
+    """
     gate = s.gate_probability
     pushed = kind(
         craft,
@@ -88,7 +95,12 @@ def _bank(craft: int, kind: type[FilterBank], s: NavigationSettings) -> FilterBa
         angular_acceleration_noise_rad_s2=s.angular_acceleration_noise_rad_s2,
         gate_probability=gate,
     )
-    if s.quiet is None:
+    quiet_craft = np.zeros(craft, dtype=np.bool_)
+    if s.quiet is not None and not s.quiet.only_free:
+        quiet_craft[:] = True
+    elif inertia is not None:
+        quiet_craft = np.isfinite(inertia).all(axis=(1, 2))
+    if s.quiet is None or not quiet_craft.any():
         return pushed
     quiet = kind(
         craft,
@@ -98,7 +110,7 @@ def _bank(craft: int, kind: type[FilterBank], s: NavigationSettings) -> FilterBa
         ),
         gate_probability=gate,
     )
-    return InteractingBank(quiet, pushed, s.quiet.quiet_s, s.quiet.manoeuvre_s)
+    return InteractingBank(quiet, pushed, s.quiet.quiet_s, s.quiet.manoeuvre_s, quiet_craft)
 
 
 class Navigator:
@@ -123,7 +135,7 @@ class Navigator:
         compiled = craft > MOST_BY_FILTERPY if s.filter == "auto" else s.filter == "compiled"
         kind: type[FilterBank] = CompiledFilterBank if compiled else PoseFilterBank
         self.settings = s
-        bank = _bank(craft, kind, s)
+        bank = _bank(craft, kind, s, inertia)
         self.tracks = Tracks(bank, s.frame_s, TrackLimits(s.coast_limit_s, s.rejections_limit), s.orbit, inertia)
         self._light = LighthouseFix(photodiodes.point_m, s)
         self._sweeps = SingleSweeps(photodiodes.point_m, s)

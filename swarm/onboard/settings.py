@@ -36,7 +36,7 @@ BY_LIGHT = (Status.TRACKING, Status.SINGLE_SWEEPS)
 
 
 class Coupling(IntEnum):
-    """How the lighthouse's light went into a craft's filter in a period: not at all, as a pose, or as single sweeps."""
+    """Coupling in force in a period: no light in the filter, a pose (loose), or single sweeps (tight)."""
 
     NONE = 0
     LOOSE = 1
@@ -57,13 +57,14 @@ class QuietModel:
     """The model of a craft that nothing pushes, beside that of one that manoeuvres, in SI units.
 
     acceleration_noise_m_s2, angular_acceleration_noise_rad_s2: process noise. quiet_s, manoeuvre_s: mean times that a
-    craft is taken to stay in either model.
+    craft is taken to stay in either model. only_free: whether only craft that turn without torque have it.
     """
 
     acceleration_noise_m_s2: float
     angular_acceleration_noise_rad_s2: float
     quiet_s: float
     manoeuvre_s: float
+    only_free: bool = True
 
 
 @dataclass(frozen=True)

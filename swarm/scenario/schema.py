@@ -324,26 +324,26 @@ class Integrity(Table):
 class Quiet(Table):
     """The filter's second model of motion: that of a craft which nothing pushes but what it knows of."""
 
-    enabled: bool = Field(
-        default=True,
-        description="Whether the filter has a quiet model beside that of a craft that manoeuvres, and weighs them by "
-        "how well they predict the light (docs/filter.md).",
+    craft: Literal["free", "all", "none"] = Field(
+        default="free",
+        description="Whose filter has a quiet model beside that of a craft that manoeuvres, and weighs them by how "
+        "well they predict the light (docs/filter.md): craft that hold neither place nor attitude, all, or none.",
     )
     acceleration_noise_m_s2: Annotated[float, PROCESS] = Field(
-        default=0.002,
+        default=0.004,
         ge=1e-9,
         le=100,
         description="Process noise of a quiet craft: white acceleration, standard deviation per axis and period.",
     )
     angular_acceleration_noise_deg_s2: Annotated[float, TURNING_PROCESS] = Field(
-        default=0.12,
+        default=0.25,
         ge=1e-9,
         le=36000,
         description="Process noise of a quiet craft: white angular acceleration, standard deviation per axis and "
         "period.",
     )
     mean_duration_s: Annotated[float, STAY] = Field(
-        default=1.0, ge=0.1, le=1e6, description="Mean time for which a craft is quiet."
+        default=30.0, ge=0.1, le=1e6, description="Mean time for which a craft is quiet."
     )
     mean_manoeuvre_s: Annotated[float, STAY] = Field(
         default=2.0, ge=0.1, le=1e6, description="Mean time for which a craft manoeuvres."

@@ -50,13 +50,14 @@ def navigation(settings: Scenario) -> NavigationSettings:
 
 def _quiet(settings: Scenario) -> QuietModel | None:
     table = si(settings.navigation.quiet)
-    if not table.enabled:
+    if table.craft == "none":
         return None
     return QuietModel(
         table.acceleration_noise_m_s2,
         table.angular_acceleration_noise_rad_s2,
         table.mean_duration_s,
         table.mean_manoeuvre_s,
+        only_free=table.craft == "free",
     )
 
 
