@@ -95,7 +95,7 @@ def _bank(craft: int, kind: type[FilterBank], s: NavigationSettings, inertia: Fl
         angular_acceleration_noise_rad_s2=s.angular_acceleration_noise_rad_s2,
         gate_probability=gate,
     )
-    quiet_craft = np.zeros(craft, dtype=np.bool_)
+    quiet_craft: Bools = np.zeros(craft, dtype=np.bool_)
     if s.quiet is not None and not s.quiet.only_free:
         quiet_craft[:] = True
     elif inertia is not None:

@@ -16,6 +16,7 @@ import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.filter.bank import gates
+from estimators.kernel import kernel
 from estimators.lighthouse.innovation import RowBatch, SweepNoise, agreeing, fault_slopes, innovations, rows_of_sweeps
 from estimators.lighthouse.integrity import shown_to_gate
 from estimators.lighthouse.rows import Rows, Station
@@ -83,10 +84,10 @@ class SingleSweeps:
         self._update(rows, kept, mask, tracks, out)
         if self._screens:
             self._without_false(rows, kept, tracks, out)
-        for c in np.flatnonzero(out.fresh):
-            own = slice(rows.first[c], rows.first[c + 1])
-            out.photodiodes[c] = len(np.unique(rows.photodiode[own][kept[own]]))
-            if self._screens and out.photodiodes[c] < MIN_LIT:
+        _count_photodiodes(rows.first, rows.photodiode, kept, out.fresh, self._point_m.shape[1], out.photodiodes)
+        if self._screens:
+            for c in np.flatnonzero(out.fresh & (out.photodiodes < MIN_LIT)):
+                own = slice(rows.first[c], rows.first[c + 1])
                 used = Rows._make(part[kept[own]] for part in rows.of(int(c)))
                 before = predicted.of(int(c)), covariance[c]
                 open_s = float(tracks.since_pose_s[c]) if out.photodiodes[c] < DETERMINED else 0.0
@@ -119,6 +120,20 @@ class SingleSweeps:
                 again[c] = True
         if again.any():
             self._update(rows, kept, again, tracks, out)
+
+
+@kernel
+def _count_photodiodes(first: Ints, photodiode: Ints, kept: Bools, mask: Bools, photodiodes: int, out: Ints) -> None:
+    """Write the number of photodiodes that the kept rows of the craft of the mask come from."""
+    seen = np.empty(photodiodes, np.bool_)
+    for c in range(len(mask)):
+        if mask[c]:
+            seen[:] = False
+            out[c] = 0
+            for r in range(first[c], first[c + 1]):
+                if kept[r] and not seen[photodiode[r]]:
+                    seen[photodiode[r]] = True
+                    out[c] += 1
 
 
 DETERMINED = 3
