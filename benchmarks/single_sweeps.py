@@ -121,7 +121,8 @@ class Model(NamedTuple):
         then = truth.ahead(self.frame_s)
         f = differences(lambda state: state.ahead(self.frame_s).less(then), truth)
         p = f @ np.linalg.inv(information) @ np.swapaxes(f, 1, 2) + self.process_noise()
-        return np.linalg.inv(p)
+        out: Floats = np.linalg.inv(p).astype(np.float64)
+        return out
 
     def light(self, truth: Truth, points: Floats, instant: Floats) -> Floats:
         """Return the information (C, 12, 12) of the angles of photodiodes (C, n, 3) at these instants (C, n, 2)."""

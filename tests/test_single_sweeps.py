@@ -217,7 +217,8 @@ def give(bank: FilterBank, rows: RowBatch) -> None:
 def angles(state: State, rng: np.random.Generator, shown: int) -> SweepAngles:
     theta, offset = seen(state, rng, shown)
     none = np.zeros(len(theta), dtype=np.int64)
-    return SweepAngles(theta, offset, np.isfinite(theta).all(axis=2), none, none, none)
+    lit: Bools = np.all(np.isfinite(theta), axis=2)
+    return SweepAngles(theta, offset, lit, none, none, none)
 
 
 @pytest.mark.parametrize("coupling", ["auto", "tight", "loose"])
@@ -291,13 +292,15 @@ def test_two_models_of_either_bank_agree_and_tell_a_push_from_quiet():
 
 def test_free_turns_keep_the_angular_momentum():
     rng = np.random.default_rng(9)
-    inertia = np.diag([1.0, 2.0, 2.5])[None] * 1e-3
-    rotation, rate = rot.exp(rng.standard_normal((1, 3))), rng.standard_normal((1, 3))
+    inertia: Floats = np.diag([1.0, 2.0, 2.5])[None] * 1e-3
+    inverse: Floats = np.linalg.inv(inertia).astype(np.float64)
+    rotation = rot.exp(rng.standard_normal((1, 3)))
+    rate: Floats = rng.standard_normal((1, 3))
     before = rotation[0] @ inertia[0] @ rotation[0].T @ rate[0]
     step = 3e-4
     for _ in range(1500):
-        rate = rate + step / 2 * free_accelerations(every(1), rotation, rate, inertia, np.linalg.inv(inertia))
+        rate = rate + step / 2 * free_accelerations(every(1), rotation, rate, inertia, inverse)
         rotation = rot.exp(step * rate) @ rotation
-        rate = rate + step / 2 * free_accelerations(every(1), rotation, rate, inertia, np.linalg.inv(inertia))
+        rate = rate + step / 2 * free_accelerations(every(1), rotation, rate, inertia, inverse)
     after = rotation[0] @ inertia[0] @ rotation[0].T @ rate[0]
     np.testing.assert_allclose(after, before, rtol=1e-3, atol=1e-6)

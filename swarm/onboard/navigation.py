@@ -99,7 +99,7 @@ def _bank(craft: int, kind: type[FilterBank], s: NavigationSettings, inertia: Fl
     if s.quiet is not None and not s.quiet.only_free:
         quiet_craft[:] = True
     elif inertia is not None:
-        quiet_craft = np.isfinite(inertia).all(axis=(1, 2))
+        quiet_craft[:] = np.isfinite(inertia).all(axis=(1, 2))
     if s.quiet is None or not quiet_craft.any():
         return pushed
     quiet = kind(
