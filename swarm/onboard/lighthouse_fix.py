@@ -78,7 +78,7 @@ class LighthouseFix:
         noise = settings.angle_noise_rad, settings.rotor_correlation
         shared = settings.angle_noise_rad * float(np.sqrt(settings.rotor_correlation))
         self._noise = AngleNoise(self._independent_noise_rad, shared)
-        self._size_m = np.linalg.norm(np.nan_to_num(point_m), axis=2).max(axis=1)
+        self._size_m = np.linalg.norm(np.nan_to_num(point_m), axis=2).max(axis=1, initial=0.0)
         self._monitor = Monitor(settings.integrity, *noise, (craft, most))
 
     def forget(self, mask: Bools) -> None:

@@ -86,7 +86,7 @@ def _bank(craft: int, kind: type[FilterBank], s: NavigationSettings, inertia: Fl
         craft: number of craft.
         kind: kind of the filters.
         s: settings of the navigation.
-        inertia: (C, 3, 3) [kg m^2] of craft that turn without torque; NaN for the others; None: all.
+        inertia: (C, 3, 3) [kg m^2] of craft that turn without torque; NaN for the others; None: of none.
     """
     gate = s.gate_probability
     pushed = kind(
@@ -129,7 +129,7 @@ class Navigator:
             photodiodes: layout that each craft assumes for itself (nominal or calibrated).
             settings: settings of every craft's navigation.
             cameras: calibrations of the craft that carry a pair of cameras, in the order of their images.
-            inertia: (C, 3, 3) [kg m^2], body frame, of craft that turn without torque; NaN for the others; None: all.
+            inertia: (C, 3, 3) [kg m^2], body frame, of craft that turn without torque; NaN for the others; None: of none.
         """
         s, craft = settings, photodiodes.craft_count
         compiled = craft > MOST_BY_FILTERPY if s.filter == "auto" else s.filter == "compiled"

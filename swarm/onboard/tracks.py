@@ -103,17 +103,17 @@ class Tracks:
             frame_s: length of a lighthouse period [s].
             limits: limits beyond which a filter is stopped.
             orbit: the lighthouse's orbit; None in weightless space.
-            inertia: (C, 3, 3) [kg m^2], body frame, of craft that turn without torque; NaN for the others; None: all.
+            inertia: (C, 3, 3) [kg m^2], body frame, of craft that turn without torque; NaN for the others; None: of none.
         """
         craft = len(bank.active)
         self.bank, self._frame_s, self._limits, self._orbit = bank, frame_s, limits, orbit
         self.since_update_s, self.since_pose_s = np.zeros((2, craft))
         self._rejections = np.zeros(craft, dtype=np.int64)
         self._command: Command | None = None
-        self._inertia = np.full((craft, 3, 3), np.nan) if inertia is None else np.ascontiguousarray(inertia)
-        self._turns_freely: Bools = np.isfinite(self._inertia).all(axis=(1, 2))
+        self.inertia = np.full((craft, 3, 3), np.nan) if inertia is None else np.ascontiguousarray(inertia)
+        self._turns_freely: Bools = np.isfinite(self.inertia).all(axis=(1, 2))
         self._inverse = np.full((craft, 3, 3), np.nan)
-        self._inverse[self._turns_freely] = np.linalg.inv(self._inertia[self._turns_freely])
+        self._inverse[self._turns_freely] = np.linalg.inv(self.inertia[self._turns_freely])
 
     def forget(self, mask: Bools) -> None:
         """Forget everything about the craft of the mask (C,)."""
@@ -142,7 +142,7 @@ class Tracks:
     def _free_turns(self, free: Bools) -> Floats:
         """Return the angular accelerations (C, 3) [rad/s^2] of the craft in the mask, which turn without torque."""
         bank = self.bank
-        out: Floats = free_accelerations(free, bank.rotation, bank.angular_rate, self._inertia, self._inverse)
+        out: Floats = free_accelerations(free, bank.rotation, bank.angular_rate, self.inertia, self._inverse)
         return out
 
     def _add_command(self, command: Command) -> None:

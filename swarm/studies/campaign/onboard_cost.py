@@ -32,6 +32,7 @@ class OnboardCost(Computer):
         own, layout = flight.computer, flight.world.photodiodes
         super().__init__(own.decoder, own.navigator, own.inspection)
         self._craft, self._scenario = layout.craft_count, scenario
+        self._inertia = own.navigator.tracks.inertia[:1]
         self._one = Photodiodes(layout.point_m[:1], layout.normal[:1], layout.present[:1])
         self._swarm_s: list[float] = []
         self._pulses: list[Pulses] = []
@@ -66,7 +67,7 @@ class OnboardCost(Computer):
     def metrics(self) -> dict[str, Any]:
         """Fly craft 0 once more on its own pulses, and return the figures."""
         decoder = builders.decoder(self._scenario, self._one.present)
-        navigator = Navigator(self._one, builders.navigation(self._scenario))
+        navigator = Navigator(self._one, builders.navigation(self._scenario), inertia=self._inertia)
         own_s, apart_m = [], 0.0
         for pulses, command, position in zip(self._pulses, self._commands, self._positions, strict=True):
             began = thread_time()
