@@ -1,4 +1,4 @@
-"""The door for what a user gives as text: paths, files, TOML and JSON become values here, or a `SwarmError`.
+"""The door for what a user gives as text: paths, files, TOML, JSON and YAML become values here, or a `SwarmError`.
 
 Behind the door nothing is surprising. A text is Unicode without half characters, a path is one that the system takes, a
 file is a regular one of bounded size, an integer has 64 bits as TOML says, and tables are at most `DEPTH_MAX` deep, so
@@ -14,12 +14,16 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from swarm.errors import SwarmError
 
 DEPTH_MAX = 32
 """Tables and lists inside each other. The deepest key of a scenario is five deep, of a recording's object six."""
 BYTES_MAX = 64 * 2**20
 """Size of a file that is read as one text: a calibration of 1000 craft has 2 MB, the journal of a large study 50 MB."""
+YAML_MAX = 2**18
+"""Characters of a YAML text: a Crazyflie's system configuration of 16 stations has some 15 000."""
 INTEGER_MAX = 2**63 - 1
 SHOWN_MAX = 60
 """Letters of a value that a message shows."""
@@ -137,6 +141,45 @@ def parse_json(text: str, where: str, what: str = "JSON") -> Any:
     return value
 
 
+class _Yaml(yaml.SafeLoader):
+    """YAML without anchors, by which a short text grows without bounds, or contains itself."""
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.constructor.ConstructorError(None, None, "an alias (*) has no place here", self.peek_event().start_mark)
+        return super().compose_node(parent, index)
+
+
+def parse_yaml(text: str, where: str, what: str = "YAML") -> Any:
+    """Return the value of a YAML text.
+
+    Args:
+        text: The text.
+        where: Opens the message.
+        what: The kind of file that is expected, for the message.
+
+    Raises:
+        SwarmError: The text is damaged, or too large; the message names the line.
+    """
+    check_text(text, where)
+    if len(text) > YAML_MAX:
+        raise SwarmError(f"{where}: has more than {YAML_MAX} characters, so it is not {what}")
+    try:
+        value = yaml.load(text, Loader=_Yaml)  # noqa: S506 - a safe loader
+    except yaml.MarkedYAMLError as error:
+        line = f", line {error.problem_mark.line + 1}" if error.problem_mark is not None else ""
+        raise SwarmError(f"{where}{line}: not {what}, or damaged: {error.problem}") from None
+    except yaml.YAMLError as error:
+        raise SwarmError(f"{where}: not {what}, or damaged: {short(str(error).splitlines()[0])}") from None
+    except RecursionError:
+        raise SwarmError(f"{where}: not {what}: {TOO_DEEP}") from None
+    except (ValueError, OverflowError, TypeError) as error:
+        # A number or a date that Python cannot have, or a table as a key.
+        raise SwarmError(f"{where}: not {what}, or damaged: {_python_says(error)}") from None
+    check_values(value, where)
+    return value
+
+
 def check_values(data: Any, where: str) -> None:
     """Raise SwarmError, opened by `where` and the key, for a value that no file of this program can have."""
     waiting: list[tuple[str, Any, int]] = [("", data, 0)]
@@ -147,7 +190,7 @@ def check_values(data: Any, where: str) -> None:
             raise SwarmError(f"{at}: {TOO_DEEP}")
         if isinstance(value, dict):
             for name, inner in value.items():
-                check_text(name, where)
+                check_text(str(name), where)
                 waiting.append((f"{key}.{name}".removeprefix("."), inner, depth + 1))
         elif isinstance(value, list):
             waiting += [(f"{key}[{i}]", inner, depth + 1) for i, inner in enumerate(value)]

@@ -11,6 +11,9 @@ from swarm.cli.options import Force, NoRecording, Out, Overrides, Seed, default_
 from swarm.cli.terminal import fly_and_report, mistakes
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
+    from swarm.flight.recordings.contents import Listed
     from swarm.results.progress import Progress
     from swarm.results.run_folder import Run
 
@@ -26,7 +29,8 @@ Recording = Annotated[
     str,
     typer.Argument(
         metavar="RECORDING",
-        help="A recording of a real lighthouse: libsurvive's .rec or .rec.gz, or a name that `swarm list` shows.",
+        help="A recording of a real lighthouse: libsurvive's .rec or .rec.gz, or a name that `swarm list` shows. "
+        "With --list also a Crazyflie's event log, its system-config.yaml, or a trajectory.",
     ),
 ]
 Object = Annotated[
@@ -134,16 +138,30 @@ def _print_contents(recording: Path) -> None:
     from rich.text import Text
 
     from swarm.flight.recordings.contents import contents
-    from swarm.tables import table
 
     found = contents(recording)
-    heads = ("object", "light", "photo-\ndiodes", "station", "periods of\npulses", "angles", "span\n(s)")
+    console = Console()
+    console.print(Text(f"{recording.name}: {found.format}"))
+    _print_rows(console, found.rows)
+    for fact in found.facts:
+        console.print(Text(fact), soft_wrap=True)
+    _print_notes(found.losses)
+
+
+def _print_rows(console: "Console", rows: "list[Listed]") -> None:
+    """Print a row per object and station."""
+    from rich.text import Text
+
+    from swarm.tables import table
+
+    if not rows:
+        return
+    heads = ("object", "light", "photo-\ndiodes", "station", "periods of\nraw light", "angles", "span\n(s)")
     made = table(*heads, tight=True, wrap=True)
     made.add_column("use")
-    for row in found.rows:
+    for row in rows:
         span = "" if row.begin_s is None or row.end_s is None else f"{row.begin_s:.1f} to {row.end_s:.1f}"
         number = ["" if value is None else str(value) for value in (row.photodiodes, row.station)]
         use = Text(row.remark, "yellow") if row.remark else Text("yes", "green")
         made.add_row(Text(row.name), row.generation, *number, str(row.pulses), str(row.angles), span, use)
-    Console().print(made)
-    _print_notes(found.losses)
+    console.print(made)

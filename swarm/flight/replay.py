@@ -19,6 +19,7 @@ from swarm.errors import SwarmError
 from swarm.flight import builders
 from swarm.flight.recordings.consistency import Consistency, Sample, assess
 from swarm.flight.recordings.contents import only_object
+from swarm.flight.recordings.formats import refuse_others
 from swarm.flight.recordings.libsurvive import Recording, WorldPose, read_libsurvive
 from swarm.flight.recordings.receiver import Receiver
 from swarm.flight.recordings.station_calibration import StationCalibration, read_calibration
@@ -176,6 +177,7 @@ class Playback:
         Raises:
             SwarmError: the recording or the calibration cannot be read.
         """
+        refuse_others(recording)
         self.log = read_libsurvive(recording, object_name or only_object(recording))
         self._known = read_calibration(calibration, lighthouse) if calibration is not None else None
         station = _station(self.log, lighthouse, self._known)

@@ -4,10 +4,20 @@ from collections import Counter
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
+from estimators.lighthouse.rotor import CHANNEL_CLOCK_HZ, CHANNEL_TICKS
 from swarm.errors import SwarmError
+from swarm.flight.recordings.crazyflie import POINT_M, CrazyflieLog, read_crazyflie
+from swarm.flight.recordings.formats import NOT_YET, Format, format_of
 from swarm.flight.recordings.framing import frame_angles, frame_pulses
+from swarm.flight.recordings.hits import Hits, Light, Lost, joined
 from swarm.flight.recordings.libsurvive import MOST_DAMAGED, SECOND_GENERATION, Recording, read_libsurvive
+from swarm.flight.recordings.object_clock import TICK_S
+from swarm.flight.recordings.rotor_light import decode_rotor_log
+from swarm.flight.recordings.system_config import NAME, SystemConfig, config_beside, read_system_config
 from swarm.flight.recordings.text_lines import TextLines
+from swarm.flight.recordings.trajectory import Trajectory, read_trajectory
 
 FIRST_GENERATION = ("C", "A")
 """Operations of Lighthouse 1.0 that are read."""
@@ -19,7 +29,8 @@ class Listed(NamedTuple):
     """One object and one station, or one object without usable light.
 
     generation: of the lighthouse, empty without light. photodiodes: number, None if it is not known. station: number,
-    None without light. pulses, angles: periods that raw pulses and sweep angles give. begin_s, end_s: of the light.
+    None without light, for Lighthouse 2.0 its channel. pulses, angles: periods that raw pulses and sweep angles give, for
+    2.0 turns of the rotor. begin_s, end_s: of the light.
     remark: why it cannot be replayed, empty if it can.
     """
 
@@ -35,9 +46,11 @@ class Listed(NamedTuple):
 
 
 class Contents(NamedTuple):
-    """All of a recording: a row per object and station, and what is lost of it."""
+    """All of a recording: its format, a row per object and station, what else is known of it, and what is lost."""
 
+    format: Format
     rows: list[Listed]
+    facts: list[str]
     losses: list[str]
 
 
@@ -55,27 +68,41 @@ class _Seen(NamedTuple):
 
 
 def contents(path: str | Path) -> Contents:
-    """Return what a recording contains.
+    """Return what a recording, or a file that goes with one, contains.
 
     Raises:
-        SwarmError: the file cannot be read, or no object is in it.
+        SwarmError: the file cannot be read, or nothing usable is in it.
     """
     file = Path(path)
+    kind = format_of(file)
+    if kind is Format.CRAZYFLIE:
+        return _of_crazyflie(read_crazyflie(file), config_beside(file))
+    if kind is Format.TRAJECTORY:
+        return _of_trajectory(read_trajectory(file))
+    if kind is Format.SYSTEM_CONFIG:
+        return Contents(kind, [], _of_config(read_system_config(file)), [])
+    return _of_libsurvive(file)
+
+
+def _of_libsurvive(file: Path) -> Contents:
     seen = _seen(file)
     if not seen.lines:
         raise SwarmError(
             f"{file}: {seen.lost + ': ' if seen.lost else ''}not a libsurvive recording: no object is in it"
         )
-    rows, losses = [], []
+    rows: list[Listed] = []
+    facts: list[str] = []
+    losses: list[str] = []
     for name in seen.objects():
         remark = _remark(seen, name)
-        if not remark:
+        if remark in ("", NOT_YET):
             try:
                 recording = read_libsurvive(file, name)
             except SwarmError as error:
                 remark = str(error).removeprefix(f"{file}: ").removeprefix(f"{file}, ")
             else:
-                rows += _stations(recording)
+                found = _stations(recording) + _channels(recording, facts, losses)
+                rows += found or [_unusable(recording)]
                 losses += [
                     f"{name}: {text}" for text in recording.losses.sentences() if recording.losses.end not in text
                 ]
@@ -85,7 +112,7 @@ def contents(path: str | Path) -> Contents:
         rows.append(Listed(name, generation, None, None, 0, 0, None, None, remark))
     if seen.lost:
         losses.insert(0, f"the recording is {seen.lost}: the rest of it is lost")
-    return Contents(rows, losses)
+    return Contents(Format.LIBSURVIVE, rows, facts, losses)
 
 
 def only_object(path: str | Path) -> str:
@@ -130,21 +157,134 @@ def _remark(seen: _Seen, name: str) -> str:
     """Return why an object cannot be replayed, as far as the numbers of its lines tell."""
     if not seen.number_of(name, FIRST_GENERATION):
         if seen.number_of(name, SECOND_GENERATION):
-            return "Lighthouse 2.0 is not supported yet"
+            return NOT_YET if seen.number_of(name, ("CONFIG",)) else "has no CONFIG line"
         return "saw no light"
     return "" if seen.number_of(name, ("CONFIG",)) else "has no CONFIG line"
 
 
 def _stations(recording: Recording) -> list[Listed]:
+    """Return a row per Lighthouse 1.0 station."""
     photodiodes = recording.photodiodes.present.shape[1]
-    times = [log.time_s for log in (recording.pulses, recording.angles) if len(log.time_s)]
-    begin_s = min((float(t.min()) for t in times), default=None)
-    end_s = max((float(t.max()) for t in times), default=None)
+    begin_s, end_s = _span(recording)
     out = []
     for station in (0, 1):
         pulses = len(frame_pulses(recording.pulses, station).start)
         angles = len(frame_angles(recording.angles, station).start)
         if pulses or angles:
             out.append(Listed(recording.device, "1.0", photodiodes, station, pulses, angles, begin_s, end_s, ""))
-    remark = "no period of light is whole"
-    return out or [Listed(recording.device, "1.0", photodiodes, None, 0, 0, begin_s, end_s, remark)]
+    return out
+
+
+def _channels(recording: Recording, facts: list[str], losses: list[str]) -> list[Listed]:
+    """Return a row per Lighthouse 2.0 station, and say how it turns and what of its light is lost."""
+    log = recording.rotors
+    if not len(log.hit_tick):
+        return []
+    light = decode_rotor_log(log)
+    own = joined([Hits(log.own_channel, log.own_plane, log.own_photodiode, log.own_tick, log.own_angle)])
+    theirs = Light("2.0", TICK_S, own, Lost(), {})
+    facts += [f"{recording.device}: {text}" for text in _turning(light)]
+    losses += [f"{recording.device}: {text}" for text in light.lost.sentences()]
+    photodiodes = recording.photodiodes.present.shape[1]
+    begin_s, end_s = float(log.hit_time_s.min()), float(log.hit_time_s.max())
+    return [
+        Listed(
+            recording.device,
+            "2.0",
+            photodiodes,
+            channel,
+            light.sweeps(channel),
+            theirs.sweeps(channel),
+            begin_s,
+            end_s,
+            NOT_YET,
+        )
+        for channel in sorted({*light.stations(), *theirs.stations()})
+    ]
+
+
+def _unusable(recording: Recording) -> Listed:
+    """Return the row of an object whose light gives no period."""
+    second = len(recording.rotors.hit_tick) > 0
+    photodiodes = recording.photodiodes.present.shape[1]
+    remark = "no hit with its rotor's zero" if second else "no period of light is whole"
+    return Listed(recording.device, "2.0" if second else "1.0", photodiodes, None, 0, 0, *_span(recording), remark)
+
+
+def _span(recording: Recording) -> tuple[float | None, float | None]:
+    """Return the times of an object's first and last light, None without any."""
+    logs = (recording.pulses.time_s, recording.angles.time_s, recording.rotors.hit_time_s)
+    times = [time_s for time_s in logs if len(time_s)]
+    return min((float(t.min()) for t in times), default=None), max((float(t.max()) for t in times), default=None)
+
+
+def _turning(light: Light) -> list[str]:
+    """Return a sentence per Lighthouse 2.0 station about its rotor."""
+    return [
+        f"station {channel} turns at {1 / turn_s:.4f} Hz on the object's clock, "
+        f"its channel's nominal is {CHANNEL_CLOCK_HZ / CHANNEL_TICKS[channel]:.4f} Hz"
+        for channel, turn_s in sorted(light.turn_s.items())
+    ]
+
+
+def _of_crazyflie(log: CrazyflieLog, config: SystemConfig | None) -> Contents:
+    generation = config.generation if config is not None else ""
+    light = log.light(generation)
+    decoded = Light(generation, TICK_S, log.angles, Lost(), {})
+    raw = light if log.has_rotors() else light._replace(hits=joined([]))
+    rows = [
+        Listed(
+            "Crazyflie",
+            light.generation,
+            len(POINT_M),
+            station,
+            raw.sweeps(station),
+            decoded.sweeps(station),
+            log.begin_s,
+            log.end_s,
+            "replay of Crazyflie logs is not possible yet",
+        )
+        for station in sorted({*raw.stations(), *decoded.stations()})
+    ]
+    facts = [f"event log, version {log.version}: " + _numbers(log.counts)]
+    facts += _turning(light)
+    if len(log.inertial.time_s):
+        facts.append(f"inertial measurements: {len(log.inertial.time_s)}")
+    if len(log.mark_s):
+        facts.append("marks at " + ", ".join(f"{mark:.3f} s" for mark in log.mark_s[:8].tolist()))
+    if len(log.frames.tick) and not log.has_rotors():
+        facts.append("its raw pulses tell no rotor's zero, so only the firmware's angles are used")
+    facts += [f"{config.path} is taken"] + _of_config(config) if config is not None else [f"no {NAME} is beside it"]
+    losses = [f"the log is {log.lost}: the rest of it is lost, all before is used"] if log.lost else []
+    losses += [f"events with impossible values, left out: {log.damaged}"] if log.damaged else []
+    return Contents(Format.CRAZYFLIE, rows, facts, losses + light.lost.sentences())
+
+
+def _numbers(counts: dict[str, int]) -> str:
+    """Return the numbers of events by name, the most frequent first."""
+    most = sorted(counts.items(), key=lambda item: -item[1])
+    return ", ".join(f"{number} {name}" for name, number in most[:8]) or "no event"
+
+
+def _of_config(config: SystemConfig) -> list[str]:
+    """Return a sentence per station of a system configuration."""
+    out = []
+    for number, station in config.stations.items():
+        parts = ["a pose" if station.position is not None else "", "a calibration" if station.terms else ""]
+        known = " and ".join(part for part in parts if part) or "nothing"
+        out.append(f"station {number}, Lighthouse {config.generation}: {known}")
+    return out
+
+
+def _of_trajectory(found: Trajectory) -> Contents:
+    begin_s, end_s = found.time_s[0], found.time_s[-1]
+    turned = int(np.count_nonzero(np.isfinite(found.quaternion).all(axis=1)))
+    facts = [
+        f"{len(found.time_s)} positions in {end_s - begin_s:.1f} s, {found.rate_hz:.0f} Hz, time in {found.unit}"
+        + (f", {turned} with an attitude" if turned else ", without attitude"),
+        "a trajectory is truth for a recording, and is no recording itself",
+    ]
+    losses = [f"the file is {found.lost}: the rest of it is lost"] if found.lost else []
+    losses += [f"rows without a position: {found.unseen}"] if found.unseen else []
+    losses += [f"damaged rows, left out: {found.damaged}"] if found.damaged else []
+    return Contents(Format.TRAJECTORY, [], facts, losses)

@@ -1,4 +1,4 @@
-"""Recordings of real Lighthouse 1.0 hardware by libsurvive: one event per line, `time_s source OP ...`.
+"""Recordings of real lighthouse hardware by libsurvive: one event per line, `time_s source OP ...`.
 
     CONFIG json             the object: lighthouse_config.modelPoints [m], modelNormals, channelMap
     C channel rise width    a raw light pulse, ticks of the object's 48 MHz clock, which wraps at 32 bits
@@ -6,14 +6,13 @@
     POSE x y z qw qx qy qz  libsurvive's own pose of the object's head in its world: a peer's estimate, not the truth
     LH_POSE (same) [id]     libsurvive's pose of a station; the source is its number, or with an id its channel
 
-Other lines are not read. A photodiode is the index of its channel in channelMap. Lines that end early, have invalid
-values, contradict the object's clock or repeat an earlier one are counted and left out, because real recordings contain
-some; a file that is mostly such lines is rejected.
+Lines of Lighthouse 2.0 (Y, W, B) are in `rotor_lines`. Others are not read. A photodiode is the index of its channel in
+channelMap. Lines that end early, have invalid values, contradict the object's clock or repeat an earlier one are counted
+and left out, because real recordings contain some; a file that is mostly such lines is rejected.
 """
 
 import math
 from array import array
-from collections.abc import Sequence
 from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
@@ -23,18 +22,21 @@ import numpy as np
 from estimators import rotation as rot
 from estimators.arrays import Floats, Ints
 from swarm.errors import SwarmError, did_you_mean
+from swarm.flight.recordings.line_values import finite, once, rows, within
 from swarm.flight.recordings.object_clock import TICK_S, WRAP, ObjectClock
+from swarm.flight.recordings.rotor_light import RotorLog
+from swarm.flight.recordings.rotor_lines import TOKENS, RotorLines
 from swarm.flight.recordings.text_lines import TextLines
 from swarm.flight.recordings.tracked_object import TrackedObject, read_config
 from swarm.hardware import Photodiodes, pad
 
-SECOND_GENERATION = ("W", "B", "Y")
+SECOND_GENERATION = tuple(TOKENS)
 """Operations of Lighthouse 2.0."""
 MOST_DAMAGED = 100_000
 """Damaged lines beyond twice the good ones at which a file is given up before its end."""
 MOST_NAMES = 1000
 """Names of objects that are kept for messages."""
-_TOKENS = {"C": (6,), "A": (9,), "POSE": (10,), "LH_POSE": (10, 11)}
+_TOKENS = {"C": (6,), "A": (9,), "POSE": (10,), "LH_POSE": (10, 11), **TOKENS}
 
 
 class PulseLog(NamedTuple):
@@ -103,9 +105,9 @@ class Recording(NamedTuple):
     """Data of one object of a recording.
 
     path: file. device: name of the object. photodiodes: its layout, a batch of one, in its own model frame. pulses,
-    angles: its light. peer_time_s (N,), peer (N, ...): its `POSE` lines, as poses of the model frame. stations: last
-    `LH_POSE` of each number, of lines without an id. stations_by_id: the same by id, of lines with one. losses: parts
-    of the file that could not be used.
+    angles: its light of Lighthouse 1.0. rotors: of 2.0. peer_time_s (N,), peer (N, ...): its `POSE` lines, as poses of
+    the model frame. stations: last `LH_POSE` of each number, of lines without an id. stations_by_id: the same by id, of
+    lines with one. losses: parts of the file that could not be used.
     """
 
     path: Path
@@ -113,6 +115,7 @@ class Recording(NamedTuple):
     photodiodes: Photodiodes
     pulses: PulseLog
     angles: AngleLog
+    rotors: RotorLog
     peer_time_s: Floats
     peer: WorldPose
     stations: dict[int, WorldPose]
@@ -154,7 +157,7 @@ def read_libsurvive(path: str | Path, device: str) -> Recording:
 
     Raises:
         SwarmError: the file is missing or no recording, or the device is not in it, or its CONFIG is missing or
-            unusable, or its light is of Lighthouse 2.0; the message names file and line.
+            unusable; the message names file and line.
     """
     file = Path(path)
     reader = _Reader(file, device)
@@ -173,9 +176,9 @@ class _Reader:
         self._config: tuple[int, str] | None = None
         self._devices: set[str] = set()
         self._good = self._damaged = 0
-        self._second_generation = 0
         self._clock = ObjectClock(f"{path}: {device}")
         self._pulses, self._angles, self._poses = array("d"), array("d"), array("d")
+        self._rotors = RotorLines(self._clock)
         self._stations: dict[int, tuple[float, ...]] = {}
         self._stations_by_id: dict[str, tuple[float, ...]] = {}
 
@@ -184,13 +187,10 @@ class _Reader:
         try:
             if len(head) < 3:
                 raise ValueError
-            time_s = _finite(head[0])
+            time_s = finite(head[0])
             source, op = head[1], head[2]
             if op == "CONFIG" or op in _TOKENS:
                 self._event(time_s, source, op, line, number)
-            elif op in SECOND_GENERATION and source == self._device:
-                self._note(source)
-                self._second_generation += 1
         except ValueError:
             self._damaged += 1
             if self._damaged > MOST_DAMAGED + 2 * self._good:
@@ -208,7 +208,7 @@ class _Reader:
         if len(token) not in _TOKENS[op]:
             raise ValueError
         if op == "LH_POSE":
-            place, pose = _within(int(source), 0, 16), _pose(token[3:10])
+            place, pose = within(int(source), 0, 16), _pose(token[3:10])
             if len(token) > 10:
                 self._stations_by_id[station_id(token[10])] = pose
             else:
@@ -221,6 +221,8 @@ class _Reader:
             self._poses.extend((time_s, *_pose(token[3:])))
         elif op == "C":
             self._pulse(time_s, token)
+        elif op in SECOND_GENERATION:
+            self._rotors.add(time_s, op, token)
         else:
             self._angle(time_s, token)
 
@@ -230,13 +232,13 @@ class _Reader:
             self._devices.add(source)
 
     def _pulse(self, time_s: float, token: list[str]) -> None:
-        channel, width = _within(int(token[3]), -(1 << 15), 1 << 15), _within(int(token[5]), 0, 1 << 31)
-        rise = _within(int(token[4]), 0, WRAP)
+        channel, width = within(int(token[3]), -(1 << 15), 1 << 15), within(int(token[5]), 0, 1 << 31)
+        rise = within(int(token[4]), 0, WRAP)
         self._clock.add(time_s, rise, lambda tick: self._pulses.extend((time_s, channel, tick, width)))
 
     def _angle(self, time_s: float, token: list[str]) -> None:
-        photodiode, fan, rise = _within(int(token[3]), 0, 1 << 15), int(token[4]) & 1, _within(int(token[5]), 0, WRAP)
-        width_s, angle, lighthouse = _finite(token[6]), _finite(token[7]), _within(int(token[8]), 0, 2)
+        photodiode, fan, rise = within(int(token[3]), 0, 1 << 15), int(token[4]) & 1, within(int(token[5]), 0, WRAP)
+        width_s, angle, lighthouse = finite(token[6]), finite(token[7]), within(int(token[8]), 0, 2)
         if not (0 <= width_s < 1 and abs(angle) < math.pi / 2):
             raise ValueError
         # The file has the width rounded to microseconds; the effect on the middle is within half a tick.
@@ -266,13 +268,14 @@ class _Reader:
         self._clock.close()
         tracked = self._tracked(lines, lost)
         index = {channel: photodiode for photodiode, channel in enumerate(tracked.channels)}
-        pulses, twice = _once(_rows(self._pulses, 4), (1, 2, 3))
+        pulses, twice = once(rows(self._pulses, 4), (1, 2, 3))
         pulses = pulses[np.argsort(pulses[:, 2], kind="stable")]
-        angles, angles_twice = _once(_rows(self._angles, 6), (1, 2, 3, 4, 5))
+        angles, angles_twice = once(rows(self._angles, 6), (1, 2, 3, 4, 5))
         known = angles[:, 1] < len(index)
         unknown, angles = int(np.count_nonzero(~known)), angles[known]
-        poses, poses_twice = _once(_rows(self._poses, 8), range(8))
+        poses, poses_twice = once(rows(self._poses, 8), range(8))
         poses = poses[np.argsort(poses[:, 0], kind="stable")]
+        rotors, rotors_unknown, rotors_twice = self._rotors.log(len(index))
         return Recording(
             path=self._path,
             device=self._device,
@@ -291,13 +294,14 @@ class _Reader:
                 angles[:, 4],
                 angles[:, 5],
             ),
+            rotors=rotors,
             peer_time_s=poses[:, 0],
             peer=_of_model(poses[:, 1:4], poses[:, 4:], tracked),
             stations={k: _world(pose) for k, pose in self._stations.items()},
             stations_by_id={k: _world(pose) for k, pose in self._stations_by_id.items()},
             losses=Losses(
-                self._damaged + self._clock.damaged + unknown,
-                twice + angles_twice + poses_twice,
+                self._damaged + self._clock.damaged + unknown + rotors_unknown,
+                twice + angles_twice + poses_twice + rotors_twice,
                 self._clock.restarts,
                 lost,
             ),
@@ -312,32 +316,12 @@ class _Reader:
             raise SwarmError(
                 f"{where}: no object {self._device!r} in this recording{did_you_mean(self._device, self._devices)}"
             )
-        if self._second_generation and not (self._pulses or self._angles):
-            raise SwarmError(
-                f"{self._path}: {self._device!r} saw Lighthouse 2.0 stations "
-                f"({self._second_generation} W, B and Y lines): Lighthouse 2.0 is not supported yet"
-            )
         if self._config is None:
             raise SwarmError(
                 f"{where}: object {self._device!r} has no CONFIG line, so where its photodiodes sit is not known"
             )
         number, text = self._config
         return read_config(text, f"{self._path}, line {number}: CONFIG of {self._device!r}")
-
-
-def _rows(values: "array[float]", columns: int) -> Floats:
-    return np.array(values, dtype=np.float64).reshape(-1, columns)
-
-
-def _once(rows: Floats, key: Sequence[int]) -> tuple[Floats, int]:
-    """Return the rows without those that repeat an earlier one in the columns `key`, and the number of those."""
-    if not len(rows):
-        return rows, 0
-    order = np.lexsort(rows[:, list(key)].T)
-    ordered = rows[order][:, list(key)]
-    again = np.zeros(len(rows), dtype=np.bool_)
-    again[order[1:]] = np.all(ordered[1:] == ordered[:-1], axis=1)
-    return rows[~again], int(np.count_nonzero(again))
 
 
 def _world(pose: tuple[float, ...]) -> WorldPose:
@@ -351,21 +335,8 @@ def _of_model(position: Floats, quaternion: Floats, tracked: TrackedObject) -> W
     return WorldPose(position - model @ tracked.head_position, rot.quaternion_from_matrix(model))
 
 
-def _finite(text: str) -> float:
-    value = float(text)
-    if not math.isfinite(value):
-        raise ValueError
-    return value
-
-
-def _within(value: int, low: int, high: int) -> int:
-    if not low <= value < high:
-        raise ValueError
-    return value
-
-
 def _pose(token: list[str]) -> tuple[float, ...]:
-    values = [_finite(text) for text in token]
+    values = [finite(text) for text in token]
     length = math.hypot(*values[3:])
     if abs(length - 1) > 1e-2:
         raise ValueError

@@ -23,6 +23,7 @@ import numpy as np
 from estimators import rotation as rot
 from estimators.arrays import Floats, Ints
 from swarm.errors import SwarmError, did_you_mean
+from swarm.flight.recordings.formats import NOT_YET
 from swarm.flight.recordings.framing import RATE_HZ, TURN_TICKS, Framing, frame_angles, frame_pulses, x_flash
 from swarm.flight.recordings.libsurvive import Recording, WorldPose
 from swarm.flight.recordings.object_clock import TICK_S
@@ -96,6 +97,11 @@ class Windows:
         self._recording, self._lighthouse, self._source = recording, lighthouse, source
         framing = _framing(recording, lighthouse, source)
         if len(framing.start) == 0:
+            if len(recording.rotors.hit_tick) and not len(recording.pulses.rise_tick):
+                raise SwarmError(
+                    f"{recording.path}: {recording.device!r} saw Lighthouse 2.0 stations: {NOT_YET}; "
+                    f"swarm replay {recording.path} --list tells what is in it"
+                )
             what = "raw pulses (C lines)" if source == "pulses" else "sweep angles (A lines)"
             other = len(_framing(recording, 1 - lighthouse, source).start)
             raise SwarmError(

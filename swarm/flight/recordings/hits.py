@@ -1,0 +1,98 @@
+"""Hits: single sweeps of single photodiodes, in one form whatever file they come from.
+
+A *hit* is (station, fan, photodiode, tick, angle). Angles count from boresight in the sense in which the rotor turns, as
+both libsurvive and the Crazyflie have them: fan 0 of Lighthouse 1.0 positive to the left as the station looks, fan 1
+positive upwards; the planes 0 and 1 of Lighthouse 2.0 both positive to the left. Nothing of the station's calibration
+is taken off.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators.arrays import Floats, Ints
+
+
+class Hits(NamedTuple):
+    """N hits of one object in order of time, (N,) each.
+
+    station: its number in the recording, for Lighthouse 2.0 its channel. fan: 0 or 1. photodiode: index. tick: instant
+    on the object's clock [ticks]. angle: [rad].
+    """
+
+    station: Ints
+    fan: Ints
+    photodiode: Ints
+    tick: Floats
+    angle: Floats
+
+
+class Lost(NamedTuple):
+    """Numbers of hits that give no angle, or a doubtful one.
+
+    channel: of no known channel. zero: of stations whose rotor's zero is not known at that time. plane: that may be of
+    either plane. shared: of two stations' sweeps at once. doubled: hits of a photodiode beyond the first in one sweep,
+    which are kept: geometry tells the direct one. zeros: observations of a rotor's zero that fit no turn.
+    """
+
+    channel: int = 0
+    zero: int = 0
+    plane: int = 0
+    shared: int = 0
+    doubled: int = 0
+    zeros: int = 0
+
+    def sentences(self) -> list[str]:
+        """Return a sentence for each kind."""
+        told = (
+            (self.channel, "hits of no known channel, left out"),
+            (self.zero, "hits while their rotor's zero is not known, left out"),
+            (self.plane, "hits that may be of either plane, left out"),
+            (self.shared, "hits while two stations' sweeps met, left out"),
+            (self.doubled, "second hits of a photodiode in one sweep, kept"),
+            (self.zeros, "observations of a rotor's zero that fit no turn, left out"),
+        )
+        return [f"{text}: {number}" for number, text in told if number]
+
+
+class Light(NamedTuple):
+    """Hits of one object. generation: "1.0" or "2.0", empty if not known. tick_s: of the object's clock [s]. lost: hits
+    without an angle. turn_s: mean duration of a rotor's turn per station [s], as measured.
+    """
+
+    generation: str
+    tick_s: float
+    hits: Hits
+    lost: Lost
+    turn_s: dict[int, float]
+
+    def stations(self) -> list[int]:
+        """Return the numbers of the stations that were seen."""
+        return [int(station) for station in np.unique(self.hits.station)]
+
+    def sweeps(self, station: int) -> int:
+        """Return the number of sweeps of a station, by the photodiode and fan that saw most of them."""
+        hits = self.hits
+        mine = hits.station == station
+        pairs = np.stack([hits.fan[mine], hits.photodiode[mine]], axis=1)
+        return int(np.unique(pairs, axis=0, return_counts=True)[1].max()) if len(pairs) else 0
+
+
+def in_order(hits: Hits) -> Hits:
+    """Return the hits in order of time."""
+    order = np.argsort(hits.tick, kind="stable")
+    return Hits(*(column[order] for column in hits))
+
+
+def joined(parts: list[Hits]) -> Hits:
+    """Return several stations' hits as one, in order of time."""
+    if not parts:
+        none: Ints = np.zeros(0, dtype=np.int64)
+        return Hits(none, none, none, np.zeros(0), np.zeros(0))
+    return in_order(Hits(*(np.concatenate(columns) for columns in zip(*parts, strict=True))))
+
+
+def count_doubled(turn: Ints, fan: Ints, photodiode: Ints) -> int:
+    """Return the number of hits beyond the first of their turn, fan and photodiode, of one station, (N,) each."""
+    rows = np.stack([turn, fan, photodiode], axis=1)
+    return len(rows) - len(np.unique(rows, axis=0)) if len(rows) else 0

@@ -1,0 +1,40 @@
+"""Values of a recording's lines: checks of words, and arrays of what was collected."""
+
+import math
+from array import array
+from collections.abc import Sequence
+
+import numpy as np
+
+from estimators.arrays import Floats
+
+
+def finite(text: str) -> float:
+    """Return the number that a word is; raise ValueError if it is none, or not finite."""
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError
+    return value
+
+
+def within(value: int, low: int, high: int) -> int:
+    """Return a value; raise ValueError unless low <= value < high."""
+    if not low <= value < high:
+        raise ValueError
+    return value
+
+
+def rows(values: "array[float]", columns: int) -> Floats:
+    """Return collected values as rows, (N, columns)."""
+    return np.array(values, dtype=np.float64).reshape(-1, columns)
+
+
+def once(rows: Floats, key: Sequence[int]) -> tuple[Floats, int]:
+    """Return the rows without those that repeat an earlier one in the columns `key`, and the number of those."""
+    if not len(rows):
+        return rows, 0
+    order = np.lexsort(rows[:, list(key)].T)
+    ordered = rows[order][:, list(key)]
+    again = np.zeros(len(rows), dtype=np.bool_)
+    again[order[1:]] = np.all(ordered[1:] == ordered[:-1], axis=1)
+    return rows[~again], int(np.count_nonzero(again))
