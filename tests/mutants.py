@@ -208,3 +208,26 @@ def _config(lines: list[str], rng: random.Random) -> list[str]:
         if mark:
             out[i] = head + mark + mutant([config], rng.randrange(10**6)).replace("\n", " ")
     return out
+
+
+def event_log_mutant(data: bytes, number: int) -> bytes:
+    """Return mutant `number` of a binary file: bits flipped, bytes set, a part lost, doubled or cut off."""
+    rng = random.Random(number)
+    out = bytearray(data)
+    for _ in range(rng.choice((1, 1, 2, 5))):
+        if not out:
+            break
+        # Half of the damage is in the head, where the types are.
+        at = rng.randrange(min(len(out), 200)) if rng.random() < 0.5 else rng.randrange(len(out))
+        how = rng.randrange(5)
+        if how == 0:
+            out[at] ^= 1 << rng.randrange(8)
+        elif how == 1:
+            out[at : at + 4] = rng.choice((b"\0\0\0\0", b"\xff\xff\xff\xff", b"\0\0\xc0\x7f", b"\0\0\x80\x7f"))
+        elif how == 2:
+            del out[at : at + rng.choice((1, 2, 30, 3000))]
+        elif how == 3:
+            out[at:at] = out[at : at + rng.choice((1, 30, 3000))]
+        else:
+            del out[at:]
+    return bytes(out)

@@ -12,6 +12,7 @@ left out; rows without a position are kept out, too, but are no damage.
 
 import math
 import re
+import tokenize
 from array import array
 from pathlib import Path
 from typing import NamedTuple
@@ -35,6 +36,11 @@ MOST_DAMAGED = 1000
 _TUM = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
 _TIMES = ("t", "time", "timestamp", "stamp", "times")
 _ROTATION = ("qw", "qx", "qy", "qz")
+_NO_ARRAY = (
+    *(OSError, ValueError, OverflowError, SyntaxError, TypeError, KeyError, IndexError, AttributeError, MemoryError),
+    *(EOFError, RecursionError, tokenize.TokenError),
+)
+"""What NumPy raises for a damaged array: its head is a Python expression."""
 _UNIT = re.compile(r"[\[(]\s*([^\])]*)[\])]")
 
 
@@ -89,7 +95,7 @@ def begins_trajectory(lines: list[str]) -> bool:
 def _of_array(file: Path) -> Trajectory:
     try:
         data = np.load(file, mmap_mode="r", allow_pickle=False)
-    except (OSError, ValueError, OverflowError, SyntaxError, TypeError, KeyError, MemoryError) as error:
+    except _NO_ARRAY as error:
         reason = short(str(error).splitlines()[0]) if str(error) else "damaged"
         raise SwarmError(f"{file}: not a whole NumPy array: {reason}") from None
     if data.dtype.kind not in "fiu" or data.ndim != 2 or data.shape[1] not in (4, 8):
@@ -126,14 +132,19 @@ def _of_text(file: Path) -> Trajectory:
 
 
 def _is_head(line: str) -> bool:
-    """Return whether a line names columns: a comma, and a word that is a time's."""
-    words = [_name(word) for word in _words(line.lstrip("# \t"))]
-    return bool(words) and _time_name(words[0])[0] and len(words) >= 4
+    """Return whether a line names columns: a time's first, or a position's."""
+    names = [_name(word) for word in _words(line.lstrip("# \t"))]
+    return len(names) >= 4 and (_time_name(names[0])[0] or {"x", "y", "z"} <= set(names))
 
 
 def _head(line: str, where: str) -> tuple[tuple[str, ...], str]:
     """Return the columns' names in the common form, and the unit of time."""
     words = _words(line.lstrip("# \t"))
+    if not _time_name(_name(words[0]))[0]:
+        raise SwarmError(
+            f"{where}: the first column is {short(words[0])!r}; it must be the time, such as t, time, timestamp, time_s, "
+            "time_ms, time_us or time_ns"
+        )
     bracket = _UNIT.search(words[0])
     unit = _time_name(_name(words[0]))[1] or (bracket[1].strip() if bracket else "")
     if unit and unit not in UNITS:
