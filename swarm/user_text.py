@@ -141,12 +141,14 @@ def parse_json(text: str, where: str, what: str = "JSON") -> Any:
     return value
 
 
-class _Yaml(yaml.SafeLoader):
+class _Yaml(yaml.SafeLoader):  # type: ignore[misc]  # the library has no types
     """YAML without anchors, by which a short text grows without bounds, or contains itself."""
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         if self.check_event(yaml.AliasEvent):
-            raise yaml.constructor.ConstructorError(None, None, "an alias (*) has no place here", self.peek_event().start_mark)
+            raise yaml.constructor.ConstructorError(
+                None, None, "an alias (*) has no place here", self.peek_event().start_mark
+            )
         return super().compose_node(parent, index)
 
 
@@ -165,7 +167,7 @@ def parse_yaml(text: str, where: str, what: str = "YAML") -> Any:
     if len(text) > YAML_MAX:
         raise SwarmError(f"{where}: has more than {YAML_MAX} characters, so it is not {what}")
     try:
-        value = yaml.load(text, Loader=_Yaml)  # noqa: S506 - a safe loader
+        value = yaml.load(text, Loader=_Yaml)
     except yaml.MarkedYAMLError as error:
         line = f", line {error.problem_mark.line + 1}" if error.problem_mark is not None else ""
         raise SwarmError(f"{where}{line}: not {what}, or damaged: {error.problem}") from None

@@ -1,4 +1,4 @@
-"""Recordings of an object at rest before two Lighthouse 2.0 stations, of chosen angles: libsurvive's and a Crazyflie's."""
+"""Recordings of an object at rest before two Lighthouse 2.0 stations, of chosen angles, in two formats."""
 
 import json
 import math
@@ -79,7 +79,11 @@ SLOW = 1 - 0.011
 
 
 def crazyflie_log(
-    version: int = 2, *, frames: bool = True, angles: bool = True, types: tuple[tuple[int, str, tuple[str, ...]], ...] = TYPES
+    version: int = 2,
+    *,
+    frames: bool = True,
+    angles: bool = True,
+    types: tuple[tuple[int, str, tuple[str, ...]], ...] = TYPES,
 ) -> bytes:
     """Return a Crazyflie's event log of the same light: the first pulse of each sweep has no channel."""
     events: list[tuple[float, int, tuple[float, ...]]] = [(0.01, 0, (1,)), (0.4, 0, (0,))]
@@ -90,7 +94,7 @@ def crazyflie_log(
         for at, k, plane, n in hits(channel):
             blocks.setdefault((n, plane), []).append((at, k))
             if angles:
-                values = (k, channel, plane, ANGLES[channel][k, plane], 0.0)
+                values: tuple[float, ...] = (k, channel, plane, ANGLES[channel][k, plane], 0.0)
                 events.append(((at - BEGIN) / 48e6 + 0.012, 1, values))
         for (n, _), block in blocks.items() if frames else ():
             for i, (at, k) in enumerate(sorted(block)):
@@ -103,11 +107,11 @@ def crazyflie_log(
     for number, name, variables in types:
         out += struct.pack("<H", number) + name.encode() + b"\0" + struct.pack("<H", len(variables))
         out += b"".join(variable.encode() + b"\0" for variable in variables)
-    for time_s, number, values in events:
+    for time_s, number, shown in events:
         own_s = 11.0 + time_s * SLOW
         out += struct.pack("<H", number)
         out += struct.pack("<I", round(own_s * 1e3)) if version == 1 else struct.pack("<Q", round(own_s * 1e6))
-        out += struct.pack("<" + FORMS[number], *values)
+        out += struct.pack("<" + FORMS[number], *shown)
     return bytes(out) + struct.pack("<I", zlib.crc32(out))
 
 

@@ -17,7 +17,7 @@ from swarm.errors import SwarmError
 from swarm.flight.recordings.contents import contents
 from swarm.flight.recordings.crazyflie import read_crazyflie
 from swarm.flight.recordings.formats import Format, format_of
-from swarm.flight.recordings.hits import Hits, Light, Lost
+from swarm.flight.recordings.hits import Light, Lost
 from swarm.flight.recordings.libsurvive import read_libsurvive
 from swarm.flight.recordings.rotor_light import decode_rotor_log
 from swarm.flight.recordings.system_config import read_system_config
@@ -60,11 +60,11 @@ def test_raw_lines_give_the_angles_to_a_tick(tmp_path: Path) -> None:
 def test_libsurvives_own_angles_are_reproduced_from_raw_lines(tmp_path: Path) -> None:
     log = read_libsurvive(write(tmp_path / "two.rec", lines()), DEVICE).rotors
     again = decode_rotor_log(log, previous=True).hits
-    own = {key: angle for *key, angle in zip(log.own_channel, log.own_photodiode, log.own_tick, log.own_angle, strict=True)
-           for key in [tuple(key)]}
+    columns = (log.own_channel, log.own_photodiode, log.own_tick, log.own_angle)
+    own = {(c, k, t): angle for c, k, t, angle in zip(*(column.tolist() for column in columns), strict=True)}
     assert len(again.angle) == len(own)
     away = [
-        abs(angle - own[c, k, t])
+        abs(angle - own[int(c), int(k), float(t)])
         for c, k, t, angle in zip(again.station, again.photodiode, again.tick, again.angle, strict=True)
     ]
     # libsurvive has no turn before the first one, and this generator takes the nominal duration for it.
@@ -73,8 +73,15 @@ def test_libsurvives_own_angles_are_reproduced_from_raw_lines(tmp_path: Path) ->
 
 def test_damaged_and_repeated_lines_are_counted(tmp_path: Path) -> None:
     good = lines()
-    bad = ["1.1 OBJ W 16 0 5 0", "1.1 OBJ W 3 x 5 0", "1.1 OBJ B 3 0 5 2 0.1", "1.1 OBJ B 3 0 5 0 9", "1.1 OBJ Y 3 4294967296 0 1",
-           "1.1 OBJ W 3", f"1.1 OBJ W 3 9 {good[40].split()[5] if ' W ' in good[40] else 5} 0"]
+    bad = [
+        "1.1 OBJ W 16 0 5 0",
+        "1.1 OBJ W 3 x 5 0",
+        "1.1 OBJ B 3 0 5 2 0.1",
+        "1.1 OBJ B 3 0 5 0 9",
+        "1.1 OBJ Y 3 4294967296 0 1",
+        "1.1 OBJ W 3",
+        f"1.1 OBJ W 3 9 {good[40].split()[5] if ' W ' in good[40] else 5} 0",
+    ]
     recording = read_libsurvive(write(tmp_path / "bad.rec", good + good[30:50] + bad), DEVICE)
     assert recording.losses.damaged == len(bad)
     assert recording.losses.repeated == 20
@@ -103,8 +110,8 @@ def test_a_crazyflies_pulses_give_the_angles(tmp_path: Path, version: int) -> No
     light = log.light()
     # Each zero is known to 5 ticks of 48 MHz; the last turn's duration, which no zero ends, differs from the mean.
     last = {c: light.hits.tick[light.hits.station == c].max() - TICKS[c] / 4 for c in CHANNELS}
-    ended = light.hits.tick < [last[c] for c in light.hits.station.tolist()]
-    same_angles(light._replace(hits=Hits(*(column[ended] for column in light.hits))), 0.9, 6 * ONE_TICK)
+    ended = light.hits.tick < np.array([last[c] for c in light.hits.station.tolist()])
+    same_angles(light._replace(hits=light.hits.of(ended)), 0.9, 6 * ONE_TICK)
     assert light.generation == "2.0"
     assert light.lost.channel == 0
     np.testing.assert_allclose(log.inertial.rate[0], [math.pi / 2, 0, -math.pi / 4])

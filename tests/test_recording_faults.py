@@ -263,8 +263,10 @@ def test_a_path_that_is_no_file_is_said(path: str) -> None:
 def test_lighthouse_2_is_named(tmp_path: Path) -> None:
     head = [line for line in lines() if "CONFIG" in line]
     text = [f"{1 + i / 1000:.6f} OBJ W 10 {i % 6} {2593609211 + i * 48000} 0" for i in range(500)]
-    with pytest.raises(SwarmError, match=r"Lighthouse 2\.0 is not supported yet"):
-        read_libsurvive(write(tmp_path / "two.rec", head + text), "OBJ")
+    made = read_libsurvive(write(tmp_path / "two.rec", head + text), "OBJ")
+    assert len(made.rotors.hit_tick) == 500
+    with pytest.raises(SwarmError, match=r"'OBJ' saw Lighthouse 2\.0 stations: replay of Lighthouse 2\.0 is not possible"):
+        Windows(made, 0)
 
 
 def endless(path: Path, block: bytes, times: int) -> Path:

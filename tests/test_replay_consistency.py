@@ -153,7 +153,7 @@ def test_contents_and_the_choice_of_the_object(tmp_path: Path) -> None:
         ("WAND", "1.0", 0, ""),
         ("WAND", "1.0", 1, ""),
         ("DARK", "", None, "saw no light"),
-        ("NEW", "2.0", None, "Lighthouse 2.0 is not supported yet"),
+        ("NEW", "2.0", None, "no hit with its rotor's zero"),
     ]
     assert rows[0].photodiodes == 20
     assert (rows[0].pulses, rows[0].angles) == (30, 30)
@@ -165,7 +165,7 @@ def test_contents_and_the_choice_of_the_object(tmp_path: Path) -> None:
     with pytest.raises(SwarmError, match="2 objects saw light, choose one: --object WAND, --object WAN2"):
         swarm.replay(file, out=tmp_path / "run")
     made_recording.write(file, dark + second)
-    with pytest.raises(SwarmError, match="object 'DARK': saw no light; object 'NEW': Lighthouse 2"):
+    with pytest.raises(SwarmError, match="object 'DARK': saw no light; object 'NEW': replay of Lighthouse 2"):
         swarm.replay(file, out=tmp_path / "run")
 
 

@@ -13,15 +13,21 @@ from estimators.lighthouse.sweep import (
     ideal_theta,
     kernel_fans,
     lighthouse_1,
+    lighthouse_2,
     measured_angle,
     measured_angles,
 )
+from estimators.lighthouse.tilted import TiltedErrors
 
 TILT = np.radians(30.0)
 ERRORS = FanErrors(0.02, 0.03, 0.2, 1.3, 0.01), FanErrors(-0.03, -0.02, -0.3, -2.1, -0.02)
 STRAIGHT = lighthouse_1(*ERRORS)
 # Two planes on one rotor whose axis points up (-y), 30 degrees to either side: Lighthouse 2.0.
 TILTED = Fan((0.0, -1.0, 0.0), -TILT, ERRORS[0]), Fan((0.0, -1.0, 0.0), TILT, ERRORS[1])
+# The same with the terms of a real station of that kind, ten times as bent.
+BENT = lighthouse_2(
+    TiltedErrors(0.01, 0.05, -3.6, 2.7, 0.007, 1.2, -2.9), TiltedErrors(0.003, -0.05, 4.2, 1.0, -0.016, 2.0, -2.8)
+)
 AHEAD = np.array([0.0, 0.0, 3.0])
 POINT = np.random.default_rng(0).uniform(-0.1, 0.1, (6, 3))
 
@@ -53,7 +59,7 @@ class Craft:
         return linearise(self.rows, self.stations, POINT, *self.moved(x)).residual
 
 
-@pytest.mark.parametrize("fans", [LIGHTHOUSE_1, STRAIGHT, TILTED])
+@pytest.mark.parametrize("fans", [LIGHTHOUSE_1, STRAIGHT, TILTED, BENT])
 @pytest.mark.parametrize("seed", range(5))
 def test_residual_is_the_sweep_model_in_the_stations_frame(fans: tuple[Fan, Fan], seed: int) -> None:
     craft = Craft(fans, seed)
@@ -66,7 +72,7 @@ def test_residual_is_the_sweep_model_in_the_stations_frame(fans: tuple[Fan, Fan]
         assert craft.rows.angle[n] - expected == pytest.approx(y, abs=5e-15)
 
 
-@pytest.mark.parametrize("fans", [LIGHTHOUSE_1, STRAIGHT, TILTED])
+@pytest.mark.parametrize("fans", [LIGHTHOUSE_1, STRAIGHT, TILTED, BENT])
 @pytest.mark.parametrize("seed", range(5))
 def test_matrix_by_finite_differences(fans: tuple[Fan, Fan], seed: int) -> None:
     craft, step = Craft(fans, seed), 1e-5
@@ -99,7 +105,7 @@ def test_two_tilted_planes_give_the_ideal_azimuth_and_elevation() -> None:
     np.testing.assert_allclose(tangent, -p[:, 1] / p[:, 2], rtol=0, atol=1e-14)
 
 
-@pytest.mark.parametrize("fans", [LIGHTHOUSE_1, STRAIGHT, TILTED])
+@pytest.mark.parametrize("fans", [LIGHTHOUSE_1, STRAIGHT, TILTED, BENT])
 def test_kernel_equals_the_array_form(fans: tuple[Fan, Fan]) -> None:
     p = np.random.default_rng(5).uniform(-1, 1, (200, 3)) + AHEAD
     angles = [[measured_angle(q[0], q[1], q[2], fan) for fan in kernel_fans(fans)] for q in p]

@@ -1,7 +1,8 @@
 """The rotor of a Lighthouse 2.0 station: from instants of light to sweep angles.
 
 One rotor carries two laser planes, a third of a turn apart, and turns once in 887 000 to 959 000 ticks of 48 MHz, for
-each channel another number. With the instants z_n at which it passes its zero, light at the instant t of turn n comes at
+each channel another number. With the instants z_n at which it passes its zero, light at the instant t of turn n comes
+at
 
     share   = (t - z_n) / (z_{n+1} - z_n)                                                                          (1)
     alpha_0 = 2 pi share - pi + pi/3,    alpha_1 = 2 pi share - pi - pi/3                                          (2)
@@ -73,7 +74,8 @@ def track(observed: Floats, nominal: float) -> Rotor:
     """Return the passages of a rotor's zero.
 
     Observations of one passage are averaged. One that does not lie whole turns after the passage before is rejected,
-    unless the next one confirms it: then the rotor was dark for long, or the clock has jumped, and a new stretch begins.
+    unless the next one confirms it: then the rotor was dark for long, or the clock has jumped, and a new stretch
+    begins.
 
     Args:
         observed: instants at which zeros were observed, in any order, (N,) [ticks].

@@ -8,8 +8,9 @@ With the point's coordinates `up` along the axis, `ahead` along z and `across` w
     measured = b + gibbous_magnitude sin(b + gibbous_phase) + curve atan2(up, ahead)^2                          (E)
 
 is the angle from boresight; `tilt` is the fan's nominal one plus the error's. This is the one place where the model is
-written (`_measured`), for kernels and arrays alike. The gibbous term is evaluated at b, as in libsurvive, so that
-`from_libsurvive` is exact; evaluated at az it differs by at most gibbous_magnitude times |az - b|.
+written (`_measured`), for kernels and arrays alike. A fan with `TiltedErrors` follows (T) of `tilted` instead of (E).
+The gibbous term is evaluated at b, as in libsurvive, so that `from_libsurvive` is exact; evaluated at az it differs by
+at most gibbous_magnitude times |az - b|.
 
 Lighthouse 1.0 (`lighthouse_1`): x right, y down. Two straight fans turn at w = 2 pi rate, fan X about the y axis and
 fan Y about the x axis, and each flashes when it passes its zero position (source 1, equations 1 and 2):
@@ -28,6 +29,7 @@ import numpy as np
 
 from estimators.arrays import Floats
 from estimators.kernel import formula, kernel
+from estimators.lighthouse.tilted import TILT_RAD, TiltedErrors, tilted_angle, tilted_gradient
 from estimators.state import Vector
 
 Number = Any
@@ -60,12 +62,13 @@ class Fan(NamedTuple):
     """One laser plane of a station, in the station's frame.
 
     axis: unit vector along the rotor's axis, perpendicular to z. tilt_rad: nominal tilt of the plane against the axis.
-    errors: deviations from it. sense: 1 where the fan turns right-handed about the axis, -1 where left-handed.
+    errors: deviations from it, by the terms of either generation. sense: 1 where the fan turns right-handed about the
+    axis, -1 where left-handed.
     """
 
     axis: Vector
     tilt_rad: float = 0.0
-    errors: FanErrors = FanErrors()
+    errors: FanErrors | TiltedErrors = FanErrors()
     sense: int = 1
 
 
@@ -77,9 +80,20 @@ def lighthouse_1(fan_x: FanErrors, fan_y: FanErrors) -> tuple[Fan, Fan]:
 LIGHTHOUSE_1 = lighthouse_1(FanErrors(), FanErrors())
 """The two straight fans of a perfect Lighthouse 1.0 station."""
 
-ACROSS, UP, TERMS, FAN = 0, 3, 6, 11
+
+def lighthouse_2(first: TiltedErrors, second: TiltedErrors) -> tuple[Fan, Fan]:
+    """Return the two tilted planes of a Lighthouse 2.0 station with these errors, on one rotor whose axis points up."""
+    up = (0.0, -1.0, 0.0)
+    return Fan(up, -TILT_RAD, first), Fan(up, TILT_RAD, second)
+
+
+LIGHTHOUSE_2 = lighthouse_2(TiltedErrors(), TiltedErrors())
+"""The two tilted planes of a perfect Lighthouse 2.0 station."""
+
+ACROSS, UP, TERMS, TILTED, FAN = 0, 3, 6, 13, 14
 """A fan as kernels take it is a row of FAN numbers: ACROSS and UP, the directions (3) of `across` and `up`; TERMS,
-tan(tilt), phase, curve, gibbous phase and magnitude."""
+tan(tilt), phase, curve, gibbous phase and magnitude, ogee phase and magnitude; TILTED, 1 where they are of (T), 0 where
+they are of (E) and the last two are zero."""
 
 
 def kernel_fans(fans: Sequence[Fan]) -> Floats:
@@ -97,7 +111,13 @@ def kernel_fans(fans: Sequence[Fan]) -> Floats:
         row[ACROSS:UP] = fan.sense * y, -fan.sense * x, 0.0
         row[UP:TERMS] = x, y, 0.0
         tangent = np.tan(fan.tilt_rad + errors.tilt_rad)
-        row[TERMS:] = tangent, errors.phase_rad, errors.curve, errors.gibbous_phase_rad, errors.gibbous_magnitude
+        row[TERMS:] = 0.0
+        row[TERMS : TERMS + 5] = (
+            *(tangent, errors.phase_rad, errors.curve),
+            *(errors.gibbous_phase_rad, errors.gibbous_magnitude),
+        )
+        if isinstance(errors, TiltedErrors):
+            row[TERMS + 5 :] = errors.ogee_phase_rad, errors.ogee_magnitude, 1.0
     return out
 
 
@@ -144,7 +164,7 @@ def _measured(
 
 
 def measured_angles(points: Floats, fans: Sequence[Fan]) -> Floats:
-    """Return the angles from boresight (..., F) [rad] that fans measure of points (..., 3) [m], station frame (E).
+    """Return the angles from boresight (..., F) [rad] that fans measure of points (..., 3) [m], station frame (E), (T).
 
     NaN where the point is not in front (z > 0), or a fan tilted so far never reaches it. Raises ValueError where the
     last axis of `points` is not 3.
@@ -156,13 +176,16 @@ def measured_angles(points: Floats, fans: Sequence[Fan]) -> Floats:
     with np.errstate(invalid="ignore"):
         for i, row in enumerate(kernel_fans(fans)):
             across, up = row[ACROSS] * x + row[ACROSS + 1] * y, row[UP] * x + row[UP + 1] * y
-            out[..., i] = _measured(across, up, z, *row[TERMS:])
+            if row[TILTED]:
+                out[..., i] = tilted_angle(across, up, z, *row[TERMS:TILTED])
+            else:
+                out[..., i] = _measured(across, up, z, *row[TERMS : TERMS + 5])
     return out
 
 
 @kernel
 def measured_angle(x: float, y: float, z: float, fan: Floats) -> float:
-    """Return the angle from boresight [rad] that one fan measures of a point in front (E).
+    """Return the angle from boresight [rad] that one fan measures of a point in front (E), (T).
 
     Args:
         x: the point's x [m], station frame.
@@ -174,6 +197,8 @@ def measured_angle(x: float, y: float, z: float, fan: Floats) -> float:
     tangent, phase, curve, gibbous_phase, gibbous_magnitude = fan[6], fan[7], fan[8], fan[9], fan[10]
     if tangent == 0.0 and curve == 0.0 and gibbous_magnitude == 0.0:
         angle: float = np.arctan2(across, z) - phase
+    elif fan[13] != 0.0:
+        angle = tilted_angle(across, up, z, tangent, phase, curve, gibbous_phase, gibbous_magnitude, fan[11], fan[12])
     else:
         angle = _measured(across, up, z, tangent, phase, curve, gibbous_phase, gibbous_magnitude)
     return angle
@@ -192,6 +217,11 @@ def angle_gradient(x: float, y: float, z: float, fan: Floats) -> Vector:
     across, up = fan[0] * x + fan[1] * y, fan[3] * x + fan[4] * y
     square = across * across + z * z
     tangent, phase, curve, gibbous_phase, gibbous_magnitude = fan[6], fan[7], fan[8], fan[9], fan[10]
+    if fan[13] != 0.0:
+        by_across, by_up, by_ahead = tilted_gradient(
+            across, up, z, tangent, curve, gibbous_phase, gibbous_magnitude, fan[11], fan[12]
+        )
+        return fan[0] * by_across + fan[3] * by_up, fan[1] * by_across + fan[4] * by_up, by_ahead
     argument = up * tangent / np.sqrt(square)
     steep = 1 / np.sqrt(1 - argument * argument)
     b = np.arctan2(across, z) - phase + np.arcsin(argument)

@@ -29,9 +29,8 @@ class Listed(NamedTuple):
     """One object and one station, or one object without usable light.
 
     generation: of the lighthouse, empty without light. photodiodes: number, None if it is not known. station: number,
-    None without light, for Lighthouse 2.0 its channel. pulses, angles: periods that raw pulses and sweep angles give, for
-    2.0 turns of the rotor. begin_s, end_s: of the light.
-    remark: why it cannot be replayed, empty if it can.
+    None without light, for Lighthouse 2.0 its channel. pulses, angles: periods that raw pulses and sweep angles give,
+    for 2.0 turns of the rotor. begin_s, end_s: of the light. remark: why it cannot be replayed, empty if it can.
     """
 
     name: str
@@ -254,7 +253,7 @@ def _of_crazyflie(log: CrazyflieLog, config: SystemConfig | None) -> Contents:
         facts.append("marks at " + ", ".join(f"{mark:.3f} s" for mark in log.mark_s[:8].tolist()))
     if len(log.frames.tick) and not log.has_rotors():
         facts.append("its raw pulses tell no rotor's zero, so only the firmware's angles are used")
-    facts += [f"{config.path} is taken"] + _of_config(config) if config is not None else [f"no {NAME} is beside it"]
+    facts += [f"{config.path} is taken", *_of_config(config)] if config is not None else [f"no {NAME} is beside it"]
     losses = [f"the log is {log.lost}: the rest of it is lost, all before is used"] if log.lost else []
     losses += [f"events with impossible values, left out: {log.damaged}"] if log.damaged else []
     return Contents(Format.CRAZYFLIE, rows, facts, losses + light.lost.sentences())

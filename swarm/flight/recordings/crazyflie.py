@@ -3,6 +3,7 @@
     lhAngle(sensor, basestation, sweep, angle, ...)      the firmware's decoded angle [rad], nothing taken off
     lhUartFrame(sensor, basestation, offset, timestampFPGA, ...)    a pulse as the receiver reports it, 24 MHz, 24 bits
     fixedFrequency(gyro.x, ..., acc.x, ...)              [deg/s] and [g], in the body frame
+    lhCrossingBeam(x, y, z, delta)                       the firmware's position between two rays, and their distance
     activeMarkerModeChanged(mode)                        marks that the cameras of a motion capture system see, too
 
 The deck's four photodiodes lie in one plane; body frame x forward, y left, z up. A pulse's `offset` is 0 where the
@@ -38,10 +39,11 @@ _NEEDED = {
     "lhAngle": ("sensor", "basestation", "sweep", "angle"),
     "lhUartFrame": ("sensor", "basestation", "offset", "timestampFPGA"),
     "fixedFrequency": ("gyro.x", "gyro.y", "gyro.z", "acc.x", "acc.y", "acc.z"),
+    "lhCrossingBeam": ("x", "y", "z", "delta"),
     "activeMarkerModeChanged": ("mode",),
 }
-_OPTIONAL = "fixedFrequency"
-"""Its variables are what the user chose to log."""
+_OPTIONAL = ("fixedFrequency", "lhCrossingBeam")
+"""Events that are left aside where they lack a variable: users choose what they log, and nothing rests on them."""
 _PLACED = 0.05
 """Share of pulses with an offset above which they are of Lighthouse 2.0; of 1.0 some have one by accident."""
 _FOLLOW = 0.01
@@ -58,13 +60,23 @@ class Inertial(NamedTuple):
     acceleration: Floats
 
 
+class Crossings(NamedTuple):
+    """The firmware's own positions. time_s (N,), position (N, 3) [m] in the client's world, apart_m (N,): the distance
+    between the two stations' rays.
+    """
+
+    time_s: Floats
+    position: Floats
+    apart_m: Floats
+
+
 class CrazyflieLog(NamedTuple):
     """One log.
 
-    angles: decoded by the firmware; their ticks are the times of logging [us]. frames: raw pulses. inertial: empty
-    where not logged. mark_s: times at which the active marker was switched on or off, (M,). begin_s, end_s: of all
-    events, 0 without any. counts: number of events by name. damaged: number of events with impossible values. lost: why
-    and where the log ends early, empty where it is whole.
+    angles: decoded by the firmware; their ticks are the times of logging [us]. frames: raw pulses. inertial, crossing:
+    empty where not logged. mark_s: times at which the active marker was switched on or off, (M,). begin_s, end_s: of
+    all events, 0 without any. counts: number of events by name. damaged: number of events with impossible values. lost:
+    why and where the log ends early, empty where it is whole.
     """
 
     path: Path
@@ -72,6 +84,7 @@ class CrazyflieLog(NamedTuple):
     angles: Hits
     frames: FrameLog
     inertial: Inertial
+    crossing: Crossings
     mark_s: Floats
     begin_s: float
     end_s: float
@@ -115,7 +128,7 @@ class _Reader:
         self._path = path
         self._counts: Counter[str] = Counter()
         self._columns: dict[str, tuple[int, ...] | None] = {}
-        self._rows: "dict[str, array[float]]" = {name: array("d") for name in _NEEDED}
+        self._rows: dict[str, array[float]] = {name: array("d") for name in _NEEDED}
         self._begin_s = self._end_s = 0.0
         self._damaged = 0
 
@@ -123,7 +136,7 @@ class _Reader:
         name = event.kind.name
         if name in _NEEDED and self._columns.get(name, ()) == ():
             self._columns[name] = self._places(event)
-        if self._counts and not -_STEP_BACK_S <= event.time_s - self._end_s:
+        if self._counts and not event.time_s - self._end_s >= -_STEP_BACK_S:
             self._damaged += 1
             return
         self._begin_s = event.time_s if not self._counts else self._begin_s
@@ -144,7 +157,7 @@ class _Reader:
         missing = next((name for name in needed if name not in there), None)
         if missing is None:
             return tuple(there.index(name) for name in needed)
-        if event.kind.name == _OPTIONAL:
+        if event.kind.name in _OPTIONAL:
             return None
         raise SwarmError(
             f"{self._path}: event {event.kind.name!r} has no variable {missing!r}{did_you_mean(missing, there)}"
@@ -153,7 +166,7 @@ class _Reader:
     def log(self, source: EventLog) -> CrazyflieLog:
         """Return the collected data as arrays; `source` has been read to its end."""
         table = {name: rows(values, 1 + len(_NEEDED[name])) for name, values in self._rows.items()}
-        angle, inertial = table["lhAngle"], table["fixedFrequency"]
+        angle, inertial, crossing = (table[name] for name in ("lhAngle", "fixedFrequency", "lhCrossingBeam"))
         station, fan, photodiode = (angle[:, i].astype(np.int64) for i in (2, 3, 1))
         return CrazyflieLog(
             path=self._path,
@@ -161,6 +174,7 @@ class _Reader:
             angles=joined([Hits(station, fan, photodiode, np.round(angle[:, 0] / ANGLE_TICK_S), angle[:, 4])]),
             frames=_frames(table["lhUartFrame"]),
             inertial=Inertial(inertial[:, 0], np.radians(inertial[:, 1:4]), inertial[:, 4:7] * GRAVITY),
+            crossing=Crossings(crossing[:, 0], crossing[:, 1:4], crossing[:, 4]),
             mark_s=table["activeMarkerModeChanged"][:, 0],
             begin_s=self._begin_s,
             end_s=self._end_s,
@@ -213,4 +227,3 @@ def _unwrapped(time_s: Floats, stamp: Floats) -> Floats:
         late += _FOLLOW * (now - late - tick)
         out[i] = tick
     return out
-

@@ -1,7 +1,7 @@
 """Hits: single sweeps of single photodiodes, in one form whatever file they come from.
 
-A *hit* is (station, fan, photodiode, tick, angle). Angles count from boresight in the sense in which the rotor turns, as
-both libsurvive and the Crazyflie have them: fan 0 of Lighthouse 1.0 positive to the left as the station looks, fan 1
+A *hit* is (station, fan, photodiode, tick, angle). Angles count from boresight in the sense in which the rotor turns,
+as both libsurvive and the Crazyflie have them: fan 0 of Lighthouse 1.0 positive to the left as the station looks, fan 1
 positive upwards; the planes 0 and 1 of Lighthouse 2.0 both positive to the left. Nothing of the station's calibration
 is taken off.
 """
@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.arrays import Floats, Ints
+from estimators.arrays import Bools, Floats, Ints
 
 
 class Hits(NamedTuple):
@@ -25,6 +25,10 @@ class Hits(NamedTuple):
     photodiode: Ints
     tick: Floats
     angle: Floats
+
+    def of(self, rows: Ints | Bools) -> "Hits":
+        """Return some of the hits, by their indices or a mask."""
+        return Hits(self.station[rows], self.fan[rows], self.photodiode[rows], self.tick[rows], self.angle[rows])
 
 
 class Lost(NamedTuple):
@@ -78,18 +82,17 @@ class Light(NamedTuple):
         return int(np.unique(pairs, axis=0, return_counts=True)[1].max()) if len(pairs) else 0
 
 
-def in_order(hits: Hits) -> Hits:
-    """Return the hits in order of time."""
-    order = np.argsort(hits.tick, kind="stable")
-    return Hits(*(column[order] for column in hits))
-
-
 def joined(parts: list[Hits]) -> Hits:
     """Return several stations' hits as one, in order of time."""
-    if not parts:
-        none: Ints = np.zeros(0, dtype=np.int64)
-        return Hits(none, none, none, np.zeros(0), np.zeros(0))
-    return in_order(Hits(*(np.concatenate(columns) for columns in zip(*parts, strict=True))))
+    none = np.zeros(0)
+    whole = Hits(
+        np.concatenate([none.astype(np.int64), *(part.station for part in parts)]),
+        np.concatenate([none.astype(np.int64), *(part.fan for part in parts)]),
+        np.concatenate([none.astype(np.int64), *(part.photodiode for part in parts)]),
+        np.concatenate([none, *(part.tick for part in parts)]),
+        np.concatenate([none, *(part.angle for part in parts)]),
+    )
+    return whole.of(np.argsort(whole.tick, kind="stable"))
 
 
 def count_doubled(turn: Ints, fan: Ints, photodiode: Ints) -> int:

@@ -7,8 +7,8 @@
     LH_POSE (same) [id]     libsurvive's pose of a station; the source is its number, or with an id its channel
 
 Lines of Lighthouse 2.0 (Y, W, B) are in `rotor_lines`. Others are not read. A photodiode is the index of its channel in
-channelMap. Lines that end early, have invalid values, contradict the object's clock or repeat an earlier one are counted
-and left out, because real recordings contain some; a file that is mostly such lines is rejected.
+channelMap. Lines that end early, have invalid values, contradict the object's clock or repeat an earlier one are
+counted and left out, because real recordings contain some; a file that is mostly such lines is rejected.
 """
 
 import math

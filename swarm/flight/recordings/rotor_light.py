@@ -44,8 +44,9 @@ class RotorLog(NamedTuple):
 class FrameLog(NamedTuple):
     """Pulses that a Crazyflie's receiver logged, (N,) each.
 
-    time_s: time of logging [s]. photodiode: index. channel: of the station, -1 if the receiver did not find it. offset: ticks since the rotor's zero
-    [ticks of 24 MHz], 0 if it did not find them. tick: instant [ticks of 24 MHz], unwrapped.
+    time_s: time of logging [s]. photodiode: index. channel: of the station, -1 if the receiver did not find it. offset:
+    ticks since the rotor's zero [ticks of 24 MHz], 0 if it did not find them. tick: instant [ticks of 24 MHz],
+    unwrapped.
     """
 
     time_s: Floats

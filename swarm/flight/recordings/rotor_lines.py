@@ -4,8 +4,8 @@
     W channel sensor timecode half             a raw hit; half says that it came half a tick later, and may be missing
     B channel sensor timecode plane angle      libsurvive's own angle [rad] from boresight, by plane
 
-Ticks are of the object's 48 MHz clock, which wraps at 32 bits. Sensors are indices of photodiodes. Newer libsurvive adds
-the half tick; at rest the hits scatter alike with it and without (14.8 and 14.6 urad), and it is not added here.
+Ticks are of the object's 48 MHz clock, which wraps at 32 bits. Sensors are indices of photodiodes. Newer libsurvive
+adds the half tick; at rest the hits scatter alike with it and without (14.8 and 14.6 urad), and it is not added here.
 """
 
 import math

@@ -1,8 +1,8 @@
 """A station's calibration, to be subtracted from its sweep angles: from libsurvive's file, or from this project's.
 
-libsurvive writes `"key":"value"` pairs and `"lighthouse0":{...}` tables in which commas and outer braces may be
-missing; real JSON is read, too. Its `fcal*` values, two each (X sweep, Y sweep), become `FanErrors` through
-`estimators.lighthouse.sweep.from_libsurvive`, which defines the signs and frames; `pose` is the station's pose in
+libsurvive's file is read by `libsurvive_config`. Its `fcal*` values, two each (X sweep, Y sweep), become `FanErrors`
+through `estimators.lighthouse.sweep.from_libsurvive`, which defines the signs and frames; `pose` is the station's pose
+in
 libsurvive's world. This project's file is TOML, in SI units; values that are not given are zero:
 
     [fan_x]
@@ -20,7 +20,6 @@ A plain [photodiodes] is for the one object of a replay. `swarm.flight.recording
 """
 
 import math
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -31,11 +30,11 @@ import numpy as np
 from estimators.arrays import Floats
 from estimators.lighthouse.sweep import FanErrors, from_libsurvive
 from swarm.errors import SwarmError, did_you_mean
-from swarm.flight.recordings.libsurvive import WorldPose, station_id
-from swarm.user_text import NotToml, parse_json, parse_toml, read_text, short, user_path
+from swarm.flight.recordings.libsurvive import WorldPose
+from swarm.flight.recordings.libsurvive_config import identity_of, numbers, pose_of, station_table, tolerant_json
+from swarm.user_text import NotToml, parse_toml, read_text, short, user_path
 
 _FCAL = ("fcalphase", "fcaltilt", "fcalcurve", "fcalgibpha", "fcalgibmag")
-_TOKEN = re.compile(r'(?P<space>\s*)(?P<token>"(?:[^"\\]|\\.)*"|[{}\[\]:,]|[^\s{}\[\]:,"]+)')
 
 
 class StationCalibration(NamedTuple):
@@ -70,7 +69,7 @@ def read_calibration(path: str | Path, lighthouse: int = 0) -> StationCalibratio
     file = Path(path)
     text = read_text(user_path(path), str(path), "a calibration file")
     if text.lstrip()[:1] in ('"', "{"):
-        return _from_libsurvive(_tolerant(text, file), file, lighthouse)
+        return _from_libsurvive(tolerant_json(text, file), file, lighthouse)
     try:
         return _from_toml(parse_toml(text, str(file)), file)
     except NotToml as error:
@@ -79,39 +78,16 @@ def read_calibration(path: str | Path, lighthouse: int = 0) -> StationCalibratio
 
 
 def _from_libsurvive(data: dict[str, Any], file: Path, lighthouse: int) -> StationCalibration:
-    stations = [key for key in data if key.startswith("lighthouse") and isinstance(data[key], dict)]
     name = f"lighthouse{lighthouse}"
-    if name not in stations:
-        raise SwarmError(f"{file}: no station {name!r}{did_you_mean(name, stations) or '; the file has none'}")
-    table = data[name]
+    table = station_table(data, name, file)
     if table.get("OOTXSet", "1") == "0":
         raise SwarmError(f"{file}, {name}: OOTXSet is 0: the station's factory calibration had not been received")
     phase, tilt, curve, gibbous_phase, gibbous_magnitude = (
-        (values[0], values[1]) for values in (_numbers(table, key, 2, f"{file}, {name}") for key in _FCAL)
+        (values[0], values[1]) for values in (numbers(table, key, 2, f"{file}, {name}") for key in _FCAL)
     )
     fan_x, fan_y = from_libsurvive(phase, tilt, curve, gibbous_phase, gibbous_magnitude)
-    pose = None
-    if "pose" in table and table.get("PositionSet", "1") != "0":
-        values = np.array(_numbers(table, "pose", 7, f"{file}, {name}"))
-        length = float(np.linalg.norm(values[3:]))
-        if abs(length - 1) > 1e-2:
-            raise SwarmError(f"{file}, {name}: pose must end with a unit quaternion, its length is {length:.4g}")
-        pose = WorldPose(values[:3], values[3:] / length)
-    identity = station_id(str(table["id"])) if table.get("id") is not None else None
-    return StationCalibration(fan_x, fan_y, pose, identity=identity)
-
-
-def _numbers(table: dict[str, Any], key: str, count: int, where: str) -> list[float]:
-    """Return the `count` finite numbers under a key of libsurvive's file, in which numbers are written as strings."""
-    if key not in table:
-        raise SwarmError(f"{where}: {key} is missing{did_you_mean(key, table)}")
-    try:
-        values = [float(value) for value in table[key]]
-    except (TypeError, ValueError, OverflowError):
-        values = []
-    if len(values) != count or not all(map(math.isfinite, values)):
-        raise SwarmError(f"{where}: {key} must be {count} numbers, not {short(repr(table[key]))}")
-    return values
+    pose = pose_of(table, f"{file}, {name}")
+    return StationCalibration(fan_x, fan_y, pose, identity=identity_of(table))
 
 
 def _from_toml(data: dict[str, Any], file: Path) -> StationCalibration:
@@ -152,23 +128,3 @@ def _known(table: dict[str, Any], keys: tuple[str, ...], where: str) -> None:
     for key in table:
         if key not in keys:
             raise SwarmError(f"{where}: unknown key {key!r}{did_you_mean(key, keys)}")
-
-
-def _tolerant(text: str, file: Path) -> dict[str, Any]:
-    """Parse JSON in which commas and the outer braces may be missing; line numbers in messages are the file's."""
-    out, previous, end = [], "", 0
-    for match in _TOKEN.finditer(text):
-        if match.start() != end:
-            break
-        end, token = match.end(), match["token"]
-        if previous and previous not in "{[:," and token not in "}]:,":
-            out.append(",")
-        elif previous == "," and token in "}]":
-            out.pop()
-        out += [match["space"], token]
-        previous = token
-    if text[end:].strip():
-        raise SwarmError(f"{file}, line {text.count(chr(10), 0, end) + 1}: a string is not closed: the file is damaged")
-    joined = "".join(out)
-    whole = joined if joined.lstrip().startswith("{") else "{" + joined + "}"
-    return dict(parse_json(whole, str(file), "a calibration file"))

@@ -104,9 +104,7 @@ def _tables(data: dict[Any, Any], key: str, file: Path) -> dict[int, dict[Any, A
     return tables
 
 
-def _calibration(
-    table: dict[Any, Any] | None, where: str
-) -> tuple[tuple[SweepTerms, SweepTerms] | None, str | None]:
+def _calibration(table: dict[Any, Any] | None, where: str) -> tuple[tuple[SweepTerms, SweepTerms] | None, str | None]:
     if table is None:
         return None, None
     sweeps = table.get("sweeps")

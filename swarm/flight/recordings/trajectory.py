@@ -100,7 +100,8 @@ def _of_array(file: Path) -> Trajectory:
         raise SwarmError(f"{file}: not a whole NumPy array: {reason}") from None
     if data.dtype.kind not in "fiu" or data.ndim != 2 or data.shape[1] not in (4, 8):
         raise SwarmError(
-            f"{file}: a trajectory is an array of (n, 4) or (n, 8) numbers, not {data.shape} of {short(str(data.dtype))}"
+            f"{file}: a trajectory is an array of (n, 4) or (n, 8) numbers, "
+            f"not {data.shape} of {short(str(data.dtype))}"
         )
     return _trajectory(file, np.asarray(data, dtype=np.float64), "", 0, "")
 
@@ -142,8 +143,8 @@ def _head(line: str, where: str) -> tuple[tuple[str, ...], str]:
     words = _words(line.lstrip("# \t"))
     if not _time_name(_name(words[0]))[0]:
         raise SwarmError(
-            f"{where}: the first column is {short(words[0])!r}; it must be the time, such as t, time, timestamp, time_s, "
-            "time_ms, time_us or time_ns"
+            f"{where}: the first column is {short(words[0])!r}; it must be the time, such as t, time, timestamp, "
+            "time_s, time_ms, time_us or time_ns"
         )
     bracket = _UNIT.search(words[0])
     unit = _time_name(_name(words[0]))[1] or (bracket[1].strip() if bracket else "")
@@ -241,7 +242,7 @@ def _growing(time: Floats, timed: Bools) -> Bools:
 
 
 def _unit(time: Floats) -> str:
-    """Return the unit in which rows come at a motion capture system's rate; seconds where none fits or all are alike."""
+    """Return the unit in which rows come at a motion capture system's rate; seconds where none fits."""
     step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
     for unit, size in UNITS.items():
         if step > 0 and RATES_HZ[0] <= 1 / (step * size) <= RATES_HZ[1]:

@@ -1,0 +1,410 @@
+"""Lighthouse 2.0: is raw light decoded to the tick, and which error terms does real light want, with which signs?
+
+    python benchmarks/lighthouse_2.py --recording lh2_test_cal.rec.gz --object T20
+    python benchmarks/lighthouse_2.py --log FLIGHT/log00 --truth FLIGHT/mocap00.npy [--windows 100]
+
+A libsurvive recording needs its configuration beside it (`.json`) and an object at rest. Its raw hits are decoded as
+libsurvive does and compared with libsurvive's own angles, and decoded by the turns' own durations. Then a pose per turn
+and station is fitted to the hits by least squares, with more and more of the factory's terms. An object of 10 cm tells
+little of the terms that change slowly over the field; its pose takes them up.
+
+A Crazyflie's log with motion capture tells more: the cameras know where it is all over the room. Fitted together are
+the stations' poses, the marker's place on the craft, the clocks' difference, and an attitude per window of 20 ms; what
+remains is due to the terms. Last, factors of tilt, gibbous, curve and ogee terms are fitted too: 1 is the factory's
+value, with the sign and the size that `estimators/lighthouse/tilted.py` gives it, and 0 is no such term.
+"""
+
+import argparse
+import json
+import platform
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from estimators import rotation as rot
+from estimators.arrays import Floats, Ints
+from estimators.lighthouse.rotor import CHANNEL_CLOCK_HZ, CHANNEL_TICKS
+from estimators.lighthouse.rows import Rows, Station, linearise
+from estimators.lighthouse.sweep import Fan, lighthouse_2, measured_angles
+from estimators.lighthouse.tilted import from_station
+from swarm.flight.recordings.crazyflie import POINT_M, CrazyflieLog, read_crazyflie
+from swarm.flight.recordings.hits import Hits, Light
+from swarm.flight.recordings.libsurvive import Recording, read_libsurvive
+from swarm.flight.recordings.libsurvive_config import read_factory_stations
+from swarm.flight.recordings.rotor_light import decode_rotor_log
+from swarm.flight.recordings.station_terms import SweepTerms
+from swarm.flight.recordings.system_config import ConfiguredStation, read_system_config
+from swarm.flight.recordings.trajectory import Trajectory, read_trajectory
+
+WINDOW_S = 0.02
+ROBUST_RAD = 5e-4
+"""Residual beyond which a hit counts less [rad]: three times the median residual."""
+FALSE_RAD = 2e-3
+"""Mean residual of a window beyond which its attitude was not found [rad]."""
+FACTORS = ("tilt", "gibbous", "curve", "ogee")
+VARIANTS: dict[str, tuple[float, float, float, float, float]] = {
+    "no terms": (0, 0, 0, 0, 0),
+    "phase, tilt": (1, 1, 0, 0, 0),
+    "phase, tilt, gibbous": (1, 1, 1, 0, 0),
+    "and curve": (1, 1, 1, 1, 0),
+    "and ogee": (1, 1, 1, 0, 1),
+    "all": (1, 1, 1, 1, 1),
+    "all, gibbous negative": (1, 1, -1, 1, 1),
+    "all, curve negative": (1, 1, 1, -1, 1),
+    "all, ogee negative": (1, 1, 1, 1, -1),
+    "all, both negative": (1, 1, 1, -1, -1),
+}
+"""Factors of phase, tilt, gibbous, curve and ogee terms."""
+
+
+def fans(terms: Sequence[SweepTerms], factors: Sequence[float]) -> tuple[Fan, Fan]:
+    """The two planes of a station with its factory's terms, each times its factor."""
+    phase, tilt, gibbous, curve, ogee = factors
+    first, second = (
+        from_station(
+            phase * t.phase_rad,
+            tilt * t.tilt,
+            curve * t.curve,
+            t.gibbous_phase_rad,
+            gibbous * t.gibbous_magnitude,
+            t.ogee_phase_rad,
+            ogee * t.ogee_magnitude,
+        )
+        for t in terms
+    )
+    return lighthouse_2(first, second)
+
+
+# A libsurvive recording.
+
+
+def decoding(recording: Recording) -> dict[str, Any]:
+    """How many of libsurvive's own angles are reproduced from its raw hits, and what of them is lost."""
+    log = recording.rotors
+    again, ours = decode_rotor_log(log, previous=True), decode_rotor_log(log)
+    found = {(c, k, tick): (fan, angle) for c, k, tick, fan, angle in _keyed(again.hits)}
+    columns = (log.own_channel, log.own_photodiode, log.own_tick, log.own_plane, log.own_angle)
+    away, planes = [], 0
+    for c, k, tick, plane, angle in zip(*(column.tolist() for column in columns), strict=True):
+        fan, mine = found.get((c, k, tick), (-1, np.nan))
+        planes += fan == plane
+        away.append(abs(mine - angle) * CHANNEL_TICKS[c] / (2 * np.pi))
+    ticks = np.array(away)
+    return {
+        "own_angles": len(ticks),
+        "reproduced_within_one_tick_percent": 100 * float(np.mean(ticks <= 1)),
+        "largest_ticks": float(np.nanmax(ticks)),
+        "same_plane_percent": 100 * planes / len(ticks),
+        "hits": len(ours.hits.tick),
+        "lost": ours.lost._asdict(),
+        "turn_hz": {c: 1 / s for c, s in ours.turn_s.items()},
+        "nominal_hz": {c: CHANNEL_CLOCK_HZ / CHANNEL_TICKS[c] for c in ours.turn_s},
+        "scatter_urad": {
+            "turn's own duration": scatter(ours),
+            "duration of the turn before (libsurvive)": scatter(again),
+        },
+    }
+
+
+def _keyed(hits: Hits) -> list[tuple[Any, ...]]:
+    columns = (hits.station, hits.photodiode, hits.tick, hits.fan, hits.angle)
+    return list(zip(*(column.tolist() for column in columns), strict=True))
+
+
+def scatter(light: Light) -> dict[int, float]:
+    """The hits' standard deviation at rest per station [urad]: from differences between turns, robust, median."""
+    out = {}
+    for station in light.stations():
+        values = []
+        for fan in (0, 1):
+            for k in np.unique(light.hits.photodiode):
+                rows = (light.hits.station == station) & (light.hits.fan == fan) & (light.hits.photodiode == k)
+                tick, angle = light.hits.tick[rows], light.hits.angle[rows]
+                near = np.diff(tick) * light.tick_s < 1.5 * light.turn_s[station]
+                step = np.diff(angle)[near]
+                if len(step) > 100:
+                    values.append(1.4826 * float(np.median(np.abs(step - np.median(step)))) / np.sqrt(2))
+        out[station] = 1e6 * float(np.median(values))
+    return out
+
+
+def residuals(recording: Recording, light: Light, config: Path) -> dict[str, Any]:
+    """Median RMS residual of a pose per turn [urad], per station and variant."""
+    out: dict[str, Any] = {}
+    for station in read_factory_stations(config):
+        if station.channel not in light.turn_s or station.terms is None or station.pose is None:
+            continue
+        # libsurvive's pose of the object, by turns of pi about x into our frame of this station.
+        ours = np.diag([1.0, -1.0, -1.0]) @ rot.matrix_from_quaternion(station.pose.quaternion).T
+        start = (
+            ours @ rot.matrix_from_quaternion(recording.peer.quaternion[0]),
+            ours @ (recording.peer.position[0] - station.pose.position),
+        )
+        turns = _turns(light, station.channel)
+        figures = {
+            name: _fit_turns(turns, fans(station.terms, factors), recording.photodiodes.point_m[0], start)
+            for name, factors in VARIANTS.items()
+        }
+        out[f"channel {station.channel}"] = figures
+    return out
+
+
+def _turns(light: Light, channel: int) -> list[Hits]:
+    """The hits of each turn in which five photodiodes or more were hit by both planes."""
+    hits = light.hits.of(light.hits.station == channel)
+    gap = light.turn_s[channel] / light.tick_s / 2
+    # The plane 1 of a turn comes a third of a turn after plane 0, and plane 0 of the next two thirds later.
+    groups = np.split(np.arange(len(hits.tick)), np.flatnonzero(np.diff(hits.tick) > gap) + 1)
+    turns = [hits.of(group) for group in groups]
+    both = [np.intersect1d(t.photodiode[t.fan == 0], t.photodiode[t.fan == 1]) for t in turns]
+    return [turn for turn, seen in zip(turns, both, strict=True) if len(seen) >= 5]
+
+
+def _fit_turns(
+    turns: list[Hits], planes: tuple[Fan, Fan], point_m: Floats, start: tuple[Floats, Floats]
+) -> dict[str, float]:
+    """Median RMS of the residuals of a pose per turn [urad], and number of turns."""
+    station, still, rms = [Station(np.eye(3), np.zeros(3), planes)], np.zeros(3), []
+    rotation, position = start
+    for turn in turns:
+        none = np.zeros(len(turn.tick), dtype=np.int64)
+        rows = Rows(none, turn.fan, turn.photodiode, np.zeros(len(none)), turn.angle)
+        for _ in range(20):
+            linear = linearise(rows, station, point_m, rotation, position, still, still)
+            step = np.linalg.lstsq(linear.matrix[:, [0, 1, 2, 6, 7, 8]], linear.residual, rcond=None)[0]
+            rotation, position = rot.exp(np.asarray(step[:3], dtype=np.float64)) @ rotation, position + step[3:]
+            if np.max(np.abs(step)) < 1e-9:
+                break
+        rms.append(float(np.sqrt(np.mean(linear.residual**2))))
+    return {"urad": 1e6 * float(np.median(rms)), "turns": len(turns)}
+
+
+# A Crazyflie's log with motion capture.
+
+
+class Sample(NamedTuple):
+    """Hits of W windows, (N,) each: window, station, fan, photodiode, instant on the cameras' clock [s], angle; and the
+    rates (W, 3) [rad/s] and middles (W,) [s] of the windows.
+    """
+
+    window: Ints
+    station: Ints
+    fan: Ints
+    photodiode: Ints
+    time_s: Floats
+    angle: Floats
+    rate: Floats
+    middle_s: Floats
+
+
+def sample(log: CrazyflieLog, truth: Trajectory, windows: int) -> Sample:
+    """Windows in which both stations were seen and the cameras saw the marker, evenly from the whole flight."""
+    light = log.light()
+    hits, clock = light.hits, np.polyfit(log.frames.time_s, log.frames.tick * light.tick_s, 1)
+    marks = np.polyval(clock, log.mark_s[[0, -1]])
+    shift = float(np.mean(truth.time_s[[0, -1]] - marks))
+    time_s = hits.tick * light.tick_s + shift
+    after = np.clip(np.searchsorted(truth.time_s, time_s), 1, len(truth.time_s) - 1)
+    seen = (time_s > truth.time_s[0]) & (np.diff(truth.time_s)[after - 1] < 0.012)
+    number = np.floor(time_s / WINDOW_S).astype(np.int64)
+    groups = np.split(np.arange(len(number)), np.flatnonzero(np.diff(number)) + 1)
+    good = [g for g in groups if seen[g].all() and len(g) >= 14 and len(np.unique(hits.station[g])) == 2]
+    picked = [good[i] for i in np.linspace(0, len(good) - 1, min(windows, len(good))).astype(np.int64)]
+    rows = np.concatenate(picked)
+    middle = np.array([time_s[g].mean() for g in picked])
+    when = np.polyval(clock, log.inertial.time_s) + shift
+    rate = np.stack([np.interp(middle, when, column) for column in log.inertial.rate.T], axis=1)
+    window = np.repeat(np.arange(len(picked)), [len(g) for g in picked])
+    return Sample(
+        window, hits.station[rows], hits.fan[rows], hits.photodiode[rows], time_s[rows], hits.angle[rows], rate, middle
+    )
+
+
+GLOBAL = 16
+"""Parameters that all windows share: rotation vector and position of two stations, marker, clock."""
+_TO_OURS = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+"""Our axes of a station (right, down, ahead) from Bitcraze's (ahead, left, up)."""
+
+
+class Room:
+    """The residuals of a sample, as a function of GLOBAL parameters, factors that are free, and 3 per window."""
+
+    def __init__(self, data: Sample, truth: Trajectory, stations: list[ConfiguredStation], free: bool) -> None:
+        self.data, self.truth, self.stations = data, truth, stations
+        self.shared = GLOBAL + (len(FACTORS) if free else 0)
+        self.factors: Sequence[float] = VARIANTS["all"]
+
+    def residual(self, x: Floats) -> Floats:
+        """Measured less modelled angles (N,) [rad]; a hit that is modelled behind a station has 0.1."""
+        d = self.data
+        factors = (1.0, *x[GLOBAL : self.shared]) if self.shared > GLOBAL else self.factors
+        turned = Rotation.from_rotvec(x[self.shared :].reshape(-1, 3))[d.window]
+        turned = turned * Rotation.from_rotvec(d.rate[d.window] * (d.time_s - d.middle_s[d.window])[:, None])
+        when = d.time_s + x[15]
+        marker = np.stack([np.interp(when, self.truth.time_s, column) for column in self.truth.position.T], axis=1)
+        point = marker + turned.apply(POINT_M[d.photodiode] - x[12:15])
+        out = np.empty(len(d.angle))
+        for s, station in enumerate(self.stations):
+            assert station.terms is not None
+            mine = d.station == s
+            local = Rotation.from_rotvec(x[6 * s : 6 * s + 3]).inv().apply(point[mine] - x[6 * s + 3 : 6 * s + 6])
+            angles = measured_angles(local @ _TO_OURS.T, fans(station.terms, factors))
+            out[mine] = d.angle[mine] - np.where(d.fan[mine] == 0, angles[:, 0], angles[:, 1])
+        return np.where(np.isfinite(out), out, 0.1)
+
+    def jacobian(self, x: Floats) -> Floats:
+        """By differences; the three parameters of all windows at once, since no hit depends on two windows."""
+        base, step = self.residual(x), 1e-7
+        out = np.zeros((len(base), len(x)))
+        for i in range(self.shared):
+            out[:, i] = (self.residual(x + step * (np.arange(len(x)) == i)) - base) / step
+        for i in range(3):
+            moved = x.copy()
+            moved[self.shared + i :: 3] += step
+            rows = np.arange(len(base))
+            out[rows, self.shared + 3 * self.data.window + i] = (self.residual(moved) - base) / step
+        return out
+
+    def fit(self, x: Floats, robust: float = ROBUST_RAD) -> Any:
+        """The fit from a start; hits with residuals beyond `robust` [rad] count less."""
+        return least_squares(
+            self.residual, x, self.jacobian, loss="soft_l1", f_scale=robust, x_scale="jac", max_nfev=40
+        )
+
+    def start(self, log: CrazyflieLog) -> Floats:
+        """Stations as the client put them, moved into the cameras' frame; attitudes by trial."""
+        rotation, position = _frames(log, self.truth)
+        x = np.zeros(self.shared + 3 * len(self.data.middle_s))
+        x[GLOBAL : self.shared] = 1.0
+        for s, station in enumerate(self.stations):
+            assert station.rotation is not None
+            assert station.position is not None
+            x[6 * s : 6 * s + 3] = Rotation.from_matrix(rotation @ station.rotation).as_rotvec()
+            x[6 * s + 3 : 6 * s + 6] = rotation @ station.position + position
+        windows, d = len(self.data.middle_s), self.data
+        best, key = np.full(windows, np.inf), (d.window * 2 + d.station) * 2 + d.fan
+        kept = np.zeros((windows, 3))
+        for yaw in range(0, 360, 15):
+            for lean in ((0, 0), (25, 0), (-25, 0), (0, 25), (0, -25)):
+                trial = Rotation.from_matrix(rotation) * Rotation.from_euler("zyx", [yaw, *lean], degrees=True)
+                x[self.shared :] = np.tile(trial.as_rotvec(), windows)
+                r = self.residual(x)
+                # The pattern within a sweep tells the attitude; its mean also has the position's error.
+                count = np.maximum(np.bincount(key, minlength=4 * windows), 1)
+                r = r - (np.bincount(key, r, minlength=4 * windows) / count)[key]
+                cost = np.bincount(d.window, r * r, minlength=windows)
+                better = cost < best
+                best[better], kept[better] = cost[better], trial.as_rotvec()
+        x[self.shared :] = kept.ravel()
+        return x
+
+
+def _frames(log: CrazyflieLog, truth: Trajectory) -> tuple[Floats, Floats]:
+    """The cameras' frame from the client's, from the positions that the firmware found of crossing beams, roughly."""
+    clock = np.polyfit(log.frames.time_s, log.frames.tick / 24e6, 1)
+    shift = float(np.mean(truth.time_s[[0, -1]] - np.polyval(clock, log.mark_s[[0, -1]])))
+    when = np.polyval(clock, log.crossing.time_s) + shift
+    after = np.clip(np.searchsorted(truth.time_s, when), 1, len(truth.time_s) - 1)
+    seen = (when > truth.time_s[0]) & (np.diff(truth.time_s)[after - 1] < 0.012) & (log.crossing.apart_m < 0.02)
+    a = log.crossing.position[seen]
+    b = np.stack([np.interp(when[seen], truth.time_s, column) for column in truth.position.T], axis=1)
+    rng, most, best = np.random.default_rng(1), -1, (np.eye(3), np.zeros(3))
+    for _ in range(500):
+        trial = _rigid(a, b, rng.choice(len(a), 6, replace=False))
+        near = int(np.count_nonzero(np.linalg.norm(a @ trial[0].T + trial[1] - b, axis=1) < 0.05))
+        if near > most:
+            most, best = near, trial
+    for _ in range(5):
+        best = _rigid(a, b, np.flatnonzero(np.linalg.norm(a @ best[0].T + best[1] - b, axis=1) < 0.06))
+    return best
+
+
+def _rigid(a: Floats, b: Floats, rows: Ints) -> tuple[Floats, Floats]:
+    """The rotation and translation that bring points a nearest to points b, (n, 3) each."""
+    mean_a, mean_b = a[rows].mean(axis=0), b[rows].mean(axis=0)
+    turn = Rotation.align_vectors(b[rows] - mean_b, a[rows] - mean_a)[0].as_matrix()
+    return turn, mean_b - turn @ mean_a
+
+
+def with_motion_capture(log: CrazyflieLog, truth: Trajectory, config: Path, windows: int) -> dict[str, Any]:
+    """Residuals per variant in a room with motion capture, and the factors of the terms."""
+    known = read_system_config(config)
+    stations = [known.stations[s] for s in (0, 1)]
+    data = sample(log, truth, windows)
+    room = Room(data, truth, stations, free=False)
+    first = room.fit(room.start(log), robust=2e-3)
+    mean = np.bincount(data.window, np.abs(first.fun)) / np.bincount(data.window)
+    keep = np.flatnonzero(mean < FALSE_RAD)
+    room.data, x = _kept(data, first.x, keep)
+    out: dict[str, Any] = {"windows": len(keep), "hits": len(room.data.angle), "variants": {}}
+    for name, factors in VARIANTS.items():
+        room.factors = factors
+        r = np.abs(room.fit(x).fun)
+        out["variants"][name] = {"median_urad": 1e6 * float(np.median(r)), "rms_of_90_percent_urad": _rms(r)}
+    free = Room(room.data, truth, stations, free=True)
+    found = free.fit(np.concatenate([x[:GLOBAL], np.ones(len(FACTORS)), x[GLOBAL:]]))
+    used = 1 / np.sqrt(1 + (found.fun / ROBUST_RAD) ** 2)
+    spread = 1.4826 * float(np.median(np.abs(found.fun)))
+    covariance = np.linalg.pinv(found.jac.T @ found.jac) * spread**2 / float(np.mean(used))
+    places = range(GLOBAL, free.shared)
+    out["factors"] = {
+        name: {"value": float(found.x[i]), "sigma": float(np.sqrt(covariance[i, i]))}
+        for name, i in zip(FACTORS, places, strict=True)
+    }
+    out["free"] = {"median_urad": 1e6 * float(np.median(np.abs(found.fun))), "rms_of_90_percent_urad": _rms(found.fun)}
+    return out
+
+
+def _kept(data: Sample, x: Floats, keep: Ints) -> tuple[Sample, Floats]:
+    """The sample and the parameters of some windows only."""
+    rows = np.isin(data.window, keep)
+    number = np.searchsorted(keep, data.window[rows])
+    kept = Sample(
+        number,
+        data.station[rows],
+        data.fan[rows],
+        data.photodiode[rows],
+        data.time_s[rows],
+        data.angle[rows],
+        data.rate[keep],
+        data.middle_s[keep],
+    )
+    return kept, np.concatenate([x[:GLOBAL], x[GLOBAL:].reshape(-1, 3)[keep].ravel()])
+
+
+def _rms(residual: Floats) -> float:
+    """Root of the mean of the nine smallest tenths of the squares [urad]."""
+    square = np.sort(residual**2)
+    return 1e6 * float(np.sqrt(np.mean(square[: int(0.9 * len(square))])))
+
+
+def main() -> None:
+    """Print the figures of a recording, or of a log with motion capture, as JSON."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--recording", type=Path, help="libsurvive recording")
+    parser.add_argument("--object", default="T20", help="tracked object of the recording")
+    parser.add_argument("--log", type=Path, help="Crazyflie event log, with system-config.yaml beside it")
+    parser.add_argument("--truth", type=Path, help="motion capture of the log")
+    parser.add_argument("--windows", type=int, default=100, help="windows of the log")
+    given = parser.parse_args()
+    out: dict[str, Any] = {"machine": platform.platform(), "numpy": version("numpy"), "scipy": version("scipy")}
+    if given.recording is not None:
+        recording = read_libsurvive(given.recording, given.object)
+        out["losses"] = recording.losses.sentences()
+        out["decoding"] = decoding(recording)
+        config = given.recording.with_name(given.recording.name + ".json")
+        out["residual_of_a_pose_per_turn"] = residuals(recording, decode_rotor_log(recording.rotors), config)
+    if given.log is not None and given.truth is not None:
+        log, truth = read_crazyflie(given.log), read_trajectory(given.truth)
+        config = given.log.with_name("system-config.yaml")
+        out["motion_capture"] = with_motion_capture(log, truth, config, given.windows)
+    print(json.dumps(out, indent=1))
+
+
+if __name__ == "__main__":
+    main()
