@@ -23,7 +23,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from estimators import rotation as rot
@@ -44,6 +43,8 @@ from swarm.flight.recordings.trajectory import Trajectory, read_trajectory
 WINDOW_S = 0.02
 ROBUST_RAD = 5e-4
 """Residual beyond which a hit counts less [rad]: three times the median residual."""
+ROUNDS = 60
+"""Steps of a fit at most."""
 FALSE_RAD = 2e-3
 """Mean residual of a window beyond which its attitude was not found [rad]."""
 FACTORS = ("tilt", "gibbous", "curve", "ogee")
@@ -231,6 +232,19 @@ _TO_OURS = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 """Our axes of a station (right, down, ahead) from Bitcraze's (ahead, left, up)."""
 
 
+class Fit(NamedTuple):
+    """Parameters x, residuals (N,) [rad], and the normal matrix."""
+
+    x: Floats
+    residual: Floats
+    normal: Floats
+
+
+def _cost(residual: Floats, robust: float) -> float:
+    """Sum of the residuals' soft L1 loss."""
+    return float(np.sum(2 * robust**2 * (np.sqrt(1 + (residual / robust) ** 2) - 1)))
+
+
 class Room:
     """The residuals of a sample, as a function of GLOBAL parameters, factors that are free, and 3 per window."""
 
@@ -270,11 +284,25 @@ class Room:
             out[rows, self.shared + 3 * self.data.window + i] = (self.residual(moved) - base) / step
         return out
 
-    def fit(self, x: Floats, robust: float = ROBUST_RAD) -> Any:
-        """The fit from a start; hits with residuals beyond `robust` [rad] count less."""
-        return least_squares(
-            self.residual, x, self.jacobian, loss="soft_l1", f_scale=robust, x_scale="jac", max_nfev=40
-        )
+    def fit(self, x: Floats, robust: float = ROBUST_RAD) -> Fit:
+        """The fit from a start, Levenberg-Marquardt on normal equations; residuals beyond `robust` [rad] count less."""
+        r, damping = self.residual(x), 1e-3
+        cost = _cost(r, robust)
+        for _ in range(ROUNDS):
+            jacobian = self.jacobian(x)
+            weight = 1 / np.sqrt(1 + (r / robust) ** 2)
+            normal, slope = jacobian.T @ (weight[:, None] * jacobian), jacobian.T @ (weight * r)
+            before = cost
+            while damping < 1e9:
+                step = np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-12), -slope)
+                trial = self.residual(x + step)
+                if (tried := _cost(trial, robust)) < cost:
+                    x, r, cost, damping = x + step, trial, tried, damping / 10
+                    break
+                damping *= 10
+            if before - cost < 1e-7 * before:
+                break
+        return Fit(x, r, normal)
 
     def start(self, log: CrazyflieLog) -> Floats:
         """Stations as the client put them, moved into the cameras' frame; attitudes by trial."""
@@ -338,25 +366,25 @@ def with_motion_capture(log: CrazyflieLog, truth: Trajectory, config: Path, wind
     data = sample(log, truth, windows)
     room = Room(data, truth, stations, free=False)
     first = room.fit(room.start(log), robust=2e-3)
-    mean = np.bincount(data.window, np.abs(first.fun)) / np.bincount(data.window)
+    mean = np.bincount(data.window, np.abs(first.residual)) / np.bincount(data.window)
     keep = np.flatnonzero(mean < FALSE_RAD)
     room.data, x = _kept(data, first.x, keep)
     out: dict[str, Any] = {"windows": len(keep), "hits": len(room.data.angle), "variants": {}}
     for name, factors in VARIANTS.items():
         room.factors = factors
-        r = np.abs(room.fit(x).fun)
+        r = np.abs(room.fit(x).residual)
         out["variants"][name] = {"median_urad": 1e6 * float(np.median(r)), "rms_of_90_percent_urad": _rms(r)}
     free = Room(room.data, truth, stations, free=True)
     found = free.fit(np.concatenate([x[:GLOBAL], np.ones(len(FACTORS)), x[GLOBAL:]]))
-    used = 1 / np.sqrt(1 + (found.fun / ROBUST_RAD) ** 2)
-    spread = 1.4826 * float(np.median(np.abs(found.fun)))
-    covariance = np.linalg.pinv(found.jac.T @ found.jac) * spread**2 / float(np.mean(used))
+    spread = 1.4826 * float(np.median(np.abs(found.residual)))
+    covariance = np.linalg.pinv(found.normal) * spread**2
     places = range(GLOBAL, free.shared)
     out["factors"] = {
         name: {"value": float(found.x[i]), "sigma": float(np.sqrt(covariance[i, i]))}
         for name, i in zip(FACTORS, places, strict=True)
     }
-    out["free"] = {"median_urad": 1e6 * float(np.median(np.abs(found.fun))), "rms_of_90_percent_urad": _rms(found.fun)}
+    r = np.abs(found.residual)
+    out["free"] = {"median_urad": 1e6 * float(np.median(r)), "rms_of_90_percent_urad": _rms(r)}
     return out
 
 

@@ -19,7 +19,9 @@ from swarm.flight.recordings.crazyflie import read_crazyflie
 from swarm.flight.recordings.formats import Format, format_of
 from swarm.flight.recordings.hits import Light, Lost
 from swarm.flight.recordings.libsurvive import read_libsurvive
+from swarm.flight.recordings.libsurvive_config import read_factory_stations
 from swarm.flight.recordings.rotor_light import decode_rotor_log
+from swarm.flight.recordings.station_terms import SweepTerms
 from swarm.flight.recordings.system_config import read_system_config
 from swarm.flight.recordings.trajectory import read_trajectory
 
@@ -178,6 +180,69 @@ def test_a_system_configuration_beside_a_log_is_taken(tmp_path: Path) -> None:
     assert terms[0].ogee_magnitude == -0.3
     assert config.stations[11].identity == "4000000011"
     assert contents(tmp_path / "system-config.yaml").format == Format.SYSTEM_CONFIG
+
+
+FACTORY = """"v":"0"
+"lighthouse0":{
+"index":"0"
+"id":"-623023837"
+"mode":"11"
+"pose":["0.8","1.0","0.2","1","0","0","0"]
+"fcalphase":["0","-0.007"]
+"fcaltilt":["-0.047","0.046"]
+"fcalcurve":["0.15","0.33"]
+"fcalgibpha":["2.4","2.7"]
+"fcalgibmag":["-0.0044","-0.0036"]
+"fcalogeephase":["0.48","0.97"]
+"fcalogeemag":["-0.18","-0.22"]
+"OOTXSet":"1"
+}
+"lighthouse1":{
+"id":"5"
+"OOTXSet":"0"
+"PositionSet":"0"
+}
+"""
+
+
+def test_libsurvives_configuration_has_the_terms_of_both_planes(tmp_path: Path) -> None:
+    first, second = read_factory_stations(write(tmp_path / "two.rec.json", FACTORY))
+    assert (first.number, first.channel, first.identity) == (0, 11, "3671943459")
+    assert first.terms == (
+        SweepTerms(0.0, -0.047, 0.15, 2.4, -0.0044, 0.48, -0.18),
+        SweepTerms(-0.007, 0.046, 0.33, 2.7, -0.0036, 0.97, -0.22),
+    )
+    assert first.pose is not None
+    assert (second.channel, second.terms, second.pose) == (None, None, None)
+    facts = contents(write(tmp_path / "two.rec", lines())).facts
+    assert "two.rec.json: station 0, mode 11: a pose and a calibration" in facts
+    assert "two.rec.json: station 1: nothing" in facts
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('"mode":"11"', '"mode":"16"', "lighthouse0: mode must be a channel, 0 to 15, not '16'"),
+        ('["0.15","0.33"]', '["0.15"]', "lighthouse0: fcalcurve must be 2 numbers"),
+        ('"lighthouse', '"house', "no station, such as 'lighthouse0', is in the file"),
+    ],
+)
+def test_a_damaged_configuration_is_a_note_beside_a_good_recording(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
+    file = write(tmp_path / "two.rec.json", FACTORY.replace(old, new))
+    with pytest.raises(SwarmError, match=message):
+        read_factory_stations(file)
+    found = contents(write(tmp_path / "two.rec", lines()))
+    assert len(found.rows) == len(CHANNELS)
+    assert message in found.losses[-1]
+
+
+def test_a_damaged_system_configuration_is_a_note_beside_a_good_log(tmp_path: Path) -> None:
+    write(tmp_path / "system-config.yaml", "calibs: [")
+    found = contents(write(tmp_path / "log00", crazyflie_log()))
+    assert len(found.rows) == len(CHANNELS)
+    assert "system-config.yaml, line 1: not a system configuration, or damaged" in found.losses[0]
 
 
 @pytest.mark.parametrize(

@@ -265,7 +265,9 @@ def test_lighthouse_2_is_named(tmp_path: Path) -> None:
     text = [f"{1 + i / 1000:.6f} OBJ W 10 {i % 6} {2593609211 + i * 48000} 0" for i in range(500)]
     made = read_libsurvive(write(tmp_path / "two.rec", head + text), "OBJ")
     assert len(made.rotors.hit_tick) == 500
-    with pytest.raises(SwarmError, match=r"'OBJ' saw Lighthouse 2\.0 stations: replay of Lighthouse 2\.0 is not possible"):
+    with pytest.raises(
+        SwarmError, match=r"'OBJ' saw Lighthouse 2\.0 stations: replay of Lighthouse 2\.0 is not possible"
+    ):
         Windows(made, 0)
 
 

@@ -13,6 +13,7 @@ from swarm.flight.recordings.formats import NOT_YET, Format, format_of
 from swarm.flight.recordings.framing import frame_angles, frame_pulses
 from swarm.flight.recordings.hits import Hits, Light, Lost, joined
 from swarm.flight.recordings.libsurvive import MOST_DAMAGED, SECOND_GENERATION, Recording, read_libsurvive
+from swarm.flight.recordings.libsurvive_config import read_factory_stations
 from swarm.flight.recordings.object_clock import TICK_S
 from swarm.flight.recordings.rotor_light import decode_rotor_log
 from swarm.flight.recordings.system_config import NAME, SystemConfig, config_beside, read_system_config
@@ -75,7 +76,7 @@ def contents(path: str | Path) -> Contents:
     file = Path(path)
     kind = format_of(file)
     if kind is Format.CRAZYFLIE:
-        return _of_crazyflie(read_crazyflie(file), config_beside(file))
+        return _of_crazyflie(read_crazyflie(file))
     if kind is Format.TRAJECTORY:
         return _of_trajectory(read_trajectory(file))
     if kind is Format.SYSTEM_CONFIG:
@@ -111,7 +112,29 @@ def _of_libsurvive(file: Path) -> Contents:
         rows.append(Listed(name, generation, None, None, 0, 0, None, None, remark))
     if seen.lost:
         losses.insert(0, f"the recording is {seen.lost}: the rest of it is lost")
+    _beside(file, facts, losses)
     return Contents(Format.LIBSURVIVE, rows, facts, losses)
+
+
+def _beside(file: Path, facts: list[str], losses: list[str]) -> None:
+    """Say what libsurvive's configuration beside a recording, if it is there, knows of the stations."""
+    config = file.with_name(f"{file.name}.json")
+    if not config.is_file():
+        return
+    try:
+        stations = read_factory_stations(config)
+    except SwarmError as error:
+        losses.append(str(error))
+        return
+    for station in stations:
+        mode = "" if station.channel is None else f", mode {station.channel}"
+        facts.append(f"{config.name}: station {station.number}{mode}: {_known(station.pose, station.terms)}")
+
+
+def _known(pose: object, terms: object) -> str:
+    """Return in words what is known of a station."""
+    parts = ["a pose" if pose is not None else "", "a calibration" if terms is not None else ""]
+    return " and ".join(part for part in parts if part) or "nothing"
 
 
 def only_object(path: str | Path) -> str:
@@ -226,7 +249,12 @@ def _turning(light: Light) -> list[str]:
     ]
 
 
-def _of_crazyflie(log: CrazyflieLog, config: SystemConfig | None) -> Contents:
+def _of_crazyflie(log: CrazyflieLog) -> Contents:
+    config, mistake = None, ""
+    try:
+        config = config_beside(log.path)
+    except SwarmError as error:
+        mistake = str(error)
     generation = config.generation if config is not None else ""
     light = log.light(generation)
     decoded = Light(generation, TICK_S, log.angles, Lost(), {})
@@ -256,6 +284,7 @@ def _of_crazyflie(log: CrazyflieLog, config: SystemConfig | None) -> Contents:
     facts += [f"{config.path} is taken", *_of_config(config)] if config is not None else [f"no {NAME} is beside it"]
     losses = [f"the log is {log.lost}: the rest of it is lost, all before is used"] if log.lost else []
     losses += [f"events with impossible values, left out: {log.damaged}"] if log.damaged else []
+    losses += [mistake] if mistake else []
     return Contents(Format.CRAZYFLIE, rows, facts, losses + light.lost.sentences())
 
 
@@ -267,12 +296,10 @@ def _numbers(counts: dict[str, int]) -> str:
 
 def _of_config(config: SystemConfig) -> list[str]:
     """Return a sentence per station of a system configuration."""
-    out = []
-    for number, station in config.stations.items():
-        parts = ["a pose" if station.position is not None else "", "a calibration" if station.terms else ""]
-        known = " and ".join(part for part in parts if part) or "nothing"
-        out.append(f"station {number}, Lighthouse {config.generation}: {known}")
-    return out
+    return [
+        f"station {number}, Lighthouse {config.generation}: {_known(station.position, station.terms)}"
+        for number, station in config.stations.items()
+    ]
 
 
 def _of_trajectory(found: Trajectory) -> Contents:

@@ -1,4 +1,4 @@
-"""What a Crazyflie with the lighthouse deck logs: sweep angles, raw pulses, inertial measurements and marks.
+"""Log of a Crazyflie with the lighthouse deck: sweep angles, raw pulses, inertial measurements and marks.
 
     lhAngle(sensor, basestation, sweep, angle, ...)      the firmware's decoded angle [rad], nothing taken off
     lhUartFrame(sensor, basestation, offset, timestampFPGA, ...)    a pulse as the receiver reports it, 24 MHz, 24 bits

@@ -96,6 +96,12 @@ def joined(parts: list[Hits]) -> Hits:
 
 
 def count_doubled(turn: Ints, fan: Ints, photodiode: Ints) -> int:
-    """Return the number of hits beyond the first of their turn, fan and photodiode, of one station, (N,) each."""
+    """Return the number of one station's hits beyond the first of their turn, fan and photodiode.
+
+    Args:
+        turn: number of the turn of each hit, (N,).
+        fan: (N,).
+        photodiode: (N,).
+    """
     rows = np.stack([turn, fan, photodiode], axis=1)
     return len(rows) - len(np.unique(rows, axis=0)) if len(rows) else 0

@@ -80,7 +80,16 @@ def _channel(table: dict[str, Any], where: str) -> int | None:
 
 
 def station_table(data: dict[str, Any], name: str, file: Path) -> dict[str, Any]:
-    """Return the table of a station, such as "lighthouse0"; raise SwarmError if the file has none."""
+    """Return the table of a station.
+
+    Args:
+        data: all of the file.
+        name: of the station, such as "lighthouse0".
+        file: the file, for the message.
+
+    Raises:
+        SwarmError: the file has no such station.
+    """
     stations = [key for key in data if key.startswith("lighthouse") and isinstance(data[key], dict)]
     if name not in stations:
         raise SwarmError(f"{file}: no station {name!r}{did_you_mean(name, stations) or '; the file has none'}")
@@ -105,7 +114,17 @@ def identity_of(table: dict[str, Any]) -> str | None:
 
 
 def numbers(table: dict[str, Any], key: str, count: int, where: str) -> list[float]:
-    """Return the `count` finite numbers under a key of libsurvive's file, in which numbers are written as strings."""
+    """Return the finite numbers under a key of libsurvive's file, in which numbers are written as strings.
+
+    Args:
+        table: a station's.
+        key: the key.
+        count: how many numbers there must be.
+        where: opens the message.
+
+    Raises:
+        SwarmError: the key is missing, or has something else.
+    """
     if key not in table:
         raise SwarmError(f"{where}: {key} is missing{did_you_mean(key, table)}")
     try:

@@ -18,7 +18,16 @@ def finite(text: str) -> float:
 
 
 def within(value: int, low: int, high: int) -> int:
-    """Return a value; raise ValueError unless low <= value < high."""
+    """Return a value that lies within bounds.
+
+    Args:
+        value: the value.
+        low: smallest value.
+        high: first value that is too large.
+
+    Raises:
+        ValueError: the value lies outside.
+    """
     if not low <= value < high:
         raise ValueError
     return value

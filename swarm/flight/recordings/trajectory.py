@@ -31,6 +31,8 @@ RATES_HZ = (10.0, 2000.0)
 NPY = b"\x93NUMPY"
 LARGEST_M = 1e5
 """Largest coordinate [m]: more is no room with a lighthouse in it, but damage."""
+BYTES_MAX = 1 << 30
+"""Size of an array that is read: a day at 300 Hz has 0.8 GB."""
 MOST_DAMAGED = 1000
 """Damaged rows beyond twice the good ones at which a file is given up before its end."""
 _TUM = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
@@ -94,6 +96,8 @@ def begins_trajectory(lines: list[str]) -> bool:
 
 def _of_array(file: Path) -> Trajectory:
     try:
+        if file.stat().st_size > BYTES_MAX:
+            raise SwarmError(f"{file}: larger than {BYTES_MAX >> 30} GB, so no trajectory")
         data = np.load(file, mmap_mode="r", allow_pickle=False)
     except _NO_ARRAY as error:
         reason = short(str(error).splitlines()[0]) if str(error) else "damaged"
