@@ -3,7 +3,8 @@
     python benchmarks/lighthouse_2.py --recording lh2_test_cal.rec.gz --object T20
     python benchmarks/lighthouse_2.py --log FLIGHT/log00 --truth FLIGHT/mocap00.npy [--windows 100]
 
-A libsurvive recording needs its configuration beside it (`.json`) and an object at rest. Its raw hits are decoded as
+A libsurvive recording needs its configuration beside it (`.json`) and an object at rest. One of Lighthouse 1.0 has the
+signs of its terms tried in the same way as 2.0's. Of 2.0, its raw hits are decoded as
 libsurvive does and compared with libsurvive's own angles, and decoded by the turns' own durations. Then a pose per turn
 and station is fitted to the hits by least squares, with more and more of the factory's terms. An object of 10 cm tells
 little of the terms that change slowly over the field; its pose takes them up.
@@ -29,16 +30,18 @@ from estimators import rotation as rot
 from estimators.arrays import Floats, Ints
 from estimators.lighthouse.rotor import CHANNEL_CLOCK_HZ, CHANNEL_TICKS
 from estimators.lighthouse.rows import Rows, Station, linearise
-from estimators.lighthouse.sweep import Fan, lighthouse_2, measured_angles
+from estimators.lighthouse.sweep import Fan, FanErrors, lighthouse_1, lighthouse_2, measured_angles
 from estimators.lighthouse.tilted import from_station
 from swarm.flight.recordings.crazyflie import POINT_M, CrazyflieLog, read_crazyflie
 from swarm.flight.recordings.hits import Hits, Light
 from swarm.flight.recordings.libsurvive import Recording, read_libsurvive
 from swarm.flight.recordings.libsurvive_config import read_factory_stations
 from swarm.flight.recordings.rotor_light import decode_rotor_log
+from swarm.flight.recordings.station_calibration import read_calibration
 from swarm.flight.recordings.station_terms import SweepTerms
 from swarm.flight.recordings.system_config import ConfiguredStation, read_system_config
 from swarm.flight.recordings.trajectory import Trajectory, read_trajectory
+from swarm.flight.recordings.windows import Windows
 
 WINDOW_S = 0.02
 ROBUST_RAD = 5e-4
@@ -153,6 +156,58 @@ def residuals(recording: Recording, light: Light, config: Path) -> dict[str, Any
         }
         out[f"channel {station.channel}"] = figures
     return out
+
+
+FIRST: dict[str, tuple[float, float, float, float]] = {
+    "no terms": (0, 0, 0, 0),
+    "phase, tilt": (1, 1, 0, 0),
+    "phase, tilt, gibbous": (1, 1, 1, 0),
+    "all": (1, 1, 1, 1),
+    "all, tilt negative": (1, -1, 1, 1),
+    "all, gibbous negative": (1, 1, -1, 1),
+    "all, curve negative": (1, 1, 1, -1),
+}
+"""Factors of phase, tilt, gibbous and curve terms of Lighthouse 1.0."""
+
+
+def first_generation(recording: Recording, config: Path) -> dict[str, Any]:
+    """Median RMS residual of a pose per period of Lighthouse 1.0 light [urad], per station and variant."""
+    out: dict[str, Any] = {}
+    for station in (0, 1):
+        known = read_calibration(config, station)
+        windows = list(Windows(recording, station, "angles", known.pose))
+        first = next(w for w in windows if np.isfinite(w.peer_position).all())
+        start = rot.matrix_from_quaternion(first.peer_quaternion[0]), first.peer_position[0]
+        periods = []
+        for window in windows:
+            sweeps = window.sweeps
+            assert sweeps is not None
+            seen = np.intersect1d(sweeps.photodiode[sweeps.fan == 0], sweeps.photodiode[sweeps.fan == 1])
+            if len(seen) >= 5:
+                none = np.zeros(len(sweeps.fan), dtype=np.int64)
+                angle = sweeps.angle_rad - np.pi / 2
+                periods.append(Hits(none, sweeps.fan, sweeps.photodiode, sweeps.offset_s, angle))
+        out[f"station {station}"] = {
+            name: _fit_turns(
+                periods,
+                lighthouse_1(*(_scaled(fan, factors) for fan in (known.fan_x, known.fan_y))),
+                recording.photodiodes.point_m[0],
+                start,
+            )
+            for name, factors in FIRST.items()
+        }
+    return out
+
+
+def _scaled(errors: FanErrors, factors: Sequence[float]) -> FanErrors:
+    phase, tilt, gibbous, curve = factors
+    return FanErrors(
+        phase * errors.phase_rad,
+        tilt * errors.tilt_rad,
+        curve * errors.curve,
+        errors.gibbous_phase_rad,
+        gibbous * errors.gibbous_magnitude,
+    )
 
 
 def _turns(light: Light, channel: int) -> list[Hits]:
@@ -424,8 +479,12 @@ def main() -> None:
     if given.recording is not None:
         recording = read_libsurvive(given.recording, given.object)
         out["losses"] = recording.losses.sentences()
-        out["decoding"] = decoding(recording)
         config = given.recording.with_name(given.recording.name + ".json")
+        if not len(recording.rotors.hit_tick):
+            out["residual_of_a_pose_per_period"] = first_generation(recording, config)
+            print(json.dumps(out, indent=1))
+            return
+        out["decoding"] = decoding(recording)
         out["residual_of_a_pose_per_turn"] = residuals(recording, decode_rotor_log(recording.rotors), config)
     if given.log is not None and given.truth is not None:
         log, truth = read_crazyflie(given.log), read_trajectory(given.truth)

@@ -97,6 +97,18 @@ def test_what_is_lost_without_zeros_is_said(tmp_path: Path) -> None:
     assert found.losses == [f"OBJ: hits while their rotor's zero is not known, left out: {TURNS * 8}"]
 
 
+def test_an_echo_is_kept_and_counted_and_adds_no_turn(tmp_path: Path) -> None:
+    echoes = []
+    for line in lines():
+        word = line.split()
+        if word[2:5] == ["W", "3", "2"]:
+            word[5] = str((int(word[5]) + 900) % 2**32)
+            echoes.append(" ".join(word))
+    found = contents(write(tmp_path / "echo.rec", lines() + echoes))
+    assert [(row.station, row.pulses) for row in found.rows] == [(3, TURNS), (11, TURNS)]
+    assert found.losses == [f"OBJ: second hits of a photodiode in one sweep, kept: {2 * TURNS}"]
+
+
 def test_a_truncated_file_is_read_as_far_as_it_is_good(tmp_path: Path) -> None:
     packed = gzip.compress("\n".join(lines()).encode())
     found = contents(write(tmp_path / "cut.rec.gz", packed[: len(packed) // 2]))

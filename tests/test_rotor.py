@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from estimators.arrays import Ints
-from estimators.lighthouse.rotor import CHANNEL_TICKS, UNCERTAIN, Located, locate, planes, track
+from estimators.lighthouse.rotor import CHANNEL_TICKS, UNCERTAIN, Located, locate, planes, share_of, track
 
 PERIOD = 919_000.0
 
@@ -81,6 +81,12 @@ def test_plane_and_angle_follow_from_the_share() -> None:
     # 0.1 rad to the left is met later, by either plane.
     later = 0.1 / (2 * np.pi)
     np.testing.assert_allclose(planes(*on([0, 0], [1 / 3 + later, 2 / 3 + later], [0, 0])).angle, 0.1)
+
+
+def test_the_share_of_an_angle_is_the_inverse() -> None:
+    located, photodiode = on([0, 0, 1], [0.3, 0.71, 0.44], [0, 0, 0])
+    found = planes(located, photodiode)
+    np.testing.assert_allclose(share_of(found.angle, found.plane), located.share, atol=1e-15)
 
 
 def test_a_hit_that_may_be_of_either_plane_is_told_by_the_other_of_its_turn() -> None:

@@ -148,6 +148,12 @@ def planes(located: Located, photodiode: Ints) -> Planes:
     return Planes(plane, np.where(plane < 0, np.nan, angle))
 
 
+def share_of(angle: Floats, plane: Ints) -> Floats:
+    """Return the share of a turn at which planes (N,) meet angles (N,) [rad]: the inverse of (2)."""
+    out: Floats = (angle + np.pi - np.where(plane == 0, 1, -1) * np.pi / 3) / (2 * np.pi)
+    return out
+
+
 def _passages(observed: Floats, nominal: float) -> tuple[list[float], list[int]]:
     """Return the median of the observations of each passage, and their number."""
     if not len(observed):

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
+from estimators.lighthouse.rotor import share_of
 
 
 class Hits(NamedTuple):
@@ -74,12 +75,20 @@ class Light(NamedTuple):
         """Return the numbers of the stations that were seen."""
         return [int(station) for station in np.unique(self.hits.station)]
 
-    def sweeps(self, station: int) -> int:
-        """Return the number of sweeps of a station, by the photodiode and fan that saw most of them."""
-        hits = self.hits
-        mine = hits.station == station
-        pairs = np.stack([hits.fan[mine], hits.photodiode[mine]], axis=1)
-        return int(np.unique(pairs, axis=0, return_counts=True)[1].max()) if len(pairs) else 0
+    def turns(self, station: int) -> int:
+        """Return the number of turns of a station's rotor in which it was seen.
+
+        Where the duration of a turn is not known: the number of sweeps that the photodiode and fan saw that saw most.
+        """
+        hits = self.hits.of(self.hits.station == station)
+        if not len(hits.tick):
+            return 0
+        if station in self.turn_s:
+            turn = self.turn_s[station] / self.tick_s
+            zero = np.sort(hits.tick - share_of(hits.angle, hits.fan) * turn)
+            return 1 + int(np.count_nonzero(np.diff(zero) > turn / 2))
+        pairs = np.stack([hits.fan, hits.photodiode], axis=1)
+        return int(np.unique(pairs, axis=0, return_counts=True)[1].max())
 
 
 def joined(parts: list[Hits]) -> Hits:
