@@ -129,7 +129,7 @@ class Navigator:
             photodiodes: layout that each craft assumes for itself (nominal or calibrated).
             settings: settings of every craft's navigation.
             cameras: calibrations of the craft that carry a pair of cameras, in the order of their images.
-            inertia: (C, 3, 3) [kg m^2], body frame, of craft that turn without torque; NaN for the others; None: of none.
+            inertia: (C, 3, 3) [kg m^2], body frame, of craft that turn freely; NaN for the others; None: of none.
         """
         s, craft = settings, photodiodes.craft_count
         compiled = craft > MOST_BY_FILTERPY if s.filter == "auto" else s.filter == "compiled"

@@ -103,7 +103,7 @@ class Tracks:
             frame_s: length of a lighthouse period [s].
             limits: limits beyond which a filter is stopped.
             orbit: the lighthouse's orbit; None in weightless space.
-            inertia: (C, 3, 3) [kg m^2], body frame, of craft that turn without torque; NaN for the others; None: of none.
+            inertia: (C, 3, 3) [kg m^2], body frame, of craft that turn freely; NaN for the others; None: of none.
         """
         craft = len(bank.active)
         self.bank, self._frame_s, self._limits, self._orbit = bank, frame_s, limits, orbit
