@@ -76,7 +76,7 @@ def test_the_filter_is_neither_vain_nor_timid_in_any_scenario_with_one_set_of_pr
 
 
 def test_tumbling_craft_keep_their_pose_by_single_sweeps(flown):
-    """With four photodiodes or nothing a third of the time was without an estimate, at errors of 8.9 mm and 1.24 deg."""
+    """With four photodiodes or nothing a third of the time had no estimate, at errors of 8.9 mm and 1.24 deg."""
     run = flown("tumble", "duration_s=10")
     settled = column(run, "time_s") > 2.0
     known = np.isfinite(column(run, "position_error_m"))
