@@ -1,11 +1,12 @@
 """What a scenario makes of each craft: authority by hand and by brute force, and the warnings."""
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from swarm.flight.craft_facts import authority, facts
+from swarm.flight.craft_facts import authority, facts, out_of_light
 from swarm.flight.flight import Flight
 from swarm.scenario import load
 
@@ -83,3 +84,24 @@ def test_craft_of_one_table_are_told_together_and_their_motion_is_looked_at() ->
     assert alike.names == ("craft-0", "craft-1", "craft-2")
     (planned,) = alike.planned.values()
     assert planned == pytest.approx(1.2 * np.radians(6.0) ** 2, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ((), None),
+        (
+            ("swarm.motion.radius_m=1000",),
+            r"craft-0 and 7 more: the start, 1000 m .* range \(range_max_m = 20\), as is its whole path: it will not see",
+        ),
+        (("swarm.motion.radius_m=1", "lighthouse.field_deg=1"), r"outside its field \(field_deg = 1\)"),
+        (("lighthouse.range_min_m=10",), r"outside its range \(range_min_m = 10\)"),
+    ],
+)
+def test_craft_that_begin_out_of_the_light_are_named(changes: tuple[str, ...], told: str | None) -> None:
+    settings = load("formation", [*changes, "duration_s=1"])
+    found = out_of_light(settings, Flight(settings))
+    if told is None:
+        assert found == []
+    else:
+        assert re.search(told, " ".join(found))

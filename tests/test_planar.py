@@ -49,6 +49,11 @@ def test_a_plane_is_flat_and_a_dome_is_not_and_only_a_coarse_attitude_bends() ->
     assert is_flat(POINT)
     assert is_flat(POINT + 1e-4 * np.random.default_rng(0).normal(size=POINT.shape))
     assert not is_flat(POINT + np.array([0.0, 0.0, 0.03]) * (np.arange(6) % 2)[:, None])
+    # One on a boom of a metre, or far away, makes no plane of the others' dome.
+    dome = POINT + np.array([0.0, 0.0, 0.03]) * (np.arange(6) % 2)[:, None]
+    for boom in ([1.0, 0, 0], [-40.0, 40, 100.5]):
+        assert not is_flat(np.vstack([dome, boom]))
+        assert is_flat(np.vstack([POINT, [*boom[:2], POINT[0, 2]]]))
     # 5.5 cm at 3 m, own noise 3.15 arcsec: half a sigma^2 a/d is 0.02 of the noise at 0.33 deg.
     sigma = np.radians([0.2, 0.5, np.nan])
     assert bends(sigma, np.full(3, 0.055), np.full(3, 3.0), NOISE).tolist() == [False, True, False]

@@ -334,6 +334,15 @@ def test_an_overlap_of_giants_says_that_lengths_are_metres(tmp_path):
         )
 
 
+@pytest.mark.parametrize("geom", [BOX, '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'])
+def test_one_photodiode_in_millimetres_is_refused_by_its_distance(tmp_path, geom):
+    slip = '<site name="photodiode9" pos="-40 40 100.5"/>'
+    with pytest.raises(SwarmError, match=r"photodiode9 is 115 m from the craft: lengths in MJCF are metres"):
+        load_craft(own_model(tmp_path, f"<body>{geom}{SITES}{slip}</body>"))
+    boom = '<site name="photodiode9" pos="-.4 .4 .9"/>'
+    assert len(load_craft(own_model(tmp_path, f"<body>{geom}{SITES}{boom}</body>", "boom")).point_m) == 5
+
+
 @pytest.mark.parametrize("name", ["a", "lighthouse"])
 def test_two_of_one_name(name):
     with pytest.raises(SwarmError, match=f"two things are named '{name}'"):

@@ -32,7 +32,7 @@ from estimators.rotation import exp, log
 BEND = 0.02
 """Departure from the tangent at one sigma, in sigmas, that first-order precision bears: 0.5 at five sigmas."""
 FLAT = 0.05
-"""Photodiodes count as one plane if their smallest spread is below this share of their largest."""
+"""Photodiodes count as one plane if their smallest spread is below this share of their largest (`is_flat`)."""
 WIDEST_RAD = 0.8
 """Largest tilt from face-on that is looked at."""
 GRIDS = (21, 21, 31)
@@ -87,9 +87,14 @@ class Side(NamedTuple):
 
 
 def is_flat(point: Floats) -> bool:
-    """Return whether photodiodes (n, 3) lie in one plane, or nearly so."""
+    """Return whether photodiodes (n, 3) lie in one plane, or nearly so.
+
+    Beside one far from all others any layout looks thin: the largest spread counts no more than the median distance
+    from the median place says of all n.
+    """
     size = np.linalg.svd(point - point.mean(axis=0), compute_uv=False)
-    return bool(size[2] <= FLAT * size[0])
+    apart = np.linalg.norm(point - np.median(point, axis=0), axis=1)
+    return bool(size[2] <= FLAT * min(size[0], np.sqrt(len(point)) * np.median(apart)))
 
 
 def bends(attitude_sigma_rad: Floats, size_m: Floats, distance_m: Floats, noise: AngleNoise) -> Bools:

@@ -23,7 +23,7 @@ def check(scenario: Scenario, overrides: Overrides = None, seed: Seed = None) ->
     """
     with mistakes():
         from swarm.flight import builders
-        from swarm.flight.craft_facts import facts
+        from swarm.flight.craft_facts import facts, out_of_light
         from swarm.flight.flight import Flight
         from swarm.report.findings import names
         from swarm.scenario import load, to_toml
@@ -39,6 +39,8 @@ def check(scenario: Scenario, overrides: Overrides = None, seed: Seed = None) ->
         typer.echo(to_toml(settings), nl=False)
         sys.stdout.flush()
         _report(facts(settings, flight))
+        for dark in out_of_light(settings, flight):
+            typer.echo(f"note: {dark}", err=True)
         if flat:
             typer.echo(
                 f"note: every photodiode of {names(flat)} lies in one plane, whose mirror image about the line of sight"

@@ -14,19 +14,23 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import linprog
 
-from estimators.arrays import Floats
+from estimators.arrays import Bools, Floats
 from swarm import scenario
+from swarm.flight.builders.craft import start
 from swarm.flight.builders.dynamics import fitted
 from swarm.flight.flight import Flight
 from swarm.hardware import actuator_set
 from swarm.scenario import Craft, Scenario
 from swarm.scenario.motions.dock import Dock
 from swarm.scenario.motions.guided import Clear, Guided
+from swarm.units import si
 
 FEW_PHOTODIODES = 6
 """Fewer than these leave nothing to check a pose with once one is lost."""
 SAMPLES = 400
 """Times at which the acceleration of a motion without guidance is looked at."""
+PATH_SAMPLES = 100
+"""Times at which a path is looked at for light."""
 NEGLIGIBLE = 1e-6
 """Relative to what is available, and an acceleration [m/s^2]: nothing to speak of."""
 
@@ -53,7 +57,7 @@ class CraftFacts(NamedTuple):
 
     def warnings(self) -> Iterator[str]:
         """Yield what will not work as planned."""
-        who = self.names[0] if len(self.names) == 1 else f"{self.names[0]} and {len(self.names) - 1} more"
+        who = _together(self.names)
         if 0 < self.photodiodes < FEW_PHOTODIODES:
             told = f"with fewer than {FEW_PHOTODIODES}, one lost may end its navigation"
             yield f"{who}: {self.photodiodes} photodiodes; {told}"
@@ -91,6 +95,62 @@ def facts(settings: Scenario, flight: Flight) -> list[CraftFacts]:
             (c.name,), float(world.mass[i]), int(present[i]), 2 * (i in cameras), force, torque, planned
         )
     return list(alike.values())
+
+
+def out_of_light(settings: Scenario, flight: Flight) -> list[str]:
+    """Return a sentence about the craft that begin where the lighthouse cannot be seen, or whose whole path is there.
+
+    A craft is out of range, or of the field, where all of the sphere about its photodiodes is. Turned away or shaded it
+    may be besides. Of a motion that guidance decides only the start is known.
+    """
+    layout, craft = flight.sensors.lighthouse.photodiodes, scenario.craft(settings)
+    radius = np.max(np.linalg.norm(layout.point_m, axis=2) * layout.present, axis=1, initial=0.0)
+    times = np.linspace(0.0, settings.duration_s, PATH_SAMPLES)
+    place = [
+        start(settings, flight.motions).position,
+        *(flight.motions.at(float(time_s)).position for time_s in times[1:]),
+    ]
+    seen = np.array([_near_light(settings, position, radius) for position in place])
+    dark: dict[tuple[str, str], list[int]] = {}
+    for i in np.flatnonzero(layout.present.any(axis=1) & ~seen[0]):
+        known = not isinstance(craft[i].table.motion, Guided)
+        end = "it will not see light before it is inside"
+        if known and not seen[:, i].any():
+            end = "as is its whole path: it will not see light"
+        elif known:
+            end += f", at {times[np.argmax(seen[:, i])]:.3g} s"
+        dark.setdefault((_limit(settings, place[0][i], radius[i]), end), []).append(int(i))
+    return [
+        f"{_together([craft[i].name for i in who])}: the start, {np.linalg.norm(place[0][who[0]]):.4g} m from the "
+        f"lighthouse, is outside its {limit}, {end}"
+        for (limit, end), who in dark.items()
+    ]
+
+
+def _limit(settings: Scenario, position: Floats, radius: float) -> str:
+    """Return which limit of the lighthouse leaves a craft at `position` (3,) [m] without light."""
+    station, distance = settings.lighthouse, float(np.linalg.norm(position))
+    if distance - radius > station.range_max_m:
+        return f"range (range_max_m = {station.range_max_m:g})"
+    if distance + radius < station.range_min_m:
+        return f"range (range_min_m = {station.range_min_m:g})"
+    return f"field (field_deg = {station.field_deg:g})"
+
+
+def _near_light(settings: Scenario, position: Floats, radius: Floats) -> Bools:
+    """Return which craft at `position` (C, 3) [m], spheres of `radius` (C,) [m], reach into the lighthouse's light."""
+    station = si(settings.lighthouse)
+    distance = np.linalg.norm(position, axis=1)
+    near = (distance - radius <= station.range_max_m) & (distance + radius >= station.range_min_m)
+    # By the signed distances from the four planes that bound the field.
+    half = station.field_rad / 2
+    outside = np.cos(half) * np.abs(position[:, :2]) - np.sin(half) * position[:, 2:]
+    inside: Bools = near & (outside <= radius[:, None]).all(axis=1)
+    return inside
+
+
+def _together(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
 
 
 def authority(effect: Floats, wheels: int) -> tuple[Floats, Floats]:

@@ -37,6 +37,10 @@ SAME_PLACE_M = 1e-5
 """Photodiodes nearer to each other, or to a common line, than this are at one place, or on the line [m]."""
 FARTHEST_M = 1e4
 """Largest coordinate of a part of a craft [m]."""
+FAR_SIZES, FAR_M = 10.0, 1.0
+"""Hardware farther from its craft than so many of the craft's sizes, and than so much [m], is a slip of the unit."""
+MOUNTED = ("photodiode", "thruster", "port", "lidar", "light", "wheel")
+"""Beginnings of the names of sites that are hardware."""
 FREE_JOINT = "free"
 """Name, without the craft's prefix, of the joint that the loader gives every craft."""
 LIDAR_SITE = "lidar"
@@ -223,6 +227,7 @@ def rigid(path: Path, free: bool = True) -> tuple[mujoco.MjSpec, mujoco.MjModel]
             model = _fuse(spec, path, free)
             check_faces(spec, model)
             _check_numbers(model, path)
+            _check_mounted(model, path)
             return spec, model
     except ValueError as error:
         raise SwarmError(f"{path} does not compile: {' '.join(str(error).split())}") from None
@@ -261,6 +266,29 @@ def _check_numbers(model: mujoco.MjModel, path: Path) -> None:
             raise SwarmError(f"{path}: {kind} {one.name!r}: pos = {place!r}: must be within {FARTHEST_M:g} m")
     if not (np.isfinite(model.body_mass).all() and np.isfinite(model.body_inertia).all()):
         raise SwarmError(f"{path}: mass or inertia is not finite: {model.body_mass[1]:g} kg, {model.body_inertia[1]}")
+
+
+def _check_mounted(model: mujoco.MjModel, path: Path) -> None:
+    """Raise SwarmError for hardware far off its craft, whose place was meant in another unit."""
+    sites = [model.site(i) for i in range(model.nsite)]
+    mounted = [site for site in sites if site.name.startswith(MOUNTED)]
+    if not mounted:
+        return
+    point = np.array([site.pos for site in mounted])
+    if model.ngeom:
+        centre, radius = model.geom_pos, np.maximum(model.geom_rbound, 0.0)
+    else:
+        # Nothing to be mounted on: the hardware itself is the craft, but for what is far off.
+        centre = np.median(point, axis=0)[None]
+        radius = np.array([np.median(np.linalg.norm(point - centre, axis=1))])
+    size = float(np.linalg.norm(np.max(centre + radius[:, None], axis=0) - np.min(centre - radius[:, None], axis=0)))
+    off = np.min(np.linalg.norm(point[:, None] - centre, axis=2) - radius, axis=1)
+    far = np.flatnonzero(off > max(FAR_M, FAR_SIZES * size))
+    if len(far):
+        more = f" (and {len(far) - 1} more)" if len(far) > 1 else ""
+        raise SwarmError(
+            f"{path}: {mounted[far[0]].name} is {off[far[0]]:.3g} m from the craft{more}: lengths in MJCF are metres"
+        )
 
 
 def photodiode_sites(model: mujoco.MjModel) -> list[int]:
