@@ -92,7 +92,7 @@ def test_craft_of_one_table_are_told_together_and_their_motion_is_looked_at() ->
         ((), None),
         (
             ("swarm.motion.radius_m=1000",),
-            r"craft-0 and 7 more: the start, 1000 m .* range \(range_max_m = 20\), as is its whole path: it will not see",
+            r"craft-0 and 7 more: the start, 1000 m .* range \(range_max_m = 20\), as is its whole path: it will",
         ),
         (("swarm.motion.radius_m=1", "lighthouse.field_deg=1"), r"outside its field \(field_deg = 1\)"),
         (("lighthouse.range_min_m=10",), r"outside its range \(range_min_m = 10\)"),

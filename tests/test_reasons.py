@@ -36,7 +36,7 @@ def flight(**column: list[Any]) -> TelemetryTable:
         **column,
     }
     table = pa.table(made)
-    for name in ("craft", "status", "phase"):
+    for name in {"craft", "status", "phase", "fault"} & set(made):
         table = table.set_column(table.column_names.index(name), name, table.column(name).dictionary_encode())
     four = '[[1, 4, ["lighthouse"]]]'
     return TelemetryTable.of(table.replace_schema_metadata({"craft_equipment": four}))
@@ -57,8 +57,18 @@ def test_a_docking_says_what_became_of_it() -> None:
     )
     # Lost for a while, and back: that is not why.
     back = {"status": ["tracking"] * 3 + ["coasting"] * 2 + ["tracking"] * 5}
-    told = "at the end, 9.0 s, it was 0.10 m before the port, in phase final; tracking then, 4 of 4 photodiodes lit"
-    assert end(flight(**back)).sentence == f"no contact: {told}"
+    told = "no contact: time ran out at 9.0 s, 0.10 m before the port, in phase final; "
+    assert end(flight(**back)).sentence == f"{told}blind 3.0 s to 5.0 s"
+    assert end(flight()).sentence == f"{told}tracking then, 4 of 4 photodiodes lit"
+    phases = ["wait"] * 2 + ["final", "retreat"] * 2 + ["final"] * 4
+    dark = ["none"] * 3 + ["lighthouse-dark"] * 2 + ["none"] * 5
+    lost = "blind 3.0 s to 5.0 s (fault lighthouse-dark), retreated twice, waited 2.0 s for its navigation before it"
+    assert end(flight(**back, phase=phases, fault=dark)).sentence.startswith(told + lost)
+    # Dead photodiodes are none that could be lit.
+    dead = end(flight(**BLIND, fault=["none"] * 5 + ["photodiode-dead"] * 5)).sentence
+    assert (
+        dead == "no contact: blind since 5.0 s (fault photodiode-dead), 3 photodiodes lit, lost 0.50 m before the port"
+    )
     never = end(flight(status=["searching"] * 10, visible=[2] * 10)).sentence
     assert never == "no contact: it never had a pose, 2 of 4 photodiodes lit, 0.10 m before the port"
     gave_up = end(flight(phase=["final"] * 6 + ["aborted"] * 4))
@@ -115,6 +125,15 @@ def test_a_missed_criterion_says_why(criterion: dict[str, Any], time_s: float | 
     assert found.time_s == time_s
     assert found.why is not None
     assert found.why.startswith(why)
+
+
+def test_a_missed_contact_speed_says_what_was_commanded() -> None:
+    fast = Criterion(measure="docking_speed_m_s", statistic="at_contact", max=0.05, craft=("probe",))
+    rows = flight(contact=[False] * 8 + [True, True], phase=["final"] * 8 + ["docked"] * 2)
+    why = judge([fast], rows, {"probe": 0.03})[0].why
+    assert why == (
+        "0.1 (limit: at most 0.05): probe at 7.0 s; tracking then, 4 of 4 photodiodes lit, commanded 0.03 m/s"
+    )
 
 
 def test_a_shared_reason_is_told_once() -> None:

@@ -14,7 +14,7 @@ from rich.console import Console
 
 from estimators.kernel import Compilation
 from swarm.cli.progress import ProgressDisplay
-from swarm.report.findings import findings, warnings
+from swarm.report.findings import findings, meaning, warnings
 from swarm.report.run_table import print_report
 from swarm.report.study_table import print_study
 from swarm.results.parquet import column, table_of
@@ -185,10 +185,11 @@ def test_consistency_is_said_with_its_band() -> None:
         "green",
     )
     # Beyond chance, but errors within a tenth of the promise: nothing to act on.
-    for small in (7.2, 5.05):
+    for small, said in ((7.2, "10 % larger"), (5.05, "8 % smaller")):
         outside["nees"] = consistency(small)
+        told = f"errors {said} than the filter promises: nothing to act on"
         assert findings(outside)[0] == (
-            f"NEES {small:.2f}: as the filter promises (6 is exact, chance 5.10 to 6.90)",
+            f"NEES {small:.2f}: {told} (6 is exact, chance 5.10 to 6.90)",
             "green",
         )
     outside["nees"] = consistency(13.5)
@@ -217,9 +218,13 @@ def test_what_single_craft_suffer_is_not_hidden_by_the_swarm() -> None:
 
 def test_few_samples_conclude_nothing() -> None:
     one = dict(figures(random.Random(0)), nees=dict(consistency(0.5), effective_samples=1.0), nis=None, samples=8)
-    assert not any(
-        "NEES" in sentence or "biases" in sentence for sentence, _ in findings(dict(one, pnp_motion_bias=bias(4e-3)))
-    )
+    said = [sentence for sentence, _ in findings(dict(one, pnp_motion_bias=bias(4e-3)))]
+    assert said[0].startswith("NEES 0.50: too few independent values to judge (6 is exact")
+    assert not any("biases" in sentence for sentence in said)
+    # Errors 2.5 times too large are too large, however few, and the craft is named.
+    blind = dict(consistency(38.0), effective_samples=3.0)
+    assert meaning(blind).startswith("errors 2.5 times what the filter promises, by few independent values")
+    assert findings(dict(one, nees=blind))[0].style == "yellow"
 
 
 def test_a_motion_bias_is_told_only_where_it_is_beyond_chance() -> None:

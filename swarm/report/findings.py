@@ -6,7 +6,9 @@ from typing import Any, NamedTuple
 
 Figures = Mapping[str, Any]
 FEWEST_SAMPLES = 20
-"""Fewer independent samples than this say nothing about a filter."""
+"""Fewer independent samples than this say nothing about a filter, unless its errors are `FAR` too large."""
+FAR = 1.5
+"""Errors larger than promised by this factor, and beyond chance, are told however few samples there are."""
 REFUSED_MUCH = 0.01
 """A larger share of refused poses than this is worth a line: the gate itself lets 0.99999 of good ones pass."""
 AMBIGUOUS_MUCH = 0.01
@@ -60,12 +62,29 @@ def _smoothed(figures: Figures) -> list[Finding | None]:
 
 def meaning(consistency: Figures) -> str:
     """Return what a user makes of NEES or NIS: how large the errors are beside the filter's promise, and what to do."""
-    size = _size(consistency)
-    if consistency["inside_band"] or abs(size - 1) <= WORTH:
+    size, inside = _size(consistency), consistency["inside_band"]
+    if not _says_something(consistency):
+        return "too few independent values to judge"
+    if inside:
         return "as the filter promises"
+    off = abs(size - 1)
+    if off <= WORTH:
+        by = "less than 1 %" if off < 0.01 else f"{100 * off:.0f} %"
+        return f"errors {by} {'smaller' if size < 1 else 'larger'} than the filter promises: nothing to act on"
+    few = "" if _has_many(consistency) else ", by few independent values"
     if size < 1:
-        return f"errors {size:.0%} of what the filter promises: it is cautious, as in smooth motion"
-    return f"errors {size:.2g} times what the filter promises: it expects less noise or smoother motion than there is"
+        return f"errors {size:.0%} of what the filter promises{few}: it is cautious, as in smooth motion"
+    return (
+        f"errors {size:.2g} times what the filter promises{few}: it expects less noise or smoother motion than there is"
+    )
+
+
+def _has_many(consistency: Figures) -> bool:
+    return bool(consistency["effective_samples"] >= FEWEST_SAMPLES)
+
+
+def _says_something(consistency: Figures) -> bool:
+    return _has_many(consistency) or (not consistency["inside_band"] and _size(consistency) >= FAR)
 
 
 def _size(consistency: Figures) -> float:
@@ -75,10 +94,10 @@ def _size(consistency: Figures) -> float:
 
 def _consistency(figures: Figures, key: str) -> Finding | None:
     f = figures.get(key)
-    if not f or f["effective_samples"] < FEWEST_SAMPLES:
+    if not f:
         return None
     said = meaning(f)
-    if f["mean"] > f["band_high"] and (hit := figures.get("contact_periods")):
+    if _says_something(f) and f["mean"] > f["band_high"] and (hit := figures.get("contact_periods")):
         said += f"; there were {hit} periods in contact, whose blow no filter can know of"
     elif colour(f) == "yellow":
         said += " (navigation.acceleration_noise_m_s2, docs/filter.md)"
@@ -158,11 +177,7 @@ def warnings(craft: Mapping[str, Figures]) -> list[Finding]:
     refused = {name: f["refused_share"] or 0.0 for name, f in craft.items() if f.get("refused_share")}
     # What is ambiguous is refused for another reason than the filter's noise.
     refused = {n: share for n, share in refused.items() if share > REFUSED_MUCH and not _ambiguous(n, craft[n])}
-    vain = [
-        name
-        for name, f in craft.items()
-        if (nees := f.get("nees")) and nees["effective_samples"] >= FEWEST_SAMPLES and colour(nees) == "yellow"
-    ]
+    vain = [name for name, f in craft.items() if colour(f.get("nees")) == "yellow"]
     out = []
     if dark:
         out.append(
@@ -217,7 +232,7 @@ def names(craft: list[str]) -> str:
 
 def colour(consistency: Figures | None) -> str:
     """Return the style of a consistency figure: green as promised, yellow where errors are larger than promised."""
-    if not consistency:
+    if not consistency or not _says_something(consistency):
         return ""
     size = _size(consistency)
     if consistency["inside_band"] or abs(size - 1) <= WORTH:

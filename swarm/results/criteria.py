@@ -14,7 +14,7 @@ criterion about a time after the end of the run, which a shorter run of a scenar
 A criterion that is missed says why in a sentence: its value, when it was reached, and how the craft navigated then.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -86,9 +86,25 @@ def check_measures(criteria: Sequence[Criterion], schema: pa.Schema, scenario: s
             )
 
 
-def judge(criteria: Sequence[Criterion], rows: TelemetryTable) -> list[Verdict]:
-    """Return the verdict on every criterion."""
-    return [_judge(criterion, rows) for criterion in criteria]
+def judge(
+    criteria: Sequence[Criterion], rows: TelemetryTable, closing_m_s: Mapping[str, float] | None = None
+) -> list[Verdict]:
+    """Return the verdict on every criterion.
+
+    Args:
+        criteria: The criteria.
+        rows: The run's telemetry.
+        closing_m_s: The commanded speed at contact of each craft that docks, for the reasons.
+    """
+    return [_commanded(_judge(criterion, rows), criterion, closing_m_s or {}) for criterion in criteria]
+
+
+def _commanded(verdict: Verdict, c: Criterion, closing_m_s: Mapping[str, float]) -> Verdict:
+    """Add the commanded speed to the reason of a missed contact speed."""
+    if verdict.why is None or verdict.value is None or (c.measure, c.statistic) != ("docking_speed_m_s", "at_contact"):
+        return verdict
+    speed = closing_m_s.get(verdict.craft or "")
+    return verdict if speed is None else verdict._replace(why=f"{verdict.why}, commanded {speed:g} m/s")
 
 
 def summary_of(verdicts: Sequence[Verdict]) -> dict[str, Any]:

@@ -1,7 +1,8 @@
 """Reasons why a run missed a criterion, and the end of a docking, in one sentence each: value, time, navigation then.
 
 docking_lateral_at_contact_m: 0.042 (limit: at most 0.01) at 52.3 s; tracking then, 9 of 12 photodiodes lit
-no contact: blind since 52.6 s, 3 of 4 photodiodes lit, lost 0.50 m before the port
+no contact: blind since 52.6 s (fault lighthouse-dark), 0 of 4 photodiodes lit, lost 0.50 m before the port
+no contact: time ran out at 55.0 s, 1.22 m before the port, in phase approach; blind 25.1 s to 30.2 s, retreated twice
 """
 
 from typing import NamedTuple
@@ -13,11 +14,14 @@ from swarm.onboard.guidance.phase import Phase
 from swarm.results.columns.guidance import PHASES
 from swarm.results.table import TelemetryTable
 
-STATES = {
-    "searching": "without a pose",
-    "coasting": "coasting without a pose",
-    "ambiguous": "undecided between poses",
-}
+NO_FAULT, DEAD = "none", "photodiode-dead"
+"""What the column `fault` says of a craft with which nothing is wrong, and of one with dead photodiodes."""
+
+
+WORTH_S = 0.5
+"""A shorter time without a pose cost a docking nothing."""
+MOST_TOLD = 3
+"""Times without a pose that are told at most, the longest ones."""
 
 
 class Docking(NamedTuple):
@@ -39,18 +43,18 @@ def navigation(rows: TelemetryTable, row: int) -> str:
     if not len(had):
         return f"no pose until then{_lit(rows, row)}"
     since = own[np.searchsorted(own, had[-1]) + 1]
-    return f"blind since {_time(rows, int(since))}{_lit(rows, int(since))}"
+    return f"blind since {_time(rows, int(since))}{_fault(rows, int(since))}{_lit(rows, int(since))}"
 
 
 def without_pose(rows: TelemetryTable, own: Ints) -> tuple[int, int] | None:
     """Return the first and the last of a craft's rows `own` in its longest time without a pose; None without any."""
-    blind = ~rows.by_light[own]
-    edge = np.flatnonzero(np.diff(np.concatenate([[False], blind, [False]]).astype(np.int8)))
-    if not len(edge):
-        return None
-    first, past = edge[::2], edge[1::2]
-    longest = int(np.argmax(past - first))
-    return int(own[first[longest]]), int(own[past[longest] - 1])
+    return max(_times(own, ~rows.by_light[own]), key=lambda span: span[1] - span[0], default=None)
+
+
+def _times(own: Ints, so: Bools) -> list[tuple[int, int]]:
+    """Return the first and the last of the rows `own` of each time in which it was `so`, in order."""
+    edge = np.flatnonzero(np.diff(np.concatenate([[False], so, [False]]).astype(np.int8)))
+    return [(int(own[first]), int(own[past - 1])) for first, past in zip(edge[::2], edge[1::2], strict=True)]
 
 
 def docking(rows: TelemetryTable, own: Ints) -> Docking | None:
@@ -87,12 +91,53 @@ def _why(rows: TelemetryTable, own: Ints, row: int) -> str:
     if not tracking[own].any():
         return f"it never had a pose{_lit(rows, row)}, {distance}"
     if not tracking[own[-1]]:
-        return f"blind since {_time(rows, row)}{_lit(rows, row)}, lost {distance}"
+        return f"blind since {_time(rows, row)}{_fault(rows, row)}{_lit(rows, row)}, lost {distance}"
     phase = _phase(rows, row)
     if phase == Phase.ABORTED.name.lower():
         return f"it gave up after its last retreat, at {_time(rows, row)}, {distance}; {navigation(rows, row)}"
     doing = f", in phase {phase}" if phase else ""
-    return f"at the end, {_time(rows, row)}, it was {distance}{doing}; {navigation(rows, row)}"
+    said = ", ".join(_losses(rows, own)) or navigation(rows, row)
+    return f"time ran out at {_time(rows, row)}, {distance}{doing}; {said}"
+
+
+def _losses(rows: TelemetryTable, own: Ints) -> list[str]:
+    """Return what had taken a docking's time: blind times after its first pose, retreats, and waiting."""
+    seconds, tracking = rows.column("time_s"), rows.by_light[own]
+    # Each time lasts until the next row, in which it is over.
+    period = float(np.median(np.diff(seconds[own]))) if len(own) > 1 else 0.0
+
+    def until(last: int) -> float:
+        return float(seconds[last]) + period
+
+    since = own[int(np.argmax(tracking)) :]
+    blind = [(a, b) for a, b in _times(since, ~rows.by_light[since]) if until(b) - seconds[a] >= WORTH_S]
+    longest = sorted(sorted(blind, key=lambda span: span[0] - span[1])[:MOST_TOLD])
+    out = [f"blind {seconds[a]:.1f} s to {until(b):.1f} s{_fault(rows, a)}" for a, b in longest]
+    if more := len(blind) - len(longest):
+        out[-1] += f" and {_often(more)} more"
+    if retreats := _times(own, _in_phase(rows, own, Phase.RETREAT)):
+        out.append(f"retreated {_often(len(retreats))}")
+    waited = sum(until(b) - seconds[a] for a, b in _times(own, _in_phase(rows, own, Phase.WAIT)))
+    if waited >= WORTH_S:
+        out.append(f"waited {waited:.1f} s for its navigation before it left")
+    return out
+
+
+def _often(count: int) -> str:
+    return {1: "once", 2: "twice"}.get(count, f"{count} times")
+
+
+def _fault(rows: TelemetryTable, row: int) -> str:
+    """Return in brackets what is wrong at a row by the scenario's faults."""
+    what = _faults(rows, row)
+    return f" ({'faults' if '+' in what else 'fault'} {what})" if what else ""
+
+
+def _faults(rows: TelemetryTable, row: int) -> str:
+    if "fault" not in rows.columns or not np.isfinite(code := rows.column("fault")[row]):
+        return ""
+    name = rows.names_of("fault")[int(code)]
+    return "" if name == NO_FAULT else name
 
 
 def _before(rows: TelemetryTable, own: Ints) -> int:
@@ -121,7 +166,9 @@ def _lit(rows: TelemetryTable, row: int) -> str:
     own = rows.equipment.get(rows.names_of("craft")[rows.craft[row]])
     if own is not None and not own.photodiodes:
         return ""
-    return f", {lit:.0f}{'' if own is None else f' of {own.photodiodes}'} photodiodes lit"
+    # How many of them still work, the telemetry does not say.
+    of = "" if own is None or DEAD in _faults(rows, row) else f" of {own.photodiodes}"
+    return f", {lit:.0f}{of} photodiodes lit"
 
 
 def _seconds(rows: TelemetryTable, row: int) -> float:

@@ -27,7 +27,8 @@ from swarm.results.scene import NullRecording, Recorder, Scene
 from swarm.results.summary import summarise_run
 from swarm.results.table import TelemetryTable
 from swarm.results.telemetry import Telemetry
-from swarm.scenario import Scenario, to_toml
+from swarm.scenario import Scenario, craft, to_toml
+from swarm.scenario.motions.dock import Dock
 from swarm.version import VERSION
 
 VERSIONS = ("mujoco", "numpy", "scipy", "numba", "filterpy", "rerun-sdk")
@@ -157,7 +158,9 @@ def writing_run(
         except BaseException as stop:
             _interrupt(folder, _reason(stop))
             raise
-        verdicts = judge(scenario.criteria, TelemetryTable.of_run(folder.path))
+        motions = {each.name: each.table.motion for each in craft(scenario)}
+        closing = {name: motion.closing_speed_m_s for name, motion in motions.items() if isinstance(motion, Dock)}
+        verdicts = judge(scenario.criteria, TelemetryTable.of_run(folder.path), closing)
         folder.finish({**summarise_run(folder.path), **summary_of(verdicts)})
         writer.run = open_run(folder.path)
 
