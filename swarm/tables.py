@@ -1,13 +1,25 @@
 """Tables at a terminal, all in one style."""
 
+import os
 from collections.abc import Sequence
 from typing import NamedTuple
 
 from rich import box
+from rich.console import Console
 from rich.table import Table
 
+FILE_WIDTH = 160
+"""Columns of a table in a file or a pipe, where the variable COLUMNS does not say otherwise."""
 GAP = 2
 """Blanks between two columns of a tight table."""
+
+
+def wide_console(*, stderr: bool = False, highlight: bool = True) -> Console:
+    """Return a console as wide as its terminal, and in a file or a pipe, which has room, as `FILE_WIDTH`."""
+    made = Console(stderr=stderr, highlight=highlight)
+    if not made.file.isatty() and "COLUMNS" not in os.environ:
+        made.width = FILE_WIDTH
+    return made
 
 
 class RankedColumn(NamedTuple):

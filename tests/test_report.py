@@ -22,6 +22,7 @@ from swarm.results.progress import Progress
 from swarm.studies.campaign.conduct import StudyProgress
 from swarm.studies.campaign.study_folder import FinishedStudy
 from swarm.studies.campaign.task import COMPLETE
+from swarm.tables import wide_console
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -458,3 +459,12 @@ def test_on_a_terminal_progress_is_one_line_with_time_speed_and_tracking(width: 
     for part in ("30.0/30.0 s", "3.4x", "8/8 tracking"):
         assert part in frames[-1]
     assert "…" not in frames[-1]
+
+
+def test_a_file_has_room_and_columns_rule(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    with (tmp_path / "out.txt").open("w") as file:
+        monkeypatch.setattr("sys.stdout", file)
+        monkeypatch.delenv("COLUMNS", raising=False)
+        assert wide_console().width == 160
+        monkeypatch.setenv("COLUMNS", "100")
+        assert wide_console().width == 100

@@ -70,13 +70,13 @@ def calibrate(
         # In threads, the small products of a calibration take longer than by themselves, much longer on a busy machine.
         for library in ("OPENBLAS", "MKL", "OMP"):
             os.environ.setdefault(f"{library}_NUM_THREADS", "1")
-        from rich.console import Console
 
         from swarm.flight.recordings.calibration_file import held_parts, place_for, write_calibration
         from swarm.results.files import SUMMARY
         from swarm.studies.calibration.calibrate import calibrate_survey
         from swarm.studies.calibration.report import file_text, print_calibration
         from swarm.studies.calibration.survey import observe_recording, observe_run
+        from swarm.tables import wide_console
 
         held, file = held_parts(hold), place_for(out, force=force)
         if survey.is_file() and not (survey.parent / SUMMARY).is_file():
@@ -87,4 +87,4 @@ def calibrate(
             seen = observe_run(survey)
         found = calibrate_survey(seen, None if poses is None else poses.value, held)
         write_calibration(file, file_text(found))
-        print_calibration(Console(), found, file)
+        print_calibration(wide_console(), found, file)

@@ -55,12 +55,11 @@ def check(scenario: Scenario, overrides: Overrides = None, seed: Seed = None) ->
 
 def _report(craft: "Sequence[CraftFacts]") -> None:
     """Print what the scenario makes of each craft, beside the scenario itself: to standard error."""
-    from rich.console import Console
     from rich.text import Text
 
-    from swarm.tables import RankedColumn, fitting
+    from swarm.tables import RankedColumn, fitting, wide_console
 
-    console = Console(stderr=True, highlight=False)
+    console = wide_console(stderr=True, highlight=False)
     columns = [
         RankedColumn(0, "craft", [_names(each.names) for each in craft]),
         RankedColumn(3, "mass\nkg", [f"{each.mass_kg:.4g}" for each in craft]),

@@ -106,11 +106,10 @@ def layout(
     swarm run static --set swarm.model=my/model.xml
     """
     with mistakes():
-        from rich.console import Console
-
         from swarm.studies.layout.report import print_report
         from swarm.studies.layout.request import Request
         from swarm.studies.layout.study import study
+        from swarm.tables import wide_console
 
         request = Request(
             model,
@@ -128,6 +127,6 @@ def layout(
             tuple(overrides or ()),
         )
         made = study(request, out, force, lambda text: typer.echo(f"layout: {text}", err=True), seed)
-        print_report(Console(highlight=False), made.figures)
+        print_report(wide_console(highlight=False), made.figures)
         for file in made.files:
             typer.echo(file)

@@ -134,13 +134,13 @@ def _print_notes(notes: list[str]) -> None:
 
 def _print_contents(recording: Path) -> None:
     """Print the table of a recording's objects and stations."""
-    from rich.console import Console
     from rich.text import Text
 
     from swarm.flight.recordings.contents import contents
+    from swarm.tables import wide_console
 
     found = contents(recording)
-    console = Console()
+    console = wide_console()
     console.print(Text(f"{recording.name}: {found.format}"))
     _print_rows(console, found.rows)
     for fact in found.facts:

@@ -56,6 +56,7 @@ def reproduce(
 
         from swarm.cli.progress import ProgressDisplay
         from swarm.studies.papers.results import print_comparison
+        from swarm.tables import wide_console
 
         def say(name: str) -> None:
             error_message(f"stopped by {name} before anything was written")
@@ -67,7 +68,7 @@ def reproduce(
         with stoppable(say), ProgressDisplay(Console(stderr=True), experiment) as progress:
             tell = progress.experiment
             done = repeat(experiment, out=out, force=force, seed=seed, sizes=sizes_asked, quick=quick, progress=tell)
-        print_comparison(Console(), done)
+        print_comparison(wide_console(), done)
 
 
 def _list() -> None:

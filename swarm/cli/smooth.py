@@ -27,9 +27,10 @@ def smooth(
         from swarm.cli.progress import ProgressDisplay
         from swarm.report.run_table import print_report
         from swarm.results.smoothing import smooth as smooth_run
+        from swarm.tables import wide_console
 
         with ProgressDisplay(Console(stderr=True), f"smooth {run.name}") as progress:
             made = smooth_run(
                 run, force=force, progress=lambda share: progress.experiment(share, f"{share:.0%} smoothed")
             )
-        print_report(Console(), made.summary, made.folder)
+        print_report(wide_console(), made.summary, made.folder)

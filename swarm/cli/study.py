@@ -71,6 +71,7 @@ def study(
         from swarm.report.study_table import print_study
         from swarm.studies.campaign.conduct import conduct
         from swarm.studies.campaign.study_folder import open_study
+        from swarm.tables import wide_console
 
         command = shlex.join(["swarm", *sys.argv[1:]])
 
@@ -89,7 +90,7 @@ def study(
                 command=command,
                 progress=progress.study,
             )
-        print_study(Console(), done)
+        print_study(wide_console(), done)
 
 
 def _numbers(text: str | None) -> list[int]:

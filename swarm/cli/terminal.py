@@ -81,6 +81,7 @@ def fly_and_report(title: str, folder: Path, fly: Callable[[Callable[["Progress"
     from swarm.cli.progress import ProgressDisplay
     from swarm.report.run_table import print_report
     from swarm.results.run_folder import open_run
+    from swarm.tables import wide_console
 
     def report_the_rest(name: str) -> None:
         try:
@@ -88,7 +89,7 @@ def fly_and_report(title: str, folder: Path, fly: Callable[[Callable[["Progress"
         except SwarmError:
             error_message(f"stopped by {name} before anything was written")
         else:
-            print_report(Console(), run.summary, run.folder)
+            print_report(wide_console(), run.summary, run.folder)
 
     with stoppable(report_the_rest), ProgressDisplay(Console(stderr=True), title) as progress:
 
@@ -97,7 +98,7 @@ def fly_and_report(title: str, folder: Path, fly: Callable[[Callable[["Progress"
             progress.run(state)
 
         run = fly(tell)
-    print_report(Console(), run.summary, run.folder)
+    print_report(wide_console(), run.summary, run.folder)
     if run.status != "complete":
         raise typer.Exit(128 + signal.SIGINT)
     if run.summary.get("criteria_held") is False:
