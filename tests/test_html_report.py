@@ -18,7 +18,7 @@ from swarm.flight.simulate import simulate
 from swarm.report.figures import thin
 from swarm.report.page import Page, number, percent
 from swarm.report.rows import Rows, finished
-from swarm.report.run import run_page
+from swarm.report.run import extent, run_page
 from swarm.report.scaling_figures import central_line
 from swarm.report.sections.criteria import cards
 from swarm.report.sections.faults import section as fault_section
@@ -297,6 +297,34 @@ def test_a_verdicts_sentence_is_on_its_card() -> None:
     (card,) = cards([{**verdict, "held": False, "about": ["servicer"], "why": "Blind since 52.6 s."}])
     assert (card.name, card.value, card.badge) == ("docking lateral at contact", "13.2 mm", "FAIL")
     assert card.meaning == "≤ 10 mm, servicer. Blind since 52.6 s."
+
+
+def test_failed_cards_tell_limits_and_reason_once() -> None:
+    """The limit in the card's unit alone, also beside a value far off; a shared reason on the first card only."""
+    why = "no contact: blind since 5.0 s, 3 of 4 photodiodes lit, lost 0.50 m before the port"
+    shared = {"craft": None, "held": False, "about": []}
+    height = {**shared, "name": "height_m", "value": 0.3, "min": -0.005, "max": 0.005}
+    lateral = {**shared, "name": "docking_lateral_at_contact_m", "value": None, "min": None, "max": 0.01}
+    first, second, third = cards(
+        [
+            {**height, "why": "0.3 (limit: at least -0.005 and at most 0.005): probe at 9.0 s; no pose until then"},
+            {**lateral, "why": f"no value (limit: at most 0.01); {why}"},
+            {
+                **lateral,
+                "name": "docking_angle_at_contact_deg",
+                "max": 2.0,
+                "why": f"no value (limit: at most 2); {why}",
+            },
+        ]
+    )
+    assert (first.value, first.meaning) == ("300 mm", "-5 to 5 mm. Probe at 9.0 s; no pose until then")
+    assert second.meaning == f"≤ 10 mm. N{why[1:]}"
+    assert third.meaning == "≤ 2 °. For the same reason as docking lateral at contact"
+
+
+def test_a_run_shorter_than_its_scenario_says_so(tmp_path: Path) -> None:
+    run = simulate(load("formation", ["duration_s=0.1", "swarm.count=2"]), out=tmp_path / "short", record=False)
+    assert extent(Subject(run)) == "2 craft, only 0.1 s of 30 s flown"
 
 
 def test_a_killed_run_has_the_extent_of_its_rows(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from estimators.kernel import Compilation
 from swarm.cli.progress import ProgressDisplay
 from swarm.report.findings import findings, meaning, warnings
 from swarm.report.run_table import print_report
+from swarm.report.sections import smoothed
 from swarm.report.study_table import print_study
 from swarm.results.parquet import column, table_of
 from swarm.results.progress import Progress
@@ -468,3 +469,12 @@ def test_a_file_has_room_and_columns_rule(monkeypatch: pytest.MonkeyPatch, tmp_p
         assert wide_console().width == 160
         monkeypatch.setenv("COLUMNS", "100")
         assert wide_console().width == 100
+
+
+def test_a_smoothers_gain_in_scatter_is_told_only_at_rest() -> None:
+    for after, at_rest in ((5.44, False), (2.1, True)):
+        moved = dict(figures(random.Random(0)), ekf_position_scatter_mm=5.57, smooth_position_scatter_mm=after)
+        (said,) = (text for text, _ in findings(moved) if text.startswith("Scatter"))
+        assert f"5.57 mm, smoothed {after:.3g} mm" in said
+        assert ("own motion" in said) is not at_rest
+        assert bool(smoothed.facts(moved)) is at_rest

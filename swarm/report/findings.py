@@ -19,6 +19,8 @@ LEAST_DELTA_V = 1e-9
 """Delta-v that is worth a sentence [m/s]; below it a motor made good no more than rounding."""
 EXACT = 6.0
 """NEES and NIS of errors that are as large as the filter promises."""
+LEFT = 0.8
+"""A scatter of which a smoother leaves a larger share is mostly motion within the second, which it must leave."""
 WORTH = 0.1
 """Errors that differ by less than this share from what the filter promises call for nothing."""
 
@@ -30,14 +32,14 @@ class Finding(NamedTuple):
     style: str = ""
 
 
-def findings(figures: Figures) -> list[Finding]:
-    """Return what the figures of a swarm or a craft say."""
+def findings(figures: Figures, effort: bool = True) -> list[Finding]:
+    """Return what the figures of a swarm or a craft say; effort: with the delta-v."""
     out: list[Finding | None] = [_consistency(figures, key) for key in ("nees", "nis")]
     position, attitude = figures.get("ekf_to_pnp_position_ratio"), figures.get("ekf_to_pnp_attitude_ratio")
     if position is not None and attitude is not None:
         out.append(Finding(f"Filter error over raw PnP error: {position:.2f} in position, {attitude:.2f} in attitude"))
     out += _smoothed(figures)
-    if (delta_v := figures.get("delta_v_m_s") or 0.0) >= LEAST_DELTA_V:
+    if effort and (delta_v := figures.get("delta_v_m_s") or 0.0) >= LEAST_DELTA_V:
         out.append(Finding(f"Delta-v: {delta_v:.3g} m/s per craft"))
     if ccd := figures.get("ccd"):
         shares = f"stereo {ccd['stereo_share']:.0%}, the main camera alone {ccd['camera_share']:.0%} of the images"
@@ -55,9 +57,15 @@ def _smoothed(figures: Figures) -> list[Finding | None]:
     before, after = figures.get("ekf_position_scatter_mm"), figures.get("smooth_position_scatter_mm")
     if before is None or after is None:
         return []
-    return [
-        Finding(f"Scatter of the positions about their mean over a second: {before:.2g} mm, smoothed {after:.2g} mm")
-    ]
+    said = f"Scatter of the positions about their mean over a second: {before:.3g} mm, smoothed {after:.3g} mm"
+    if not scatter_is_noise(before, after):
+        said += "; what the smoother leaves is mostly the object's own motion, so this is no measure of its gain"
+    return [Finding(said)]
+
+
+def scatter_is_noise(before_mm: float, after_mm: float) -> bool:
+    """Return whether a smoother has taken enough of a scatter away that noise, and not motion, is a good part of it."""
+    return after_mm <= LEFT * before_mm
 
 
 def meaning(consistency: Figures) -> str:
@@ -150,6 +158,11 @@ def reasons(verdicts: Sequence[Figures]) -> list[Finding]:
         told.add(reason)
         out.append(Finding(f"{v['name']}: {why}", "red"))
     return out
+
+
+def reason(why: str) -> str:
+    """Return why a criterion was missed without the value and the limits that the sentence opens with."""
+    return why.partition(" (limit: ")[2].partition(")")[2].lstrip(";: ") if " (limit: " in why else why
 
 
 def inspections(lidar: Mapping[str, Figures]) -> list[Finding]:

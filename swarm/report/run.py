@@ -1,5 +1,6 @@
 """The page of one run: its verdicts and a few figures as cards, then its sections, each from a file of its own."""
 
+import re
 import shlex
 from collections.abc import Callable
 from itertools import takewhile
@@ -38,6 +39,8 @@ SECTIONS: tuple[Callable[[Subject], Section | None], ...] = (
     craft.section,
 )
 """The sections in their order on the page; one that has nothing to say is left out."""
+SHORTER = 0.99
+"""A run of less than this share of its scenario was cut short."""
 REPLAY = "swarm replay "
 """Beginning of the line in the head of a replay's scenario.toml that repeats it."""
 
@@ -75,7 +78,7 @@ def facts(subject: Subject) -> list[Fact]:
     craft = subject.summary.get("craft") or {}
     count = sum(bool(figures.get("navigates", True)) for figures in craft.values())
     share = number(swarm.get("tracking_share"), scale=100)
-    who = f"{count} craft that navigate" if count < len(craft) else f"{count} craft"
+    who = f"{count} craft that {'navigates' if count == 1 else 'navigate'}" if count < len(craft) else f"{count} craft"
     out = [Fact("Tracking", f"{share} %", f"of the time, {who}")]
     for name, what, unit, scale in (("Position", "position", "m", 1000), ("Attitude", "attitude", "deg", 1)):
         shown = " mm" if unit == "m" else "°"
@@ -97,7 +100,17 @@ def extent(subject: Subject) -> str:
     count, seconds = subject.summary["craft_count"], subject.summary["duration_s"]
     if subject.series.replayed:
         return f"{seconds:.1f} s of recorded light replayed"
+    planned = _planned_s(subject)
+    if seconds < SHORTER * planned:
+        return f"{count} craft, only {seconds:.1f} s of {planned:g} s flown"
     return f"{count} craft, {seconds:.1f} s flown"
+
+
+def _planned_s(subject: Subject) -> float:
+    """Return how long the scenario is, by its key or, where that was shortened for this run, by its description."""
+    told = subject.scenario.get("description")
+    spoken = re.findall(r"\bfor (\d+(?:\.\d+)?) s\b", told) if isinstance(told, str) else []
+    return max(float(subject.scenario.get("duration_s") or 0.0), *map(float, spoken), 0.0)
 
 
 def sections(subject: Subject) -> list[Section]:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from swarm.report.findings import reason
 from swarm.report.page import Column, Fact, Section, Table, number
 from swarm.report.run_table import about, limits, outcome
 from swarm.report.subject import Subject
@@ -19,7 +20,14 @@ MOST_CARDS = 24
 def cards(verdicts: Sequence[Mapping[str, Any]]) -> list[Fact]:
     """Return a card per criterion, the missed ones first."""
     order = sorted(verdicts, key=lambda verdict: (True, None, False).index(verdict["held"]), reverse=True)
-    return [_card(verdict) for verdict in order[:MOST_CARDS]]
+    out, told = list[Fact](), dict[str, str]()
+    for verdict in order[:MOST_CARDS]:
+        name, why = verdict["name"], reason(verdict.get("why") or "")
+        shared = told.get(why)
+        if why:
+            told.setdefault(why, _spoken(name))
+        out.append(_card(verdict, f"For the same reason as {shared}" if shared else why[:1].upper() + why[1:]))
+    return out
 
 
 def verdict_line(verdicts: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
@@ -52,19 +60,24 @@ def section(subject: Subject) -> Section | None:
     return Section("Criteria", (), (), [Table([Column(head) for head in heads], rows, left=3)])
 
 
-def _card(verdict: Mapping[str, Any]) -> Fact:
-    name, unit = split_unit(verdict["name"])[0].replace("_", " "), written_unit(verdict["name"])
+def _card(verdict: Mapping[str, Any], why: str) -> Fact:
+    name, unit = _spoken(verdict["name"]), written_unit(verdict["name"])
     whose = about(verdict)
-    known = [v for v in (verdict["value"], verdict["min"], verdict["max"]) if v is not None]
+    limit = [abs(v) for v in (verdict["min"], verdict["max"]) if v is not None]
     scale = 1.0
-    if unit in SMALLER and max(map(abs, known)) < SMALLER_BELOW:
+    # By its limits, so that a value far off has their unit.
+    if unit in SMALLER and max(limit) < SMALLER_BELOW:
         unit, scale = SMALLER[unit], 1000.0
     unit = unit.replace("deg", "°")
     scaled = {key: None if verdict[key] is None else scale * verdict[key] for key in ("value", "min", "max")}
     value = f"{number(scaled['value'])} {unit}".strip() if scaled["value"] is not None else "no value"
     meaning = f"{limits(scaled)} {unit}".strip() + (f", {whose}" if whose != "all" else "")
     kind = {True: "pass", False: "fail", None: ""}[verdict["held"]]
-    return Fact(name, value, ". ".join([meaning, *_sentences(verdict)]), kind, WORDS[verdict["held"]])
+    return Fact(name, value, ". ".join([meaning, *([why] if why else [])]), kind, WORDS[verdict["held"]])
+
+
+def _spoken(name: str) -> str:
+    return split_unit(name)[0].replace("_", " ")
 
 
 def _sentences(verdict: Mapping[str, Any]) -> list[str]:

@@ -9,6 +9,7 @@ from estimators.arrays import Floats
 from estimators.rotation import quaternion_multiply
 from swarm.figures import Axes, Figure
 from swarm.report.figures import BLUE, GREY, ORANGE, Picture, is_narrow, legend, panels, picture, thin
+from swarm.report.findings import scatter_is_noise
 from swarm.report.page import Fact, Section, number, prose
 from swarm.report.sections.errors import chosen, settle
 from swarm.report.series import Series
@@ -26,14 +27,14 @@ def section(subject: Subject) -> Section | None:
 
 
 def facts(swarm: Mapping[str, Any]) -> list[Fact]:
-    """Return the gain of the smoother, against the truth or, in a replay, in scatter."""
+    """Return the gain of the smoother, against the truth or, in a replay at rest, in scatter."""
     ratios = [swarm.get(f"smooth_to_ekf_{what}_ratio") for what in ("position", "attitude")]
     gains = [number(1 / ratio) for ratio in ratios if ratio]
     if len(gains) == 2:
         position, attitude = gains
         return [Fact("Smoothed", f"{position} times", f"below the filter's position error; attitude {attitude} times")]
     before, after = (swarm.get(f"{source}_position_scatter_mm") for source in ("ekf", "smooth"))
-    if not before or not after:
+    if not before or not after or not scatter_is_noise(before, after):
         return []
     return [Fact("Scatter, smoothed", f"{number(after)} mm", f"of the filter's positions {number(before)} mm")]
 

@@ -11,5 +11,6 @@ def section(subject: Subject) -> Section | None:
     swarm = summary.get("swarm")
     if not swarm:
         return None
-    said = [*findings(swarm), *inspections(summary.get("lidar") or {}), *warnings(summary["craft"])]
+    # The delta-v has a card.
+    said = [*findings(swarm, effort=False), *inspections(summary.get("lidar") or {}), *warnings(summary["craft"])]
     return Section("What the figures say", [f"{finding.text}." for finding in said]) if said else None
