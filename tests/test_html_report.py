@@ -302,7 +302,7 @@ def test_a_verdicts_sentence_is_on_its_card() -> None:
 def test_failed_cards_tell_limits_and_reason_once() -> None:
     """The limit in the card's unit alone, also beside a value far off; a shared reason on the first card only."""
     why = "no contact: blind since 5.0 s, 3 of 4 photodiodes lit, lost 0.50 m before the port"
-    shared = {"craft": None, "held": False, "about": []}
+    shared: dict[str, Any] = {"craft": None, "held": False, "about": []}
     height = {**shared, "name": "height_m", "value": 0.3, "min": -0.005, "max": 0.005}
     lateral = {**shared, "name": "docking_lateral_at_contact_m", "value": None, "min": None, "max": 0.01}
     first, second, third = cards(
