@@ -10,7 +10,7 @@
 A user names one of these, or gives the path of a file.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -74,7 +74,7 @@ def find_model(name_or_path: str | Path, relative_to: Path | None = None) -> Pat
     if _is_path(text, ".xml"):
         raise SwarmError(f"model file {path} does not exist")
     other = another_kind(text, CRAFT)
-    hint = other or f"{did_you_mean(text, known)}; or give the path of an .xml file"
+    hint = other or _name_or_path(text, known, "an .xml file")
     raise SwarmError(f"no model {short(text)!r}{hint}")
 
 
@@ -177,7 +177,13 @@ def _no_such(kind: Kind, text: str, file: str) -> str:
     """Return the message about a name that no file of this kind has."""
     if other := another_kind(text, kind):
         return f"no {kind.what} {text!r}{other}"
-    return f"no {kind.what} {short(text)!r}{did_you_mean(text, kind.known())}; or give the path of {file}"
+    return f"no {kind.what} {short(text)!r}{_name_or_path(text, kind.known(), file)}"
+
+
+def _name_or_path(text: str, known: Iterable[str], file: str) -> str:
+    """Return what else can be given instead of a name that nothing has."""
+    hint = did_you_mean(text, known)
+    return f"{hint} Or give the path of {file}" if hint.endswith("?") else f"{hint}; or give the path of {file}"
 
 
 def _models_in(place: Path) -> dict[str, Path]:

@@ -1,5 +1,6 @@
 """The family of user errors: each is one message that gives the place, the value and the limit."""
 
+import re
 from collections.abc import Iterable
 from difflib import get_close_matches
 
@@ -8,12 +9,22 @@ class SwarmError(Exception):
     """A mistake in the input. The command line prints its message, without a traceback, and exits with 2."""
 
 
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Return the known name that is meant, or an empty string.
+
+    It is a similar one, or the only one that has `name` as a word: 'lighthouse-dark' for 'dark'.
+    """
+    names = sorted(set(known))
+    near = get_close_matches(name, names, n=1, cutoff=0.5)
+    holding = [one for one in names if name and name.lower() in re.split(r"[-_ ]", one)]
+    return near[0] if near else holding[0] if len(holding) == 1 else ""
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return `"; did you mean 'formation'?"`, or the known names where none is near, or an empty string."""
-    names = sorted(known)
-    near = get_close_matches(name, names, n=1, cutoff=0.5)
-    if near:
-        return f"; did you mean {near[0]!r}?"
+    names = sorted(set(known))
+    if near := nearest(name, names):
+        return f"; did you mean {near!r}?"
     return f"; known: {', '.join(names)}" if names else ""
 
 

@@ -14,6 +14,11 @@ GAP = 2
 """Blanks between two columns of a tight table."""
 
 
+def counted(count: int, noun: str) -> str:
+    """Return "1 run" or "3 runs"."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
 def wide_console(*, stderr: bool = False, highlight: bool = True) -> Console:
     """Return a console as wide as its terminal, and in a file or a pipe, which has room, as `FILE_WIDTH`."""
     made = Console(stderr=stderr, highlight=highlight)

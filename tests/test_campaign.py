@@ -205,6 +205,14 @@ def test_a_run_that_fails_is_a_row_with_its_reason() -> None:
     assert done.state["finished"] == 1
 
 
+def test_a_study_in_which_a_run_failed_is_exit_code_1(monkeypatch: pytest.MonkeyPatch) -> None:
+    for values, code in (("[5, 10.0]", 0), ("[5, -1]", 1)):
+        monkeypatch.setattr("swarm.studies.campaign.task._fly", lambda order: ({}, None))
+        write(SMALL.replace("[5, 10.0]", values))
+        monkeypatch.setattr(sys, "argv", ["swarm", "study", "small.toml", "--seeds", "1", "--serial", "--force"])
+        assert cli.main() == code, values
+
+
 def test_a_defect_of_one_run_does_not_end_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("swarm.studies.campaign.task._fly", lambda order: 1 // (order.number - 1) and ({}, None))
     done = conduct.conduct(load_study(write(SMALL), seeds=1), serial=True)

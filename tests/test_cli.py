@@ -129,8 +129,10 @@ def test_options_mean_the_same_in_every_command_that_writes_a_run(command: Comma
 
     run, replay = options("run"), options("replay")
     assert len(run) == 4
-    # The columns differ in width, the words do not.
-    assert {k: v.split() for k, v in run.items()} == {k: v.split() for k, v in replay.items()}
+    # The columns differ in width, and the words where a replay takes other keys, folders and seeds by default.
+    assert run.keys() == replay.keys()
+    differing = {name.split()[0] for name in run if run[name].split() != replay[name].split()}
+    assert differing == {"--out", "--seed", "--set"}
 
 
 def test_list_shows_every_scenario_and_model_on_one_line(command: Command) -> None:
@@ -466,6 +468,48 @@ def test_a_run_is_not_overwritten_without_force(command: Command, simulator: dic
     assert result.code == 2
     assert "error: runs/formation-7 holds a run already; --force (force=True) replaces it" in result.err
     assert command("run", "formation", "--force").code == 0
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_ctrl_c_while_the_program_is_loading_is_quiet(tmp_path: Path) -> None:
+    # The module that the command line imports first sends the signal.
+    (tmp_path / "typer.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGINT)\nprint('went on')")
+    result = process("list", PYTHONPATH=f"{tmp_path}{os.pathsep}{ROOT}")
+    assert (result.returncode, result.stdout, result.stderr) == (130, "", "")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_ctrl_c_while_the_interpreter_ends_changes_nothing() -> None:
+    # Handlers that are registered first are called last: after this one nothing of the program is left.
+    code = """if True:
+        import atexit, os, signal, sys
+        atexit.register(lambda: os.kill(os.getpid(), signal.SIGINT))
+        from swarm.__main__ import main
+        sys.argv = ["swarm", "--version"]
+        sys.exit(main())"""
+    result = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (result.returncode, result.stderr) == (0, "")
+
+
+def test_a_folder_with_a_run_is_refused_before_anything_is_built(command: Command, monkeypatch: Any) -> None:
+    with RunFolder.create("static", 3) as folder:
+        folder.finish({})
+    monkeypatch.setattr("swarm.flight.simulate.Flight", None)
+    result = command("run", "static")
+    assert result.code == 2
+    assert result.err.startswith("error: runs/static-3 holds a run already; --force")
+    with pytest.raises(swarm.SwarmError, match=r"holds a run already; .*force=True.*out=\.\.\."):
+        swarm.simulate("static")
+
+
+def test_a_name_without_a_match_is_told_once_and_a_page_by_its_headings(command: Command) -> None:
+    assert command("docs", "docking").err == "error: no page 'docking'; 'docking' is a subject of: guidance, stereo\n"
+    listed = command("list", "qqqq").err
+    assert len(re.findall(r"\bplate\b", listed)) == 1
+    assert "did you mean 'static'? Or give the path of a .toml file" in command("run", "sttic").err
+    text = command("replay", "--help").out
+    assert "swarm.count" not in text
+    assert "runs/<recording>-<seed>" in text
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")

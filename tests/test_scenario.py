@@ -15,7 +15,7 @@ from pydantic.fields import FieldInfo
 
 from estimators.filter import error_state
 from swarm import scenario
-from swarm.assets import scenarios
+from swarm.assets import find_model, scenarios
 from swarm.errors import SwarmError
 from swarm.flight import builders
 from swarm.scenario import Scenario, for_replay, load, to_toml
@@ -481,6 +481,46 @@ def test_every_motion_becomes_its_course(file: Path) -> None:
         noise.acceleration_noise_m_s2,
         math.radians(noise.angular_acceleration_noise_deg_s2),
     )
+
+
+@pytest.mark.parametrize(
+    ("override", "instead"),
+    [
+        ("swarm.model=cubesat6u", "craft[0].model, and so on,"),
+        ("swarm.motion.kind=hold", "craft[0].motion.kind, and so on,"),
+        ("swarm={count=0, feedback='truth'}", "craft[0].model, and so on,"),
+    ],
+)
+def test_a_change_of_an_empty_swarm_is_refused(override: str, instead: str) -> None:
+    with pytest.raises(SwarmError) as raised:
+        load("static", [override])
+    assert f": has no effect, because swarm.count = 0; change {instead} instead" in str(raised.value)
+    assert load("static", [override, "swarm.count=1"]).swarm.count == 1
+
+
+def test_changes_may_be_a_mapping_but_not_one_string() -> None:
+    motion = {"kind": "hold", "position_m": (0.0, 0.0, 4.0)}
+    changed = load("static", {"duration_s": 1.5, "craft[0].motion": motion, "craft[1].model": find_model("cubesat6u")})
+    assert changed == load(
+        "static",
+        [
+            "duration_s=1.5",
+            "craft[0].motion={kind='hold', position_m=[0.0, 0.0, 4.0]}",
+            f"craft[1].model='{find_model('cubesat6u')}'",
+        ],
+    )
+    with pytest.raises(SwarmError, match=r"^overrides: duration_s = -1: must be at least"):
+        load("static", {"duration_s": -1})
+    with pytest.raises(SwarmError, match=r"^overrides: 'seed=1' is one string: give a list, \['seed=1'\], or \{'seed'"):
+        load("static", "seed=1")
+
+
+@pytest.mark.parametrize(("kind", "meant"), [("dark", "lighthouse-dark"), ("restrat", "restart")])
+def test_a_kind_of_which_a_word_is_given_is_proposed_and_none_is_listed_twice(kind: str, meant: str) -> None:
+    with pytest.raises(SwarmError) as raised:
+        load("static", [f"fault=[{{kind='{kind}', at_s=1}}]"])
+    assert str(raised.value).endswith(f"; did you mean {meant!r}?")
+    assert str(raised.value).count("'photodiode-dead'") == 1
 
 
 @pytest.mark.parametrize(

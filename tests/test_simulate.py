@@ -205,9 +205,9 @@ def test_the_resolved_scenario_of_a_run_flies_the_same_run(tmp_path):
 
 def test_more_craft_change_nothing_for_those_that_were_there(tmp_path):
     # Craft far apart do not shade each other; every draw goes by the craft's name.
-    grid = ["swarm.motion={kind='hold', position_m=[0, 0, 4], spacing_m=1.0, attitude={yaw_deg=15}}", "duration_s=1"]
-    alone = Flight(swarm.load("static", [*grid, "swarm.count=0"]))
-    beside = Flight(swarm.load("static", [*grid, "swarm.count=1"]))
+    grid = "swarm.motion={kind='hold', position_m=[0, 0, 4], spacing_m=1.0, attitude={yaw_deg=15}}"
+    alone = Flight(swarm.load("static", ["duration_s=1"]))
+    beside = Flight(swarm.load("static", ["duration_s=1", grid, "swarm.count=1"]))
     for frame in range(30):
         one, two = alone.period(frame).estimate, beside.period(frame).estimate
         np.testing.assert_array_equal(one.position, two.position[1:])

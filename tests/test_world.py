@@ -9,7 +9,8 @@ import pytest
 from estimators import rotation as rot
 from swarm.assets import find_model
 from swarm.errors import SwarmError
-from swarm.world.craft import load_craft
+from swarm.world import world as world_module
+from swarm.world.craft import load_craft, quiet
 from swarm.world.world import CraftStart, World
 
 LIGHTHOUSE = find_model("lighthouse")
@@ -449,3 +450,23 @@ def test_the_spheres_hold_every_corner_of_the_craft():
     for i in range(2):
         points = np.concatenate([mesh.vertex for mesh, _ in built.visuals(i)])
         assert np.linalg.norm(points - built.com_m[i], axis=1).max() <= built._neighbourhood._radius[i]
+
+
+def test_a_crowd_that_overlaps_is_refused_before_it_is_assembled(monkeypatch):
+    sizes = []
+    assemble = world_module.assemble
+    monkeypatch.setattr(
+        world_module, "assemble", lambda craft, *rest: sizes.append(len(craft)) or assemble(craft, *rest)
+    )
+    crowd = [start(f"c{i}", position=(i, 0, 3)) for i in range(world_module.CROWD)]
+    for place in ((5.1, 0, 3), (5, 0, 3)):
+        with pytest.raises(SwarmError, match=r"craft 'late' starts inside craft 'c5': they overlap by [0-9.]+ mm"):
+            world(*crowd, start("late", position=place))
+    assert sizes == [2, 2]
+    world(*crowd, start("late", position=(-1, 0, 3)))
+    assert sizes == [2, 2, 2, 65]
+
+
+def test_where_mujoco_gives_up_it_is_one_message():
+    with pytest.raises(SwarmError, match=r"^MuJoCo gives up: mj_stackAlloc: out of memory, stack overflow$"), quiet():
+        raise mujoco.FatalError("mj_stackAlloc: out of memory,\n  stack overflow")

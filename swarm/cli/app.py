@@ -1,7 +1,7 @@
 """The program `swarm`: its commands, put together. Everything heavy is imported by the command that uses it.
 
-Exit codes: 0 done, 1 done but a criterion of the scenario did not hold, 2 a mistake of the user (one message, no
-traceback), 128 + n stopped by signal n (130: Ctrl-C; 141: the reader of the output has gone).
+Exit codes: 0 done, 1 done but a criterion of the scenario did not hold or a run of a study failed, 2 a mistake of the
+user (one message, no traceback), 128 + n stopped by signal n (130: Ctrl-C; 141: the reader of the output has gone).
 """
 
 import os
@@ -24,7 +24,7 @@ from swarm.cli.run import run
 from swarm.cli.smooth import smooth
 from swarm.cli.streams import ended_by_output, open_streams
 from swarm.cli.study import study
-from swarm.cli.terminal import error_message, stopping_once
+from swarm.cli.terminal import Handler, error_message, stopping_once
 from swarm.cli.usage import is_usage, usage_message
 from swarm.cli.view import view
 from swarm.errors import SwarmError
@@ -62,11 +62,11 @@ app = typer.Typer(
 )
 
 
-def main() -> int:
-    """Run the command line, and return the exit code."""
+def main(outside: Handler = signal.default_int_handler) -> int:
+    """Run the command line, and return the exit code. outside: handler of Ctrl-C before it and after it."""
     # Batches of small matrices: threads of the linear algebra only wait for each other, at twice the processor time.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    with open_streams(), stopping_once():
+    with open_streams(), stopping_once(outside):
         try:
             try:
                 for number, argument in enumerate(sys.argv[1:], start=1):

@@ -1,6 +1,8 @@
 """The command `swarm docs`: the documentation, at the terminal; it is installed with the program."""
 
+import re
 import sys
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -39,7 +41,9 @@ def docs(
             return
         name = page.removeprefix("docs/").removesuffix(".md")
         if name not in known:
-            raise SwarmError(f"no page {page!r}{did_you_mean(name, known)}")
+            about = [one for one, path in known.items() if _tells(path, name)]
+            hint = f"; {page!r} is a subject of: {', '.join(about)}" if about else did_you_mean(name, known)
+            raise SwarmError(f"no page {page!r}{hint}")
         text = known[name].read_text(encoding="utf-8")
         if sys.stdout.isatty():
             from rich.markdown import Markdown
@@ -47,3 +51,9 @@ def docs(
             Console().print(Markdown(text))
         else:
             typer.echo(text, nl=False)
+
+
+def _tells(page: Path, word: str) -> bool:
+    """Tell whether a heading of a page has a word."""
+    headings = (line for line in page.read_text(encoding="utf-8").splitlines() if line.startswith("#"))
+    return any(re.search(rf"\b{re.escape(word)}", line, re.IGNORECASE) for line in headings)

@@ -103,7 +103,7 @@ def layout(
     swarm layout my/probe.xml --photodiodes 16 \\
         --scene my/docking.toml \\
         --keep-out wing_left --keep-out wing_right
-    swarm run static --set swarm.model=my/model.xml
+    swarm run formation --set swarm.model=my/model.xml
     """
     with mistakes():
         from swarm.studies.layout.report import print_report

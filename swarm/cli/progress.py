@@ -17,6 +17,7 @@ from rich.text import Text
 
 from swarm.results.progress import Progress
 from swarm.studies.campaign.conduct import StudyProgress
+from swarm.tables import counted
 
 if TYPE_CHECKING:
     from estimators.kernel import Compilation
@@ -91,7 +92,7 @@ class ProgressDisplay:
 
     def study(self, progress: StudyProgress) -> None:
         """Show how far a study is."""
-        words = f"{progress.done}/{progress.total} runs"
+        words = f"{progress.done}/{counted(progress.total, 'run')}"
         words += f", {progress.failed} failed" if progress.failed else ""
         if progress.share_left == 1:
             # The workers are other processes, and say nothing of their compiling.

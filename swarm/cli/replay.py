@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from swarm.cli.options import Force, NoRecording, Out, Overrides, Seed, default_folder
+from swarm.cli.options import Force, NoRecording, default_folder
 from swarm.cli.terminal import fly_and_report, mistakes
 
 if TYPE_CHECKING:
@@ -51,6 +51,19 @@ ListOnly = Annotated[
     bool, typer.Option("--list", help="Only list what the recording contains, and what of it can be replayed.")
 ]
 
+Seed = Annotated[int | None, typer.Option("--seed", metavar="N", help="Use this seed. Default: 0.")]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Change one value of navigation or recording, such as navigation.angle_noise_arcsec=20. Repeatable.",
+    ),
+]
+Folder = Annotated[
+    Path | None, typer.Option("--out", metavar="FOLDER", help="Write to this folder. Default: runs/<recording>-<seed>.")
+]
+
 
 def replay(
     recording: Recording,
@@ -59,9 +72,9 @@ def replay(
     calibration: Calibration = None,
     source: From = Source.PULSES,
     list_only: ListOnly = False,
-    overrides: Overrides = None,
+    overrides: Settings = None,
     seed: Seed = None,
-    out: Out = None,
+    out: Folder = None,
     force: Force = False,
     no_recording: NoRecording = False,
 ) -> None:
@@ -83,10 +96,12 @@ def replay(
             _print_contents(file)
             return
         notes: list[str] = []
+        from swarm.results.run_folder import refuse_run
         from swarm.scenario import for_replay
 
         settings = for_replay(file, overrides or (), seed)
         folder = out or default_folder(settings.name, settings.seed)
+        refuse_run(settings.name, settings.seed, folder, force)
 
         def fly(progress: Callable[["Progress"], None]) -> "Run":
             from swarm.flight.replay import replay as fly_again

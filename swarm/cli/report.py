@@ -40,10 +40,11 @@ def report(
     """
     with mistakes():
         from swarm.report.write import write_report
+        from swarm.tables import counted
 
         page, files = write_report(run, out, None if figures is None else figures.value)
         typer.echo(f"{page}  opens in any browser, and needs nothing else")
         if files:
             count = len({file for file in files if file.suffix == ".png"})
             also = "" if figures is None else f", and for a paper (NAME-page.{figures}, NAME-column.{figures})"
-            typer.echo(f"{files[0].parent}/  its {count} figures, as SVG and PNG{also}")
+            typer.echo(f"{files[0].parent}/  {counted(count, 'figure')}, as SVG and PNG{also}")

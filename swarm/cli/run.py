@@ -38,12 +38,14 @@ def run(
     swarm run my/scenario.toml --live --out runs/mine
     """
     with mistakes():
+        from swarm.results.run_folder import refuse_run
         from swarm.scenario import load
         from swarm.scenario.text import toml_value
 
         also = [] if calibration is None else [f"navigation.calibration={toml_value(str(calibration))}"]
         settings = load(scenario, [*(overrides or ()), *also], seed)
         folder = out or default_folder(settings.name, settings.seed)
+        refuse_run(settings.name, settings.seed, folder, force)
 
         def fly(progress: Callable[["Progress"], None]) -> "Run":
             from swarm.flight.simulate import simulate

@@ -47,7 +47,7 @@ def study(
     out: Out = None,
     force: Force = False,
 ) -> None:
-    """Fly a scenario many times: a row per run.
+    """Fly a scenario many times: a row per run. Exit code 1: a run failed.
 
     \b
     swarm study scaling --craft 1,10,100,1000 --seeds 8
@@ -55,6 +55,7 @@ def study(
     swarm study my/study.toml --scheduler tcp://host:8786
     """
     with mistakes():
+        from swarm.results.owned_folder import refuse_taken
         from swarm.studies.campaign.plan import default_folder
         from swarm.studies.campaign.study import load_study
 
@@ -70,16 +71,17 @@ def study(
         from swarm.cli.progress import ProgressDisplay
         from swarm.report.study_table import print_study
         from swarm.studies.campaign.conduct import conduct
-        from swarm.studies.campaign.study_folder import open_study
+        from swarm.studies.campaign.study_folder import CONTENTS
+        from swarm.studies.campaign.task import COMPLETE
         from swarm.tables import wide_console
 
+        refuse_taken(folder, CONTENTS, force or resume)
         command = shlex.join(["swarm", *sys.argv[1:]])
 
-        def say_how_to_go_on(name: str) -> None:
-            rows = len(open_study(folder).rows)
-            typer.echo(f"stopped; {rows} runs are finished and kept in {folder}/\nGo on: {_resume(command)}", err=True)
-
-        with stoppable(say_how_to_go_on), ProgressDisplay(Console(stderr=True), str(chosen.name)) as progress:
+        with (
+            stoppable(lambda name: _say_how_to_go_on(folder, command)),
+            ProgressDisplay(Console(stderr=True), str(chosen.name)) as progress,
+        ):
             done = conduct(
                 chosen,
                 out=folder,
@@ -91,6 +93,8 @@ def study(
                 progress=progress.study,
             )
         print_study(wide_console(), done)
+        if set(done.rows["status"].to_pylist()) - {COMPLETE}:
+            raise typer.Exit(1)
 
 
 def _numbers(text: str | None) -> list[int]:
@@ -100,6 +104,15 @@ def _numbers(text: str | None) -> list[int]:
         return [int(word) for word in text.split(",")]
     except ValueError:
         raise SwarmError(f"--craft: {text!r} is not a list of whole numbers, such as 1,10,100") from None
+
+
+def _say_how_to_go_on(folder: Path, command: str) -> None:
+    """Print how many runs of a study that was stopped are there, and the command that flies the others."""
+    from swarm.studies.campaign.study_folder import open_study
+    from swarm.tables import counted
+
+    done = counted(len(open_study(folder).rows), "run")
+    typer.echo(f"stopped; {done} finished, and kept in {folder}/\nGo on: {_resume(command)}", err=True)
 
 
 def _resume(command: str) -> str:

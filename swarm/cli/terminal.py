@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 CLOSING_S = 10.0
 """Time for which a program that was asked to stop is left to close its files; after it, a further signal counts."""
 
+Handler = Callable[[int, FrameType | None], object]
+"""Handler of a signal."""
+
 
 class Stopped(KeyboardInterrupt):
     """A signal that asks the program to end, handled like Ctrl-C."""
@@ -53,11 +56,14 @@ _ASKED = _Asked()
 
 
 @contextmanager
-def stopping_once() -> Iterator[None]:
-    """Let the first Ctrl-C in the block raise KeyboardInterrupt, and none disturb the closing after it."""
+def stopping_once(outside: Handler = signal.default_int_handler) -> Iterator[None]:
+    """Let the first Ctrl-C in the block raise KeyboardInterrupt, and none disturb the closing after it.
+
+    outside: the handler that this one replaces for so long; any other, such as one that ignores Ctrl-C, stays.
+    """
     _ASKED.number = 0
     before = signal.getsignal(signal.SIGINT)
-    if before is signal.default_int_handler:
+    if before is outside:
         signal.signal(signal.SIGINT, _ASKED.stop)
     try:
         yield

@@ -34,7 +34,7 @@ from swarm.results.filter_history import keeps_history
 from swarm.results.period import Period
 from swarm.results.progress import Progress
 from swarm.results.records import Peer
-from swarm.results.run_folder import Run
+from swarm.results.run_folder import Run, refuse_run
 from swarm.results.run_writer import writing_run
 from swarm.results.scene import Scene
 from swarm.scenario import Scenario, checked, for_replay
@@ -91,6 +91,7 @@ def replay(
         SwarmError: the recording or the calibration cannot be read, or the folder cannot be written.
     """
     settings, told = for_replay(Path(recording)) if scenario is None else checked(scenario), progress or untold
+    refuse_run(settings.name, settings.seed, out, force)
     command = _command(recording, settings, object_name, lighthouse, calibration, source)
     playback = Playback(recording, settings, object_name, lighthouse, calibration, source)
     settings = playback.settings

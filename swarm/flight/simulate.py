@@ -9,7 +9,7 @@ from swarm.flight.scene import scene
 from swarm.results.filter_history import keeps_history
 from swarm.results.period import Period
 from swarm.results.progress import Progress
-from swarm.results.run_folder import Run
+from swarm.results.run_folder import Run, refuse_run
 from swarm.results.run_writer import writing_run
 from swarm.scenario import Scenario, checked
 
@@ -67,6 +67,7 @@ def simulate(
         KeyboardInterrupt: after the run was closed and marked as interrupted.
     """
     scenario = checked(scenario)
+    refuse_run(scenario.name, scenario.seed, out, force)
     rows = len(scenario.craft_names) * periods_of(scenario)
     history = keeps_history(scenario.recording.filter, rows)
     flight, watch, tell = Flight(scenario, history=history), observer or Nobody(), progress or untold

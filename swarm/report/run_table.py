@@ -119,8 +119,10 @@ def print_report(console: Console, summary: Mapping[str, Any], folder: Path) -> 
         reason = summary.get("reason", "the program was killed")
         console.print(Text(f"\nThis run is not complete ({reason}); this is what there is until then.", style="yellow"))
     console.print(f"\n{folder}/", highlight=False, markup=False, soft_wrap=True)
-    for file, meaning in written(folder):
-        console.print(Text.assemble(f"  {file}", (f"  {meaning}", "dim")))
+    files = list(written(folder))
+    width = max((len(file) for file, _ in files), default=0)
+    for file, meaning in files:
+        console.print(Text.assemble(f"  {file:<{width}}", (f"  {meaning}", "dim")))
     if (folder / RECORDING).exists():
         console.print("Look at it: ", end="")
         console.print(

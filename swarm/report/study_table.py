@@ -15,7 +15,7 @@ from swarm.report.page import Column
 from swarm.report.sweep import point_table
 from swarm.studies.campaign.study_folder import ROWS, FinishedStudy
 from swarm.studies.campaign.task import COMPLETE, LOST
-from swarm.tables import table
+from swarm.tables import counted, table
 
 MOST_ROWS = 20
 HEAD_WIDTH, GAP = 10, 2
@@ -45,7 +45,7 @@ def print_study(console: Console, study: FinishedStudy) -> None:
     again = ", --resume tries those that were lost again" if any(row["status"] == LOST for row in failed) else ""
     failures = f", {len(failed)} failed{again}" if failed else ""
     wall_s = float(study.state.get("wall_s", 0.0))
-    console.print(f"\n{len(rows) - len(failed)} runs in {wall_s:.1f} s{failures}", highlight=False)
+    console.print(f"\n{counted(len(rows) - len(failed), 'run')} in {wall_s:.1f} s{failures}", highlight=False)
     console.print(f"{study.folder}/{ROWS}  a row per run", highlight=False, markup=False, soft_wrap=True)
     console.print("Look at it: ", end="")
     console.print(f"swarm report {study.folder}", style="bold", highlight=False, markup=False, soft_wrap=True)

@@ -28,10 +28,10 @@ from swarm.results.files import (
     TELEMETRY,
 )
 from swarm.results.inputs import FOLDER, PATTERNS
-from swarm.results.owned_folder import PROGRAM, RUNS, Contents, OwnedFolder, Status, find
+from swarm.results.owned_folder import PROGRAM, RUNS, Contents, OwnedFolder, Status, find, refuse_taken
 from swarm.results.parquet import PARTIAL
 from swarm.results.reading import read_telemetry
-from swarm.user_text import read_text
+from swarm.user_text import read_text, user_path
 
 __all__ = ["PROGRAM", "RUNS", "SCENARIO", "Run", "RunFolder", "open_run"]
 CONTENTS = Contents(
@@ -46,6 +46,21 @@ CONTENTS = Contents(
         FOLDER: PATTERNS,
     },
 )
+
+
+def refuse_run(scenario: str, seed: int, out: str | Path | None = None, force: bool = False) -> None:
+    """Look whether a run may be written to its folder, before anything is built for it.
+
+    Args:
+        scenario: Name of the scenario.
+        seed: Its seed.
+        out: The folder, if not the usual one.
+        force: Replace a run that is there.
+
+    Raises:
+        SwarmError: As `refuse_taken`.
+    """
+    refuse_taken(RUNS / f"{scenario}-{seed}" if out is None else user_path(out), CONTENTS, force)
 
 
 class RunFolder(OwnedFolder):

@@ -59,13 +59,17 @@ class Override(NamedTuple):
     text: str = ""
 
 
-def load(name_or_path: str | Path, overrides: Iterable[str | Override] = (), seed: int | None = None) -> Scenario:
+Overrides = Iterable[str | Override] | Mapping[str, Any]
+"""Changed values: "key=value" each, `Override`s, or a mapping from dotted keys to values."""
+
+
+def load(name_or_path: str | Path, overrides: Overrides = (), seed: int | None = None) -> Scenario:
     """Load and validate a scenario.
 
     Args:
         name_or_path: The name of a shipped scenario, or the path of a TOML file.
         overrides: "key=value" with a dotted key and a value as TOML writes it, quotes around plain words left out:
-            "swarm.count=16", "craft[1].motion.from_m=[0, 0, 8]"; or `Override`s.
+            "swarm.count=16", "craft[1].motion.from_m=[0, 0, 8]"; or `Override`s; or a mapping, {"swarm.count": 16}.
         seed: Replaces the seed of the file.
 
     Raises:
@@ -79,7 +83,7 @@ def load(name_or_path: str | Path, overrides: Iterable[str | Override] = (), see
 
 
 def validate(
-    data: dict[str, Any], overrides: Iterable[str | Override] = (), seed: int | None = None, *, file: str, folder: Path
+    data: dict[str, Any], overrides: Overrides = (), seed: int | None = None, *, file: str, folder: Path
 ) -> Scenario:
     """Validate a scenario.
 
@@ -94,13 +98,12 @@ def validate(
         SwarmError: A value is wrong.
     """
     sources: dict[mistakes.Path, str] = {}
-    for override in overrides:
-        said = parse_override(override) if isinstance(override, str) else override
+    for said in parsed(overrides):
         sources[_put(data, said)] = said.source
     if seed is not None:
         data["seed"] = seed
         sources[("seed",)] = "--seed"
-    problems = list(_resolve_paths(data, folder, sources))
+    problems = [*_resolve_paths(data, folder, sources), *_without_effect(data, sources)]
     try:
         scenario = Scenario.model_validate(data)
     except ValidationError as error:
@@ -155,6 +158,29 @@ def for_replay(recording: Path, overrides: Iterable[str] = (), seed: int | None 
         "navigation": {"rotor_correlation": 0.5},
     }
     return validate(data, overrides, seed, file=shown(recording), folder=Path.cwd())
+
+
+def parsed(overrides: Overrides) -> Iterator[Override]:
+    """Yield each changed value. Raises SwarmError where the changes are neither a list nor a mapping."""
+    if isinstance(overrides, str):
+        key, _, value = overrides.partition("=")
+        example = f"{{{key.strip()!r}: {value.strip() or '...'}}}"
+        raise SwarmError(f"overrides: {short(overrides)!r} is one string: give a list, [{overrides!r}], or {example}")
+    if isinstance(overrides, Mapping):
+        for key, value in overrides.items():
+            yield Override(str(key), _plain(value), "overrides")
+        return
+    for override in overrides:
+        yield parse_override(override) if isinstance(override, str) else override
+
+
+def _plain(value: Any) -> Any:
+    """Return a value that Python code gives as TOML would give it: tables, lists, and paths as text."""
+    if isinstance(value, Mapping):
+        return {key: _plain(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(inner) for inner in value]
+    return str(value) if isinstance(value, Path) else value
 
 
 def parse_override(text: str) -> Override:
@@ -228,6 +254,21 @@ def _value(override: str, text: str) -> Any:
         # A line break ends the value, and what follows would be another key.
         raise SwarmError(f"{said!r}: one --set changes one key; give each its own --set")
     return data["value"]
+
+
+def _without_effect(data: dict[str, Any], sources: Iterable[mistakes.Path]) -> Iterator[Problem]:
+    """Refuse changes of [swarm] in a scenario whose swarm is empty: they would silently change nothing."""
+    swarm, single = data.get("swarm", {}), data.get("craft")
+    count = swarm.get("count", Swarm().count) if isinstance(swarm, dict) else None
+    if count != 0 or not single or not isinstance(single, list):
+        return
+    for path in sources:
+        if path[0] != "swarm" or path == ("swarm", "count") or (len(path) == 1 and set(swarm) <= {"count"}):
+            continue
+        own = path[1:] if path[1:2] and path[1] in SingleCraft.model_fields else ("model",)
+        others = "" if len(single) == 1 else ", and so on," if len(single) > 2 else f" and craft[1].{own[0]}"
+        said = f"change {dotted(('craft', 0, *own))}{others} instead, or swarm.count"
+        yield Problem(2, (path,), f"has no effect, because swarm.count = 0; {said}")
 
 
 def _resolve_paths(data: dict[str, Any], folder: Path, sources: Mapping[mistakes.Path, str]) -> Iterator[Problem]:

@@ -11,7 +11,7 @@ from typing import Any, Literal, NamedTuple, get_args, get_origin
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from swarm.errors import did_you_mean
+from swarm.errors import did_you_mean, nearest
 from swarm.scenario.limits import limits_of
 from swarm.scenario.schema import Scenario
 from swarm.scenario.table import Table, explained_by
@@ -173,12 +173,14 @@ def _problems(detail: ErrorDetails, root: type[Table]) -> Iterator[Problem]:
         yield Problem(1, (path,), f"missing{f' (in {unit})' if unit else ''}: {field.description}")
     elif kind.startswith("union_tag"):
         kinds = [kind_of(t) for t in tables_of(place.table.model_fields[key].annotation)]
-        guess = did_you_mean(str(context["tag"]), kinds) if "tag" in context else ""
+        near = nearest(str(context["tag"]), kinds) if "tag" in context else ""
+        guess = f"; did you mean {near!r}?" if near else ""
         must = "must be" if "tag" in context else "missing:"
         yield Problem(2, ((*path, "kind"),), f"{must} one of {', '.join(map(repr, kinds))}{guess}")
     elif kind == "literal_error":
         choices = _choices(place.table.model_fields[key].annotation)
-        guess = did_you_mean(str(detail["input"]), choices) if len(choices) > 1 else ""
+        near = nearest(str(detail["input"]), map(str, choices)) if len(choices) > 1 else ""
+        guess = f"; did you mean {near!r}?" if near else ""
         yield Problem(2, (path,), f"must be {' or '.join(map(repr, choices))}{guess}")
     elif kind in LIMITS:
         word, limit = LIMITS[kind]

@@ -189,13 +189,18 @@ def visuals(path: Path) -> tuple[Visual, ...]:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Keep MuJoCo from printing warnings and writing MUJOCO_LOG.TXT; the caller reads the warnings that matter."""
+    """Keep MuJoCo from printing warnings and writing MUJOCO_LOG.TXT; the caller reads the warnings that matter.
+
+    Raises SwarmError where MuJoCo gives up, for instance without memory for all contacts of a crowd.
+    """
     before = mujoco.MjLogConfig.get()
     mujoco.MjLogConfig().set()
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)
             yield
+    except mujoco.FatalError as error:
+        raise SwarmError(f"MuJoCo gives up: {' '.join(str(error).split())}") from None
     finally:
         before.set()
 

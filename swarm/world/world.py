@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
+from scipy.spatial import cKDTree
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
@@ -35,6 +36,8 @@ from swarm.world.wrench import OnboardWrench, most_force, wrench_into
 
 LARGEST = 1e6
 """Limit of a coordinate [m], velocity [m/s] or rate [rad/s]; beyond it the simulation counts as unstable."""
+CROWD = 64
+"""Craft from which on the nearest two are tried alone first: MuJoCo takes memory for all contacts of a crowd."""
 LARGE_CRAFT_M = 50.0
 """Size above which a craft was probably drawn in millimetres [m]."""
 
@@ -136,6 +139,7 @@ class World:
         position = _table([start.position for start in craft], 3)
         quaternion = _table([start.quaternion for start in craft], 4)
         quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
+        _check_nearest(craft, position, lighthouse)
         velocity, rate = _table([s.velocity for s in craft], 3), _table([s.angular_rate for s in craft], 3)
         timestep_s = 1 / (rate_hz * steps_per_period)
         self._orbit = NO_ORBIT if orbit is None else orbit_step(orbit, timestep_s)
@@ -162,8 +166,6 @@ class World:
             self._begin_in_orbit(orbit, timestep_s)
 
         self._read_models(craft)
-        with quiet():
-            mujoco.mj_forward(self.model, self._data)
         self._check_overlap()
 
     def _read_models(self, craft: Sequence[CraftStart]) -> None:
@@ -291,6 +293,8 @@ class World:
         return touching
 
     def _check_overlap(self) -> None:
+        with quiet():
+            mujoco.mj_forward(self.model, self._data)
         contact = self._data.contact
         if not self._data.ncon or contact.dist.min() >= 0:
             return
@@ -356,6 +360,17 @@ def _check_names(names: tuple[str, ...]) -> None:
         if name in seen:
             raise SwarmError(f"two things are named {name!r}: give every craft a name of its own")
         seen.add(name)
+
+
+def _check_nearest(craft: Sequence[CraftStart], position: Floats, lighthouse: Path) -> None:
+    """Raise SwarmError where the two craft that are nearest to each other of a crowd, at positions (C, 3) [m], overlap."""
+    if len(craft) <= CROWD:
+        return
+    distance, index = cKDTree(position).query(position, k=2)
+    one = int(np.argmin(distance[:, 1]))
+    # Of craft in one place, either may be the first of its own neighbours.
+    other = int(index[one, 0]) if index[one, 0] != one else int(index[one, 1])
+    World([craft[i] for i in sorted((one, other))], lighthouse)
 
 
 def _table(rows: list[Floats], columns: int) -> Floats:

@@ -164,6 +164,8 @@ def _blame(settings: Scenario, craft: list[Craft]) -> Iterator[None]:
             single = i - settings.swarm.count
             table = f"craft[{single}]" if single >= 0 else "swarm"
             if str(c.model) in text:
+                if c.table.model == str(c.model):
+                    text = text.removeprefix(f"{c.model}: ")
                 keys.append(f"{table}.model = {toml_value(c.table.model)}")
             elif c.name in named:
                 place = c.table.motion.start_key(c.count)

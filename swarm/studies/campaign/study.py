@@ -138,6 +138,8 @@ def load_study(
         if value is not None:
             data[key] = value
             sources[(key,)] = f"--{key}"
+    if isinstance(overrides, str):
+        raise SwarmError(f"overrides: {overrides!r} is one string: give a list, [{overrides!r}]")
     for override in overrides:
         parse_override(override)
     if isinstance(data.get("overrides", []), list):
