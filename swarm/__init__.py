@@ -9,10 +9,15 @@
 The names exported here are imported when they are first used, so that `import swarm` and `swarm --help` are fast.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from __future__ import annotations
 
+from importlib import import_module
+
+# typing's own constant, without its import: until this file is read, Ctrl-C is the interpreter's.
+TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from typing import Any
+
     from swarm.errors import SwarmError
     from swarm.flight.replay import replay
     from swarm.flight.simulate import simulate

@@ -10,6 +10,7 @@ from estimators import rotation as rot
 from swarm.assets import find_model
 from swarm.errors import SwarmError
 from swarm.world import world as world_module
+from swarm.world.assembly import assemble
 from swarm.world.craft import load_craft, quiet
 from swarm.world.world import CraftStart, World
 
@@ -454,10 +455,12 @@ def test_the_spheres_hold_every_corner_of_the_craft():
 
 def test_a_crowd_that_overlaps_is_refused_before_it_is_assembled(monkeypatch):
     sizes = []
-    assemble = world_module.assemble
-    monkeypatch.setattr(
-        world_module, "assemble", lambda craft, *rest: sizes.append(len(craft)) or assemble(craft, *rest)
-    )
+
+    def counted(craft, *rest):
+        sizes.append(len(craft))
+        return assemble(craft, *rest)
+
+    monkeypatch.setattr(world_module, "assemble", counted)
     crowd = [start(f"c{i}", position=(i, 0, 3)) for i in range(world_module.CROWD)]
     for place in ((5.1, 0, 3), (5, 0, 3)):
         with pytest.raises(SwarmError, match=r"craft 'late' starts inside craft 'c5': they overlap by [0-9.]+ mm"):

@@ -363,7 +363,7 @@ def _check_names(names: tuple[str, ...]) -> None:
 
 
 def _check_nearest(craft: Sequence[CraftStart], position: Floats, lighthouse: Path) -> None:
-    """Raise SwarmError where the two craft that are nearest to each other of a crowd, at positions (C, 3) [m], overlap."""
+    """Raise SwarmError where the two craft of a crowd, at positions (C, 3) [m], that are nearest overlap."""
     if len(craft) <= CROWD:
         return
     distance, index = cKDTree(position).query(position, k=2)
