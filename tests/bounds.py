@@ -241,6 +241,7 @@ def _of_the_rest(name: str, values: dict[str, Any], said: str) -> str:
         "Fan": "lighthouse.fan_x",
         "Navigation": "navigation",
         "Integrity": "navigation.integrity",
+        "Quiet": "navigation.quiet",
     }[name]
     if name == "Lighthouse":
         partner = PARTNERS.get(next(iter(values)), {})

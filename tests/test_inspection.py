@@ -31,6 +31,7 @@ class Own(NamedTuple):
     status: np.ndarray
     nis: Floats
     sensor: np.ndarray
+    prediction: None = None
 
     @property
     def state(self) -> State:

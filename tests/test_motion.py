@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 from scipy import stats
 
 from estimators import rotation as rot
@@ -295,7 +294,7 @@ def test_drift_is_white_with_its_sigma():
     ],
 )
 def test_motions_without_sense(motion, message):
-    with pytest.raises(ValidationError, match=message):
+    with pytest.raises(SwarmError, match=message):
         motion()
 
 

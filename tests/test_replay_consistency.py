@@ -85,7 +85,7 @@ def test_the_noise_is_taken_from_the_recording(tmp_path: Path, noise_rad: float)
     agree = next(float(note.split("agree to ")[1].split()[0]) for note in notes if "the angles agree to" in note)
     # Rounding to ticks is in what was found, and the craft add that of their own clock: it counts once.
     assumed = np.hypot(found, builders.timing_noise(for_replay(tmp_path / "made.rec.gz")).own_rad)
-    assert assumed == pytest.approx(agree * 1e-6, abs=0.51e-6)
+    assert assumed == pytest.approx(np.radians(agree / 3600), abs=np.radians(0.051 / 3600))
     assert run.summary["swarm"]["integrity"]["failed_residual_test_share"] < 0.01
     told, notes = replayed(tmp_path, made, "navigation.angle_noise_arcsec=77")
     assert "angle_noise_arcsec = 77" in (told.scenario or "")
@@ -163,10 +163,10 @@ def test_contents_and_the_choice_of_the_object(tmp_path: Path) -> None:
     both = [line.replace("WAND", "WAN2") for line in text]
     made_recording.write(file, text + both)
     with pytest.raises(SwarmError, match="2 objects saw light, choose one: --object WAND, --object WAN2"):
-        swarm.replay(file, out=tmp_path / "run")
+        swarm.replay(file, out=tmp_path / "none")
     made_recording.write(file, dark + second)
     with pytest.raises(SwarmError, match="object 'DARK': saw no light; object 'NEW': replay of Lighthouse 2"):
-        swarm.replay(file, out=tmp_path / "run")
+        swarm.replay(file, out=tmp_path / "none")
 
 
 def test_the_shipped_recording_is_small_and_replayed_well(tmp_path: Path) -> None:
