@@ -298,6 +298,7 @@ def test_random_values_are_where_they_should_be_and_stay_there() -> None:
     assert [run.parameters["swarm.motion.radius_m"] for run in fewer] == radius[:3].tolist()
 
 
+@pytest.mark.long
 def test_measures_are_of_the_flight_and_change_nothing() -> None:
     text = 'base = "cloud"\noverrides = ["duration_s=0.7", "swarm.count=4"]\n'
     plain = conduct.conduct(load_study(write(text)), serial=True).rows.to_pylist()[0]

@@ -652,6 +652,7 @@ def test_closed_streams_and_bytes_that_are_no_text_end_cleanly(
     assert (result.code, result.err) == (code, error)
 
 
+@pytest.mark.long
 @SHELL
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full on this system")
 def test_a_run_is_complete_even_where_nothing_can_be_printed(tmp_path: Path) -> None:

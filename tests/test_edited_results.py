@@ -70,6 +70,7 @@ def test_mutants_of_a_summary(run: Path) -> None:
     assert tracebacks([text], read) == []
 
 
+@pytest.mark.long
 def test_mutants_of_a_studys_state_and_journal(study: Path) -> None:
     state, journal = study / "study.json", study / "journal.jsonl"
     rows = [json.dumps(row) + "\n" for row in open_study(study).rows.to_pylist()]
@@ -160,6 +161,7 @@ def test_an_edited_run_is_one_message(
     assert not (run / "report.html").exists()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "change",
     [

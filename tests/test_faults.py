@@ -254,6 +254,7 @@ def column(run, name, craft=None):
     return np.array([np.nan if v is None else v for v in kept])
 
 
+@pytest.mark.long
 def test_every_fault_of_the_parade_is_in_telemetry_and_recording_and_no_accepted_pose_is_beyond_its_level(flown):
     from test_recording import read
 
@@ -288,6 +289,7 @@ def test_after_five_seconds_of_darkness_craft_track_again_within_half_a_second(f
     assert not column(run, "contact").any()
 
 
+@pytest.mark.long
 def test_reflections_in_5_percent_of_the_sweeps_cost_little(flown):
     clean = flown("formation", "duration_s=5").summary["swarm"]
     struck = flown("formation", "duration_s=5", 'fault=[{kind="ghosts", share=0.05, at_s=0}]').summary["swarm"]

@@ -121,6 +121,7 @@ def test_a_latch_keeps_two_craft_as_they_are_and_their_momentum():
     assert np.allclose(truth.position[-1, 1] - truth.position[-1, 0], latched, atol=5e-4)
 
 
+@pytest.mark.long
 def test_a_few_craft_change_formation_and_come_to_rest_in_their_places(tmp_path):
     changes = (
         "duration_s=14",

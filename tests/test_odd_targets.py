@@ -13,6 +13,8 @@ from swarm.report.findings import inspections
 
 RIGHT_DEG = 3.0
 
+pytestmark = pytest.mark.long
+
 
 def shape_of(vertex: Floats, face: Ints) -> Shape:
     return Shape(vertex, face, points=1500)

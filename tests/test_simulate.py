@@ -60,12 +60,19 @@ ELSEWHERE = {
 }
 OPEN = {"free-flight": "the quiet model expects more than nothing: NEES 4.4 (docs/single-sweeps.md)"}
 """Scenarios that miss the band, and why."""
+LONG = {"orbit", "free-flight"}
 
 
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(name, marks=[pytest.mark.xfail(reason=OPEN[name], strict=True)] if name in OPEN else [])
+        pytest.param(
+            name,
+            marks=[
+                *([pytest.mark.xfail(reason=OPEN[name], strict=True)] if name in OPEN else []),
+                *([pytest.mark.long] if name in LONG else []),
+            ],
+        )
         for name in sorted(set(scenarios()) - ELSEWHERE)
     ],
 )
@@ -174,6 +181,7 @@ def test_crossing_darkens_photodiodes_and_every_craft_comes_back(flown):
     assert coasted.any()
 
 
+@pytest.mark.long
 def test_without_motion_compensation_the_summary_names_the_bias(flown):
     # x is swept a quarter period before the epoch, y a quarter after: the pose is that much early and late.
     quarter_s = 1 / 240
