@@ -18,8 +18,9 @@ _LIGHTHOUSE, _CCD = 0x4C48, 0x434344
 class Purpose(Enum):
     """The purpose of a stream; its value is the beginning of the stream's spawn key, unique among purposes."""
 
-    SAMPLE = ()
-    """Values that a study draws; the key of the scenario and the sample follow."""
+    SAMPLE = range(0)
+    """Values that a study draws; the key of the scenario and the sample follow. An empty tuple would not be kept as the
+    value by the enumerations of Python 3.11.2."""
     ALIGNMENT = (0,)
     """Poses and noise of a paper's alignment."""
     START = (0x7374617274,)
