@@ -92,6 +92,7 @@ def farm(tmp_path: Path) -> Iterator[Farm]:
             process.wait()
 
 
+@pytest.mark.long
 def test_a_worker_killed_in_mid_campaign_loses_no_run(farm: Farm, serial: list[dict[str, Any]]) -> None:
     """And neither the death, nor the order, nor the number of workers changes a bit of any number."""
     from distributed import Client

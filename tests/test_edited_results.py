@@ -55,6 +55,7 @@ def study(kept: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(kept / "study", tmp_path / "study"))
 
 
+@pytest.mark.long
 def test_mutants_of_a_summary(run: Path) -> None:
     file = run / "summary.json"
     text = file.read_text()

@@ -148,6 +148,7 @@ def check_self_contained(seen: Seen) -> None:
                     assert value.startswith(("#", "data:image/png"))
 
 
+@pytest.mark.long
 def test_the_scaling_page_is_self_contained_and_complete(scaling: Path) -> None:
     page, figures = write_report(scaling)
     seen = Seen(page)

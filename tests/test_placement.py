@@ -220,6 +220,7 @@ def command(
     return run
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("quick")
 def test_a_layout_is_found_written_and_flies(command: Callable[..., tuple[int, str, str]]) -> None:
     code, out, err = command("layout", "mockup", "--photodiodes", "12", "--losses", "0", "--out", "my/model.xml")

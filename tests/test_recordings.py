@@ -300,6 +300,7 @@ def test_a_wrong_calibration_of_ours_says_where(tmp_path: Path, text: str, messa
     assert str(path) in str(caught.value)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not REAL.exists(), reason="the real recording (../shared/data/lighthouse-v1) is not here")
 @pytest.mark.parametrize(
     ("device", "lighthouse", "windows", "lit", "residual_rad"),
