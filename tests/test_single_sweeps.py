@@ -29,6 +29,8 @@ from swarm.hardware import pad
 from swarm.onboard.decoder import SweepAngles
 from swarm.onboard.navigation import Navigator
 from swarm.onboard.settings import Coupling, NavigationSettings, QuietModel, Status
+from swarm.onboard.single_sweeps import SingleSweeps
+from swarm.onboard.tracks import TrackLimits, Tracks
 
 T, CRAFT = 1 / 60, 4
 NOISE = SweepNoise(1.5e-5, 4.0e-5)
@@ -212,6 +214,41 @@ def give(bank: FilterBank, rows: RowBatch) -> None:
     kept = np.ones(len(rows.angle), np.bool_)
     found = innovations(rows, kept, every(1), [AT_ORIGIN], POINTS[None], bank.state, NOISE)
     bank.update(every(1), found.y, found.h, np.ones_like(found.y), found.number, found.pivot)
+
+
+def test_a_row_that_the_prediction_has_behind_the_station_is_not_counted():
+    facing = rot.exp(np.array([[0.0, np.pi, 0.0]]))
+    state = State(facing, np.array([[0.0, 0.0, 0.025]]), np.zeros((1, 3)), np.zeros((1, 3)))
+    bank = started(CompiledFilterBank, state, 0.1)
+    q = np.einsum("cij,kj->cki", bank.rotation, POINTS) + bank.position[:, None]
+    assert (q[0, :3, 2] > 0).tolist() == [True, True, False]
+    theta = ideal_theta(q)
+    theta[0, 2], theta[0, 3:] = np.pi / 2, np.nan
+    offset = np.where(np.isfinite(theta), OFFSETS, 0.0)
+    rows = rows_of_sweeps(theta, offset, np.isfinite(theta))
+    kept = np.ones(len(rows.angle), np.bool_)
+    found = innovations(rows, kept, every(1), [AT_ORIGIN], POINTS[None], bank.state, NOISE)
+    np.testing.assert_array_equal(kept, rows.photodiode != 2)
+    np.testing.assert_allclose(found.pivot[0], POINTS[:2].mean(axis=0), atol=1e-15)
+
+    tracks = Tracks(bank, T, TrackLimits(2.0, 6), None)
+    settings = replace(SETTINGS, motion_compensation=False)
+    out = SingleSweeps(POINTS[None], settings).take_in(theta, offset, every(1), tracks)
+    assert (out.fresh[0], out.rows[0], out.photodiodes[0], out.dropped[0]) == (True, 4, 2, 0)
+    assert (np.isfinite(out.fault) & (out.fault > 0)).all()
+
+    # A false photodiode beside it: only that one counts as left out.
+    shown = State(facing, np.array([[0.0, 0.0, 0.035]]), np.zeros((1, 3)), np.zeros((1, 3)))
+    bank = started(CompiledFilterBank, shown, 0.1)
+    q = np.einsum("cij,kj->cki", bank.rotation, POINTS) + bank.position[:, None]
+    theta = ideal_theta(q)
+    theta[0, 1] += 0.3
+    theta[0, 3], theta[0, 4:7] = np.pi / 2, np.nan
+    offset = np.where(np.isfinite(theta), OFFSETS, 0.0)
+    out = SingleSweeps(POINTS[None], settings).take_in(
+        theta, offset, every(1), Tracks(bank, T, TrackLimits(2.0, 6), None)
+    )
+    assert (out.fresh[0], out.photodiodes[0], out.dropped[0]) == (True, 3, 1)
 
 
 def angles(state: State, rng: np.random.Generator, shown: int) -> SweepAngles:

@@ -30,7 +30,7 @@ def smooth_all(history):
 
 
 def kept(bank, prediction):
-    return prediction.of(bank.active), Estimates(bank.state, bank.covariance)
+    return prediction.continuing(bank.active), Estimates(bank.state, bank.covariance)
 
 
 def error(truth, estimate):

@@ -44,7 +44,7 @@ class Prediction(NamedTuple):
     covariance: Floats
     transition: Floats
 
-    def of(self, mask: Bools) -> "Prediction":
+    def continuing(self, mask: Bools) -> "Prediction":
         """Return the same, with the craft out of the mask (C,) not continued."""
         return self._replace(continued=self.continued & mask)
 

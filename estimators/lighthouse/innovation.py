@@ -117,7 +117,8 @@ def innovations(
 
     Args:
         rows: rows of the C craft.
-        kept: (N,), the rows that are used; rows of photodiodes that are not in front of a station are left out as well.
+        kept: (N,), the rows that are used; becomes False where the prediction has a photodiode not in front of its
+            station, so that its row is left out as well.
         mask: (C,), the craft concerned.
         stations: stations that the rows name.
         point_m: (C, K, 3) [m], photodiodes in the body frames.
@@ -186,7 +187,7 @@ def _innovations_into(
     shared: float,
     out: Innovations,
 ) -> None:
-    """Write the innovations of every craft of the mask."""
+    """Write the innovations of every craft of the mask, and take the rows that have none off `kept`."""
     most = out.y.shape[1]
     group = np.empty(most, np.int64)
     for c in range(len(mask)):
@@ -210,11 +211,13 @@ def _innovations_into(
                 state.angular_rate[c],
                 out.h[c, n],
             )
-            if not np.isnan(residual):
-                out.y[c, n], group[n] = residual, fan[r]
-                for i in range(3):
-                    out.pivot[c, i] += point[c, rows.photodiode[r], i]
-                n += 1
+            if np.isnan(residual):
+                kept[r] = False
+                continue
+            out.y[c, n], group[n] = residual, fan[r]
+            for i in range(3):
+                out.pivot[c, i] += point[c, rows.photodiode[r], i]
+            n += 1
         out.number[c] = n
         for i in range(3):
             out.pivot[c, i] /= max(n, 1)

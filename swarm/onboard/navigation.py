@@ -172,11 +172,11 @@ class Navigator:
             fixes.append(fix)
             taken.append(tracks.take_in(fix))
             seen = seen._replace(nis=taken[-1].nis)
-        pose, refused = (np.any([part[i] for part in taken], axis=0) for i in (0, 1))
-        decide = sweeps.photodiodes >= MIN_LIT
+        pose = np.any([part.fresh for part in taken], axis=0)
+        refused = np.any([part.refused for part in taken], axis=0)
         tracks.count(
-            pose | (sweeps.fresh & decide),
-            sweeps.fresh & ~decide,
+            pose | sweeps.decided,
+            sweeps.fresh & ~sweeps.decided,
             # Three photodiodes that contradict the filter do not prove it wrong: it coasts.
             refused | (sweeps.refused & (light.visible >= MIN_LIT)),
         )
@@ -184,7 +184,7 @@ class Navigator:
         if prediction is None:
             return estimate
         # A filter that was stopped in this period has no estimate that could be smoothed.
-        return estimate._replace(prediction=prediction.of(tracks.bank.active))
+        return estimate._replace(prediction=prediction.continuing(tracks.bank.active))
 
     def _predict(self, command: Command | None) -> Prediction | None:
         """Predict every filter to the epoch; return the prediction if it is to be kept."""
@@ -201,7 +201,7 @@ class Navigator:
 
     def _integrity(self, light: Light, taken: Taken, sweeps: SweepsTaken, after: Filtered) -> Integrity:
         """Return the integrity of poses and filters; rows of as many photodiodes as decide a pose count as one."""
-        pose = taken._replace(fresh=taken.fresh | (sweeps.fresh & (sweeps.photodiodes >= MIN_LIT)))
+        pose = taken._replace(fresh=taken.fresh | sweeps.decided)
         found = self._light.levels(light, pose, after, sweeps.fault)
         return found._replace(dropped=np.where(sweeps.dropped != 0, sweeps.dropped, found.dropped))
 

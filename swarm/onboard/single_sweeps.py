@@ -22,7 +22,7 @@ from estimators.lighthouse.integrity import shown_to_gate
 from estimators.lighthouse.rows import Rows, Station
 from estimators.lighthouse.sweep import lighthouse_1
 from swarm.onboard.settings import MIN_LIT, NavigationSettings
-from swarm.onboard.tracks import Tracks
+from swarm.onboard.tracks import Filtered, Tracks
 
 
 class SweepsTaken(NamedTuple):
@@ -42,10 +42,15 @@ class SweepsTaken(NamedTuple):
     dropped: Ints
     fault: Floats
 
+    @property
+    def decided(self) -> Bools:
+        """Whether rows of as many photodiodes as decide a pose were accepted, (C,)."""
+        return self.fresh & (self.photodiodes >= MIN_LIT)
+
 
 def _none(craft: int) -> SweepsTaken:
-    no, zero = np.zeros(craft, dtype=np.bool_), np.zeros(craft, dtype=np.int64)
-    return SweepsTaken(no, no, np.full(craft, np.nan), zero, zero, zero, np.zeros((2, craft)))
+    no, zero = np.zeros((2, craft), dtype=np.bool_), np.zeros((3, craft), dtype=np.int64)
+    return SweepsTaken(*no, np.full(craft, np.nan), *zero, np.zeros((2, craft)))
 
 
 class SingleSweeps:
@@ -79,17 +84,16 @@ class SingleSweeps:
         instants = offset_s if self._compensated else np.zeros_like(offset_s)
         rows = rows_of_sweeps(theta, instants, np.isfinite(theta) & mask[:, None, None])
         kept = np.ones(len(rows.angle), dtype=np.bool_)
-        out = SweepsTaken._make(part.copy() for part in _none(len(mask)))
-        predicted, covariance = tracks.bank.state, tracks.bank.covariance
+        out, predicted = _none(len(mask)), tracks.filtered() if self._screens else None
         self._update(rows, kept, mask, tracks, out)
-        if self._screens:
-            self._without_false(rows, kept, tracks, out)
+        if predicted is not None:
+            self._without_false(rows, kept, predicted, tracks, out)
         _count_photodiodes(rows.first, rows.photodiode, kept, out.fresh, self._point_m.shape[1], out.photodiodes)
-        if self._screens:
+        if predicted is not None:
             for c in np.flatnonzero(out.fresh & (out.photodiodes < MIN_LIT)):
                 own = slice(rows.first[c], rows.first[c + 1])
                 used = Rows._make(part[kept[own]] for part in rows.of(int(c)))
-                before = predicted.of(int(c)), covariance[c]
+                before = predicted.state.of(int(c)), predicted.covariance[c]
                 open_s = float(tracks.since_pose_s[c]) if out.photodiodes[c] < DETERMINED else 0.0
                 slopes = fault_slopes(used, self._stations, self._point_m[c], *before, self._noise, open_s)
                 out.fault[:, c] = self._missed[len(used.angle)] * np.array([slopes[0], np.degrees(slopes[1])])
@@ -104,19 +108,19 @@ class SingleSweeps:
         out.fresh[asked], out.refused[asked] = result.accepted[asked], ~result.accepted[asked]
         out.nis[asked], out.rows[asked] = result.nis[asked], np.where(result.accepted, found.number, 0)[asked]
 
-    def _without_false(self, rows: RowBatch, kept: Bools, tracks: Tracks, out: SweepsTaken) -> None:
+    def _without_false(
+        self, rows: RowBatch, kept: Bools, predicted: Filtered, tracks: Tracks, out: SweepsTaken
+    ) -> None:
         """Try again without false photodiodes where the gate has refused the rows."""
         again = np.zeros(len(out.fresh), dtype=np.bool_)
-        bank = tracks.bank
         for c in np.flatnonzero(out.refused):
-            own = rows.of(int(c))
-            state, covariance = bank.state.of(int(c)), bank.covariance[c]
-            keep = agreeing(own, self._stations, self._point_m[c], state, covariance, self._noise, self._gate)
+            own, used = rows.of(int(c)), kept[rows.first[c] : rows.first[c + 1]]
+            before = predicted.state.of(int(c)), predicted.covariance[c]
+            keep = agreeing(own, self._stations, self._point_m[c], *before, self._noise, self._gate)
             out.dropped[c] = -1
             if keep is not None:
-                kept[rows.first[c] : rows.first[c + 1]] = keep
-                lit = np.unique(own.photodiode)
-                out.dropped[c] = len(lit) - len(np.unique(own.photodiode[keep]))
+                out.dropped[c] = len(np.unique(own.photodiode[used])) - len(np.unique(own.photodiode[keep]))
+                used[:] = keep
                 again[c] = True
         if again.any():
             self._update(rows, kept, again, tracks, out)
