@@ -29,17 +29,13 @@ from estimators.state import State
 
 
 class UpdateResult(NamedTuple):
-    """`accepted` (C,), `nis` (C,), the normalised innovation squared of both fates, and `log_determinant` (C,) of the
-    innovation's covariance, NaN where masked out.
+    """Fates of the measurements of C craft: `accepted` (C,), `nis` (C,), the normalised innovation squared of both
+    fates, and `log_determinant` (C,) of the innovation's covariance, NaN where masked out.
     """
 
     accepted: Bools
     nis: Floats
     log_determinant: Floats
-
-
-Result = tuple[Bools, Floats, Floats]
-"""The three parts of an `UpdateResult`, to be written."""
 
 
 class Given(NamedTuple):
@@ -82,7 +78,7 @@ class FilterBank(ABC):
     ValueError, naming the argument, on a wrong shape, on values that are not finite and on craft that are not active.
 
     The public methods check and hold the arrays; `_begin`, `_predict` and `_update` are the filter itself. Measurements
-    come in by one door, `update`, behind which `update_pose` is one caller.
+    come in by `update`, or as poses by `update_pose`, and both end in `_update`.
     """
 
     def __init__(
@@ -93,7 +89,7 @@ class FilterBank(ABC):
         angular_acceleration_noise_rad_s2: float = DEFAULT_ANGULAR_ACCELERATION_NOISE_RAD_S2,
         gate_probability: float = 0.99999,
     ) -> None:
-        """`gate_probability`: share of consistent measurements (chi-square, 6 degrees of freedom) let in; 1: all."""
+        """`gate_probability`: share of consistent measurements let in (chi-square, one freedom per row); 1: all."""
         for name, sigma in (
             ("acceleration_noise_m_s2", acceleration_noise_m_s2),
             ("angular_acceleration_noise_rad_s2", angular_acceleration_noise_rad_s2),
@@ -155,6 +151,15 @@ class FilterBank(ABC):
     def covariance(self) -> Floats:
         """P (C, 12, 12): attitude error, angular rate, position, velocity [rad, rad/s, m, m/s]."""
         return self._covariance.copy()
+
+    def covariance_of(self, craft: int) -> Floats:
+        """Return P (12, 12) of one craft."""
+        return self._covariance[craft].copy()
+
+    def attitude_variance(self) -> Floats:
+        """Return the sums (C,) [rad^2] of the three variances of the attitudes, NaN where not active."""
+        out: Floats = np.trace(self._covariance[:, :3, :3], axis1=1, axis2=2)
+        return out
 
     def start(
         self,
@@ -272,21 +277,20 @@ class FilterBank(ABC):
         used = np.full(craft, rows) if count is None else np.ascontiguousarray(count, dtype=np.int64)
         if used.shape != (craft,) or np.any((used < 0) | (used > rows)):
             raise ValueError(f"count: expected {(craft,)} numbers from 0 to {rows}")
+        gate = gates(self.gate_probability, rows)
         if np.ndim(r) == 2:
             independent = Independent(
                 self._shaped("y", y, (rows,)),
                 self._shaped("h", h, (rows, STATES)),
                 self._shaped("r", r, (rows,)),
                 used,
-                gates(self.gate_probability, rows),
+                gate,
                 self._argument("pivot", np.zeros((craft, 3)) if pivot is None else pivot, (3,), mask),
             )
             if (wrong := _wrong_row(mask, independent)) >= 0:
                 reason = ("not finite", "not finite", "a variance is not positive and finite")[wrong]
                 raise ValueError(f"{'yhr'[wrong]}: {reason} for a craft of the mask")
-            result = self._nothing()
-            self._update_independent(mask & (used > 0), independent, result)
-            return UpdateResult(*result)
+            return self._taken("r", mask & (used > 0), independent)
         there = np.arange(rows) < used[:, None]
         # Rows that a craft does not have are not read: whatever stands there becomes zero.
         y = self._argument("y", np.where(there, y, 0.0), (rows,), mask)
@@ -295,7 +299,7 @@ class FilterBank(ABC):
         both = there[:, :, None] & there[:, None, :]
         r = np.where(both, self._shaped("r", r, (rows, rows)), np.eye(rows))
         r = self._covariances("r", r, rows, mask)
-        return self._taken("r", mask & (used > 0), y, h, r, used)
+        return self._taken("r", mask & (used > 0), Given(y, h, r, used, gate))
 
     def update_pose(
         self, mask: Bools, rotation: Floats, position: Floats, covariance: Floats, rate_coupling: Floats
@@ -320,7 +324,8 @@ class FilterBank(ABC):
         rate_coupling = self._argument("rate_coupling", rate_coupling, (POSE, POSE), mask)
         y, h = np.empty((len(mask), POSE)), np.empty((len(mask), POSE, STATES))
         innovations_into(mask, rotation, position, self._state, rate_coupling, y, h)
-        return self._taken("covariance", mask, y, h, covariance, np.full(len(mask), POSE))
+        count, gate = np.full(len(mask), POSE), gates(self.gate_probability, POSE)
+        return self._taken("covariance", mask, Given(y, h, covariance, count, gate))
 
     def adopt(self, mask: Bools, state: State, covariance: Floats) -> None:
         """Take over states and covariances, and start the craft that are not active.
@@ -352,28 +357,23 @@ class FilterBank(ABC):
         """Move these craft on by `step` (C,) [s]."""
 
     @abstractmethod
-    def _update(self, mask: Bools, given: Given, result: Result) -> int:
+    def _update(self, mask: Bools, given: Given | Independent, result: UpdateResult) -> int:
         """Take in the rows of these craft, and write their fates.
 
         Returns -1, or the first craft whose covariance of the innovation is not positive definite.
         """
 
-    @abstractmethod
-    def _update_independent(self, mask: Bools, given: Independent, result: Result) -> None:
-        """Take in the rows of these craft, and write their fates."""
-
-    def _taken(self, name: str, mask: Bools, y: Floats, h: Floats, r: Floats, count: Ints) -> UpdateResult:
+    def _taken(self, name: str, mask: Bools, given: Given | Independent) -> UpdateResult:
         """Update with checked rows; `name` is the argument to blame for an indefinite covariance."""
         result = self._nothing()
-        given = Given(y, h, r, count, gates(self.gate_probability, y.shape[1]))
         indefinite = self._update(mask, given, result)
         if indefinite >= 0:
             raise ValueError(f"{name}: not positive definite for craft {indefinite}")
-        return UpdateResult(*result)
+        return result
 
-    def _nothing(self) -> Result:
+    def _nothing(self) -> UpdateResult:
         craft = len(self._active)
-        return np.zeros(craft, dtype=np.bool_), np.full(craft, np.nan), np.full(craft, np.nan)
+        return UpdateResult(np.zeros(craft, dtype=np.bool_), np.full(craft, np.nan), np.full(craft, np.nan))
 
     def _checked(self, mask: Bools, active: bool = True) -> Bools:
         """The mask; all the craft that it names must be active if `active`."""

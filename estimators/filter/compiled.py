@@ -22,7 +22,7 @@ rounding of P, some 1e-13 of it (tested: every column of the telemetry to 1e-9).
 import numpy as np
 
 from estimators.arrays import Bools, Floats
-from estimators.filter.bank import FilterBank, Given, Independent, Result
+from estimators.filter.bank import FilterBank, Given, Independent, UpdateResult
 from estimators.filter.error_state import (
     POSE,
     POSE_COLUMNS,
@@ -57,11 +57,11 @@ class CompiledFilterBank(FilterBank):
             self._covariance,
         )
 
-    def _update(self, mask: Bools, given: Given, result: Result) -> int:
+    def _update(self, mask: Bools, given: Given | Independent, result: UpdateResult) -> int:
+        if isinstance(given, Independent):
+            _update_one_by_one(mask, given, self._state, self._covariance, result)
+            return -1
         return _update_all(mask, given, self._state, self._covariance, result)
-
-    def _update_independent(self, mask: Bools, given: Independent, result: Result) -> None:
-        _update_one_by_one(mask, given, self._state, self._covariance, result)
 
 
 @kernel
@@ -180,7 +180,7 @@ def _joseph_into(p: Floats, gain: Floats, h: Floats, r: Floats, out: Floats) -> 
 
 
 @kernel
-def _update_all(mask: Bools, given: Given, state: State, covariance: Floats, result: Result) -> int:
+def _update_all(mask: Bools, given: Given, state: State, covariance: Floats, result: UpdateResult) -> int:
     """Take in the rows of the craft of the mask; -1, or the first craft whose S is not positive definite.
 
     Sums go by groups: pose columns, then angular rate, then velocity. A row that has a single 1 in its pose columns, as
@@ -191,7 +191,7 @@ def _update_all(mask: Bools, given: Given, state: State, covariance: Floats, res
     y, g = np.empty(most), np.empty((most, STATES))
     s, lower = np.empty((most, most)), np.zeros((most, most))
     left = np.empty((STATES, STATES))
-    x, total, picked = np.empty((STATES, 1)), np.empty(STATES), np.empty(most, np.int64)
+    x, total, picked = np.empty(STATES), np.empty(STATES), np.empty(most, np.int64)
     for c in range(len(mask)):
         if not mask[c]:
             continue
@@ -254,7 +254,7 @@ def _update_all(mask: Bools, given: Given, state: State, covariance: Floats, res
             value = 0.0
             for a in range(n):
                 value += g[a, i] * y[a]
-            x[i, 0] = value
+            x[i] = value
             total[:] = 0.0
             for a in range(0, n - 2, 3):
                 u, v, w = g[a, i], g[a + 1, i], g[a + 2, i]
@@ -280,7 +280,7 @@ def _update_all(mask: Bools, given: Given, state: State, covariance: Floats, res
 
 
 @kernel
-def _update_one_by_one(mask: Bools, given: Independent, state: State, covariance: Floats, result: Result) -> None:
+def _update_one_by_one(mask: Bools, given: Independent, state: State, covariance: Floats, result: UpdateResult) -> None:
     """Take in the rows of the craft of the mask, one after the other."""
     accepted, nis, log_determinant = result
     p, x, gain = np.empty((STATES, STATES)), np.empty(STATES), np.empty(STATES)
@@ -296,6 +296,10 @@ def _update_one_by_one(mask: Bools, given: Independent, state: State, covariance
             squared += absorb_row(p, x, given.h[c, a], given.y[c, a], given.variance[c, a], gain, scale)
             spread += np.log(scale[0])
         nis[c], log_determinant[c] = squared, spread
+        accepted[c] = squared <= given.gate[n]
+        if not accepted[c]:
+            continue
+
         if _has_shrunk(covariance[c], p):
             p[:] = covariance[c]
             for a in range(n):
@@ -311,17 +315,15 @@ def _update_one_by_one(mask: Bools, given: Independent, state: State, covariance
                     gain[i] /= s
                 _joseph_into(p, gain.reshape(1, STATES), h, r.reshape(1, 1), left)
                 p[:] = left
-        accepted[c] = squared <= given.gate[n]
-        if accepted[c]:
-            turn_about(
-                state.rotation[c],
-                state.angular_rate[c],
-                state.position[c],
-                state.velocity[c],
-                x,
-                given.pivot[c],
-                arms,
-            )
-            if is_wide(p):
-                shear(p, arms)
-            covariance[c] = p
+        turn_about(
+            state.rotation[c],
+            state.angular_rate[c],
+            state.position[c],
+            state.velocity[c],
+            x,
+            given.pivot[c],
+            arms,
+        )
+        if is_wide(p):
+            shear(p, arms)
+        covariance[c] = p

@@ -182,13 +182,32 @@ def correct(rotation: Floats, angular_rate: Floats, position: Floats, velocity: 
         angular_rate: (3,) [rad/s].
         position: (3,) [m].
         velocity: (3,) [m/s].
-        x: (12, 1), the error state.
+        x: (12,), the error state.
     """
     turn = np.empty((3, 3))
-    exp_into(x[:3, 0], turn)
+    exp_into(x[:3], turn)
     multiply_into(turn, rotation, rotation)
     for i in range(3):
-        angular_rate[i] += x[3 + i, 0]
-        position[i] += x[6 + i, 0]
-        velocity[i] += x[9 + i, 0]
+        angular_rate[i] += x[3 + i]
+        position[i] += x[6 + i]
+        velocity[i] += x[9 + i]
     x[:] = 0.0
+
+
+@kernel
+def difference_into(a: State, b: State, c: int, out: Floats) -> None:
+    """Write the error (12,) of state `b` of craft `c` against state `a`, as if `a` were the truth, into `out`.
+
+    Args:
+        a: the states of the craft, counted to.
+        b: the states of the craft, counted from.
+        c: index of the craft.
+        out: (12,), receives attitude, angular rate, position and velocity.
+    """
+    turn = np.empty((3, 3))
+    multiply_into(a.rotation[c], b.rotation[c].T, turn)
+    log_into(turn, out[:3])
+    for i in range(3):
+        out[3 + i] = a.angular_rate[c, i] - b.angular_rate[c, i]
+        out[6 + i] = a.position[c, i] - b.position[c, i]
+        out[9 + i] = a.velocity[c, i] - b.velocity[c, i]

@@ -10,7 +10,7 @@ import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 
 from estimators.arrays import Bools, Floats
-from estimators.filter.bank import FilterBank, Given, Independent, Result
+from estimators.filter.bank import FilterBank, Given, Independent, UpdateResult
 from estimators.filter.error_state import (
     POSE,
     STATES,
@@ -47,34 +47,28 @@ class PoseFilterBank(FilterBank):
             propagate(state.rotation[i], state.angular_rate[i], state.position[i], state.velocity[i], step[i])
             self._covariance[i] = f.P
 
-    def _update(self, mask: Bools, given: Given, result: Result) -> int:
+    def _update(self, mask: Bools, given: Given | Independent, result: UpdateResult) -> int:
         for i in np.flatnonzero(mask).tolist():
             n = given.rows[i]
-            x = self._take(i, given.y[i, :n], given.h[i, :n], given.r[i, :n, :n], given.gate[n], result)
-            if x is None:
-                return i
-            if result[0][i]:
-                state = self._state
-                correct(state.rotation[i], state.angular_rate[i], state.position[i], state.velocity[i], x)
-                self._covariance[i] = self._filter[i].P
-        return -1
-
-    def _update_independent(self, mask: Bools, given: Independent, result: Result) -> None:
-        for i in np.flatnonzero(mask).tolist():
-            n = given.rows[i]
-            noise = np.diag(given.variance[i, :n])
+            noise = np.diag(given.variance[i, :n]) if isinstance(given, Independent) else given.r[i, :n, :n]
             x = self._take(i, given.y[i, :n], given.h[i, :n], noise, given.gate[n], result)
             if x is None:
-                raise ValueError(f"covariance: not positive definite for craft {i}")
-            if result[0][i]:
-                s, f, arms = self._state.of(i), self._filter[i], np.empty(ARMS)
+                return i
+            if not result.accepted[i]:
+                continue
+            s, f = self._state.of(i), self._filter[i]
+            if isinstance(given, Independent):
+                arms = np.empty(ARMS)
                 turn_about(s.rotation, s.angular_rate, s.position, s.velocity, x[:, 0], given.pivot[i], arms)
                 if is_wide(f.P):
                     shear(f.P, arms)
                 x[:] = 0.0
-                self._covariance[i] = f.P
+            else:
+                correct(s.rotation, s.angular_rate, s.position, s.velocity, x[:, 0])
+            self._covariance[i] = f.P
+        return -1
 
-    def _take(self, i: int, y: Floats, h: Floats, r: Floats, gate: float, result: Result) -> Floats | None:
+    def _take(self, i: int, y: Floats, h: Floats, r: Floats, gate: float, result: UpdateResult) -> Floats | None:
         """Return the estimated error (12, 1) by the rows of one craft; None if its innovation's covariance is not
         positive definite.
 

@@ -22,9 +22,9 @@ tells the models apart: there mixing would make a quiet craft a manoeuvring one 
 import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
-from estimators.filter.bank import FilterBank, Given, Independent, Result
+from estimators.filter.bank import FilterBank, Given, Independent, UpdateResult
+from estimators.filter.error_state import correct, difference_into
 from estimators.kernel import kernel
-from estimators.rotation import exp_into, log_into, multiply_into
 from estimators.state import STATES, State
 
 
@@ -66,7 +66,7 @@ class InteractingBank(FilterBank):
         self._told = np.zeros(len(self._active), dtype=np.bool_)
 
     def add_motion(self, mask: Bools, turn: Floats, rate: Floats, shift: Floats, velocity: Floats) -> None:
-        """Add known motion to both models.
+        """Add known motion to the models.
 
         Args:
             mask: (C,), the craft concerned.
@@ -76,85 +76,83 @@ class InteractingBank(FilterBank):
             velocity: (C, 3) [m/s].
         """
         super().add_motion(mask, turn, rate, shift, velocity)
-        for bank in self._models:
-            bank.add_motion(mask, turn, rate, shift, velocity)
+        for bank, own in self._by_model(mask):
+            bank.add_motion(own, turn, rate, shift, velocity)
 
     def stop(self, mask: Bools) -> None:
         """Forget the state of these craft."""
         super().stop(mask)
-        self.quiet_probability[mask] = self._first[mask]
         for bank in self._models:
             bank.stop(mask)
 
     def _begin(self, mask: Bools) -> None:
         self.quiet_probability[mask] = self._first[mask]
         self._told[mask] = False
+        # Craft without the quiet model have one that stands still: a mixture takes nothing of it, if it is finite.
         for bank in self._models:
             bank.adopt(mask, self._state, self._covariance)
 
     def _predict(self, mask: Bools, step: Floats) -> None:
-        quiet, manoeuvring = self._models
-        states, covariances = (quiet.state, manoeuvring.state), (quiet.covariance, manoeuvring.covariance)
         told = mask & self._told
-        _mix_all(told, step, self._leave, self.quiet_probability, *states, *covariances)
+        if told.any():
+            _mix_all(told, step, self._leave, self.quiet_probability, *self._arrays())
+            for bank in self._models:
+                bank._begin(told)
         self._told[mask] = False
-        for bank, state, covariance in zip(self._models, states, covariances, strict=True):
-            bank.adopt(told, state, covariance)
-            bank.predict(step, mask)
+        for bank, own in self._by_model(mask):
+            bank.predict(step, own)
         self._combine(mask)
 
-    def _update(self, mask: Bools, given: Given, result: Result) -> int:
+    def _update(self, mask: Bools, given: Given | Independent, result: UpdateResult) -> int:
         fates = []
-        for bank in self._models:
-            fate = np.zeros_like(result[0]), np.full_like(result[1], np.nan), np.full_like(result[2], np.nan)
-            own = given._replace(y=self._own(mask, bank, given.y, given.h))
-            if (indefinite := bank._update(mask, own, fate)) >= 0:
+        for bank, own in self._by_model(mask):
+            fate, y = self._nothing(), given.y.copy()
+            _shift_all(own, self._state, bank._state, given.h, y)
+            if (indefinite := bank._update(own, given._replace(y=y), fate)) >= 0:
                 return indefinite
             fates.append(fate)
         self._weigh(mask, fates[0], fates[1], given.rows, result)
         return -1
 
-    def _update_independent(self, mask: Bools, given: Independent, result: Result) -> None:
-        fates = []
-        for bank in self._models:
-            fate = np.zeros_like(result[0]), np.full_like(result[1], np.nan), np.full_like(result[2], np.nan)
-            bank._update_independent(mask, given._replace(y=self._own(mask, bank, given.y, given.h)), fate)
-            fates.append(fate)
-        self._weigh(mask, fates[0], fates[1], given.rows, result)
-
-    def _own(self, mask: Bools, bank: FilterBank, y: Floats, h: Floats) -> Floats:
-        """Return the innovations (C, m) of one model from the mixture's."""
-        out = y.copy()
-        _shift_all(mask, self._state, bank.state, h, out)
-        return out
-
     def _weigh(
-        self,
-        mask: Bools,
-        quiet: Result,
-        manoeuvring: Result,
-        rows: Ints,
-        result: Result,
+        self, mask: Bools, quiet: UpdateResult, manoeuvring: UpdateResult, rows: Ints, result: UpdateResult
     ) -> None:
-        """Update the models' probabilities by their likelihoods, and combine them."""
-        accepted, nis, log_determinant = result
-        either = mask & ((quiet[0] & self._both) | manoeuvring[0])
+        """Update the models' probabilities by their likelihoods, and combine them.
+
+        Args:
+            mask: (C,), the craft concerned.
+            quiet: fates of the rows in the quiet model; nothing of craft without it.
+            manoeuvring: likewise in the manoeuvring one.
+            rows: (C,), number of rows.
+            result: receives the fates.
+        """
+        either = mask & (quiet.accepted | manoeuvring.accepted)
+        both = either & self._both
         with np.errstate(over="ignore", invalid="ignore"):
-            ahead = (manoeuvring[1] + manoeuvring[2] - quiet[1] - quiet[2]) / 2
+            ahead = (manoeuvring.nis + manoeuvring.log_determinant - quiet.nis - quiet.log_determinant) / 2
             odds = self.quiet_probability / (1 - self.quiet_probability) * np.exp(np.clip(ahead, -50, 50))
         probability = odds / (1 + odds)
-        self.quiet_probability[either] = np.where(self._both, np.clip(probability, LEAST, 1 - LEAST), 0.0)[either]
-        accepted[either] = True
-        self._told |= either & self._both & (rows >= DECIDING)
+        self.quiet_probability[both] = np.clip(probability, LEAST, 1 - LEAST)[both]
+        result.accepted[either] = True
+        self._told |= both & (rows >= DECIDING)
         m = self.quiet_probability
-        for out, one, other in ((nis, quiet[1], manoeuvring[1]), (log_determinant, quiet[2], manoeuvring[2])):
-            out[mask] = np.where(either, m * one + (1 - m) * other, other)[mask]
+        for name in ("nis", "log_determinant"):
+            one, other = getattr(quiet, name), getattr(manoeuvring, name)
+            getattr(result, name)[mask] = np.where(both, m * one + (1 - m) * other, other)[mask]
         self._combine(either)
 
-    def _combine(self, mask: Bools) -> None:
+    def _by_model(self, mask: Bools) -> tuple[tuple[FilterBank, Bools], tuple[FilterBank, Bools]]:
+        """Return both banks, each with the craft of the mask (C,) that have its model."""
         quiet, manoeuvring = self._models
-        banks = quiet.state, manoeuvring.state, quiet.covariance, manoeuvring.covariance
-        _combine_all(mask, self.quiet_probability, *banks, self._state, self._covariance)
+        return (quiet, mask & self._both), (manoeuvring, mask)
+
+    def _arrays(self) -> tuple[State, State, Floats, Floats]:
+        """Return the states of both banks, then their covariances."""
+        quiet, manoeuvring = self._models
+        return quiet._state, manoeuvring._state, quiet._covariance, manoeuvring._covariance
+
+    def _combine(self, mask: Bools) -> None:
+        _combine_all(mask, self.quiet_probability, *self._arrays(), self._state, self._covariance)
 
 
 DECIDING = 6
@@ -164,28 +162,12 @@ LEAST = 1e-6
 
 
 @kernel
-def _difference(one: State, other: State, c: int, out: Floats) -> None:
-    """Write the error (12,) by which craft c of `one` is off from `other`."""
-    turn = np.empty((3, 3))
-    multiply_into(one.rotation[c], other.rotation[c].T, turn)
-    log_into(turn, out[:3])
-    for i in range(3):
-        out[3 + i] = one.angular_rate[c, i] - other.angular_rate[c, i]
-        out[6 + i] = one.position[c, i] - other.position[c, i]
-        out[9 + i] = one.velocity[c, i] - other.velocity[c, i]
-
-
-@kernel
 def _move(state: State, c: int, x: Floats, out: State) -> None:
-    """Write craft c of `state`, moved by the error x (12,), into `out`, which may be `state`."""
-    turn, turned = np.empty((3, 3)), np.empty((3, 3))
-    exp_into(x[:3], turn)
-    multiply_into(turn, state.rotation[c], turned)
-    out.rotation[c] = turned
-    for i in range(3):
-        out.angular_rate[c, i] = state.angular_rate[c, i] + x[3 + i]
-        out.position[c, i] = state.position[c, i] + x[6 + i]
-        out.velocity[c, i] = state.velocity[c, i] + x[9 + i]
+    """Write craft c of `state`, moved by the error x (12,), into `out`, which may be `state`; x becomes zero."""
+    out.rotation[c] = state.rotation[c]
+    out.angular_rate[c] = state.angular_rate[c]
+    out.position[c], out.velocity[c] = state.position[c], state.velocity[c]
+    correct(out.rotation[c], out.angular_rate[c], out.position[c], out.velocity[c], x)
 
 
 @kernel
@@ -220,7 +202,7 @@ def _mix_all(
         next_m = stays + comes * (1 - m)
         in_quiet, in_manoeuvring = stays / next_m, goes * m / (1 - next_m)
         probability[c] = next_m
-        _difference(quiet, manoeuvring, c, apart)
+        difference_into(quiet, manoeuvring, c, apart)
         _blend(in_quiet, apart, quiet_p[c], manoeuvring_p[c], first)
         _blend(in_manoeuvring, apart, quiet_p[c], manoeuvring_p[c], second)
         quiet_p[c], manoeuvring_p[c] = first, second
@@ -248,7 +230,7 @@ def _combine_all(
     for c in range(len(mask)):
         if not mask[c]:
             continue
-        _difference(quiet, manoeuvring, c, apart)
+        difference_into(quiet, manoeuvring, c, apart)
         _blend(probability[c], apart, quiet_p[c], manoeuvring_p[c], covariance[c])
         for i in range(STATES):
             moved[i] = probability[c] * apart[i]
@@ -262,7 +244,7 @@ def _shift_all(mask: Bools, mean: State, own: State, h: Floats, y: Floats) -> No
     for c in range(len(mask)):
         if not mask[c]:
             continue
-        _difference(own, mean, c, apart)
+        difference_into(own, mean, c, apart)
         for a in range(y.shape[1]):
             for i in range(STATES):
                 y[c, a] -= h[c, a, i] * apart[i]

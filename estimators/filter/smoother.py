@@ -25,10 +25,10 @@ import numpy as np
 
 from estimators.arrays import Bools, Floats
 from estimators.filter.bank import FilterBank
-from estimators.filter.error_state import STATES
+from estimators.filter.error_state import STATES, correct, difference_into
 from estimators.kernel import kernel
 from estimators.linear import cholesky_into
-from estimators.rotation import exp_into, left_jacobian_into, log_into, multiply_into
+from estimators.rotation import left_jacobian_into
 from estimators.state import State, unknown
 
 
@@ -106,25 +106,6 @@ class Smoother:
             raise ValueError(f"prediction: the covariance of craft {failed} is not positive definite")
         self._later, self._ahead = out, prediction
         return out
-
-
-@kernel
-def difference_into(a: State, b: State, c: int, out: Floats) -> None:
-    """Write the error (12,) of state `b` of craft `c` against state `a`, as if `a` were the truth, into `out`.
-
-    Args:
-        a: the states of the craft, counted to.
-        b: the states of the craft, counted from.
-        c: index of the craft.
-        out: (12,), receives attitude, angular rate, position and velocity.
-    """
-    turn = np.empty((3, 3))
-    multiply_into(a.rotation[c], b.rotation[c].T, turn)
-    log_into(turn, out[:3])
-    for i in range(3):
-        out[3 + i] = a.angular_rate[c, i] - b.angular_rate[c, i]
-        out[6 + i] = a.position[c, i] - b.position[c, i]
-        out[9 + i] = a.velocity[c, i] - b.velocity[c, i]
 
 
 @kernel
@@ -209,7 +190,7 @@ def _smooth_all(
         np.empty((STATES, STATES)),
     )
     e, x = np.empty(STATES), np.empty(STATES)
-    jacobian, inverse, turn, turned = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    jacobian, inverse = np.empty((3, 3)), np.empty((3, 3))
     for c in range(len(continued)):
         if not continued[c]:
             continue
@@ -245,11 +226,5 @@ def _smooth_all(
                 covariance[c, j, i] = covariance[c, i, j]
         left_jacobian_into(x[:3], jacobian)
         _turn_attitude(covariance[c], jacobian, work)
-        exp_into(x[:3], turn)
-        multiply_into(turn, state.rotation[c], turned)
-        state.rotation[c] = turned
-        for i in range(3):
-            state.angular_rate[c, i] += x[3 + i]
-            state.position[c, i] += x[6 + i]
-            state.velocity[c, i] += x[9 + i]
+        correct(state.rotation[c], state.angular_rate[c], state.position[c], state.velocity[c], x)
     return -1
