@@ -27,6 +27,11 @@ class Frame:
         """True if the frame is the world's own."""
         return bool(np.array_equal(self.rotation, np.eye(3)) and not self.position.any())
 
+    @cached_property
+    def _both(self) -> Floats:
+        """The rotation of (attitude, position), (6, 6)."""
+        return np.kron(np.eye(2), self.rotation)
+
     def poses_into(self, position: Floats, quaternion: Floats) -> tuple[Floats, Floats]:
         """Return world poses, positions (..., 3) [m] and quaternions (..., 4) wxyz, in this frame."""
         if self.is_world:
@@ -57,23 +62,21 @@ class Frame:
         """Return covariances or couplings (..., 6, 6) of (attitude, position) or their rates in the world's axes."""
         if self.is_world:
             return matrix
-        both = np.kron(np.eye(2), self.rotation)
-        out: Floats = both @ matrix @ both.T
+        out: Floats = self._both @ matrix @ self._both.T
         return out
 
     def matrix_into(self, matrix: Floats) -> Floats:
         """Return covariances (..., 6, 6) of (attitude, position) in the world's axes in this frame's."""
         if self.is_world:
             return matrix
-        both = np.kron(np.eye(2), self.rotation)
-        out: Floats = both.T @ matrix @ both
+        out: Floats = self._both.T @ matrix @ self._both
         return out
 
     def rows_out(self, rows: Floats) -> Floats:
         """Return derivatives (..., n, 6) by (attitude, position), or their rates, by the same in the world's axes."""
         if self.is_world:
             return rows
-        out: Floats = rows @ np.kron(np.eye(2), self.rotation).T
+        out: Floats = rows @ self._both.T
         return out
 
 

@@ -19,7 +19,7 @@ from estimators.lighthouse.dop import Dilution, dilution
 from estimators.lighthouse.integrity import AngleNoise, Sweeps
 from estimators.lighthouse.planar import Rows, Side, Spread, bends, is_flat, pose_rows, spread
 from estimators.lighthouse.pnp import refine
-from estimators.lighthouse.sweep import correct, measured_theta
+from estimators.lighthouse.sweep import HALF_PI, correct, lighthouse_1, measured_angles
 from estimators.state import State
 from swarm.onboard.acquisition import DECISIVE, NONE, Hypotheses, Sighting, advance, search
 from swarm.onboard.decoder import SweepAngles
@@ -72,6 +72,7 @@ class LighthouseFix:
         self.settings, self._point_m = settings, point_m
         self._hypotheses: list[Hypotheses] = [NONE] * craft
         self.undecided = np.zeros(craft, dtype=np.bool_)
+        self._fans = lighthouse_1(settings.fan_x, settings.fan_y)
         self._side: list[tuple[int, Side] | None] = [None] * craft
         self._period = 0
         self._independent_noise_rad = settings.angle_noise_rad * float(np.sqrt(1 - settings.rotor_correlation))
@@ -102,12 +103,11 @@ class LighthouseFix:
         if not len(who):
             return out
         now = s.station.state_into(tracks.bank.state)
+        now = State._make(part[who] for part in now)
         for fan, quarter in enumerate((-0.25, 0.25)):
-            after_s = s.frame_s + quarter * turn_s
-            turned = rot.exp(now.angular_rate[who] * after_s) @ now.rotation[who]
-            at = now.position[who] + now.velocity[who] * after_s
-            points = self._point_m[who] @ np.swapaxes(turned, -1, -2) + at[:, None]
-            out[who, :, fan] = measured_theta(points, (s.fan_x, s.fan_y))[..., fan]
+            then = now.ahead(s.frame_s + quarter * turn_s)
+            points = self._point_m[who] @ np.swapaxes(then.rotation, -1, -2) + then.position[:, None]
+            out[who, :, fan] = HALF_PI + measured_angles(points, self._fans[fan : fan + 1])[..., 0]
         return out
 
     def find(self, angles: SweepAngles, tracks: Tracks) -> tuple[Light, PoseFix]:
@@ -117,9 +117,10 @@ class LighthouseFix:
         turned, theta, lit = self._ideal(angles)
         visible = np.count_nonzero(lit, axis=1)
         enough = visible >= MIN_LIT
-        start = self._acquire(theta, lit, angles.offset_s, enough, predicted, tracks)
+        lost = tracks.lost(s.search_again_s)
+        start = self._acquire(theta, lit, angles.offset_s, enough, lost, predicted, tracks)
         # In tight mode the sweeps themselves go into a filter that runs; a pose only starts one, or finds it again.
-        solved = tracks.lost(s.search_again_s) if s.coupling == "tight" else active
+        solved = lost if s.coupling == "tight" else active
         known = enough & (solved | start.found)
         # The motion within the period as each craft estimates it; a craft with its first pose has no estimate of it.
         moves = active[:, None] & s.motion_compensation
@@ -237,13 +238,29 @@ class LighthouseFix:
         return fix._replace(rotation=parts[0], position=parts[1], covariance=parts[2], start_coupling=parts[3])
 
     def _acquire(
-        self, theta: Floats, lit: Bools, offset_s: Floats, enough: Bools, predicted: State, tracks: Tracks
+        self,
+        theta: Floats,
+        lit: Bools,
+        offset_s: Floats,
+        enough: Bools,
+        lost: Bools,
+        predicted: State,
+        tracks: Tracks,
     ) -> _Start:
-        """Return start poses for LM: the prediction, or the result of a search for a craft without one."""
+        """Return start poses for LM: the prediction, or the result of a search for a craft without one.
+
+        Args:
+            theta: (C, K, 2) [rad], sweep angles less all known errors.
+            lit: (C, K).
+            offset_s: (C, K, 2) [s].
+            enough: (C,), craft with light enough for a pose.
+            lost: (C,), craft that search although they have a filter.
+            predicted: the filters' predictions, in the station's frame.
+            tracks: the filters.
+        """
         active = tracks.bank.active
         self._period += 1
         start = _Start(np.zeros(len(enough), dtype=np.bool_), predicted.rotation, predicted.position, {})
-        lost = tracks.lost(self.settings.search_again_s)
         who = np.flatnonzero(enough & (lost | ~active))
         before = [self._hypotheses[i] for i in who]
         sightings = [Sighting(theta[i], lit[i], self._point_m[i], offset_s[i]) for i in who]
@@ -278,8 +295,7 @@ class LighthouseFix:
         """Return the poses that a searching craft's angles allow; None if first order tells them."""
         if not is_flat(seen.point_m[seen.lit]):
             return None
-        rest = np.zeros((1, 3))
-        one = Sweeps(seen.theta[None], seen.lit[None], seen.point_m[None], seen.offset_s[None], rest, rest)
+        one = _at_rest(seen)
         best = hypotheses.rotation[0], hypotheses.position[0]
         last = self._side[craft]
         before = last[1] if last is not None and self._period - last[0] <= SIDE_PERIODS else None
@@ -292,7 +308,12 @@ class LighthouseFix:
 
     def _without_false(self, hypotheses: Hypotheses, seen: Sighting, rate_covariance: Floats) -> Hypotheses:
         """Return the hypotheses of a searching craft, without a false photodiode if one spoils them."""
-        rest = np.zeros((1, 3))
-        one = Sweeps(seen.theta[None], seen.lit[None], seen.point_m[None], seen.offset_s[None], rest, rest)
+        one = _at_rest(seen)
         lit = self._monitor.honest(one, hypotheses.rotation[0], hypotheses.position[0], rate_covariance)
         return hypotheses if lit is None else search(seen._replace(lit=lit), self._independent_noise_rad)
+
+
+def _at_rest(seen: Sighting) -> Sweeps:
+    """Return the angles of one searching craft as a batch of one, as if at rest."""
+    rest = np.zeros((1, 3))
+    return Sweeps(seen.theta[None], seen.lit[None], seen.point_m[None], seen.offset_s[None], rest, rest)

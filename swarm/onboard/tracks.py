@@ -130,12 +130,11 @@ class Tracks:
         free = active & self._turns_freely
         nodding = self._free_turns(free) if free.any() else None
         bank.predict(self._frame_s, active)
-        if pull is not None:
-            still = np.zeros_like(pull)
-            bank.add_motion(active, still, still, pull * self._frame_s**2 / 2, pull * self._frame_s)
-        if nodding is not None:
-            still = np.zeros_like(nodding)
-            bank.add_motion(free, nodding * self._frame_s**2 / 2, nodding * self._frame_s, still, still)
+        if pull is not None or nodding is not None:
+            still = np.zeros_like(self.inertia[:, 0])
+            turn, push = (still if motion is None else motion for motion in (nodding, pull))
+            half = self._frame_s**2 / 2
+            bank.add_motion(active, turn * half, turn * self._frame_s, push * half, push * self._frame_s)
         if command is not None:
             self._add_command(command)
 
@@ -200,8 +199,7 @@ class Tracks:
     def beyond(self, attitude_rad: float) -> Bools:
         """Return the craft (C,) with a filter whose attitude's standard deviation exceeds `attitude_rad`."""
         with np.errstate(invalid="ignore"):
-            variance = np.trace(self.bank.covariance[:, :3, :3], axis1=1, axis2=2)
-            out: Bools = self.bank.active & (variance > attitude_rad**2)
+            out: Bools = self.bank.active & (self.bank.attitude_variance() > attitude_rad**2)
         return out
 
     def filtered(self) -> Filtered:
@@ -211,6 +209,6 @@ class Tracks:
     def rate_covariance(self, craft: int) -> Floats:
         """Return the covariance (6, 6) of a craft's rates (angular, linear): predicted, or a wide prior."""
         if self.bank.active[craft]:
-            covariance: Floats = self.bank.covariance[craft][np.ix_(RATE_COLUMNS, RATE_COLUMNS)]
+            covariance: Floats = self.bank.covariance_of(craft)[np.ix_(RATE_COLUMNS, RATE_COLUMNS)]
             return covariance
         return np.diag(np.repeat(np.square(UNKNOWN_RATE), 3))
