@@ -182,7 +182,7 @@ class Values(dict[str, str]):
             if (run.folder / f"{file}.parquet").exists():
                 self.table(f"{prefix}{file}", pq.read_table(run.folder / f"{file}.parquet"))
         summary = json.loads((run.folder / "summary.json").read_text(encoding="utf-8"))
-        self.tree(f"{prefix}summary", summary, ("program", "version", "versions"))
+        self.tree(f"{prefix}summary", summary, ("program", "version", "versions", "inputs"))
 
 
 # --- flights ----------------------------------------------------------------------------------------------------------

@@ -140,6 +140,33 @@ def test_force_replaces_the_inputs_and_keeps_what_a_user_put_there(tmp_path: Pat
     assert (tmp_path / "run" / "inputs" / "notes.txt").read_text() == "mine"
 
 
+def test_force_replaces_inputs_whatever_they_are_called_and_refuses_before_it_deletes(tmp_path: Path) -> None:
+    def write_run(force: bool, files: dict[PurePosixPath, bytes]) -> None:
+        with RunFolder(tmp_path / "run", force) as folder:
+            folder.write_scenario("seed = 1", files)
+            folder.finish({})
+
+    write_run(False, {PurePosixPath("inputs", name): b"1" for name in ("cal.txt", "HULL.STL", "2/cal.txt")})
+    write_run(True, {PurePosixPath("inputs", name): b"2" for name in ("mine", "HULL.STL")})
+    run = tmp_path / "run"
+    assert sorted(str(p.relative_to(run)) for p in run.rglob("*")) == [
+        "inputs", "inputs/HULL.STL", "inputs/mine", "scenario.toml", "summary.json",
+    ]  # fmt: skip
+    assert (run / "inputs" / "HULL.STL").read_bytes() == b"2"
+    # Killed while it replaced the run: the files are known all the same.
+    marker = run / "summary.json"
+    marker.write_text(marker.read_text().replace("complete", "running"))
+    (run / "inputs" / "deep").mkdir()
+    (run / "inputs" / "deep" / "notes.txt").write_text("mine")
+    before = {p: p.read_bytes() for p in run.rglob("*") if p.is_file()}
+    with pytest.raises(SwarmError, match="inputs/deep holds files that lighthouse-swarm did not write"):
+        write_run(True, {})
+    assert {p: p.read_bytes() for p in run.rglob("*") if p.is_file()} == before
+    (run / "inputs" / "deep" / "notes.txt").unlink()
+    write_run(True, {})
+    assert sorted(p.name for p in run.iterdir()) == ["scenario.toml", "summary.json"]
+
+
 def test_a_model_that_cannot_be_read_is_one_message(tmp_path: Path) -> None:
     with pytest.raises(SwarmError, match=r"none.xml cannot be read: No such file"):
         Copies().add_model(tmp_path / "none.xml")

@@ -20,7 +20,7 @@ PATTERNS = tuple(
     f"*.{ending}"
     for ending in ("xml", "obj", "stl", "msh", "png", "ktx", "skn", "bin", "raw", "toml", "json", "gmsh", "vtk", "tmp")
 )
-"""Files that the folder holds."""
+"""Files that the folder usually holds; `summary.json` lists those of a run, whatever they are called."""
 
 
 class Inputs(NamedTuple):

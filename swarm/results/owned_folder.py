@@ -3,7 +3,7 @@
 A marker, a JSON file, is written first and says what the folder is worth: its `status` is "running" until the work has
 ended, then "complete" or "interrupted" (with a `reason`); work that was killed stays "running" for ever. Its `program`
 says which program wrote it, and that is the licence to replace the folder's files under `--force`: nothing else is ever
-deleted. While the work runs, the marker is as long as `ROOM`, so that its end can be told in its place on a full disk.
+deleted. It lists under `inputs` the files that keep the names that a user gave them. While the work runs, the marker is as long as `ROOM`, so that its end can be told in its place on a full disk.
 The lock is the operating system's (`flock` on the folder itself): it needs no file, and a process that dies gives it
 back.
 
@@ -16,8 +16,9 @@ back.
 
 import json
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
+from fnmatch import fnmatchcase
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import MappingProxyType, TracebackType
@@ -48,8 +49,8 @@ class Contents(NamedTuple):
     """The files of one kind of result.
 
     what: the kind, with its article. marker: name of the JSON file that marks it. files: names of the other files.
-    folders: names of folders, with the patterns of the files in them and below. instead: advice where there is such a
-    result already.
+    folders: names of folders, with the patterns of the files in them and below, in any case of letters. instead: advice
+    where there is such a result already.
     """
 
     what: str
@@ -175,6 +176,7 @@ class OwnedFolder:
         """
         self.path, self.contents = path, contents
         self._ended = False
+        self._inputs: list[str] = []
         with writing(path):
             if path.exists() and not path.is_dir():
                 raise SwarmError(f"cannot write {path}: a file is in its place; choose another --out")
@@ -190,24 +192,40 @@ class OwnedFolder:
         if keep and marker_in(self.path, self.contents) is not None:
             return
         refuse_taken(self.path, self.contents, force)
+        listed = (marker_in(self.path, self.contents) or {}).get("inputs")
+        # They stay in the marker until they are gone.
+        self._inputs = [name for name in listed if isinstance(name, str)] if isinstance(listed, list) else []
+        earlier = self._earlier()
         self.mark("running")
-        self._empty()
-
-    def _empty(self) -> None:
         with writing(self.path):
-            for name in self.contents.files:
+            for name in (*self.contents.files, *earlier):
                 (self.path / name).unlink(missing_ok=True)
-            for name, patterns in self.contents.folders.items():
+            for name in self.contents.folders:
                 folder = self.path / name
-                if not folder.is_dir():
+                if folder.is_dir():
+                    for place in (*sorted(_folders_below(folder), reverse=True), folder):
+                        place.rmdir()
+
+    def _earlier(self) -> list[Path]:
+        """Return the files of earlier work in the folder's folders. Raises SwarmError where there are others."""
+        out = []
+        for name, patterns in self.contents.folders.items():
+            for file in (self.path / name).rglob("*"):
+                if file.is_dir() and not file.is_symlink():
                     continue
-                for file in [file for pattern in patterns for file in folder.rglob(pattern)]:
-                    file.unlink(missing_ok=True)
-                below = sorted((one for one in folder.rglob("*") if one.is_dir()), reverse=True)
-                for place in (*below, folder):
-                    if any(place.iterdir()):
-                        raise SwarmError(f"{place} holds files that {PROGRAM} did not write; move them away")
-                    place.rmdir()
+                known = any(fnmatchcase(file.name.lower(), pattern) for pattern in patterns)
+                if not known and file.relative_to(self.path).as_posix() not in self._inputs:
+                    raise SwarmError(f"{file.parent} holds files that {PROGRAM} did not write; move them away")
+                out.append(file)
+        return out
+
+    def list_inputs(self, names: Iterable[str]) -> None:
+        """Write into the marker the names of files, whatever they are called, that are going to be written.
+
+        names: their paths below this folder. Raises SwarmError where nothing can be written.
+        """
+        self._inputs = list(names)
+        self.mark("running")
 
     def mark(self, status: Status, content: Mapping[str, Any] = MappingProxyType({})) -> None:
         """Replace the marker. Raises ValueError where the content has NaN, SwarmError where nothing can be written.
@@ -215,6 +233,7 @@ class OwnedFolder:
         On a full disk it is written over what is there, if it is not longer.
         """
         head = {"program": PROGRAM, "version": _version(), "status": status}
+        head |= {"inputs": self._inputs} if self._inputs else {}
         try:
             text = json.dumps({**head, **content}, indent=2, allow_nan=False)
         except ValueError as error:
@@ -273,6 +292,10 @@ class OwnedFolder:
         except SwarmError:
             # The first error is what the user must see; where nothing at all can be written, "running" stays.
             return
+
+
+def _folders_below(folder: Path) -> Iterator[Path]:
+    return (one for one in folder.rglob("*") if one.is_dir() and not one.is_symlink())
 
 
 def _version() -> str | None:

@@ -95,6 +95,7 @@ class RunFolder(OwnedFolder):
 
         Raises SwarmError where they cannot be written.
         """
+        self.list_inputs(map(str, files))
         for name, data in files.items():
             with writing(self.path / name):
                 (self.path / name).parent.mkdir(parents=True, exist_ok=True)
