@@ -186,6 +186,25 @@ def test_it_is_done_again_only_by_force(run):
     assert [file.name for file in run.iterdir()] == ["summary.json"]
 
 
+@pytest.mark.parametrize("left", [0, 200, -100])
+def test_a_damaged_result_is_replaced_by_force(run, left):
+    first = swarm.smooth(run).telemetry
+    file = run / "smooth.parquet"
+    file.write_bytes(file.read_bytes()[:left])
+    with pytest.raises(SwarmError, match=r"cannot read .*smooth.parquet"):
+        swarm.open_run(run).telemetry.num_rows  # noqa: B018
+    assert swarm.smooth(run, force=True).telemetry == first
+
+
+def test_a_lock_that_cannot_be_taken_says_why(run, monkeypatch):
+    def refuse(*_):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("swarm.results.disk.os.open", refuse)
+    with pytest.raises(SwarmError, match=r"cannot write .*run: no permission to write there"):
+        swarm.smooth(run)
+
+
 def test_a_run_without_a_recording_gets_none(run):
     (run / "recording.rrd").unlink()
     made = swarm.smooth(run)

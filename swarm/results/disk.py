@@ -30,8 +30,8 @@ _ADVICE = {
 class FolderLock:
     """Lock of a folder that is being written to; the operating system takes it back from a process that dies."""
 
-    def __init__(self, folder: Path) -> None:
-        """Take the lock. Raises SwarmError where somebody else is writing to `folder`."""
+    def __init__(self, folder: Path, busy: str = "a run is being written there now; choose another --out") -> None:
+        """Take the lock. Raises SwarmError, `busy` where somebody else is writing to `folder`."""
         self._file: int | None = None
         if fcntl is None:
             return
@@ -41,7 +41,7 @@ class FolderLock:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             self.release()
-            raise SwarmError(f"{folder}: a run is being written there now; choose another --out") from None
+            raise SwarmError(f"{folder}: {busy}") from None
 
     def release(self) -> None:
         """Give the lock back."""

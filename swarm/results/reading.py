@@ -13,6 +13,9 @@ import pyarrow.parquet as pq
 from swarm.errors import SwarmError
 from swarm.results.files import PARTS, SMOOTH, TELEMETRY
 
+PREFIX = "smooth_"
+"""Beginning of the names of a smoother's columns."""
+
 
 def part_files(folder: Path) -> list[Path]:
     """Return the parts of a run that is not closed, in order."""
@@ -24,12 +27,12 @@ def read_telemetry(folder: Path, columns: Sequence[str] | None = None) -> pa.Tab
 
     columns: only these, if given. Raises SwarmError where a file is damaged.
     """
-    smoothed = _smoothed_columns(folder)
     if columns is None:
-        return _joined(folder, _read_flown(folder, None), smoothed)
+        return _joined(folder, _read_flown(folder, None), _smoothed_columns(folder))
+    # By their names: a column of the flight is read without a look into the other file.
+    smoothed = [name for name in columns if name.startswith(PREFIX) and (folder / SMOOTH).is_file()]
     flown = [name for name in columns if name not in smoothed]
-    table = _read_flown(folder, flown or ["frame"])
-    return _joined(folder, table, [name for name in columns if name in smoothed]).select(columns)
+    return _joined(folder, _read_flown(folder, flown or ["frame"]), smoothed).select(columns)
 
 
 def _joined(folder: Path, flown: pa.Table, names: Sequence[str]) -> pa.Table:
@@ -56,7 +59,7 @@ def _smoothed_columns(folder: Path) -> list[str]:
     if not file.is_file():
         return []
     try:
-        return [name for name in pq.read_schema(file).names if name.startswith("smooth_")]
+        return [name for name in pq.read_schema(file).names if name.startswith(PREFIX)]
     except (OSError, pa.ArrowException) as error:
         raise SwarmError(f"cannot read {file}: {error}") from error
 
@@ -78,6 +81,11 @@ def _read_flown(folder: Path, columns: Sequence[str] | None) -> pa.Table:
 
 def telemetry_columns(folder: Path) -> list[str]:
     """Return the names of the columns that the run in `folder` has."""
+    return flown_columns(folder) + _smoothed_columns(folder)
+
+
+def flown_columns(folder: Path) -> list[str]:
+    """Return the names of the columns that its flight has left, without those of a smoother."""
     file, parts = folder / TELEMETRY, part_files(folder)
     try:
         if file.exists():
@@ -90,7 +98,7 @@ def telemetry_columns(folder: Path) -> list[str]:
     except (OSError, pa.ArrowException) as error:
         raise SwarmError(f"cannot read the telemetry in {folder}: {error}") from error
     names: list[str] = schema.names
-    return names + _smoothed_columns(folder)
+    return names
 
 
 class RowReader:

@@ -26,7 +26,7 @@ from swarm.results.files import HISTORY, RECORDING, SMOOTH, SMOOTH_RECORDING, SU
 from swarm.results.filter_history import Block, History
 from swarm.results.owned_folder import find
 from swarm.results.parquet import PARTIAL, GrowingParquet
-from swarm.results.reading import RowReader, telemetry_columns
+from swarm.results.reading import RowReader, flown_columns
 from swarm.results.rows import estimate_errors_into, quaternions_into
 from swarm.results.run_folder import CONTENTS, Run, open_run
 from swarm.results.summary import summarise_run
@@ -64,7 +64,7 @@ def smooth(run: Run | str | Path, *, force: bool = False, progress: Callable[[fl
             being written, or nothing can be written.
     """
     folder, _ = find(run.folder if isinstance(run, Run) else run, CONTENTS)
-    lock = _locked(folder)
+    lock = FolderLock(folder, "it is being written by another program; wait until it has ended")
     try:
         _, marker = find(folder, CONTENTS)
         craft = _check(folder, force)
@@ -79,18 +79,12 @@ def _untold(share: float) -> None:
     """Ignore the progress."""
 
 
-def _locked(folder: Path) -> FolderLock:
-    try:
-        return FolderLock(folder)
-    except SwarmError:
-        raise SwarmError(f"{folder} is being written by another program; wait until it has ended") from None
-
-
 def _check(folder: Path, force: bool) -> list[str]:
     """Return the names of the craft of a run that can be smoothed. Raises SwarmError for any other."""
     if (folder / SMOOTH).exists() and not force:
         raise SwarmError(f"{folder} is smoothed already; --force (force=True) does it again")
-    rows = TelemetryTable.of_run(folder)
+    # What an earlier call has found may be damaged, and is going to be replaced.
+    rows = TelemetryTable.of_flight(folder)
     if not len(rows):
         raise SwarmError(f"{folder} has no rows of telemetry, so there is nothing to smooth")
     names = rows.names_of("craft")
@@ -108,8 +102,9 @@ def _write(folder: Path, craft: list[str], tell: Callable[[float], None]) -> Non
     drawn = folder / (SMOOTH_RECORDING + ".tmp")
     _prepare(folder)
     try:
-        file, drawer = GrowingParquet(folder / SMOOTH, _schema(folder)), _drawer(folder, craft, drawn)
-        for number, share, rows in _smoothed(folder, len(craft)):
+        schema = _schema(folder)
+        file, drawer = GrowingParquet(folder / SMOOTH, schema), _drawer(folder, craft, drawn)
+        for number, share, rows in _smoothed(folder, len(craft), schema):
             file.write(rows, number)
             if drawer is not None:
                 drawer.send(rows)
@@ -151,7 +146,7 @@ def _drawer(folder: Path, craft: list[str], file: Path) -> "SmoothedRecording | 
     from swarm.results.recording.smoothed import RecordingUnreadable, SmoothedRecording
 
     try:
-        return SmoothedRecording(file, open_run(folder), craft, "peer_px_m" in telemetry_columns(folder))
+        return SmoothedRecording(file, open_run(folder), craft, "peer_px_m" in flown_columns(folder))
     except RecordingUnreadable:
         # A kill may have torn it; the estimates can be smoothed all the same.
         return None
@@ -162,11 +157,13 @@ def _schema(folder: Path) -> pa.Schema:
     return pa.schema([*(who.field(name) for name in WHO), *(column.field for column in COLUMNS)])
 
 
-def _smoothed(folder: Path, craft_count: int) -> Iterator[tuple[int, float, pa.Table]]:
-    """Yield the number of each part, the share that is done with it, and its rows; the last one first."""
+def _smoothed(folder: Path, craft_count: int, schema: pa.Schema) -> Iterator[tuple[int, float, pa.Table]]:
+    """Yield the number of each part, the share that is done with it, and its rows; the last one first.
+
+    schema: that of the rows.
+    """
     history, rows = History(folder, craft_count), RowReader(folder, (*WHO, *_TRUE, *_STATE))
-    smoother, schema = Smoother(craft_count), _schema(folder)
-    flown, parts, later = len(rows) // craft_count, len(history.parts), None
+    smoother, flown, parts, later = Smoother(craft_count), len(rows) // craft_count, len(history.parts), None
     for number, block in history.blocks():
         begin, past = int(block.frame[0]), int(block.frame[-1]) + 1
         if later not in (None, past) or (number == 0 and begin != 0):

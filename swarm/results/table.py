@@ -14,7 +14,7 @@ import pyarrow as pa
 from estimators.arrays import Bools, Floats, Ints
 from swarm.errors import SwarmError, did_you_mean
 from swarm.results.files import ANGLE_NOISE, EQUIPMENT, WITHOUT_SENSORS
-from swarm.results.reading import read_telemetry, telemetry_columns
+from swarm.results.reading import flown_columns, read_telemetry, telemetry_columns
 from swarm.results.scene import Equipment
 
 Load = Callable[[str], pa.Table]
@@ -44,6 +44,11 @@ class TelemetryTable:
     def of_run(cls, folder: Path) -> "TelemetryTable":
         """Return the telemetry in a run's folder. Reading a column raises SwarmError where a file is damaged."""
         return cls(lambda name: read_telemetry(folder, [name]), telemetry_columns(folder))
+
+    @classmethod
+    def of_flight(cls, folder: Path) -> "TelemetryTable":
+        """Return the same without what a smoother has found, which is not even opened."""
+        return cls(lambda name: read_telemetry(folder, [name]), flown_columns(folder))
 
     def column(self, name: str) -> Floats:
         """Return one column."""
