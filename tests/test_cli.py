@@ -352,6 +352,8 @@ def test_what_is_no_command_or_option_exits_with_2_too(command: Command, argumen
         ("replay handheld --lighthouse=-1", "--lighthouse: '-1' must be at least 0"),
         ("calibrate x --poses ownn", "--poses: 'ownn' must be one of 'truth', 'own'; did you mean 'own'?"),
         ("layout mockup --cone-deg wide", "--cone-deg: 'wide' is not a number"),
+        ("layout mockup --distance-m 2 --distance-m x --distance-m 3", "--distance-m: 'x' is not a number"),
+        ("run formation --seed 1 --seed x", "--seed: 'x' is not a whole number"),
         ("run scaling", "no scenario 'scaling', but a study: swarm study scaling"),
         ("study formation", "no study 'formation', but a scenario: swarm run formation"),
         ("check handheld", "no scenario 'handheld', but a recording: swarm replay handheld"),

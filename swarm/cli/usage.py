@@ -63,7 +63,8 @@ def _help(parameter: Any) -> str:
 def _wrong_value(error: Any, arguments: Sequence[str]) -> str:
     """Return what is wrong with the value of an option or an argument."""
     text = str(error.message)
-    said = _value(error.param.opts, arguments)
+    given = _values(error.param.opts, arguments)
+    said = _refused(error, given) or next(reversed(given), None)
     value = "" if said is None else f"{short(said)!r}"
     if found := re.search(r"is not one of (.*?)\.?$", text):
         choices = re.findall(r"'([^']*)'", found[1])
@@ -82,13 +83,20 @@ def _near(said: str | None, choices: Sequence[str]) -> str:
     return f"; did you mean {near[0]!r}?" if near else ""
 
 
-def _value(names: Sequence[str], arguments: Sequence[str]) -> str | None:
-    """Return the value that the command line gives to an option."""
+def _values(names: Sequence[str], arguments: Sequence[str]) -> list[str]:
+    """Return the values that the command line gives to an option, which may be repeated."""
+    found: list[str] = []
     for i, word in enumerate(arguments):
         option, equals, value = word.partition("=")
         if option in names:
-            return value if equals else next(iter(arguments[i + 1 : i + 2]), None)
-    return None
+            found += [value] if equals else arguments[i + 1 : i + 2]
+    return found
+
+
+def _refused(error: Any, given: Sequence[str]) -> str | None:
+    """Return the one of several values that the error is about; pydantic, whose error is the cause, knows it."""
+    details = getattr(error.__cause__, "errors", list)()
+    return next((value for value in given for detail in details if str(detail.get("input")) == value), None)
 
 
 def _option_meant(option: str, context: Any, arguments: Sequence[str]) -> str:
@@ -104,7 +112,7 @@ def _option_meant(option: str, context: Any, arguments: Sequence[str]) -> str:
     if near and not exact:
         return f"; did you mean {near[0]}?"
     if keys:
-        value = _value([option], arguments)
-        value = "VALUE" if value is None or value.startswith("-") else value
+        value = next(iter(_values([option], arguments)), "-")
+        value = "VALUE" if value.startswith("-") else value
         return "; did you mean " + " or ".join(f"--set {key}={value}" for key in keys[:MOST_KEYS]) + "?"
     return f"; {context.command_path} -h lists those there are" if context is not None else ""
