@@ -46,6 +46,21 @@ def test_a_value_at_a_limit_flies(case: Case, tmp_path: Path) -> None:
     assert infinite_columns(load_case(case, tmp_path), tmp_path) == []
 
 
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ("criteria=[{measure='nees', max=1, to_s=0.0}]", "at least 0.001 s: a shorter time falls between two periods"),
+        ("navigation.integrity.integrity_risk=0.2", "below 0.2: the bound of a protection level is proven for errors"),
+        ("swarm.motion={kind='wander', turn_deg=-1}", "at least 0 deg: a largest turn is not negative"),
+        ("swarm.motion={kind='wander', turn_deg=181}", "at most 180 deg: half a turn to either side"),
+    ],
+)
+def test_the_reason_is_that_of_the_number(change: str, reason: str) -> None:
+    with pytest.raises(SwarmError) as caught:
+        load("formation", [change])
+    assert f"must be {reason}" in str(caught.value)
+
+
 def test_an_assumed_noise_far_below_that_of_the_light_is_refused() -> None:
     with pytest.raises(SwarmError, match=r"navigation\.angle_noise_arcsec = 1: must be at least 1\.76 arcsec"):
         load("static", ["navigation.angle_noise_arcsec=1"])

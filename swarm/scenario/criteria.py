@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, Strict
 
-from swarm.scenario.limits import ANY_FIGURE, MOMENT
+from swarm.scenario.limits import ANY_FIGURE, MOMENT, SPAN
 from swarm.scenario.table import Mistake, Table
 from swarm.units import split_unit
 
@@ -36,7 +36,7 @@ class Criterion(Table):
     from_s: Annotated[float, MOMENT] = Field(
         default=0.0, ge=0, le=86400, description="Time from which the telemetry counts."
     )
-    to_s: Annotated[float | None, MOMENT] = Field(
+    to_s: Annotated[float | None, SPAN] = Field(
         default=None, ge=1e-3, le=86400, description="Time until which the telemetry counts. Unset: the end."
     )
     name: str | None = Field(

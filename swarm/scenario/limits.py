@@ -97,6 +97,7 @@ ANGLE = Why(*["one turn is the most: a larger angle repeats a smaller one"] * 2)
 TILT = Why(*["a quarter of a turn is the most: beyond it, the circle repeats"] * 2)
 TURN = Why(*["half a turn is the most: beyond it, the figure repeats"] * 2)
 ATTITUDE_SIGMA = Why(_NOT_NEGATIVE, _HALF_TURN)
+SWAY = Why("a largest turn is not negative", "half a turn to either side reaches every attitude")
 ATTITUDE_LIMIT = Why("a thousandth of a degree is finer than any pose that the light gives", _HALF_TURN)
 PUSH = Why(_NOT_NEGATIVE, _TEN_G)
 TURNING_PUSH = Why(_NOT_NEGATIVE, _SPIN_UP)
@@ -172,6 +173,7 @@ RARE = Why(
     "a double does not tell rarer events from impossible ones",
     "a test that is wrong half of the time is no test",
 )
+RISK = Why(RARE.low, "the bound of a protection level is proven for errors rarer than one in five")
 ALERT = Why("a millionth of a millimetre is finer than any pose", "an error of 1 km is beyond every position")
 ALERT_ATTITUDE = Why("a millionth of a degree is finer than any pose", _HALF_TURN)
 

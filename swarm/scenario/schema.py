@@ -40,6 +40,7 @@ from swarm.scenario.limits import (
     RANGE_MAX,
     RANGE_MIN,
     RARE,
+    RISK,
     ROTOR_RATE,
     SEED,
     SHARE_OF_NOISE,
@@ -301,7 +302,7 @@ class Integrity(Table):
         lt=0.5,
         description="Probability that a fault as large as the protection level allows for is not detected.",
     )
-    integrity_risk: Annotated[float, RARE] = Field(
+    integrity_risk: Annotated[float, RISK] = Field(
         default=1e-7,
         ge=1e-15,
         lt=0.2,

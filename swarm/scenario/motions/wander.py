@@ -4,7 +4,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, Strict
 
-from swarm.scenario.limits import ATTITUDE_SIGMA, BANDWIDTH, SPEED_SIGMA, SPIN_SIGMA
+from swarm.scenario.limits import BANDWIDTH, SPEED_SIGMA, SPIN_SIGMA, SWAY
 from swarm.scenario.motions.base import Place, Turned
 from swarm.scenario.motions.paths import Path, Wandering
 from swarm.scenario.table import Extent, Vector
@@ -24,7 +24,7 @@ class Wander(Turned):
     speed_m_s: Annotated[float, SPEED_SIGMA] = Field(
         default=0.3, ge=0, le=100, description="RMS speed, shared among the axes in proportion to the box's edges."
     )
-    turn_deg: Annotated[float, ATTITUDE_SIGMA] = Field(
+    turn_deg: Annotated[float, SWAY] = Field(
         default=30.0, ge=0, le=180, description="Largest random turn about each body axis, beside the attitude."
     )
     turn_rate_deg_s: Annotated[float, SPIN_SIGMA] = Field(
