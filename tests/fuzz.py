@@ -33,7 +33,6 @@ from mutants import FOREIGN, mutant, recording_mutant
 from swarm.assets import scenarios
 from swarm.cli import app
 from swarm.errors import SwarmError
-from swarm.flight import builders
 from swarm.flight.flight import Flight
 from swarm.scenario import Scenario, load
 
@@ -55,9 +54,6 @@ def fly(settings: Scenario, periods: int = PERIODS) -> None:
         SwarmError: It cannot be built.
         ArithmeticError: A true pose is not finite.
     """
-    builders.check(settings)
-    if not periods:
-        return
     flight = Flight(settings)
     for frame in range(min(periods, flight.periods)):
         period = flight.period(frame)

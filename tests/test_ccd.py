@@ -407,7 +407,7 @@ def test_models_without_cameras_or_lights_are_named():
         ("craft[1].model=cubesat6u", "has 0 lights (sites whose name starts with 'light'), at least 3 are needed"),
     ):
         with pytest.raises(SwarmError) as raised:
-            builders.check(load("ccd-docking", [override]))
+            Flight(load("ccd-docking", [override]))
         assert message in str(raised.value)
 
 

@@ -12,6 +12,7 @@ from estimators.lighthouse.planar import Side, bends, is_flat, pose_rows, spread
 from estimators.lighthouse.pnp import refine
 from estimators.rotation import exp, log
 from swarm.flight import builders
+from swarm.flight.flight import Flight
 from swarm.onboard.acquisition import DECISIVE, Sighting, search
 from swarm.report.findings import warnings
 from swarm.scenario import load
@@ -172,5 +173,8 @@ def test_the_summary_gives_the_reason_of_an_ambiguous_pose() -> None:
 
 
 def test_check_names_the_flat_craft() -> None:
-    assert builders.check(load("plate")) == ["across", "turning", "head-on", "slanted"]
-    assert builders.check(load("crossing", ["craft[1].lighthouse=false"])) == []
+    for settings, flat in (
+        (load("plate"), ["across", "turning", "head-on", "slanted"]),
+        (load("crossing", ["craft[1].lighthouse=false"]), []),
+    ):
+        assert builders.flat_craft(settings, Flight(settings).sensors.lighthouse.photodiodes) == flat

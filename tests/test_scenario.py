@@ -18,6 +18,7 @@ from swarm import scenario
 from swarm.assets import find_model, scenarios
 from swarm.errors import SwarmError
 from swarm.flight import builders
+from swarm.flight.flight import Flight
 from swarm.scenario import Scenario, for_replay, load, to_toml
 from swarm.scenario.mistakes import tables_of
 from swarm.scenario.motions import Course, paths
@@ -536,7 +537,7 @@ def test_a_kind_of_which_a_word_is_given_is_proposed_and_none_is_listed_twice(ki
 )
 def test_craft_inside_another_one_name_the_keys_to_change(overrides: list[str], where: str) -> None:
     with pytest.raises(SwarmError) as raised:
-        builders.check(load("formation", overrides))
+        Flight(load("formation", overrides))
     assert where in str(raised.value)
     assert "inside" in str(raised.value)
 
@@ -545,7 +546,7 @@ def test_a_motion_that_makes_no_sense_names_its_keys() -> None:
     with pytest.raises(
         SwarmError, match=r"scenario static: craft\[1\]\.motion\.position_m = \[0\.0, 1\.0, 0\.0\]: .*face"
     ):
-        builders.check(load("static", ["craft[1].motion.position_m=[0.0, 1.0, 0.0]"]))
+        Flight(load("static", ["craft[1].motion.position_m=[0.0, 1.0, 0.0]"]))
 
 
 def test_a_model_with_too_few_photodiodes_names_its_key(file: Path, tmp_path: Path) -> None:
@@ -556,7 +557,7 @@ def test_a_model_with_too_few_photodiodes_names_its_key(file: Path, tmp_path: Pa
         '[swarm]\ncount = 1\n[[craft]]\nmodel = "few.xml"\nmotion = {kind = "hold", position_m = [1, 0, 3]}'
     )
     with pytest.raises(SwarmError) as raised:
-        builders.check(load(file))
+        Flight(load(file))
     assert "craft[0].model = " in str(raised.value)
     assert "3 photodiodes" in str(raised.value)
 

@@ -29,7 +29,6 @@ def check(scenario: Scenario, overrides: Overrides = None, seed: Seed = None) ->
         from swarm.scenario import load, to_toml
 
         settings = load(scenario, overrides or (), seed)
-        flat = builders.check(settings)
         flight = Flight(settings)
         if settings.criteria:
             from swarm.flight.scene import scene
@@ -41,7 +40,7 @@ def check(scenario: Scenario, overrides: Overrides = None, seed: Seed = None) ->
         _report(facts(settings, flight))
         for dark in out_of_light(settings, flight):
             typer.echo(f"note: {dark}", err=True)
-        if flat:
+        if flat := builders.flat_craft(settings, flight.sensors.lighthouse.photodiodes):
             typer.echo(
                 f"note: every photodiode of {names(flat)} lies in one plane, whose mirror image about the line of sight"
                 " fits nearly as well: small, far or face-on the pose is ambiguous at the start (docs/filter.md)",

@@ -18,12 +18,11 @@ from swarm.flight.builders.assembly import (
 from swarm.flight.builders.cameras import cameras
 from swarm.flight.builders.craft import flat_craft, fleet, photodiodes, pushes, start, steers_by_estimate, world
 from swarm.flight.builders.dynamics import actuators, orbit
-from swarm.flight.builders.faults import check_faults, faults
+from swarm.flight.builders.faults import faults
 from swarm.flight.builders.guidance import guidance, matings
 from swarm.flight.builders.lidars import inspection, lidars
 from swarm.flight.builders.navigation import believed_layout, navigation
 from swarm.flight.builders.station import FAN_ERROR_MAX_RAD, angle_noise, assumed_angle_noise, decoder, timing_noise
-from swarm.scenario import Scenario
 
 __all__ = [
     "FAN_ERROR_MAX_RAD",
@@ -32,7 +31,6 @@ __all__ = [
     "assumed_angle_noise",
     "believed_layout",
     "cameras",
-    "check",
     "computer",
     "decoder",
     "faults",
@@ -59,19 +57,3 @@ __all__ = [
     "timing_noise",
     "world",
 ]
-
-
-def check(settings: Scenario) -> list[str]:
-    """Build everything once, and return the names of the craft whose photodiodes all lie in one plane.
-
-    Raises:
-        SwarmError: a part cannot be built.
-    """
-    motions = fleet(settings)
-    made = world(settings, motions)
-    believed_layout(settings, made.photodiodes)
-    cameras(settings, made, motions.at(0.0))
-    lidars(settings, made)
-    navigation(settings)
-    check_faults(settings, made)
-    return flat_craft(settings, photodiodes(settings, made))

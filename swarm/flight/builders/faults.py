@@ -20,16 +20,16 @@ def faults(settings: Scenario, world: World, sensors: Sensors) -> NoFaults:
         sensors: the sensors, whose light and pulses the faults change.
 
     Raises:
-        SwarmError: as `check_faults`.
+        SwarmError: a craft lacks a photodiode or a thruster that a fault names.
     """
     if not settings.fault:
         return NoFaults(len(settings.craft_names))
-    check_faults(settings, world)
+    _check(settings, world)
     keys, flown = random.keys(settings.craft_names), (settings.seed, settings.duration_s)
     return Faults(settings.fault, settings.craft_names, keys, *flown, sensors.lighthouse, sensors.visibility)
 
 
-def check_faults(settings: Scenario, world: World) -> None:
+def _check(settings: Scenario, world: World) -> None:
     """Check that every craft has the photodiodes and thrusters that its faults name.
 
     Raises:
