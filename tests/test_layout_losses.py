@@ -16,6 +16,7 @@ from swarm.studies.layout.judgement import judge
 from swarm.studies.layout.refusal import refuse_too_few, refuse_unsolved
 from swarm.studies.layout.request import Request, task
 from swarm.studies.layout.sight import lit
+from swarm.studies.layout.study import study
 from swarm.world.hull import Mount
 from swarm.world.keep_out import KeepOut
 
@@ -101,10 +102,11 @@ def test_a_wish_that_cannot_be_met_is_refused_with_the_reason(tmp_path: Path) ->
     at = search.places(asked)
     with pytest.raises(SwarmError, match=r"--photodiodes 12: too few .* each must see 5, and .* takes \d\d or more"):
         refuse_too_few(asked, at, 12)
-    refuse_too_few(asked, at, 60)
+    least = refuse_too_few(asked, at, 60)
+    assert 12 < least <= 60
     judged = judge(asked, [("designed", at.coarse.at(np.arange(12)))], [])[0]
     with pytest.raises(SwarmError, match=r"leaves \d+ % of the poses unsolvable with one .* where \d are lit and 5"):
-        refuse_unsolved(asked, at, judged)
+        refuse_unsolved(asked, judged, least)
     (tmp_path / "plate.xml").write_text(
         '<mujoco><worldbody><body><geom type="box" size=".2 .2 .001"/></body></worldbody></mujoco>'
     )
@@ -141,3 +143,12 @@ def test_a_scene_shades_what_stands_behind_its_neighbour() -> None:
     assert np.linalg.norm(poses.position - [0, 0, 3], axis=1).max() <= 0.1 + 1e-9
     with pytest.raises(SwarmError, match=r"for which craft\? give --craft; those that see the light: far, near"):
         task(Request("mockup", 12, scene="static", overrides=overrides))
+
+
+def test_files_that_exist_are_refused_before_the_scene_is_flown(tmp_path: Path) -> None:
+    (tmp_path / "new.xml").write_text("mine")
+    said: list[str] = []
+    with pytest.raises(SwarmError, match=r"new\.xml.* --force"):
+        study(Request("mockup", 12, scene="static"), tmp_path / "new.xml", False, said.append)
+    assert said == []
+    assert (tmp_path / "new.xml").read_text() == "mine"

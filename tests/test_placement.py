@@ -175,9 +175,9 @@ def test_the_smallest_number_is_the_smallest(needed: int, monkeypatch: pytest.Mo
     free = Mount(np.zeros((200, 3)), np.zeros((200, 3)))
     at = search.Places(free, free, 0.01, None, None, None)  # type: ignore[arg-type]
     said: list[str] = []
-    assert smallest.smallest(asked, at, 0.1, 2.0, said.append) == max(needed, 6)
+    assert smallest.smallest(asked, at, 4, 0.1, 2.0, said.append) == max(needed, 6)
     assert len(tries) == len(said) <= 12
-    assert smallest.smallest(asked, at, 0.1, None, said.append) == 6
+    assert smallest.smallest(asked, at, 4, 0.1, None, said.append) == 6
     assert "unsolvable" in said[0]
 
 
@@ -188,7 +188,7 @@ def test_a_precision_out_of_reach_says_what_there_is(monkeypatch: pytest.MonkeyP
     free = Mount(np.zeros((20, 3)), np.zeros((20, 3)))
     at = search.Places(free, free, 0.01, None, None, None)  # type: ignore[arg-type]
     with pytest.raises(SwarmError, match=r"20 photodiodes .* within 0\.200° and 1\.00 mm; wanted: 0\.1°, 2 mm"):
-        smallest.smallest(asked, at, 0.1, 2.0, lambda text: None)
+        smallest.smallest(asked, at, 4, 0.1, 2.0, lambda text: None)
 
 
 @pytest.fixture

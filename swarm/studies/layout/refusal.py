@@ -11,13 +11,16 @@ from swarm.studies.layout.prediction import Task
 from swarm.studies.layout.search import Places
 
 
-def refuse_too_few(task: Task, at: Places, count: int | None) -> None:
+def refuse_too_few(task: Task, at: Places, count: int | None) -> int:
     """Refuse a number of photodiodes of which no layout solves every pose with one lost.
 
     Args:
         task: What the layout is for.
         at: Places for photodiodes.
         count: Number of photodiodes; None: any.
+
+    Returns:
+        The number below which no layout is enough.
 
     Raises:
         SwarmError: There is no such layout; the message says why.
@@ -38,15 +41,16 @@ def refuse_too_few(task: Task, at: Places, count: int | None) -> None:
             f"{needed}, and whatever the layout, that takes {least} or more on {task.hull.path.name}. Give more, "
             "narrow the poses (--cone-deg), or give --losses 0"
         )
+    return least
 
 
-def refuse_unsolved(task: Task, at: Places, judged: Judged) -> None:
+def refuse_unsolved(task: Task, judged: Judged, least: int) -> None:
     """Refuse a layout that leaves poses unsolvable with one photodiode lost.
 
     Args:
         task: What the layout is for.
-        at: Places for photodiodes.
         judged: The layout, at poses that its search has not seen.
+        least: The number below which no layout is enough.
 
     Raises:
         SwarmError: There are such poses; the message names one.
@@ -56,7 +60,6 @@ def refuse_unsolved(task: Task, at: Places, judged: Judged) -> None:
         return
     lit, count = np.count_nonzero(judged.predicted.lit, axis=1), len(judged.mount.point_m)
     worst = int(np.argmin(np.where(blind, lit, count + 1)))
-    least = at.fewest(task.losses)
     raise SwarmError(
         f"--photodiodes {count}: the best layout found leaves {_percent(blind)} of the poses unsolvable with one "
         f"photodiode lost, as {_where(sample(task), worst)}, where {lit[worst]} are lit and "

@@ -60,7 +60,24 @@ class Request(NamedTuple):
 
 
 def task(request: Request) -> Task:
-    """Return the checked request, in SI units, with the craft's hull. Raises SwarmError."""
+    """Return the checked request, in SI units, with the craft's hull and its scene. Raises SwarmError."""
+    asked, settings = checked(request)
+    return asked if request.scene is None else in_scene(asked, settings, request.craft)
+
+
+def in_scene(asked: Task, settings: scenario.Scenario, craft: str | None) -> Task:
+    """Return the task with its scene, which is flown for it. Raises SwarmError.
+
+    Args:
+        asked: The task.
+        settings: The scene's scenario.
+        craft: Name of the craft that the layout is for; None: the only one.
+    """
+    return asked._replace(scene=flown(settings, asked.hull, craft, asked.within.cone_rad))
+
+
+def checked(request: Request) -> tuple[Task, scenario.Scenario]:
+    """Return the checked request, but for its scene's flight, and the scenario. Raises SwarmError."""
     request = request.filled()
     _check_numbers(request)
     settings = _scenario(request)
@@ -70,12 +87,11 @@ def task(request: Request) -> Task:
     if request.scene is None:
         _check_range(request, station)
     hull = Hull(find_model(request.model))
-    turn_rad = radians(request.cone_deg or 0.0)
     noise = si(station)
-    return Task(
+    asked = Task(
         hull,
         station,
-        PoseRange(request.distance_m, turn_rad, radians(request.off_axis_deg or 0.0)),
+        PoseRange(request.distance_m, radians(request.cone_deg or 0.0), radians(request.off_axis_deg or 0.0)),
         Mix(
             radians(ATTITUDE_DEG if request.attitude_deg is None else request.attitude_deg),
             1e-3 * (POSITION_MM if request.position_mm is None else request.position_mm),
@@ -85,8 +101,8 @@ def task(request: Request) -> Task:
         request.share,
         request.losses,
         KeepOut(hull.path, request.keep_out),
-        None if request.scene is None else flown(settings, hull, request.craft, turn_rad),
     )
+    return asked, settings
 
 
 def _check_numbers(request: Request) -> None:

@@ -6,7 +6,6 @@ from math import degrees, inf, isfinite
 import numpy as np
 
 from estimators.layout.error import percentile
-from estimators.lighthouse.pnp import FEWEST_LIT
 from swarm.errors import SwarmError
 from swarm.studies.layout.prediction import Prediction, Task
 from swarm.studies.layout.search import Places, find
@@ -15,7 +14,12 @@ PHOTODIODES_MAX = 64
 
 
 def smallest(
-    task: Task, at: Places, attitude_deg: float | None, position_mm: float | None, say: Callable[[str], None]
+    task: Task,
+    at: Places,
+    least: int,
+    attitude_deg: float | None,
+    position_mm: float | None,
+    say: Callable[[str], None],
 ) -> int:
     """Return the least number of photodiodes whose predicted errors, at the percentile, are as wanted.
 
@@ -25,6 +29,7 @@ def smallest(
     Args:
         task: What the layout is for.
         at: Places for photodiodes.
+        least: The number below which no layout is enough.
         attitude_deg: Wanted attitude error [deg]; None: any will do.
         position_mm: Wanted position error [mm]; None: any will do.
         say: Is told each step.
@@ -33,9 +38,7 @@ def smallest(
         SwarmError: The largest number is not enough; the message says what it reaches.
     """
     most = min(PHOTODIODES_MAX, len(at.coarse.point_m))
-    count = FEWEST_LIT + task.losses
-    if task.losses:
-        count = min(most, at.fewest(task.losses) or most)
+    count = min(most, least)
     too_few = count - 1
     while True:
         found = find(task, at, count, quick=True).prediction

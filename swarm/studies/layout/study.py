@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from estimators.lighthouse.pnp import FEWEST_LIT
 from swarm.errors import SwarmError
 from swarm.figures import save
 from swarm.results.disk import refuse_existing, write_text, writing
@@ -21,7 +22,7 @@ from swarm.studies.layout.judgement import Judged, judge
 from swarm.studies.layout.prediction import Task
 from swarm.studies.layout.refusal import refuse_too_few, refuse_unsolved
 from swarm.studies.layout.report import figures
-from swarm.studies.layout.request import Request, task
+from swarm.studies.layout.request import Request, checked, in_scene
 from swarm.studies.layout.search import find, places
 from swarm.studies.layout.smallest import smallest
 from swarm.world.craft import load_craft
@@ -66,21 +67,21 @@ def study(request: Request, out: Path | None, force: bool, say: Callable[[str], 
         SwarmError: Something is wrong, or no layout keeps every pose solvable with one photodiode lost; nothing is
             written then.
     """
-    if request.scene is not None:
-        say(f"flying {request.scene} by the truth")
-    asked = task(request)
+    asked, settings = checked(request)
     model = asked.hull.path
     out = default_out(request, model) if out is None else out
     files = files_of(out)
     _check_target(out, model, files, force)
+    if request.scene is not None:
+        say(f"flying {request.scene} by the truth")
+        asked = in_scene(asked, settings, request.craft)
 
     say("places on the hull")
     at = places(asked)
     count = request.photodiodes
-    if asked.losses:
-        refuse_too_few(asked, at, count)
+    least = refuse_too_few(asked, at, count) if asked.losses else FEWEST_LIT
     if count is None:
-        count = smallest(asked, at, request.attitude_deg, request.position_mm, say)
+        count = smallest(asked, at, least, request.attitude_deg, request.position_mm, say)
     say(f"{count} photodiodes among {len(at.coarse.point_m)} places, at {len(at.poses.position)} poses")
     mount = tidy(find(asked, at, count, seed=seed).mount)
 
@@ -92,7 +93,7 @@ def study(request: Request, out: Path | None, force: bool, say: Callable[[str], 
     others = [(f"{EVEN} {i}", other) for i, other in enumerate(evens[1:], start=1)]
     judged = judge(asked, layouts + others, [name for name, _ in layouts])
     if asked.losses:
-        refuse_unsolved(asked, at, judged[0])
+        refuse_unsolved(asked, judged[0], least)
     made = figures(request.filled(), asked, judged)
     _write(files, model, mount, made, judged, asked)
     return Study(made, files)
