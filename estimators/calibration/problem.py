@@ -22,6 +22,7 @@ second order in the angles off boresight. It is phase (about x and y) and tilt (
 """
 
 from collections.abc import Sequence
+from math import hypot
 from typing import NamedTuple
 
 import numpy as np
@@ -67,6 +68,11 @@ class Noise(NamedTuple):
 
     own_rad: float
     rotor_rad: float
+
+    @property
+    def sigma_rad(self) -> float:
+        """The standard deviation of both together."""
+        return hypot(self.own_rad, self.rotor_rad)
 
 
 def check(survey: Survey, noise: Noise, hold: Sequence[str]) -> None:

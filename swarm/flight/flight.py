@@ -49,11 +49,12 @@ class Flight:
         self.latches = builders.latches(scenario, self.world)
         self.surroundings = builders.surroundings(scenario, self.world, self.motions)
         self.actuators = builders.actuators(scenario, self.world)
-        self.computer = builders.computer(scenario, self.world, self.motions, self.sensors, history=history)
+        layout = builders.own_layout(scenario, self.world)
+        self.computer = builders.computer(scenario, self.world, self.motions, self.sensors, layout, history=history)
         self.pilot = builders.pilot(scenario, self.world, self.motions, self.latches)
         self._told = builders.start_state(scenario, self.motions)
         self.command = builders.no_command(len(self.world.names))
-        self.believed = builders.measured_by(scenario, self.world)
+        self.believed = builders.measured_by(scenario, self.world, layout, self.computer.navigator.settings)
 
     def fly(self) -> Iterator[Period]:
         """Fly one lighthouse period after the other, to the end of the scenario."""

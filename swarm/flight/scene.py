@@ -1,7 +1,5 @@
 """The description of a flight that telemetry and recording receive before its first period."""
 
-from math import hypot
-
 from swarm.assets import find_model
 from swarm.flight.builders import assumed_angle_noise, photodiodes
 from swarm.flight.flight import Flight
@@ -38,5 +36,5 @@ def scene(scenario: Scenario, flight: Flight) -> Scene:
         guided=flight.pilot.guidance is not None,
         docking=bool(flight.latches.matings),
         faults=faults,
-        angle_noise_rad=hypot(*assumed_angle_noise(scenario)),
+        angle_noise_rad=assumed_angle_noise(scenario).sigma_rad,
     )

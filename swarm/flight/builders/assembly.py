@@ -20,6 +20,7 @@ from swarm.onboard.actuation.actuation import Actuation
 from swarm.onboard.computer import Computer
 from swarm.onboard.navigation import Navigator
 from swarm.onboard.pilot import Body, Pilot
+from swarm.onboard.settings import NavigationSettings
 from swarm.results.angles import Believed, believed
 from swarm.scenario import Scenario
 from swarm.sensors.ccd import Ccd
@@ -59,7 +60,15 @@ def own_layout(scenario: Scenario, world: World) -> Photodiodes:
     return believed_layout(scenario, world.photodiodes)._replace(present=photodiodes(scenario, world).present)
 
 
-def computer(scenario: Scenario, world: World, motions: Fleet, suite: Sensors, *, history: bool = False) -> Computer:
+def computer(
+    scenario: Scenario,
+    world: World,
+    motions: Fleet,
+    suite: Sensors,
+    layout: Photodiodes,
+    *,
+    history: bool = False,
+) -> Computer:
     """Return the computers of all craft.
 
     Args:
@@ -67,12 +76,12 @@ def computer(scenario: Scenario, world: World, motions: Fleet, suite: Sensors, *
         world: the world, for its models.
         motions: motions of the craft, for the cameras' targets.
         suite: all sensors, for the LiDARs.
+        layout: the photodiodes at the positions that every craft assumes.
         history: whether estimates carry the filter's prediction, for a smoother.
 
     Raises:
         SwarmError: a calibration does not fit the craft.
     """
-    layout = own_layout(scenario, world)
     begin = motions.at(0.0)
     known = [known for _, known in cameras(scenario, world, begin)]
     # Who holds no attitude turns without torque.
@@ -84,11 +93,16 @@ def computer(scenario: Scenario, world: World, motions: Fleet, suite: Sensors, *
     )
 
 
-def measured_by(scenario: Scenario, world: World) -> Believed:
-    """Return the layout, fan errors and noise that the craft assume when they measure angles, for a calibration."""
-    settings = navigation(scenario)
-    fans = settings.fan_x, settings.fan_y
-    return believed(world.names, own_layout(scenario, world), fans, angle_noise(scenario))
+def measured_by(scenario: Scenario, world: World, layout: Photodiodes, settings: NavigationSettings) -> Believed:
+    """Return the layout, fan errors and noise that the craft assume when they measure angles, for a calibration.
+
+    Args:
+        scenario: the scenario, for the noise.
+        world: the world, for the names of the craft.
+        layout: the photodiodes at the positions that every craft assumes.
+        settings: settings of every craft's computer, for the fan errors.
+    """
+    return believed(world.names, layout, (settings.fan_x, settings.fan_y), angle_noise(scenario))
 
 
 def pilot(scenario: Scenario, world: World, motions: Fleet, latches: Latches) -> Pilot:

@@ -1,13 +1,13 @@
 """The settings of every craft's computer, and the photodiode layout that it assumes."""
 
 from dataclasses import replace
-from math import hypot, inf, sqrt
+from math import inf, sqrt
 
 from swarm import scenario
 from swarm.errors import SwarmError, did_you_mean
 from swarm.flight.builders.dynamics import orbit
 from swarm.flight.builders.station import assumed_angle_noise
-from swarm.flight.recordings.station_calibration import read_calibration
+from swarm.flight.recordings.station_calibration import StationCalibration, read_calibration
 from swarm.hardware import Photodiodes
 from swarm.onboard.integrity import IntegritySettings
 from swarm.onboard.settings import NavigationSettings, QuietModel
@@ -26,11 +26,11 @@ def navigation(settings: Scenario) -> NavigationSettings:
     """
     table, station = si(settings.navigation), si(settings.lighthouse)
     noise = assumed_angle_noise(settings)
-    sigma_rad = hypot(noise.own_rad, noise.rotor_rad)
+    calibration = None if table.calibration is None else read_calibration(table.calibration)
     made = NavigationSettings(
         frame_s=1 / station.rate_hz,
-        angle_noise_rad=sigma_rad,
-        rotor_correlation=(noise.rotor_rad / sigma_rad) ** 2,
+        angle_noise_rad=noise.sigma_rad,
+        rotor_correlation=(noise.rotor_rad / noise.sigma_rad) ** 2,
         motion_compensation=table.motion_compensation,
         acceleration_noise_m_s2=table.acceleration_noise_m_s2,
         angular_acceleration_noise_rad_s2=table.angular_acceleration_noise_rad_s2,
@@ -39,12 +39,11 @@ def navigation(settings: Scenario) -> NavigationSettings:
         coast_limit_s=table.coast_limit_s,
         filter=table.filter,
         coupling=table.coupling,
-        integrity=_integrity(settings),
+        integrity=_integrity(settings, calibration),
         orbit=orbit(settings),
     )
-    if table.calibration is None:
+    if calibration is None:
         return made
-    calibration = read_calibration(table.calibration)
     return replace(made, fan_x=calibration.fan_x, fan_y=calibration.fan_y)
 
 
@@ -61,9 +60,9 @@ def _quiet(settings: Scenario) -> QuietModel | None:
     )
 
 
-def _integrity(settings: Scenario) -> IntegritySettings:
+def _integrity(settings: Scenario, calibration: StationCalibration | None) -> IntegritySettings:
     table, station = si(settings.navigation.integrity), si(settings.lighthouse)
-    test = settings.navigation.motion_compensation and _every_error_is_known(settings)
+    test = settings.navigation.motion_compensation and _every_error_is_known(settings, calibration)
     # Two flashes, each off by at most a tick's rounding and eight sigma of jitter.
     doubt = (2 * station.tick_s + 8 * sqrt(2) * station.sync_jitter_s) * station.rate_hz
     return IntegritySettings(
@@ -78,13 +77,13 @@ def _integrity(settings: Scenario) -> IntegritySettings:
     )
 
 
-def _every_error_is_known(settings: Scenario) -> bool:
+def _every_error_is_known(settings: Scenario, calibration: StationCalibration | None) -> bool:
     """Tell whether fans and mountings are without errors, or a calibration takes off those of every craft."""
-    drawn, file = settings.lighthouse, settings.navigation.calibration
-    if file is None:
+    drawn = settings.lighthouse
+    if calibration is None:
         return drawn.mounting_error_mm == 0 and drawn.fan_x == drawn.fan_y == scenario.Fan()
-    placed = read_calibration(file).by_name if drawn.mounting_error_mm else {}
-    return not drawn.mounting_error_mm or all(
+    placed = calibration.by_name
+    return drawn.mounting_error_mm == 0 or all(
         craft.name in placed or craft.model.stem in placed for craft in scenario.craft(settings)
     )
 
