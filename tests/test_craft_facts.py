@@ -78,8 +78,12 @@ def test_authority_is_what_no_mix_of_outputs_exceeds() -> None:
 
 
 def test_craft_of_one_table_are_told_together_and_their_motion_is_looked_at() -> None:
-    """A ring of radius r that turns at w accelerates by w^2 r; here nothing limits it."""
-    settings = load("formation", ["swarm.count=3", "swarm.motion.radius_m=1.2", "swarm.motion.rate_deg_s=6"])
+    """A ring of radius r that turns at w accelerates by w^2 r; without actuators nothing limits it."""
+    changes = ["swarm.count=3", "swarm.motion.radius_m=1.2", "swarm.motion.rate_deg_s=6"]
+    ideal = load("formation", changes)
+    (alike,) = facts(ideal, Flight(ideal))
+    assert (alike.names, alike.planned) == (("craft-0", "craft-1", "craft-2"), {})
+    settings = load("formation", [*changes, "swarm.model=cubesat12u"])
     (alike,) = facts(settings, Flight(settings))
     assert alike.names == ("craft-0", "craft-1", "craft-2")
     (planned,) = alike.planned.values()

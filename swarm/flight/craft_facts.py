@@ -15,6 +15,7 @@ import numpy as np
 from scipy.optimize import linprog
 
 from estimators.arrays import Bools, Floats
+from estimators.layout.error import WANTED_LIT
 from swarm import scenario
 from swarm.flight.builders.craft import start
 from swarm.flight.builders.dynamics import fitted
@@ -25,8 +26,6 @@ from swarm.scenario.motions.dock import Dock
 from swarm.scenario.motions.guided import Clear, Guided
 from swarm.units import si
 
-FEW_PHOTODIODES = 6
-"""Fewer than these leave nothing to check a pose with once one is lost."""
 SAMPLES = 400
 """Times at which the acceleration of a motion without guidance is looked at."""
 PATH_SAMPLES = 100
@@ -39,7 +38,7 @@ class CraftFacts(NamedTuple):
     """One craft. names: those of the craft that are like it.
 
     force_n, torque_nm: (3,) along the body axes; None where it is moved by an ideal force. planned: accelerations that
-    its guidance or motion may ask for [m/s^2], by the key that sets them.
+    its guidance or motion may ask of its actuators [m/s^2], by the key that sets them.
     """
 
     names: tuple[str, ...]
@@ -58,8 +57,8 @@ class CraftFacts(NamedTuple):
     def warnings(self) -> Iterator[str]:
         """Yield what will not work as planned."""
         who = _together(self.names)
-        if 0 < self.photodiodes < FEW_PHOTODIODES:
-            told = f"with fewer than {FEW_PHOTODIODES}, one lost may end its navigation"
+        if 0 < self.photodiodes < WANTED_LIT:
+            told = f"with fewer than {WANTED_LIT}, one lost may end its navigation"
             yield f"{who}: {self.photodiodes} photodiodes; {told}"
         available = self.acceleration_m_s2
         if available is None:
@@ -79,10 +78,12 @@ def facts(settings: Scenario, flight: Flight) -> list[CraftFacts]:
     where = {int(who): a for a, who in enumerate(actuators.who)}
     cameras = set() if flight.sensors.ccd is None else {pair.craft for pair in flight.sensors.ccd.pairs}
     present = flight.sensors.lighthouse.photodiodes.present.sum(axis=1)
-    motions, limits = _motion_accelerations(settings, flight), dict[int, tuple[Floats, Floats]]()
+    motions = _motion_accelerations(settings, flight) if where else None
+    limits: dict[int, tuple[Floats, Floats]] = {}
     alike: dict[object, CraftFacts] = {}
     for i, c in enumerate(craft):
-        planned, key = _planned(c, motions[i]), c.name if c.count == 1 else c.model
+        planned = {} if motions is None or i not in where else _planned(c, motions[i])
+        key = c.name if c.count == 1 else c.model
         if key in alike:
             known = alike[key]
             most = {name: max(value, known.planned.get(name, 0.0)) for name, value in planned.items()}
