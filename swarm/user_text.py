@@ -14,8 +14,6 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from swarm.errors import SwarmError
 
 DEPTH_MAX = 32
@@ -141,17 +139,6 @@ def parse_json(text: str, where: str, what: str = "JSON") -> Any:
     return value
 
 
-class _Yaml(yaml.SafeLoader):  # type: ignore[misc]  # the library has no types
-    """YAML without anchors, by which a short text grows without bounds, or contains itself."""
-
-    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        if self.check_event(yaml.AliasEvent):
-            raise yaml.constructor.ConstructorError(
-                None, None, "an alias (*) has no place here", self.peek_event().start_mark
-            )
-        return super().compose_node(parent, index)
-
-
 def parse_yaml(text: str, where: str, what: str = "YAML") -> Any:
     """Return the value of a YAML text.
 
@@ -166,13 +153,14 @@ def parse_yaml(text: str, where: str, what: str = "YAML") -> Any:
     check_text(text, where)
     if len(text) > YAML_MAX:
         raise SwarmError(f"{where}: has more than {YAML_MAX} characters, so it is not {what}")
+    # Most commands read no YAML, and PyYAML takes its time to load.
+    from swarm.yaml_loader import DamagedYaml, load_yaml
+
     try:
-        value = yaml.load(text, Loader=_Yaml)
-    except yaml.MarkedYAMLError as error:
-        line = f", line {error.problem_mark.line + 1}" if error.problem_mark is not None else ""
-        raise SwarmError(f"{where}{line}: not {what}, or damaged: {error.problem}") from None
-    except yaml.YAMLError as error:
-        raise SwarmError(f"{where}: not {what}, or damaged: {short(str(error).splitlines()[0])}") from None
+        value = load_yaml(text)
+    except DamagedYaml as error:
+        at, problem = (f", line {error.line}", str(error)) if error.line is not None else ("", short(str(error)))
+        raise SwarmError(f"{where}{at}: not {what}, or damaged: {problem}") from None
     except RecursionError:
         raise SwarmError(f"{where}: not {what}: {TOO_DEEP}") from None
     except (ValueError, OverflowError, TypeError) as error:

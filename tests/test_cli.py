@@ -29,6 +29,7 @@ from swarm.studies.papers.catalogue import EXPERIMENTS
 
 FIGURES: dict[str, Any] = {"status": "complete", "swarm": None, "craft": {}}
 HEAVY = {
+    "yaml",
     "mujoco",
     "numba",
     "numpy",
