@@ -56,6 +56,19 @@ def recordings() -> dict[str, Path]:
     return {path.name.partition(".")[0]: path for path in files}
 
 
+class OwnRecording(NamedTuple):
+    """A recording that comes with the package: its name, and the file of its station's calibration."""
+
+    name: str
+    calibration: Path
+
+
+def own_recording(file: Path) -> OwnRecording | None:
+    """Return which of the recordings that come with the package a file is, None if it is another one."""
+    name = next((name for name, own in recordings().items() if own == file), None)
+    return None if name is None else OwnRecording(name, file.with_name(f"{name}.json"))
+
+
 def find_model(name_or_path: str | Path, relative_to: Path | None = None) -> Path:
     """Return the MJCF file of a craft or a lighthouse, given by a known name, a path to an .xml file, or its folder.
 

@@ -99,3 +99,9 @@ def test_studies_are_shipped_and_found():
     assert "scaling" not in assets.scenarios()
     with pytest.raises(SwarmError, match="no study 'scalin'; did you mean 'scaling'"):
         assets.find_study("scalin")
+
+
+def test_a_recording_that_comes_along_is_known_with_its_calibration():
+    file = assets.recordings()["handheld"]
+    assert assets.own_recording(file) == ("handheld", file.parent / "handheld.json")
+    assert assets.own_recording(file.with_name("other.rec.gz")) is None

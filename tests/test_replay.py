@@ -8,7 +8,10 @@ from synthetic_recording import calibration_text, in_our_frame, lines, write
 
 import swarm
 from estimators.rotation import angle_between, matrix_from_quaternion
+from swarm.assets import recordings
 from swarm.errors import SwarmError
+from swarm.flight.replay import _command
+from swarm.scenario import for_replay
 
 DATA = Path(__file__).parents[2] / "shared" / "data" / "lighthouse-v1"
 RECORDING = DATA / "lh1_test_cal.rec.gz"
@@ -87,3 +90,17 @@ def test_mistakes_name_what_is_there(tmp_path, synthetic):
     with pytest.raises(SwarmError, match="truncated"):
         swarm.replay(recording, object_name="OBJ", calibration=calibration, out=tmp_path / "run")
     assert not (tmp_path / "run").exists(), "nothing half-written"
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (None, "swarm replay handheld"),
+        ("the one beside it", "swarm replay handheld"),
+        ("mine.toml", "swarm replay handheld --calibration mine.toml"),
+    ],
+)
+def test_the_command_of_a_run_keeps_a_calibration_that_was_given(given, said):
+    file = recordings()["handheld"]
+    calibration = file.with_name("handheld.json") if given == "the one beside it" else given
+    assert _command(file, for_replay(file), None, 0, calibration, "pulses") == said

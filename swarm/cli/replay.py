@@ -128,14 +128,13 @@ def replay(
 
 def _own_calibration(file: Path, tell: Callable[[str], None]) -> Path | None:
     """Return the calibration beside a recording that comes with the program, and say that it is used."""
-    from swarm.assets import recordings
+    from swarm.assets import own_recording
 
-    name = next((name for name, own in recordings().items() if own == file), None)
-    if name is None:
+    own = own_recording(file)
+    if own is None:
         return None
-    calibration = file.with_name(name).with_suffix(".json")
-    tell(f"{name} comes with the program, and so does its station's calibration, {calibration}")
-    return calibration
+    tell(f"{own.name} comes with the program, and so does its station's calibration, {own.calibration}")
+    return own.calibration
 
 
 def _print_notes(notes: list[str]) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from estimators.arrays import Floats, Ints
 from estimators.lighthouse.integrity import Sweeps
 from estimators.lighthouse.sweep import correct
-from swarm.assets import find_model, recordings
+from swarm.assets import find_model, own_recording
 from swarm.errors import SwarmError
 from swarm.flight import builders
 from swarm.flight.recordings.consistency import Consistency, Sample, assess
@@ -133,12 +133,13 @@ def _command(
         calibration: file of the station's known errors.
         source: raw pulses or angles.
     """
-    own = next((name for name, file in recordings().items() if file == Path(recording)), None)
-    words = ["swarm", "replay", own or str(recording)]
+    own = own_recording(Path(recording))
+    words = ["swarm", "replay", own.name if own is not None else str(recording)]
     words += ["--object", object_name] if object_name is not None else []
     words += ["--lighthouse", str(lighthouse)] if lighthouse else []
-    # A recording that comes with the program brings its calibration.
-    words += ["--calibration", str(calibration)] if calibration is not None and own is None else []
+    # A recording that comes with the program brings its calibration, unless another one is given.
+    brought = own is not None and calibration is not None and Path(calibration) == own.calibration
+    words += ["--calibration", str(calibration)] if calibration is not None and not brought else []
     words += ["--from", source] if source != "pulses" else []
     usual = for_replay(Path(recording))
     words += ["--seed", str(settings.seed)] if settings.seed != usual.seed else []
