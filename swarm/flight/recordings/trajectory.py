@@ -87,11 +87,13 @@ def read_trajectory(path: str | Path) -> Trajectory:
 
 
 def begins_trajectory(lines: list[str]) -> bool:
-    """Return whether the first lines of a text are a trajectory's: a head, or a row of numbers."""
-    if lines and _is_head(lines[0]):
-        return True
-    rows_ = [line for line in lines if not line.lstrip().startswith("#")]
-    return bool(rows_) and _numbers(rows_[0], None, 0) is not None
+    """Return whether the first lines of a text are a trajectory's: comments, then a head or a row of numbers."""
+    for line in lines:
+        if _is_head(line):
+            return True
+        if not line.lstrip().startswith("#"):
+            return _numbers(line, None, 0) is not None
+    return False
 
 
 def _of_array(file: Path) -> Trajectory:
