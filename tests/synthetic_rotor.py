@@ -4,6 +4,8 @@ import json
 import math
 import struct
 import zlib
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 
@@ -82,20 +84,28 @@ def crazyflie_log(
     version: int = 2,
     *,
     frames: bool = True,
-    angles: bool = True,
     types: tuple[tuple[int, str, tuple[str, ...]], ...] = TYPES,
+    forms: Mapping[int, str] = MappingProxyType(FORMS),
+    more: Sequence[tuple[float, int, tuple[float, ...]]] = (),
 ) -> bytes:
-    """Return a Crazyflie's event log of the same light: the first pulse of each sweep has no channel."""
-    events: list[tuple[float, int, tuple[float, ...]]] = [(0.01, 0, (1,)), (0.4, 0, (0,))]
+    """Return a Crazyflie's event log of the same light: the first pulse of each sweep has no channel.
+
+    Args:
+        version: of the format.
+        frames: whether raw pulses are logged.
+        types: of events: id, name and variables.
+        forms: form of the values per type.
+        more: further events: time [s], type and values.
+    """
+    events: list[tuple[float, int, tuple[float, ...]]] = [(0.01, 0, (1,)), (0.4, 0, (0,)), *more]
     events += [(0.01 * i, 65535, (90.0, 0.0, -45.0, 0.0, 0.0, 1.0)) for i in range(20)]
     for channel in CHANNELS:
         zero = zeros(channel)
         blocks: dict[tuple[int, int], list[tuple[float, int]]] = {}
         for at, k, plane, n in hits(channel):
             blocks.setdefault((n, plane), []).append((at, k))
-            if angles:
-                values: tuple[float, ...] = (k, channel, plane, ANGLES[channel][k, plane], 0.0)
-                events.append(((at - BEGIN) / 48e6 + 0.012, 1, values))
+            values: tuple[float, ...] = (k, channel, plane, ANGLES[channel][k, plane], 0.0)
+            events.append(((at - BEGIN) / 48e6 + 0.012, 1, values))
         for (n, _), block in blocks.items() if frames else ():
             for i, (at, k) in enumerate(sorted(block)):
                 # Ticks of 24 MHz, the offset in steps of four, and only with the second and later pulses.
@@ -111,7 +121,7 @@ def crazyflie_log(
         own_s = 11.0 + time_s * SLOW
         out += struct.pack("<H", number)
         out += struct.pack("<I", round(own_s * 1e3)) if version == 1 else struct.pack("<Q", round(own_s * 1e6))
-        out += struct.pack("<" + FORMS[number], *shown)
+        out += struct.pack("<" + forms[number], *shown)
     return bytes(out) + struct.pack("<I", zlib.crc32(out))
 
 

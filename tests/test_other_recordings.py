@@ -9,7 +9,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mutants import FOREIGN, event_log_mutant, mutant, recording_mutant
-from synthetic_rotor import ANGLES, CHANNELS, DEVICE, TICKS, TURNS, TYPES, crazyflie_log, lines, system_config
+from synthetic_rotor import (
+    ANGLES,
+    CHANNELS,
+    DEVICE,
+    FORMS,
+    SLOW,
+    TICKS,
+    TURNS,
+    TYPES,
+    crazyflie_log,
+    lines,
+    system_config,
+)
 from typer.testing import CliRunner
 
 from swarm.cli.app import app
@@ -24,6 +36,7 @@ from swarm.flight.recordings.rotor_light import decode_rotor_log
 from swarm.flight.recordings.station_terms import SweepTerms
 from swarm.flight.recordings.system_config import read_system_config
 from swarm.flight.recordings.trajectory import read_trajectory
+from swarm.flight.recordings.windows import Windows
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 REAL = SHARED / "lighthouse-v2" / "lh2_test_cal.rec.gz"
@@ -88,6 +101,10 @@ def test_damaged_and_repeated_lines_are_counted(tmp_path: Path) -> None:
     assert recording.losses.damaged == len(bad)
     assert recording.losses.repeated == 20
     same_angles(decode_rotor_log(recording.rotors), 1, 1.5 * ONE_TICK)
+    assert contents(tmp_path / "bad.rec").losses == [
+        f"OBJ: damaged lines, left out: {len(bad)}",
+        "OBJ: lines that repeat an earlier one, left out: 20",
+    ]
 
 
 def test_what_is_lost_without_zeros_is_said(tmp_path: Path) -> None:
@@ -95,6 +112,32 @@ def test_what_is_lost_without_zeros_is_said(tmp_path: Path) -> None:
     found = contents(write(tmp_path / "blind.rec", blind))
     assert [(row.station, row.pulses, row.angles) for row in found.rows] == [(3, TURNS, TURNS), (11, 0, TURNS)]
     assert found.losses == [f"OBJ: hits while their rotor's zero is not known, left out: {TURNS * 8}"]
+
+
+def test_libsurvives_angles_alone_are_listed(tmp_path: Path) -> None:
+    own = [line for line in lines() if line.split()[2] in ("CONFIG", "B")]
+    first, second = contents(write(tmp_path / "own.rec", own)).rows
+    assert [(row.generation, row.station, row.pulses, row.angles) for row in (first, second)] == [
+        ("2.0", 3, 0, TURNS),
+        ("2.0", 11, 0, TURNS),
+    ]
+    assert first.remark == "replay of Lighthouse 2.0 is not possible yet"
+    times = [float(line.split()[0]) for line in own[1:]]
+    assert (first.begin_s, first.end_s) == (min(times), max(times))
+
+
+def test_zeros_alone_are_light_of_lighthouse_2(tmp_path: Path) -> None:
+    zeros = [line for line in lines() if line.split()[2] in ("CONFIG", "Y")]
+    (row,) = contents(write(tmp_path / "zeros.rec", zeros)).rows
+    assert (row.generation, row.station, row.begin_s) == ("2.0", None, None)
+    assert row.remark == "no hit with its rotor's zero"
+
+
+@pytest.mark.parametrize("kept", ["W", "B", "Y"])
+def test_light_of_lighthouse_2_of_any_kind_is_named(tmp_path: Path, kept: str) -> None:
+    some = [line for line in lines() if line.split()[2] in ("CONFIG", kept)]
+    with pytest.raises(SwarmError, match=r"'OBJ' saw Lighthouse 2\.0 stations"):
+        Windows(read_libsurvive(write(tmp_path / "some.rec", some), DEVICE), 0)
 
 
 def test_an_echo_is_kept_and_counted_and_adds_no_turn(tmp_path: Path) -> None:
@@ -156,6 +199,54 @@ def test_a_damaged_log_keeps_what_is_good(tmp_path: Path) -> None:
     flipped[event : event + 2] = b"\x77\x77"
     other = read_crazyflie(write(tmp_path / "other", bytes(flipped)))
     assert other.lost
+
+
+def test_negative_values_of_signed_variables_are_damage(tmp_path: Path) -> None:
+    types = tuple(
+        (number, name, tuple(text.replace("(B)", "(b)").replace("(I)", "(i)") for text in variables))
+        for number, name, variables in TYPES
+    )
+    negative: list[tuple[float, int, tuple[float, ...]]] = [
+        *((0.2, 2, values) for values in ((-1, 3, 0, 5), (0, -1, 0, 5), (0, 3, -4, 5), (0, 3, 0, -5))),
+        *((0.2, 1, values) for values in ((-1, 3, 0, 0.1, 0.1), (0, -3, 0, 0.1, 0.1), (0, 3, -1, 0.1, 0.1))),
+    ]
+    forms = {number: form.lower() for number, form in FORMS.items()}
+    log = read_crazyflie(write(tmp_path / "log00", crazyflie_log(types=types, forms=forms, more=negative)))
+    good = read_crazyflie(write(tmp_path / "good", crazyflie_log()))
+    assert (log.damaged, log.lost) == (len(negative), "")
+    for ours, theirs in zip((*log.frames, *log.angles), (*good.frames, *good.angles), strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+
+
+def test_two_types_of_event_of_one_name_are_read_each_by_its_own_variables(tmp_path: Path) -> None:
+    types = (*TYPES, (7, "lhAngle", ("angle(f)", "sweep(B)", "sensor(B)", "basestation(B)")))
+    data = crazyflie_log(types=types, forms={**FORMS, 7: "fBBB"}, more=[(0.2, 7, (0.25, 1, 2, 11))])
+    log = read_crazyflie(write(tmp_path / "log00", data))
+    assert log.damaged == 0
+    (other,) = np.flatnonzero(log.angles.angle == 0.25)
+    assert [int(column[other]) for column in log.angles[:3]] == [11, 1, 2]
+
+
+@pytest.mark.parametrize("at_s", [0.0, 0.05])
+def test_a_damaged_time_far_ahead_costs_one_event(tmp_path: Path, at_s: float) -> None:
+    data = crazyflie_log()
+    event = struct.pack("<HQ", 65535, round((11 + at_s * SLOW) * 1e6))
+    assert data.count(event) == 1
+    good = read_crazyflie(write(tmp_path / "good", data))
+    far = struct.pack("<HQ", 65535, 10**15)
+    log = read_crazyflie(write(tmp_path / "far", data.replace(event, far)))
+    assert log.damaged == 1
+    assert len(log.inertial.time_s) == len(good.inertial.time_s) - 1
+    np.testing.assert_array_equal(log.frames.tick, good.frames.tick)
+    assert log.end_s == good.end_s
+
+
+@pytest.mark.parametrize("later", [(30.0,), (30.0, 30.1), (30.0, 60.0, 90.0)])
+def test_a_pause_in_a_log_is_no_damage(tmp_path: Path, later: tuple[float, ...]) -> None:
+    log = read_crazyflie(write(tmp_path / "log00", crazyflie_log(more=[(time_s, 0, (1,)) for time_s in later])))
+    assert log.damaged == 0
+    np.testing.assert_allclose(log.mark_s[2:], 11 + np.array(later) * SLOW, atol=2e-6)
+    assert log.end_s == log.mark_s[-1]
 
 
 @pytest.mark.parametrize(
@@ -301,13 +392,14 @@ TURNED = "0.5 -0.5 0.5 0.5"
         [f"{t} {2 * t} 3 4 {TURNED}" for t in TIME.tolist()],
         ["# time x y z qx qy qz qw", *(f"{t} {2 * t} 3 4 {TURNED}" for t in TIME.tolist())],
         ["time_ms,x,y,z,qx,qy,qz,qw", *(f"{t * 1e3},{2 * t},3,4,{TURNED.replace(' ', ',')}" for t in TIME.tolist())],
+        ["# by hand", "", "t;x;y;z;qx;qy;qz;qw", *(f"{t};{2 * t};3;4;0.5;-0.5;0.5;0.5" for t in TIME.tolist())],
         ["t;name;z;y;x;qw;qz;qy;qx", *(f"{t};1;4;3;{2 * t};0.5;0.5;-0.5;0.5" for t in TIME.tolist())],
         [
             "#timestamp [ns], p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z []",
             *(f"{t * 1e9:.0f},{2 * t},3,4,0.5,0.5,-0.5,0.5" for t in TIME.tolist()),
         ],
     ],
-    ids=["tum", "tum with a comment", "csv", "other order", "euroc"],
+    ids=["tum", "tum with a comment", "csv", "head after a comment", "other order", "euroc"],
 )
 def test_text_trajectories_are_read(tmp_path: Path, text: list[str]) -> None:
     file = write(tmp_path / "truth", text)

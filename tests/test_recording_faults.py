@@ -271,6 +271,19 @@ def test_lighthouse_2_is_named(tmp_path: Path) -> None:
         Windows(made, 0)
 
 
+def test_angles_of_lighthouse_1_beside_lighthouse_2_are_periods(tmp_path: Path) -> None:
+    text = [line for line in lines() if line.split()[2] != "C" and not (" A " in line and line.split()[-1] == "1")]
+    text += [f"{1 + i / 1000:.6f} OBJ W 10 {i % 6} {2593609211 + i * 48000} 0" for i in range(50)]
+    made = read_libsurvive(write(tmp_path / "both.rec", text), "OBJ")
+    assert len(made.rotors.hit_tick) > 0
+    there = len(Windows(made, 0, "angles"))
+    assert there > 0
+    with pytest.raises(SwarmError, match=rf"no period of lighthouse 1 among the sweep angles .* {there}$"):
+        Windows(made, 1, "angles")
+    with pytest.raises(SwarmError, match="no period of lighthouse 0 among the raw pulses"):
+        Windows(made, 0)
+
+
 def endless(path: Path, block: bytes, times: int) -> Path:
     with gzip.open(path, "wb", 1) as file:
         for _ in range(times):

@@ -1,11 +1,13 @@
 """Contents of a recording: its objects, the light that each saw of each station, and what of it can be replayed."""
 
 from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from estimators.arrays import Floats
 from estimators.lighthouse.rotor import CHANNEL_CLOCK_HZ, CHANNEL_TICKS
 from swarm.errors import SwarmError
 from swarm.flight.recordings.crazyflie import POINT_M, CrazyflieLog, read_crazyflie
@@ -103,9 +105,7 @@ def _of_libsurvive(file: Path) -> Contents:
             else:
                 found = _stations(recording) + _channels(recording, facts, losses)
                 rows += found or [_unusable(recording)]
-                losses += [
-                    f"{name}: {text}" for text in recording.losses.sentences() if recording.losses.end not in text
-                ]
+                losses += [f"{name}: {text}" for text in recording.losses._replace(end="").sentences()]
                 continue
         second = seen.number_of(name, SECOND_GENERATION)
         generation = "2.0" if second else "1.0" if seen.number_of(name, FIRST_GENERATION) else ""
@@ -200,7 +200,7 @@ def _stations(recording: Recording) -> list[Listed]:
 def _channels(recording: Recording, facts: list[str], losses: list[str]) -> list[Listed]:
     """Return a row per Lighthouse 2.0 station, and say how it turns and what of its light is lost."""
     log = recording.rotors
-    if not len(log.hit_tick):
+    if not log.any():
         return []
     light = decode_rotor_log(log)
     own = joined([Hits(log.own_channel, log.own_plane, log.own_photodiode, log.own_tick, log.own_angle)])
@@ -208,7 +208,7 @@ def _channels(recording: Recording, facts: list[str], losses: list[str]) -> list
     facts += [f"{recording.device}: {text}" for text in _turning(light)]
     losses += [f"{recording.device}: {text}" for text in light.lost.sentences()]
     photodiodes = recording.photodiodes.present.shape[1]
-    begin_s, end_s = float(log.hit_time_s.min()), float(log.hit_time_s.max())
+    begin_s, end_s = _ends([log.hit_time_s if len(log.hit_time_s) else log.own_time_s])
     return [
         Listed(
             recording.device,
@@ -227,7 +227,7 @@ def _channels(recording: Recording, facts: list[str], losses: list[str]) -> list
 
 def _unusable(recording: Recording) -> Listed:
     """Return the row of an object whose light gives no period."""
-    second = len(recording.rotors.hit_tick) > 0
+    second = recording.rotors.any()
     photodiodes = recording.photodiodes.present.shape[1]
     remark = "no hit with its rotor's zero" if second else "no period of light is whole"
     return Listed(recording.device, "2.0" if second else "1.0", photodiodes, None, 0, 0, *_span(recording), remark)
@@ -235,7 +235,12 @@ def _unusable(recording: Recording) -> Listed:
 
 def _span(recording: Recording) -> tuple[float | None, float | None]:
     """Return the times of an object's first and last light, None without any."""
-    logs = (recording.pulses.time_s, recording.angles.time_s, recording.rotors.hit_time_s)
+    rotors = recording.rotors
+    return _ends([recording.pulses.time_s, recording.angles.time_s, rotors.hit_time_s, rotors.own_time_s])
+
+
+def _ends(logs: Iterable[Floats]) -> tuple[float | None, float | None]:
+    """Return the first and the last of the times of several logs, None without any."""
     times = [time_s for time_s in logs if len(time_s)]
     return min((float(t.min()) for t in times), default=None), max((float(t.max()) for t in times), default=None)
 

@@ -22,7 +22,7 @@ import numpy as np
 from estimators.arrays import Floats
 from estimators.lighthouse.rotor import CHANNEL_TICKS
 from swarm.errors import SwarmError, did_you_mean
-from swarm.flight.recordings.event_log import Event, EventLog
+from swarm.flight.recordings.event_log import Event, EventLog, EventType
 from swarm.flight.recordings.hits import Hits, Light, Lost, joined
 from swarm.flight.recordings.line_values import rows
 from swarm.flight.recordings.rotor_light import FRAME_HZ, FrameLog, decode_frames
@@ -48,8 +48,9 @@ _PLACED = 0.05
 """Share of pulses with an offset above which they are of Lighthouse 2.0; of 1.0 some have one by accident."""
 _FOLLOW = 0.01
 """Share of the difference between the logger's clock and the receiver's that is followed at each pulse."""
-_STEP_BACK_S = 1.0
-"""Largest step back in time between neighbouring events [s]; larger ones are damage."""
+_STEP_S = 1.0
+"""Largest step in time between neighbouring events [s]: a larger one back is damage, a larger one ahead needs the event
+after it to confirm it."""
 
 
 class Inertial(NamedTuple):
@@ -122,27 +123,43 @@ def read_crazyflie(path: str | Path) -> CrazyflieLog:
 
 
 class _Reader:
-    """Collector of the events of one log."""
+    """Collector of the events of one log.
+
+    A log may have several types of event of one name. An event whose time leaps ahead waits for the next one to agree:
+    one damaged time would make all later ones steps back.
+    """
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self._counts: Counter[str] = Counter()
-        self._columns: dict[str, tuple[int, ...] | None] = {}
+        self._columns: dict[EventType, tuple[int, ...] | None] = {}
+        self._leap: Event | None = None
         self._rows: dict[str, array[float]] = {name: array("d") for name in _NEEDED}
         self._begin_s = self._end_s = 0.0
         self._damaged = 0
 
     def read(self, event: Event) -> None:
-        name = event.kind.name
-        if name in _NEEDED and self._columns.get(name, ()) == ():
-            self._columns[name] = self._places(event)
-        if self._counts and not event.time_s - self._end_s >= -_STEP_BACK_S:
+        if event.kind not in self._columns:
+            self._columns[event.kind] = self._places(event.kind)
+        if self._leap is not None:
+            if event.time_s >= self._leap.time_s - _STEP_S:
+                self._take(self._leap)
+            else:
+                self._damaged += 1
+            self._leap = None
+        if not self._counts or event.time_s > self._end_s + _STEP_S:
+            self._leap = event
+        elif event.time_s >= self._end_s - _STEP_S:
+            self._take(event)
+        else:
             self._damaged += 1
-            return
+
+    def _take(self, event: Event) -> None:
+        name = event.kind.name
         self._begin_s = event.time_s if not self._counts else self._begin_s
         self._end_s = max(self._end_s, event.time_s)
         self._counts[name] += 1
-        columns = self._columns.get(name)
+        columns = self._columns[event.kind]
         if columns is None:
             return
         values = [float(event.values[i]) for i in columns]
@@ -151,20 +168,24 @@ class _Reader:
         else:
             self._damaged += 1
 
-    def _places(self, event: Event) -> tuple[int, ...] | None:
-        """Return the places of an event's variables; None where optional ones are missing."""
-        needed, there = _NEEDED[event.kind.name], event.kind.variables
+    def _places(self, kind: EventType) -> tuple[int, ...] | None:
+        """Return the places of an event's variables; None for an event that is not read, or lacks optional ones."""
+        if kind.name not in _NEEDED:
+            return None
+        needed, there = _NEEDED[kind.name], kind.variables
         missing = next((name for name in needed if name not in there), None)
         if missing is None:
             return tuple(there.index(name) for name in needed)
-        if event.kind.name in _OPTIONAL:
+        if kind.name in _OPTIONAL:
             return None
-        raise SwarmError(
-            f"{self._path}: event {event.kind.name!r} has no variable {missing!r}{did_you_mean(missing, there)}"
-        )
+        raise SwarmError(f"{self._path}: event {kind.name!r} has no variable {missing!r}{did_you_mean(missing, there)}")
 
     def log(self, source: EventLog) -> CrazyflieLog:
         """Return the collected data as arrays; `source` has been read to its end."""
+        if self._leap is not None:
+            # Nothing contradicts the last event.
+            self._take(self._leap)
+            self._leap = None
         table = {name: rows(values, 1 + len(_NEEDED[name])) for name, values in self._rows.items()}
         angle, inertial, crossing = (table[name] for name in ("lhAngle", "fixedFrequency", "lhCrossingBeam"))
         station, fan, photodiode = (angle[:, i].astype(np.int64) for i in (2, 3, 1))
@@ -190,16 +211,16 @@ def _possible(name: str, values: list[float]) -> bool:
         return False
     if name == "lhAngle":
         sensor, station, sweep, angle = values
-        return sensor < len(POINT_M) and station < len(CHANNEL_TICKS) and sweep in (0, 1) and abs(angle) < math.pi
+        return _numbered(sensor, station) and sweep in (0, 1) and abs(angle) < math.pi
     if name == "lhUartFrame":
         sensor, station, offset, stamp = values
-        return (
-            sensor < len(POINT_M)
-            and station < len(CHANNEL_TICKS)
-            and offset < max(CHANNEL_TICKS) / 2
-            and stamp < _FRAME_WRAP
-        )
+        return _numbered(sensor, station) and 0 <= offset < max(CHANNEL_TICKS) / 2 and 0 <= stamp < _FRAME_WRAP
     return True
+
+
+def _numbered(sensor: float, station: float) -> bool:
+    """Return whether the deck has this photodiode, and a station can have this number."""
+    return 0 <= sensor < len(POINT_M) and 0 <= station < len(CHANNEL_TICKS)
 
 
 def _frames(table: Floats) -> FrameLog:

@@ -25,7 +25,8 @@ class RotorLog(NamedTuple):
     """libsurvive's Lighthouse 2.0 lines of one object; ticks are of 48 MHz, unwrapped.
 
     zero_channel, zero_tick: observed zeros of rotors (Y), (M,). hit_time_s, hit_channel, hit_photodiode, hit_tick: raw
-    hits (W), (N,). own_channel, own_photodiode, own_tick, own_plane, own_angle: libsurvive's own angles (B), (B,).
+    hits (W), (N,). own_time_s, own_channel, own_photodiode, own_tick, own_plane, own_angle: its own angles (B), (B,).
+    Times are the host's [s].
     """
 
     zero_channel: Ints
@@ -34,11 +35,16 @@ class RotorLog(NamedTuple):
     hit_channel: Ints
     hit_photodiode: Ints
     hit_tick: Floats
+    own_time_s: Floats
     own_channel: Ints
     own_photodiode: Ints
     own_tick: Floats
     own_plane: Ints
     own_angle: Floats
+
+    def any(self) -> bool:
+        """Return whether the object saw light of Lighthouse 2.0: whether there is a line of any of the three kinds."""
+        return len(self.zero_tick) + len(self.hit_tick) + len(self.own_tick) > 0
 
 
 class FrameLog(NamedTuple):

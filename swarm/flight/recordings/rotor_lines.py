@@ -31,9 +31,6 @@ class RotorLines:
         self._clock = clock
         self._zeros, self._hits, self._angles = array("d"), array("d"), array("d")
 
-    def __bool__(self) -> bool:
-        return bool(self._zeros or self._hits or self._angles)
-
     def add(self, time_s: float, op: str, token: list[str]) -> None:
         """Take a line; raise ValueError if it is damaged.
 
@@ -54,16 +51,16 @@ class RotorLines:
         plane, angle = within(int(token[6]), 0, 2), finite(token[7])
         if abs(angle) > math.pi:
             raise ValueError
-        self._clock.add(time_s, tick, lambda at: self._angles.extend((channel, photodiode, at, plane, angle)))
+        self._clock.add(time_s, tick, lambda at: self._angles.extend((time_s, channel, photodiode, at, plane, angle)))
 
     def log(self, photodiodes: int) -> tuple[RotorLog, int, int]:
         """Return the lines, the number of those with a photodiode that does not exist, and of repeated ones."""
         zeros, zeros_twice = once(rows(self._zeros, 2), (0, 1))
         hits, hits_twice = once(rows(self._hits, 4), (1, 2, 3))
-        angles, angles_twice = once(rows(self._angles, 5), range(5))
-        real, own = hits[:, 2] < photodiodes, angles[:, 1] < photodiodes
+        angles, angles_twice = once(rows(self._angles, 6), range(1, 6))
+        real, own = hits[:, 2] < photodiodes, angles[:, 2] < photodiodes
         unknown = int(np.count_nonzero(~real) + np.count_nonzero(~own))
-        hits, angles = _sorted(hits[real], 3), _sorted(angles[own], 2)
+        hits, angles = _sorted(hits[real], 3), _sorted(angles[own], 3)
         zeros = _sorted(zeros, 1)
         log = RotorLog(
             zeros[:, 0].astype(np.int64),
@@ -72,11 +69,12 @@ class RotorLines:
             hits[:, 1].astype(np.int64),
             hits[:, 2].astype(np.int64),
             hits[:, 3],
-            angles[:, 0].astype(np.int64),
+            angles[:, 0],
             angles[:, 1].astype(np.int64),
-            angles[:, 2],
-            angles[:, 3].astype(np.int64),
-            angles[:, 4],
+            angles[:, 2].astype(np.int64),
+            angles[:, 3],
+            angles[:, 4].astype(np.int64),
+            angles[:, 5],
         )
         return log, unknown, zeros_twice + hits_twice + angles_twice
 

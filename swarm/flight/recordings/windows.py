@@ -97,7 +97,8 @@ class Windows:
         self._recording, self._lighthouse, self._source = recording, lighthouse, source
         framing = _framing(recording, lighthouse, source)
         if len(framing.start) == 0:
-            if len(recording.rotors.hit_tick) and not len(recording.pulses.rise_tick):
+            first_generation = len(recording.pulses.rise_tick) or len(recording.angles.middle_tick)
+            if recording.rotors.any() and not first_generation:
                 raise SwarmError(
                     f"{recording.path}: {recording.device!r} saw Lighthouse 2.0 stations: {NOT_YET}; "
                     f"swarm replay {recording.path} --list tells what is in it"
