@@ -30,7 +30,7 @@ class Frame:
     @cached_property
     def _both(self) -> Floats:
         """The rotation of (attitude, position), (6, 6)."""
-        return np.kron(np.eye(2), self.rotation)
+        return np.asarray(np.kron(np.eye(2), self.rotation), dtype=np.float64)
 
     def poses_into(self, position: Floats, quaternion: Floats) -> tuple[Floats, Floats]:
         """Return world poses, positions (..., 3) [m] and quaternions (..., 4) wxyz, in this frame."""

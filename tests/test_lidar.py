@@ -13,7 +13,7 @@ from estimators.lidar.ray_cast import cast
 from swarm import load, simulate
 from swarm.assets import find_model
 from swarm.errors import SwarmError
-from swarm.flight.builders import check
+from swarm.flight.flight import Flight
 from swarm.scenario import Lidar as Table
 from swarm.sensors.lidar import Lidar, Mount
 from swarm.studies.papers import reproduce
@@ -126,7 +126,7 @@ def test_a_bare_mesh_is_a_target(tmp_path, suffix):
     assert len(faces) == 12
     assert known_shape(path).radius_m == pytest.approx(np.sqrt(1 + 0.25 + 0.0625), abs=1e-6)
     settings = load("inspect-satellite", [f'craft[1].model="{path}"'])
-    check(settings)
+    Flight(settings)
 
 
 @pytest.mark.skipif(not HST.exists(), reason="needs the mesh of a real spacecraft")
@@ -159,7 +159,7 @@ def test_mistakes_are_named(changes, message):
 
 def test_a_craft_without_a_place_for_a_lidar_is_named():
     with pytest.raises(SwarmError, match=r"craft\[0\].lidar: .*has no place for a LiDAR \(a site named 'lidar'\)"):
-        check(load("inspect-satellite", ['craft[0].model="cubesat6u"']))
+        Flight(load("inspect-satellite", ['craft[0].model="cubesat6u"']))
 
 
 def test_a_run_leaves_poses_scans_and_a_summary(tmp_path):

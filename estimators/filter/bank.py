@@ -154,7 +154,8 @@ class FilterBank(ABC):
 
     def covariance_of(self, craft: int) -> Floats:
         """Return P (12, 12) of one craft."""
-        return self._covariance[craft].copy()
+        out: Floats = self._covariance[craft].copy()
+        return out
 
     def attitude_variance(self) -> Floats:
         """Return the sums (C,) [rad^2] of the three variances of the attitudes, NaN where not active."""

@@ -95,7 +95,7 @@ def _values(names: Sequence[str], arguments: Sequence[str]) -> list[str]:
 
 def _refused(error: Any, given: Sequence[str]) -> str | None:
     """Return the one of several values that the error is about; pydantic, whose error is the cause, knows it."""
-    details = getattr(error.__cause__, "errors", list)()
+    details: list[Any] = getattr(error.__cause__, "errors", list)()
     return next((value for value in given for detail in details if str(detail.get("input")) == value), None)
 
 

@@ -214,7 +214,7 @@ class Inspection:
         mine = self._prediction
         if own is None or mine is None:
             return own
-        mine = mine.of(self._filter.active & ~self._started)
+        mine = mine.continuing(self._filter.active & ~self._started)
         rows = len(self.observers) + np.arange(len(self.targets))
         continued, covariance, transition = own.continued.copy(), own.covariance.copy(), own.transition.copy()
         state = State(*(part.copy() for part in own.state))

@@ -44,13 +44,20 @@ class SweepsTaken(NamedTuple):
 
     @property
     def decided(self) -> Bools:
-        """Whether rows of as many photodiodes as decide a pose were accepted, (C,)."""
+        """The craft of which rows of as many photodiodes as decide a pose were accepted, (C,)."""
         return self.fresh & (self.photodiodes >= MIN_LIT)
 
 
 def _none(craft: int) -> SweepsTaken:
-    no, zero = np.zeros((2, craft), dtype=np.bool_), np.zeros((3, craft), dtype=np.int64)
-    return SweepsTaken(*no, np.full(craft, np.nan), *zero, np.zeros((2, craft)))
+    return SweepsTaken(
+        fresh=np.zeros(craft, dtype=np.bool_),
+        refused=np.zeros(craft, dtype=np.bool_),
+        nis=np.full(craft, np.nan),
+        rows=np.zeros(craft, dtype=np.int64),
+        photodiodes=np.zeros(craft, dtype=np.int64),
+        dropped=np.zeros(craft, dtype=np.int64),
+        fault=np.zeros((2, craft)),
+    )
 
 
 class SingleSweeps:

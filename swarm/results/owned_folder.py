@@ -3,9 +3,9 @@
 A marker, a JSON file, is written first and says what the folder is worth: its `status` is "running" until the work has
 ended, then "complete" or "interrupted" (with a `reason`); work that was killed stays "running" for ever. Its `program`
 says which program wrote it, and that is the licence to replace the folder's files under `--force`: nothing else is ever
-deleted. It lists under `inputs` the files that keep the names that a user gave them. While the work runs, the marker is as long as `ROOM`, so that its end can be told in its place on a full disk.
-The lock is the operating system's (`flock` on the folder itself): it needs no file, and a process that dies gives it
-back.
+deleted. It lists under `inputs` the files that keep the names that a user gave them. While the work runs, the marker is
+longer by `ROOM`, so that its end can be told in its place on a full disk. The lock is the operating system's (`flock`
+on the folder itself): it needs no file, and a process that dies gives it back.
 
     CONTENTS = Contents("a study", "study.json", ("study.toml", "runs.parquet"), {"telemetry": ("*.parquet",)})
     with OwnedFolder(path, CONTENTS, force=force) as folder:     # marked as running, emptied of earlier work
@@ -42,7 +42,7 @@ OTHERS = {
 Status = Literal["running", "complete", "interrupted"]
 STOPPED = "stopped by the user"
 ROOM = 64 * 1024
-"""Bytes of a marker of work that is running, most of them blanks: the summary of a run of 25 craft takes that much."""
+"""Blanks after the marker of work that is running: the summary of a run of 25 craft takes that many bytes."""
 
 
 class Contents(NamedTuple):
@@ -198,10 +198,9 @@ class OwnedFolder:
         earlier = self._earlier()
         self.mark("running")
         with writing(self.path):
-            for name in (*self.contents.files, *earlier):
-                (self.path / name).unlink(missing_ok=True)
-            for name in self.contents.folders:
-                folder = self.path / name
+            for file in (*map(self.path.joinpath, self.contents.files), *earlier):
+                file.unlink(missing_ok=True)
+            for folder in map(self.path.joinpath, self.contents.folders):
                 if folder.is_dir():
                     for place in (*sorted(_folders_below(folder), reverse=True), folder):
                         place.rmdir()
@@ -232,14 +231,15 @@ class OwnedFolder:
 
         On a full disk it is written over what is there, if it is not longer.
         """
-        head = {"program": PROGRAM, "version": _version(), "status": status}
-        head |= {"inputs": self._inputs} if self._inputs else {}
+        head: dict[str, Any] = {"program": PROGRAM, "version": _version(), "status": status}
+        if self._inputs:
+            head["inputs"] = self._inputs
         try:
             text = json.dumps({**head, **content}, indent=2, allow_nan=False)
         except ValueError as error:
             raise ValueError("a summary has null where a figure is missing, never NaN") from error
         try:
-            self.write_text(self.contents.marker, text.ljust(ROOM if status == "running" else 0) + "\n")
+            self.write_text(self.contents.marker, text + " " * (ROOM if status == "running" else 0) + "\n")
         except SwarmError:
             if not overwrite(self.path / self.contents.marker, text + "\n"):
                 raise
