@@ -1,7 +1,7 @@
 """The progress of a run, a study or an experiment: one line that changes on a terminal, elsewhere a line now and then.
 
-Compiling is told in the same line, and once more when all is done, with the time that it took. That is about a minute
-of a processor, on a busy machine a multiple of it: nothing is promised, what is done is counted.
+Compiling is told in the same line, and once more when all is done, with the time that it took. That is half a minute to
+a minute of a processor, on a busy machine a multiple of it: nothing is promised, what is done is counted.
 """
 
 import time

@@ -84,7 +84,7 @@ def _list() -> None:
         typer.echo(f"  {_time(known.takes_s)}: {sizes}")
         typer.echo(f"  {_time(known.quick_takes_s)} with --quick: {quick}")
     typer.echo(
-        f"\nTimes on {MACHINE}. A busy machine takes several times as long; the first run compiles, half a minute."
+        f"\nTimes on {MACHINE}. A busy machine takes several times as long; the first run compiles, up to a minute."
     )
 
 
