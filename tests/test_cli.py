@@ -15,6 +15,7 @@ from types import ModuleType
 from typing import Any, NamedTuple
 
 import pytest
+from typer.main import get_command
 
 import swarm
 from swarm.assets import models, recordings, scenarios, studies
@@ -45,7 +46,8 @@ HEAVY = {
     "jinja2",
 }
 ROOT = Path(__file__).parent.parent
-COMMANDS = ("list", "run", "view", "check", "replay", "calibrate", "layout", "reproduce", "study", "report", "docs")
+COMMANDS = tuple(get_command(cli.app).commands)  # type: ignore[attr-defined]
+"""Every command of the program."""
 
 
 class Result(NamedTuple):

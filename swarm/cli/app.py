@@ -14,6 +14,7 @@ from typer.main import get_command
 
 from swarm.cli.calibrate import calibrate
 from swarm.cli.check import check
+from swarm.cli.compare import compare
 from swarm.cli.docs import docs
 from swarm.cli.layout import layout
 from swarm.cli.list import list_all
@@ -115,5 +116,5 @@ def _swarm(
 
 
 app.command("list")(list_all)
-for command in (run, view, check, replay, smooth, reproduce, calibrate, layout, study, report, docs):
+for command in (run, view, check, replay, smooth, reproduce, calibrate, layout, study, report, compare, docs):
     app.command()(command)

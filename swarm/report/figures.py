@@ -119,6 +119,10 @@ class Picture:
         """The narrow layout as SVG."""
         return draw_to("svg", self.paint, _LOOK, (NARROW_IN, self.narrow_height_in))
 
+    def drawn(self, kind: str) -> bytes:
+        """Return the wide layout in one format: "png", "svg" or "pdf"."""
+        return draw_to(kind, self.paint, _LOOK, (WIDTH_IN, self.height_in))
+
     def write(self, folder: Path, paper: str | None = None) -> list[Path]:
         """Write the figure into a folder, and return the files.
 
