@@ -10,11 +10,11 @@
 A user names one of these, or gives the path of a file.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-from swarm.errors import SwarmError, did_you_mean, surely_meant
+from swarm.errors import SwarmError, did_you_mean, question, surely_meant
 from swarm.user_text import short, user_path
 
 PACKAGE = Path(__file__).resolve().parent
@@ -75,7 +75,7 @@ def find_model(name_or_path: str | Path, relative_to: Path | None = None) -> Pat
     A relative path starts at `relative_to` (the folder of the scenario that names it), or else at the working
     directory. Raises SwarmError with the nearest known name, or with the file that the folder lacks.
     """
-    known = lighthouses() | models()
+    known = MODEL.known()
     text = str(name_or_path)
     if text in known:
         return known[text]
@@ -86,9 +86,7 @@ def find_model(name_or_path: str | Path, relative_to: Path | None = None) -> Pat
         return path.resolve()
     if _is_path(text, ".xml"):
         raise SwarmError(f"model file {path} does not exist")
-    other = another_kind(text, CRAFT)
-    hint = other or _name_or_path(text, known, "an .xml file")
-    raise SwarmError(f"no model {short(text)!r}{hint}")
+    raise SwarmError(_no_such(MODEL, text, "an .xml file"))
 
 
 def pages() -> dict[str, Path]:
@@ -109,6 +107,8 @@ STUDY = Kind("study", studies, "swarm study {}")
 CRAFT = Kind("craft model", models, 'a scenario names it, as in --set swarm.model="{}"')
 RECORDING = Kind("recording", recordings, "swarm replay {}")
 KINDS = (SCENARIO, STUDY, CRAFT, RECORDING)
+MODEL = Kind("model", lambda: lighthouses() | models(), CRAFT.use)
+"""What a scenario names as a model: the lighthouse's too."""
 
 
 def another_kind(text: str, wanted: Kind) -> str:
@@ -175,7 +175,7 @@ def _find_toml(kind: Kind, text: str) -> Path:
         return path.resolve()
     if path.is_dir():
         inside = path / f"{kind.what}.toml"
-        hint = f"; did you mean {str(inside)!r}?" if inside.is_file() else ""
+        hint = question(str(inside) if inside.is_file() else "")
         raise SwarmError(f"{path} is not a {kind.what} file but a folder{hint}")
     if path.exists():
         raise SwarmError(f"{path} is not a {kind.what} file")
@@ -188,15 +188,11 @@ def _find_toml(kind: Kind, text: str) -> Path:
 
 def _no_such(kind: Kind, text: str, file: str) -> str:
     """Return the message about a name that no file of this kind has."""
-    if other := another_kind(text, kind):
-        return f"no {kind.what} {text!r}{other}"
-    return f"no {kind.what} {short(text)!r}{_name_or_path(text, kind.known(), file)}"
-
-
-def _name_or_path(text: str, known: Iterable[str], file: str) -> str:
-    """Return what else can be given instead of a name that nothing has."""
-    hint = did_you_mean(text, known)
-    return f"{hint} Or give the path of {file}" if hint.endswith("?") else f"{hint}; or give the path of {file}"
+    hint = another_kind(text, kind)
+    if not hint:
+        near = did_you_mean(text, kind.known())
+        hint = f"{near} Or give the path of {file}" if near.endswith("?") else f"{near}; or give the path of {file}"
+    return f"no {kind.what} {short(text)!r}{hint}"
 
 
 def _models_in(place: Path) -> dict[str, Path]:

@@ -20,15 +20,19 @@ def nearest(name: str, known: Iterable[str]) -> str:
     return near[0] if near else holding[0] if len(holding) == 1 else ""
 
 
+def question(near: str) -> str:
+    """Return `"; did you mean 'formation'?"` for the nearest known name, or an empty string for none."""
+    return f"; did you mean {near!r}?" if near else ""
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return `"; did you mean 'formation'?"`, or the known names where none is near, or an empty string."""
     names = sorted(set(known))
     if near := nearest(name, names):
-        return f"; did you mean {near!r}?"
+        return question(near)
     return f"; known: {', '.join(names)}" if names else ""
 
 
 def surely_meant(name: str, known: Iterable[str]) -> str:
     """Return `"; did you mean 'mine.toml'?"` where one of the known names differs by a slip, or an empty string."""
-    near = get_close_matches(name, sorted(known), n=1, cutoff=0.8)
-    return f"; did you mean {near[0]!r}?" if near else ""
+    return question(next(iter(get_close_matches(name, sorted(known), n=1, cutoff=0.8)), ""))

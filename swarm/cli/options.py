@@ -1,4 +1,4 @@
-"""Options that several commands share, and the folder of a run."""
+"""Options that several commands share."""
 
 from pathlib import Path
 from typing import Annotated
@@ -18,8 +18,3 @@ Out = Annotated[
 ]
 Force = Annotated[bool, typer.Option("--force", help="Replace a run that is there already.")]
 NoRecording = Annotated[bool, typer.Option("--no-recording", help="Write no recording for the viewer.")]
-
-
-def default_folder(name: str, seed: int) -> Path:
-    """Return the folder of a run that is not told another one."""
-    return Path("runs") / f"{name}-{seed}"

@@ -72,8 +72,7 @@ class ProgressDisplay:
         elif self._plain and (last := self._plain + self._left()) != self._last_line:
             self._line(last)
         if self._compilation is not None and kind is None:
-            done = self._compilation.done
-            kernels = "1 kernel" if done == 1 else f"{done} kernels"
+            kernels = counted(self._compilation.done, "kernel")
             self._line(f"{kernels} compiled in {self._compiling_s:.0f} s; the next run finds them in the cache")
 
     def run(self, progress: Progress) -> None:

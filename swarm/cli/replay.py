@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from swarm.cli.options import Force, NoRecording, default_folder
+from swarm.cli.options import Force, NoRecording
 from swarm.cli.terminal import fly_and_report, mistakes
 
 if TYPE_CHECKING:
@@ -96,11 +96,12 @@ def replay(
             _print_contents(file)
             return
         notes: list[str] = []
+        from swarm.results.owned_folder import folder_of
         from swarm.results.run_folder import refuse_run
         from swarm.scenario import for_replay
 
         settings = for_replay(file, overrides or (), seed)
-        folder = out or default_folder(settings.name, settings.seed)
+        folder = folder_of(settings.name, settings.seed, out)
         refuse_run(settings.name, settings.seed, folder, force)
 
         def fly(progress: Callable[["Progress"], None]) -> "Run":

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from swarm.cli.options import Force, NoRecording, Out, Overrides, Scenario, Seed, default_folder
+from swarm.cli.options import Force, NoRecording, Out, Overrides, Scenario, Seed
 from swarm.cli.terminal import fly_and_report, mistakes
 
 if TYPE_CHECKING:
@@ -38,13 +38,14 @@ def run(
     swarm run my/scenario.toml --live --out runs/mine
     """
     with mistakes():
+        from swarm.results.owned_folder import folder_of
         from swarm.results.run_folder import refuse_run
         from swarm.scenario import load
         from swarm.scenario.text import toml_value
 
         also = [] if calibration is None else [f"navigation.calibration={toml_value(str(calibration))}"]
         settings = load(scenario, [*(overrides or ()), *also], seed)
-        folder = out or default_folder(settings.name, settings.seed)
+        folder = folder_of(settings.name, settings.seed, out)
         refuse_run(settings.name, settings.seed, folder, force)
 
         def fly(progress: Callable[["Progress"], None]) -> "Run":

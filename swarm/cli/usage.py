@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from difflib import get_close_matches
 from typing import Any
 
-from swarm.errors import did_you_mean
+from swarm.errors import did_you_mean, question
 from swarm.user_text import short
 
 TAKE_KEYS = ("run", "check", "study")
@@ -47,7 +47,12 @@ def usage_message(error: Any, arguments: Sequence[str]) -> str:
         return f"no command {found[1]!r}{did_you_mean(found[1], commands)}"
     if found := re.match(r"Got unexpected extra arguments?(?:\(s\))? \((.*)\)", text):
         return f"{command}: unexpected {short(found[1])!r} after the last argument ({command} -h)"
-    return f"{text[:1].lower()}{text[1:]}".rstrip(".")
+    return _within(text)
+
+
+def _within(sentence: str) -> str:
+    """Return a sentence as the part of a message: without its capital and its stop."""
+    return f"{sentence[:1].lower()}{sentence[1:]}".rstrip(".")
 
 
 def _name(parameter: Any) -> str:
@@ -56,8 +61,7 @@ def _name(parameter: Any) -> str:
 
 
 def _help(parameter: Any) -> str:
-    text = str(getattr(parameter, "help", "") or "")
-    return f"{text[:1].lower()}{text[1:]}".rstrip(".")
+    return _within(str(getattr(parameter, "help", "") or ""))
 
 
 def _wrong_value(error: Any, arguments: Sequence[str]) -> str:
@@ -75,12 +79,11 @@ def _wrong_value(error: Any, arguments: Sequence[str]) -> str:
         return f"{value} is not a number"
     if found := re.search(r"greater than or equal to (\S+)|x>=(\S+?)\.?$", text):
         return f"{value} must be at least {found[1] or found[2]}"
-    return f"{value} {text[:1].lower()}{text[1:]}".strip().rstrip(".")
+    return f"{value} {_within(text)}".strip()
 
 
 def _near(said: str | None, choices: Sequence[str]) -> str:
-    near = get_close_matches(said or "", choices, n=1, cutoff=0.6)
-    return f"; did you mean {near[0]!r}?" if near else ""
+    return question(next(iter(get_close_matches(said or "", choices, n=1, cutoff=0.6)), ""))
 
 
 def _values(names: Sequence[str], arguments: Sequence[str]) -> list[str]:

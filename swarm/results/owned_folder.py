@@ -24,7 +24,7 @@ from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import Any, Literal, NamedTuple, Self
 
-from swarm.errors import SwarmError
+from swarm.errors import SwarmError, question
 from swarm.results.disk import FolderLock, overwrite, write_text, writing
 from swarm.user_text import parse_json, read_text, user_path
 
@@ -43,6 +43,20 @@ Status = Literal["running", "complete", "interrupted"]
 STOPPED = "stopped by the user"
 ROOM = 64 * 1024
 """Blanks after the marker of work that is running: the summary of a run of 25 craft takes that many bytes."""
+
+
+def folder_of(name: str, seed: int, out: str | Path | None = None) -> Path:
+    """Return the folder of a result: `runs/<name>-<seed>`, or the one that was asked for.
+
+    Args:
+        name: Name of the scenario or the experiment.
+        seed: Its seed.
+        out: The folder, if not the usual one.
+
+    Raises:
+        SwarmError: `out` is no path.
+    """
+    return RUNS / f"{name}-{seed}" if out is None else user_path(out)
 
 
 class Contents(NamedTuple):
@@ -118,10 +132,10 @@ def _nearest(folder: Path, kinds: Sequence[Contents]) -> str:
     }
     same = [one for one, seed in seeds.items() if seed.isdigit()]
     if same and number.isdigit():
-        return f"; did you mean {str(min(same, key=lambda one: abs(int(seeds[one]) - int(number))))!r}?"
+        return question(str(min(same, key=lambda one: abs(int(seeds[one]) - int(number)))))
     named = {one.name: str(one) for one in sorted(found)}
     if near := get_close_matches(folder.name, named, n=1, cutoff=0.6):
-        return f"; did you mean {named[near[0]]!r}?"
+        return question(named[near[0]])
     shown = list(named.values())[:MOST_NAMED]
     more = f" and {len(named) - MOST_NAMED} more" if len(named) > MOST_NAMED else ""
     return f"; known: {', '.join(shown)}{more}" if shown else ""

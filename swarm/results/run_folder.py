@@ -28,10 +28,10 @@ from swarm.results.files import (
     TELEMETRY,
 )
 from swarm.results.inputs import FOLDER, PATTERNS
-from swarm.results.owned_folder import PROGRAM, RUNS, Contents, OwnedFolder, Status, find, refuse_taken
+from swarm.results.owned_folder import PROGRAM, RUNS, Contents, OwnedFolder, Status, find, folder_of, refuse_taken
 from swarm.results.parquet import PARTIAL
 from swarm.results.reading import read_telemetry
-from swarm.user_text import read_text, user_path
+from swarm.user_text import read_text
 
 __all__ = ["PROGRAM", "RUNS", "SCENARIO", "Run", "RunFolder", "open_run"]
 CONTENTS = Contents(
@@ -60,7 +60,7 @@ def refuse_run(scenario: str, seed: int, out: str | Path | None = None, force: b
     Raises:
         SwarmError: As `refuse_taken`.
     """
-    refuse_taken(RUNS / f"{scenario}-{seed}" if out is None else user_path(out), CONTENTS, force)
+    refuse_taken(folder_of(scenario, seed, out), CONTENTS, force)
 
 
 class RunFolder(OwnedFolder):
@@ -71,7 +71,7 @@ class RunFolder(OwnedFolder):
         super().__init__(path, CONTENTS, force=force)
 
     @classmethod
-    def create(cls, scenario: str, seed: int, out: Path | None = None, force: bool = False) -> "RunFolder":
+    def create(cls, scenario: str, seed: int, out: str | Path | None = None, force: bool = False) -> "RunFolder":
         """Return the folder `runs/<scenario>-<seed>`, or `out`.
 
         Args:
@@ -83,7 +83,7 @@ class RunFolder(OwnedFolder):
         Raises:
             SwarmError: As `OwnedFolder`.
         """
-        return cls(out if out is not None else RUNS / f"{scenario}-{seed}", force)
+        return cls(folder_of(scenario, seed, out), force)
 
     @property
     def recording(self) -> Path:

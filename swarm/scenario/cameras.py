@@ -20,33 +20,25 @@ from swarm.scenario.limits import (
     FAILURE,
     FOCAL,
     IMAGE_NOISE,
-    MOMENT,
     PIXEL,
-    PROBABILITY,
     SPAN,
 )
-from swarm.scenario.table import Mistake, Table
+from swarm.scenario.table import Mistake, Probability, Table, Time
+
+Apart = Annotated[float, Field(ge=0, le=10000), APART_MIN]
 
 
 class Outage(Table):
     """A camera is dark within these times and, at once, within these distances; a key left out sets no limit."""
 
     camera: Literal["main", "backup"] = Field(default="backup", description="Camera that fails.")
-    from_s: Annotated[float, MOMENT] = Field(
-        default=0.0, ge=0, le=86400, description="Time from which the camera is dark."
-    )
-    to_s: Annotated[float, MOMENT] = Field(
-        default=86400.0, ge=0, le=86400, description="Time until which the camera is dark."
-    )
-    from_m: Annotated[float, APART_MIN] = Field(
+    from_s: Time = Field(default=0.0, description="Time from which the camera is dark.")
+    to_s: Time = Field(default=86400.0, description="Time until which the camera is dark.")
+    from_m: Apart = Field(
         default=10000.0,
-        ge=0,
-        le=10000,
         description="Largest distance from the main camera to the lights at which the camera is dark.",
     )
-    to_m: Annotated[float, APART_MIN] = Field(
-        default=0.0, ge=0, le=10000, description="The camera works again at this distance and nearer."
-    )
+    to_m: Apart = Field(default=0.0, description="The camera works again at this distance and nearer.")
 
     def between_keys(self) -> Iterator[Mistake]:
         """Require that neither stretch is empty."""
@@ -73,9 +65,7 @@ class Ccd(Table):
     field_deg: Annotated[float, CAMERA_FIELD] = Field(
         default=24.0, ge=0.1, le=170, description="Full width of the field of view in each axis."
     )
-    range_min_m: Annotated[float, APART_MIN] = Field(
-        default=0.3, ge=0, le=10000, description="Least range at which a light is seen."
-    )
+    range_min_m: Apart = Field(default=0.3, description="Least range at which a light is seen.")
     range_max_m: Annotated[float, APART_MAX] = Field(
         default=35.0, ge=0.01, le=10000, description="Largest range at which a light is seen."
     )
@@ -110,9 +100,7 @@ class Ccd(Table):
         le=7200,
         description="Standard deviation of the cameras' mounting attitude per axis, drawn once.",
     )
-    lost_image_probability: Annotated[float, PROBABILITY] = Field(
-        default=0.0, ge=0, le=1, description="Probability that a camera loses an image."
-    )
+    lost_image_probability: Probability = Field(default=0.0, description="Probability that a camera loses an image.")
     failure_every_s: Annotated[float | None, FAILURE] = Field(
         default=None,
         ge=0.1,

@@ -5,8 +5,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, Strict
 
-from swarm.scenario.limits import ANY_FIGURE, MOMENT, SPAN
-from swarm.scenario.table import Mistake, Table
+from swarm.scenario.limits import ANY_FIGURE, SPAN
+from swarm.scenario.table import Mistake, Table, Time
 from swarm.units import split_unit
 
 Statistic = Literal["rms", "mean", "max", "min", "sum", "last", "at_contact"]
@@ -33,9 +33,7 @@ class Criterion(Table):
     craft: Annotated[tuple[str, ...], Strict(False)] = Field(
         default=(), description="Names of the craft that the criterion is about. Empty: all."
     )
-    from_s: Annotated[float, MOMENT] = Field(
-        default=0.0, ge=0, le=86400, description="Time from which the telemetry counts."
-    )
+    from_s: Time = Field(default=0.0, description="Time from which the telemetry counts.")
     to_s: Annotated[float | None, SPAN] = Field(
         default=None, ge=1e-3, le=86400, description="Time until which the telemetry counts. Unset: the end."
     )

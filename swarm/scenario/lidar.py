@@ -13,17 +13,14 @@ from swarm.scenario.limits import (
     INCIDENCE,
     LIDAR_FIELD,
     LINES,
-    PROBABILITY,
-    PROCESS,
     RANGE_MIN,
     RANGE_NOISE,
     RAY_JITTER,
     RESOLUTION,
     SCAN_RATE,
     SCAN_WIDTH,
-    TURNING_PROCESS,
 )
-from swarm.scenario.table import Mistake, Table
+from swarm.scenario.table import Mistake, Probability, ProcessNoise, Table, TurningNoise
 
 
 class Lidar(Table):
@@ -58,20 +55,14 @@ class Lidar(Table):
     incidence_max_deg: Annotated[float, INCIDENCE] = Field(
         default=87.0, ge=1, le=90, description="Largest angle of incidence of a return; returns fade before it."
     )
-    dropout_probability: Annotated[float, PROBABILITY] = Field(
-        default=0.01, ge=0, le=1, description="Probability that a ray is lost for no reason."
-    )
-    target_acceleration_m_s2: Annotated[float, PROCESS] = Field(
+    dropout_probability: Probability = Field(default=0.01, description="Probability that a ray is lost for no reason.")
+    target_acceleration_m_s2: ProcessNoise = Field(
         default=0.02,
-        ge=1e-9,
-        le=100,
         description="Process noise of the filter of the target's motion: white acceleration, standard deviation per "
         "axis and period.",
     )
-    target_angular_acceleration_deg_s2: Annotated[float, TURNING_PROCESS] = Field(
+    target_angular_acceleration_deg_s2: TurningNoise = Field(
         default=3.0,
-        ge=1e-9,
-        le=36000,
         description="Process noise of the filter of the target's motion: white angular acceleration, standard "
         "deviation per axis and period.",
     )

@@ -4,6 +4,7 @@ pydantic finds the mistakes; the messages are for a user who wrote the file and 
 """
 
 import re
+from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
 from difflib import get_close_matches
 from typing import Any, Literal, NamedTuple, get_args, get_origin
@@ -11,10 +12,10 @@ from typing import Any, Literal, NamedTuple, get_args, get_origin
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from swarm.errors import did_you_mean, nearest
+from swarm.errors import did_you_mean, nearest, question
 from swarm.scenario.limits import limits_of
 from swarm.scenario.schema import Scenario
-from swarm.scenario.table import Table, explained_by
+from swarm.scenario.table import Table
 from swarm.scenario.text import toml_value
 from swarm.units import split_unit, written_unit
 from swarm.user_text import short
@@ -67,6 +68,26 @@ def tables_of(annotation: Any) -> tuple[type[Table], ...]:
     if isinstance(annotation, type) and issubclass(annotation, Table):
         return (annotation,)
     return tuple(table for part in get_args(annotation) for table in tables_of(part))
+
+
+class Visited(NamedTuple):
+    """A table of the schema. keys: the keys that lead to it. single: nothing else can be there, nor several of it."""
+
+    keys: tuple[str, ...]
+    table: type[Table]
+    single: bool
+
+
+def every_table(root: type[Table] = Scenario) -> Iterator[Visited]:
+    """Yield all tables of a schema, breadth first; one that several keys may hold is yielded for each of them."""
+    waiting = deque([Visited((), root, True)])
+    while waiting:
+        keys, table, single = here = waiting.popleft()
+        yield here
+        for key, field in table.model_fields.items():
+            inner = tables_of(field.annotation)
+            alone = single and len(inner) == 1 and _plain(field.annotation) is not tuple
+            waiting.extend(Visited((*keys, key), one, alone) for one in inner)
 
 
 def kind_of(table: type[Table]) -> str:
@@ -174,14 +195,12 @@ def _problems(detail: ErrorDetails, root: type[Table]) -> Iterator[Problem]:
     elif kind.startswith("union_tag"):
         kinds = [kind_of(t) for t in tables_of(place.table.model_fields[key].annotation)]
         near = nearest(str(context["tag"]), kinds) if "tag" in context else ""
-        guess = f"; did you mean {near!r}?" if near else ""
         must = "must be" if "tag" in context else "missing:"
-        yield Problem(2, ((*path, "kind"),), f"{must} one of {', '.join(map(repr, kinds))}{guess}")
+        yield Problem(2, ((*path, "kind"),), f"{must} one of {', '.join(map(repr, kinds))}{question(near)}")
     elif kind == "literal_error":
         choices = _choices(place.table.model_fields[key].annotation)
         near = nearest(str(detail["input"]), map(str, choices)) if len(choices) > 1 else ""
-        guess = f"; did you mean {near!r}?" if near else ""
-        yield Problem(2, (path,), f"must be {' or '.join(map(repr, choices))}{guess}")
+        yield Problem(2, (path,), f"must be {' or '.join(map(repr, choices))}{question(near)}")
     elif kind in LIMITS:
         word, limit = LIMITS[kind]
         number = f"{context[limit]:g}" if isinstance(context[limit], int | float) else context[limit]
@@ -274,15 +293,11 @@ def _meant(key: str, table: type[Table], root: type[Table]) -> str:
 
 def _owners(key: str, root: type[Table]) -> list[str]:
     """Return the tables that have this key."""
-    found: list[str] = []
-    waiting: list[tuple[str, type[Table]]] = [("", root)]
-    while waiting:
-        name, table = waiting.pop(0)
-        if key in table.model_fields:
-            found.append(
-                f"kind {kind_of(table)!r}" if kind_of(table) else f"[{name}]" if name else "the top of the file"
-            )
-        waiting += [(k, t) for k, f in table.model_fields.items() for t in tables_of(f.annotation)]
+    found = [
+        f"kind {kind_of(table)!r}" if kind_of(table) else f"[{keys[-1]}]" if keys else "the top of the file"
+        for keys, table, _ in every_table(root)
+        if key in table.model_fields
+    ]
     return list(dict.fromkeys(found))
 
 
@@ -295,17 +310,12 @@ def keys_called(word: str) -> tuple[list[str], bool]:
         The keys, the ones at the top of the file first, and whether the word is their whole name.
     """
     found: list[tuple[int, int, str]] = []
-    waiting: list[tuple[str, type[Table]]] = [("", Scenario)]
-    while waiting:
-        prefix, table = waiting.pop(0)
-        for key, field in table.model_fields.items():
-            stem, inner = split_unit(key)[0], tables_of(field.annotation)
-            if word in (key, stem) and not inner:
-                found.append((0, prefix.count("."), f"{prefix}{key}"))
-            elif word in stem.split("_") and not inner:
-                found.append((1, prefix.count("."), f"{prefix}{key}"))
-            if len(inner) == 1 and get_origin(field.annotation) is not tuple and _plain(field.annotation) is not tuple:
-                waiting.append((f"{prefix}{key}.", inner[0]))
+    for keys, table, single in every_table():
+        for key, field in table.model_fields.items() if single else ():
+            stem = split_unit(key)[0]
+            rank = 0 if word in (key, stem) else 1 if word in stem.split("_") else None
+            if rank is not None and not tables_of(field.annotation):
+                found.append((rank, len(keys), ".".join((*keys, key))))
     best = min(found, default=(1, 0, ""))[0]
     return [key for rank, _, key in sorted(found, key=lambda one: one[:2]) if rank == best], best == 0
 
@@ -349,4 +359,4 @@ def _explain(error: ValidationError, data: Mapping[str, Any], table: type[Table]
     return report(problems_of(error, data, table), data, {}, table.__name__)
 
 
-explained_by(_explain)
+Table.explain = staticmethod(_explain)

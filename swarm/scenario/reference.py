@@ -14,7 +14,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from swarm.scenario.limits import limits_of
-from swarm.scenario.mistakes import kind_of, tables_of
+from swarm.scenario.mistakes import every_table, kind_of, tables_of
 from swarm.scenario.motions import Attitude
 from swarm.scenario.schema import Scenario
 from swarm.scenario.table import Box, Table, Vector
@@ -87,14 +87,8 @@ def _sections() -> Iterator[str]:
 
 def every_number() -> Iterator[tuple[type[Table], str, FieldInfo]]:
     """Yield every field of the schema that holds numbers, with its table and its key, each table once."""
-    waiting: list[type[Table]] = [Scenario]
-    known = set(waiting)
-    while waiting:
-        table = waiting.pop(0)
+    for table in dict.fromkeys(visited.table for visited in every_table()):
         for key, field in table.model_fields.items():
-            inner = [t for t in tables_of(field.annotation) if t not in known]
-            known.update(inner)
-            waiting += inner
             if next(limits_of(field), None) is not None:
                 yield table, key, field
 

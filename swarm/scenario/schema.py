@@ -34,8 +34,6 @@ from swarm.scenario.limits import (
     PHASE,
     PHOTODIODE,
     POSITION_SIGMA,
-    PROBABILITY,
-    PROCESS,
     PUSH,
     RANGE_MAX,
     RANGE_MIN,
@@ -50,14 +48,15 @@ from swarm.scenario.limits import (
     STEPS,
     STRAY,
     TICK,
-    TURNING_PROCESS,
     TURNING_PUSH,
 )
 from swarm.scenario.motions import AnyMotion, Hold
-from swarm.scenario.table import Mistake, Table
+from swarm.scenario.table import Mistake, Probability, ProcessNoise, Table, TurningNoise
 
 NAME_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_.-]*$"
 
+
+FanError = Annotated[float, Field(ge=-0.5, le=0.5), FAN]
 
 LEAST_BELIEF = 0.2
 """Least share of the lighthouse's angle noise that craft may assume: at that, the NEES is 25 times too large."""
@@ -173,27 +172,19 @@ class Fan(Table):
     their signs.
     """
 
-    phase_rad: Annotated[float, FAN] = Field(
-        default=0.0, ge=-0.5, le=0.5, description="Constant error; a positive one lowers the angle."
-    )
-    tilt_rad: Annotated[float, FAN] = Field(
+    phase_rad: FanError = Field(default=0.0, description="Constant error; a positive one lowers the angle.")
+    tilt_rad: FanError = Field(
         default=0.0,
-        ge=-0.5,
-        le=0.5,
         description="Skew of the fan; a positive one lowers the angle where the other coordinate is > 0.",
     )
-    curve: Annotated[float, FAN] = Field(
+    curve: FanError = Field(
         default=0.0,
-        ge=-0.5,
-        le=0.5,
         description="Bend of the fan; a positive one raises the angle at both ends of the fan.",
     )
     gibbous_phase_rad: Annotated[float, PHASE] = Field(
         default=0.0, ge=-6.3, le=6.3, description="Phase of the once-per-turn error."
     )
-    gibbous_magnitude: Annotated[float, FAN] = Field(
-        default=0.0, ge=-0.5, le=0.5, description="Amplitude of the once-per-turn error."
-    )
+    gibbous_magnitude: FanError = Field(default=0.0, description="Amplitude of the once-per-turn error.")
 
 
 class Lighthouse(Table):
@@ -258,11 +249,9 @@ class Lighthouse(Table):
         description="Seed of the mounting errors, for the same hardware in runs of different seeds. Unset: the run's "
         "seed.",
     )
-    missed_sync_probability: Annotated[float, PROBABILITY] = Field(
-        default=0.0, ge=0, le=1, description="Probability that a craft misses a flash."
-    )
-    lost_pulse_probability: Annotated[float, PROBABILITY] = Field(
-        default=0.0, ge=0, le=1, description="Probability that a photodiode misses a sweep."
+    missed_sync_probability: Probability = Field(default=0.0, description="Probability that a craft misses a flash.")
+    lost_pulse_probability: Probability = Field(
+        default=0.0, description="Probability that a photodiode misses a sweep."
     )
     stray_pulse_rate_hz: Annotated[float, STRAY] = Field(
         default=0.0, ge=0, le=5000, description="Rate of random pulses from elsewhere, per craft."
@@ -330,16 +319,12 @@ class Quiet(Table):
         description="Whose filter has a quiet model beside that of a craft that manoeuvres, and weighs them by how "
         "well they predict the light (docs/filter.md): craft that hold neither place nor attitude, all, or none.",
     )
-    acceleration_noise_m_s2: Annotated[float, PROCESS] = Field(
+    acceleration_noise_m_s2: ProcessNoise = Field(
         default=0.004,
-        ge=1e-9,
-        le=100,
         description="Process noise of a quiet craft: white acceleration, standard deviation per axis and period.",
     )
-    angular_acceleration_noise_deg_s2: Annotated[float, TURNING_PROCESS] = Field(
+    angular_acceleration_noise_deg_s2: TurningNoise = Field(
         default=0.25,
-        ge=1e-9,
-        le=36000,
         description="Process noise of a quiet craft: white angular acceleration, standard deviation per axis and "
         "period.",
     )
@@ -379,16 +364,12 @@ class Navigation(Table):
     rotor_correlation: Annotated[float | None, SHARE_OF_NOISE] = Field(
         default=None, ge=0, le=1, description="Rotor correlation that the craft assume. Unset: that of the lighthouse."
     )
-    acceleration_noise_m_s2: Annotated[float, PROCESS] = Field(
+    acceleration_noise_m_s2: ProcessNoise = Field(
         default=0.2,
-        ge=1e-9,
-        le=100,
         description="Process noise: white acceleration, standard deviation per axis and period.",
     )
-    angular_acceleration_noise_deg_s2: Annotated[float, TURNING_PROCESS] = Field(
+    angular_acceleration_noise_deg_s2: TurningNoise = Field(
         default=12.0,
-        ge=1e-9,
-        le=36000,
         description="Process noise: white angular acceleration, standard deviation per axis and period.",
     )
     quiet: Quiet = Field(default=Quiet(), description="Motion of a craft that nothing pushes.")

@@ -5,13 +5,25 @@ suffix; `swarm.units.si` converts a table to SI units. Validators are built when
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
 from swarm.errors import SwarmError, did_you_mean
-from swarm.scenario.limits import DISTANCE, LENGTH, MOMENT, POSITION, SPIN, VELOCITY
+from swarm.scenario.limits import (
+    ACCELERATION,
+    DISTANCE,
+    LENGTH,
+    MOMENT,
+    POSITION,
+    PROBABILITY,
+    PROCESS,
+    SPEED,
+    SPIN,
+    TURNING_PROCESS,
+    VELOCITY,
+)
 
 Component = Annotated[float, Field(ge=-1000, le=1000), POSITION]
 Speed = Annotated[float, Field(ge=-100, le=100), VELOCITY]
@@ -19,6 +31,12 @@ Rate = Annotated[float, Field(ge=-3600, le=3600), SPIN]
 Extent = Annotated[float, Field(ge=0, le=1000), DISTANCE]
 Length = Annotated[float, Field(ge=1e-6, le=1000), LENGTH]
 Time = Annotated[float, Field(ge=0, le=86400), MOMENT]
+Pace = Annotated[float, Field(ge=1e-6, le=100), SPEED]
+"""A speed without a direction, which is not zero."""
+Acceleration = Annotated[float, Field(ge=1e-6, le=100), ACCELERATION]
+ProcessNoise = Annotated[float, Field(ge=1e-9, le=100), PROCESS]
+TurningNoise = Annotated[float, Field(ge=1e-9, le=36000), TURNING_PROCESS]
+Probability = Annotated[float, Field(ge=0, le=1), PROBABILITY]
 Velocity = Annotated[tuple[Speed, Speed, Speed], Strict(False)]
 AngularRate = Annotated[tuple[Rate, Rate, Rate], Strict(False)]
 Vector = Annotated[tuple[Component, Component, Component], Strict(False)]
@@ -33,16 +51,20 @@ Mistake = tuple[str, ...]
 
 
 Explain = Callable[[ValidationError, Mapping[str, Any], "type[Table]"], str]
-_EXPLAIN: list[Explain] = []
 
 
-def explained_by(explain: Explain) -> None:
-    """Word the mistakes in tables that Python code makes by a function, whose file needs all tables."""
-    _EXPLAIN[:] = [explain]
+def _as_pydantic_says(error: ValidationError, data: Mapping[str, Any], table: "type[Table]") -> str:
+    return str(error)
 
 
 class Table(BaseModel):
-    """One TOML table: frozen, no unknown key, no silent conversion, no infinity."""
+    """One TOML table: frozen, no unknown key, no silent conversion, no infinity.
+
+    explain: words the mistakes in a table that Python code makes. `swarm.scenario.mistakes` words them by the keys of
+    all tables, so it stands above this file, which cannot import it, and puts its function here.
+    """
+
+    explain: ClassVar[Explain] = staticmethod(_as_pydantic_says)
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False, defer_build=True)
 
@@ -51,8 +73,7 @@ class Table(BaseModel):
         try:
             self.__pydantic_validator__.validate_python(data, self_instance=self)
         except ValidationError as error:
-            said = _EXPLAIN[0](error, data, type(self)) if _EXPLAIN else str(error)
-            raise SwarmError(said) from None
+            raise SwarmError(Table.explain(error, data, type(self))) from None
 
     # As for pydantic's own: within a table, tables are made without a call.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]

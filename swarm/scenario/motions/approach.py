@@ -1,14 +1,13 @@
 """The motion `approach`."""
 
 from collections.abc import Iterator
-from typing import Annotated, ClassVar, Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from swarm.scenario.limits import MOMENT, SPEED
 from swarm.scenario.motions.base import Place, Turned
 from swarm.scenario.motions.paths import Path, corridor
-from swarm.scenario.table import Mistake, Vector
+from swarm.scenario.table import Mistake, Pace, Time, Vector
 
 
 class Approach(Turned):
@@ -19,8 +18,8 @@ class Approach(Turned):
     kind: Literal["approach"] = Field(description="The craft flies a straight corridor from one point to another.")
     from_m: Vector = Field(description="Point where the craft waits and starts.")
     to_m: Vector = Field(description="Point where the craft stops and stays.")
-    start_s: Annotated[float, MOMENT] = Field(default=0.0, ge=0, le=86400, description="Time of the start.")
-    speed_m_s: Annotated[float, SPEED] = Field(ge=1e-6, le=100, description="Cruising speed.")
+    start_s: Time = Field(default=0.0, description="Time of the start.")
+    speed_m_s: Pace = Field(description="Cruising speed.")
 
     def between_keys(self) -> Iterator[Mistake]:
         """Require a corridor with a length."""

@@ -14,6 +14,8 @@ from swarm.units import si
 if TYPE_CHECKING:
     from estimators.relative_orbit import RelativeOrbit
 
+Angle = Annotated[float, Field(ge=-360, le=360), ANGLE]
+
 FILL = 1.2207440846057596
 """The real root of g^4 = g + 1."""
 
@@ -81,15 +83,9 @@ class Attitude(Table):
         description="Whether the front (body +z) follows the direction to the lighthouse. If false, the angles below "
         "are absolute, against the lighthouse frame.",
     )
-    roll_deg: Annotated[float, ANGLE] = Field(
-        default=0.0, ge=-360, le=360, description="Third turn, about the body's z axis."
-    )
-    pitch_deg: Annotated[float, ANGLE] = Field(
-        default=0.0, ge=-360, le=360, description="Second turn, about the body's y axis."
-    )
-    yaw_deg: Annotated[float, ANGLE] = Field(
-        default=0.0, ge=-360, le=360, description="First turn, about the body's x axis."
-    )
+    roll_deg: Angle = Field(default=0.0, description="Third turn, about the body's z axis.")
+    pitch_deg: Angle = Field(default=0.0, description="Second turn, about the body's y axis.")
+    yaw_deg: Angle = Field(default=0.0, description="First turn, about the body's x axis.")
     spin_deg_s: Annotated[float, SPIN] = Field(
         default=0.0, ge=-3600, le=3600, description="Steady spin about the body's z axis."
     )

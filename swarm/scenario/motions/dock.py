@@ -7,22 +7,18 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, Strict
 
 from swarm.scenario.limits import (
-    ACCELERATION,
     ATTITUDE_LIMIT,
     CONTACT_SPEED,
     CORRIDOR,
     GLIDESLOPE,
-    LENGTH,
     LOST,
-    MOMENT,
     RETREATS,
     SETTLING,
-    SPEED,
 )
 from swarm.scenario.motions.base import Course, Place
 from swarm.scenario.motions.guided import Guided
 from swarm.scenario.motions.paths import Path, line
-from swarm.scenario.table import Length, Mistake, Time, Vector
+from swarm.scenario.table import Acceleration, Length, Mistake, Pace, Time, Vector
 
 
 class Dock(Guided):
@@ -39,32 +35,26 @@ class Dock(Guided):
     target: str = Field(
         description="Name of the craft with the docking port (a site `port...`); it must hold its position."
     )
-    start_s: Annotated[float, MOMENT] = Field(
-        default=0.0, ge=0, le=86400, description="Earliest time of the departure."
-    )
+    start_s: Time = Field(default=0.0, description="Earliest time of the departure.")
     hold_ranges_m: Annotated[tuple[Length, ...], Strict(False)] = Field(
         default=(1.0,), min_length=1, description="Ranges of the hold points before the port, the farthest first."
     )
     hold_s: Annotated[tuple[Time, ...], Strict(False)] = Field(
         default=(2.0,), min_length=1, description="Waiting times at the hold points, one per hold point."
     )
-    speed_m_s: Annotated[float, SPEED] = Field(default=0.15, ge=1e-6, le=100, description="Largest speed.")
+    speed_m_s: Pace = Field(default=0.15, description="Largest speed.")
     glideslope_s: Annotated[float, GLIDESLOPE] = Field(
         default=3.0,
         ge=0.1,
         le=3600,
         description="Time constant of the glideslope: the distance to go over the speed that is flown there.",
     )
-    acceleration_m_s2: Annotated[float, ACCELERATION] = Field(
-        default=0.02, ge=1e-6, le=100, description="Largest acceleration of the plan."
-    )
+    acceleration_m_s2: Acceleration = Field(default=0.02, description="Largest acceleration of the plan.")
     closing_speed_m_s: Annotated[float, CONTACT_SPEED] = Field(
         default=0.03, ge=1e-6, le=10, description="Speed at contact."
     )
-    corridor_radius_m: Annotated[float, LENGTH] = Field(
+    corridor_radius_m: Length = Field(
         default=0.05,
-        ge=1e-6,
-        le=1000,
         description="Radius of the corridor at the port; the craft retreats from a larger lateral offset.",
     )
     corridor_deg: Annotated[float, CORRIDOR] = Field(
@@ -76,10 +66,8 @@ class Dock(Guided):
         le=180,
         description="Largest attitude error in the corridor; the craft retreats from a larger one.",
     )
-    sigma_limit_m: Annotated[float, LENGTH] = Field(
+    sigma_limit_m: Length = Field(
         default=0.05,
-        ge=1e-6,
-        le=1000,
         description="Largest standard deviation of the position; a craft that is less sure counts as lost, and stops.",
     )
     lost_s: Annotated[float, LOST] = Field(
@@ -88,9 +76,7 @@ class Dock(Guided):
         le=3600,
         description="Longest time without a pose; after that the craft is lost, and stops.",
     )
-    brake_m_s2: Annotated[float, ACCELERATION] = Field(
-        default=0.05, ge=1e-6, le=100, description="Acceleration by which a lost craft brakes."
-    )
+    brake_m_s2: Acceleration = Field(default=0.05, description="Acceleration by which a lost craft brakes.")
     settle_s: Annotated[float, SETTLING] = Field(
         default=1.0,
         ge=0.1,
@@ -100,8 +86,8 @@ class Dock(Guided):
     retreats: Annotated[int, RETREATS] = Field(
         default=3, ge=0, le=1000, description="Number of retreats after which the craft gives up at the next one."
     )
-    latch_radius_m: Annotated[float, LENGTH] = Field(
-        default=0.03, ge=1e-6, le=1000, description="Largest lateral offset at which the latch closes on contact."
+    latch_radius_m: Length = Field(
+        default=0.03, description="Largest lateral offset at which the latch closes on contact."
     )
     latch_deg: Annotated[float, ATTITUDE_LIMIT] = Field(
         default=5.0, ge=1e-3, le=180, description="Largest attitude error at which the latch closes on contact."

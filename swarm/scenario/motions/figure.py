@@ -5,16 +5,14 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from swarm.scenario.limits import FIGURE, MOMENT, TURN, TURNING
-from swarm.scenario.table import Mistake, Table, Vector
+from swarm.scenario.limits import FIGURE, TURN, TURNING
+from swarm.scenario.table import Mistake, Table, Time, Vector
 
 
 class Figure(Table):
     """One figure of a formation."""
 
-    at_s: Annotated[float, MOMENT] = Field(
-        default=0.0, ge=0, le=86400, description="Time from which the figure is wanted; 0 for the first one."
-    )
+    at_s: Time = Field(default=0.0, description="Time from which the figure is wanted; 0 for the first one.")
     shape: Literal["ring", "line", "tetrahedron", "projected-circle"] = Field(
         description="Shape of the figure; a projected circle is a free motion in the orbit, and needs [orbit]."
     )

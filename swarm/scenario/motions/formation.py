@@ -6,12 +6,11 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, Strict
 
-from swarm.scenario.limits import SPEED
 from swarm.scenario.motions.base import Place, Turned
 from swarm.scenario.motions.figure import Figure
 from swarm.scenario.motions.guided import Clear
 from swarm.scenario.motions.paths import Path, line
-from swarm.scenario.table import Mistake, Vector
+from swarm.scenario.table import Mistake, Pace, Vector
 
 
 class Formation(Turned, Clear):
@@ -24,9 +23,7 @@ class Formation(Turned, Clear):
     figures: Annotated[tuple[Figure, ...], Strict(False)] = Field(
         min_length=1, description="Figures in the order of time: a list of tables."
     )
-    speed_m_s: Annotated[float, SPEED] = Field(
-        default=0.1, ge=1e-6, le=100, description="Peak speed of the fastest craft from figure to figure."
-    )
+    speed_m_s: Pace = Field(default=0.1, description="Peak speed of the fastest craft from figure to figure.")
 
     def between_keys(self) -> Iterator[Mistake]:
         """Require that the figures follow each other."""

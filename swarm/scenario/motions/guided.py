@@ -7,8 +7,9 @@ from typing import Annotated
 
 from pydantic import Field
 
-from swarm.scenario.limits import ACCELERATION, DEVIATION, DISTANCE, EFFORT
+from swarm.scenario.limits import DEVIATION, DISTANCE, EFFORT
 from swarm.scenario.motions.base import Motion
+from swarm.scenario.table import Acceleration
 
 
 class Guided(Motion):
@@ -38,9 +39,7 @@ class Clear(Guided):
         description="Least distance between the centre of this craft and that of any craft that broadcasts. 0: the "
         "craft does not keep clear.",
     )
-    brake_m_s2: Annotated[float, ACCELERATION] = Field(
+    brake_m_s2: Acceleration = Field(
         default=0.05,
-        ge=1e-6,
-        le=100,
         description="Acceleration that the craft counts on to keep clear, and does not exceed while it does.",
     )

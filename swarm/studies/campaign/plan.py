@@ -17,6 +17,7 @@ from swarm import random
 from swarm.assets import find_scenario
 from swarm.errors import SwarmError
 from swarm.random import Purpose
+from swarm.results.owned_folder import RUNS
 from swarm.scenario import Scenario, validate
 from swarm.scenario.load import Override, parse_override, read_toml, safe_name, shown
 from swarm.studies.campaign.study import Range, Study
@@ -92,4 +93,4 @@ def _draw(seed: int, key: str, sample: int, limits: Range) -> float | int:
 
 def default_folder(study: Study) -> Path:
     """Return the folder of a study that is not told another one."""
-    return Path("runs") / str(study.name)
+    return RUNS / str(study.name)

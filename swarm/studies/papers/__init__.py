@@ -14,8 +14,6 @@ from swarm.studies.papers.catalogue import EXPERIMENTS, Experiment
 if TYPE_CHECKING:
     from swarm.studies.papers.results import Reproduction
 
-RUNS = Path("runs")
-
 
 def find(name: str) -> Experiment:
     """Return the experiment of this name. Raises SwarmError with the nearest name that there is."""
@@ -60,14 +58,14 @@ def reproduce(
         if value < 1:
             raise SwarmError(f"--{size}: {value}: must be at least 1")
         chosen[size] = value
-    from swarm.results.owned_folder import refuse_taken
+    from swarm.results.owned_folder import folder_of, refuse_taken
     from swarm.studies.papers.experiment import Outcome, Request
     from swarm.studies.papers.results import CONTENTS, write
 
     seed = experiment.seed if seed is None else seed
     if seed < 0:
         raise SwarmError(f"--seed: {seed}: must be at least 0")
-    folder = Path(out) if out is not None else RUNS / f"{name}-{seed}"
+    folder = folder_of(name, seed, out)
     refuse_taken(folder, CONTENTS, force)
     request = Request(seed, chosen, progress or (lambda share, what: None))
     outcome: Outcome = import_module(f"{__name__}.{name.replace('-', '_')}").run(request)
