@@ -37,13 +37,13 @@ NEEDS: dict[str, dict[str, Any]] = {
     "approach": {"from_m": [0.0, 0.0, 3.0], "to_m": [0.0, 0.0, 2.0], "speed_m_s": 0.1},
     "formation": {"figures": [{"shape": "ring", "radius_m": 1.0}]},
     "dock": {"from_m": [0.4, -0.3, 4.0], "target": "b"},
-    "photodiode-dead": {"at_s": 0.0, "photodiodes": [0]},
-    "photodiode-stuck": {"at_s": 0.0, "photodiodes": [0]},
-    "ghosts": {"at_s": 0.0, "share": 0.5},
-    "rotor-drift": {"at_s": 0.0, "for_s": 1.0, "speed_ppm": 0.5},
-    "thruster-stuck": {"at_s": 0.0, "thruster": 0, "state": "on", "craft": ["a"]},
+    "photodiode-dead": {"photodiodes": [0]},
+    "photodiode-stuck": {"photodiodes": [0]},
+    "ghosts": {"share": 0.5},
+    "rotor-drift": {"for_s": 1.0, "speed_ppm": 0.5},
+    "thruster-stuck": {"thruster": 0, "state": "on", "craft": ["a"]},
 }
-"""Keys that a kind cannot be without; a fault without an entry strikes at 0 s."""
+"""Keys that a kind cannot be without; a fault also needs its time, 0 s."""
 COSTLY = {
     ("Scenario", "duration_s", "high"): "a day",
     ("Swarm", "count", "high"): "ten thousand craft",
@@ -135,9 +135,7 @@ def _value(table: type[Table], key: str, limits: Limits, side: str, *, outside: 
         return [[limit, 0.0, 2.0], [0.1, 0.0, 2.0]]
     if key == "times_s":
         return [limit, 5.0] if side == "low" else [0.0, limit]
-    if key == "photodiodes":
-        return [limit]
-    if key in ("hold_s", "hold_ranges_m"):
+    if key in ("photodiodes", "hold_s", "hold_ranges_m"):
         return [limit]
     first = {"from_m": [0.4, -0.3, 4.0], "to_m": [0.0, 0.0, 2.0]}.get(key, [0.0, 0.0, 3.0])
     rest = list(shown)[1:] if isinstance(shown, tuple) and shown else first[1:]
@@ -165,8 +163,6 @@ def _text(table: type[Table], values: dict[str, Any]) -> str:
         timed = {"at_s": 0.0, **NEEDS.get(kind, {})}
         if "probability_per_s" in values:
             timed.pop("at_s")
-        if "until_s" in values:
-            timed["at_s"] = 0.0
         fault = f"[[fault]]\nkind = '{kind}'\n" + "\n".join(
             f"{key} = {toml_value(value)}" for key, value in {**timed, **values}.items()
         )

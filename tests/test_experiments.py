@@ -280,7 +280,7 @@ def outcome() -> Outcome:
     return Outcome(lines, table, Figure(), ("A note.",), (Grid("Table", ("a", "b"), [("row", (1.0, None))]),))
 
 
-EXPERIMENT = Experiment("Someone", "figure 1", "what is seen", {"poses": 1})
+EXPERIMENT = Experiment("Someone", "figure 1", "what is seen", {"poses": 1}, {"poses": 1}, 1.0, 1.0)
 
 
 def request(seed: int) -> Request:

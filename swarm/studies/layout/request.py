@@ -121,8 +121,9 @@ def _check_numbers(request: Request) -> None:
         if value is not None and not 0 < value < 1e3:
             raise SwarmError(f"{option} {value:g}: must be above 0 and below 1000")
     _within("--share", request.share, SHARE_MIN, SHARE_MAX)
-    if request.cone_deg is None or not 0 < request.cone_deg <= 180:
-        raise SwarmError(f"--cone-deg {request.cone_deg:g}: must be above 0 and at most 180")
+    cone_deg = request.cone_deg or 0.0
+    if not 0 < cone_deg <= 180:
+        raise SwarmError(f"--cone-deg {cone_deg:g}: must be above 0 and at most 180")
     if request.craft is not None and request.scene is None:
         raise SwarmError(f"--craft {request.craft}: of which scenario? give --scene")
     if request.scene is not None and (request.distance_m or request.off_axis_deg is not None):

@@ -106,14 +106,10 @@ def find(task: Task, at: Places, count: int, *, quick: bool = False, seed: int =
     """
     if count > len(at.coarse.point_m):
         raise SwarmError(f"--photodiodes {count}: the hull has only {len(at.coarse.point_m)} places for photodiodes")
-    if quick:
-        effort = {"starts": 60, "finalists": 4, "rounds": 0}
-        designs = layout_design.design(at.seen, count, task.share, seed=seed, losses=task.losses, **effort)
-        mounts = [at.coarse.at(design.chosen) for design in designs]
-    else:
-        designs = layout_design.design(at.seen, count, task.share, seed=seed, losses=task.losses)
-        mounts = [at.coarse.at(design.chosen) for design in designs]
-        mounts += [_finer(task, at, mount) for mount in mounts[:2]]
+    effort = {"starts": 60, "finalists": 4, "rounds": 0} if quick else {}
+    designs = layout_design.design(at.seen, count, task.share, seed=seed, losses=task.losses, **effort)
+    mounts = [at.coarse.at(design.chosen) for design in designs]
+    mounts += [] if quick else [_finer(task, at, mount) for mount in mounts[:2]]
     poses = second_sample(task)
     best = _best(task, mounts, poses)
     for repair in range(REPAIRS if task.losses else 0):

@@ -24,9 +24,9 @@ class Experiment(NamedTuple):
     figure: str
     about: str
     sizes: Mapping[str, int]
-    quick: Mapping[str, int] = {}
-    takes_s: float = 0.0
-    quick_takes_s: float = 0.0
+    quick: Mapping[str, int]
+    takes_s: float
+    quick_takes_s: float
     seed: int = 1
 
     def sample(self, sizes: Mapping[str, int]) -> str:
