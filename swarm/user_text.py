@@ -11,6 +11,7 @@ import json
 import os
 import re
 import tomllib
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -188,6 +189,23 @@ def check_values(data: Any, where: str) -> None:
             check_text(value, at)
         elif isinstance(value, int) and not -INTEGER_MAX - 1 <= value <= INTEGER_MAX:
             raise SwarmError(f"{at}: an integer must be within 64 bits, {-INTEGER_MAX - 1} to {INTEGER_MAX}")
+
+
+def dotted_keys(
+    table: Mapping[str, Any], is_leaf: Callable[[dict[str, Any]], bool] = lambda inner: not inner, prefix: str = ""
+) -> Iterator[tuple[str, Any]]:
+    """Yield the values of tables in tables by dotted keys: `swarm.count = [1, 2]` is a table `swarm` to TOML.
+
+    Args:
+        table: The tables.
+        is_leaf: Tells whether an inner table is a value; an empty one is, by default.
+        prefix: Opens the keys.
+    """
+    for key, value in table.items():
+        if isinstance(value, dict) and not is_leaf(value):
+            yield from dotted_keys(value, is_leaf, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
 
 
 def short(text: str) -> str:

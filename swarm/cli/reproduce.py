@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from swarm.cli.takes import in_words
 from swarm.cli.terminal import error_message, mistakes, stoppable
 
 Size = Annotated[int | None, typer.Option(metavar="N", help="Run a smaller, quicker form; see the list.")]
@@ -63,8 +64,8 @@ def reproduce(
 
         takes_s = known.quick_takes_s if quick else known.takes_s
         if takes_s >= LONG_S and not sizes_asked:
-            shorter = "" if quick else f"; --quick: {_time(known.quick_takes_s)}"
-            Console(stderr=True).print(f"{experiment} takes {_time(takes_s)} on {MACHINE}{shorter}", highlight=False)
+            shorter = "" if quick else f"; --quick: {in_words(known.quick_takes_s)}"
+            Console(stderr=True).print(f"{experiment} takes {in_words(takes_s)} on {MACHINE}{shorter}", highlight=False)
         with stoppable(say), ProgressDisplay(Console(stderr=True), experiment) as progress:
             tell = progress.experiment
             done = repeat(experiment, out=out, force=force, seed=seed, sizes=sizes_asked, quick=quick, progress=tell)
@@ -81,13 +82,8 @@ def _list() -> None:
         )
         typer.echo(f"swarm reproduce {name}")
         typer.echo(f"  {known.source}, {known.figure}: {known.about}")
-        typer.echo(f"  {_time(known.takes_s)}: {sizes}")
-        typer.echo(f"  {_time(known.quick_takes_s)} with --quick: {quick}")
+        typer.echo(f"  {in_words(known.takes_s)}: {sizes}")
+        typer.echo(f"  {in_words(known.quick_takes_s)} with --quick: {quick}")
     typer.echo(
         f"\nTimes on {MACHINE}. A busy machine takes several times as long; the first run compiles, up to a minute."
     )
-
-
-def _time(seconds: float) -> str:
-    """Return a time in words, to about a third."""
-    return f"about {seconds:.0f} s" if seconds < 100 else f"about {seconds / 60:.0f} min"

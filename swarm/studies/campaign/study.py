@@ -12,6 +12,7 @@
 A run is one point of the grid, one random sample and one seed.
 """
 
+import operator
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -26,7 +27,7 @@ from swarm.scenario.mistakes import parse_path
 from swarm.scenario.schema import NAME_PATTERN
 from swarm.scenario.table import Mistake, Table
 from swarm.scenario.text import toml_value
-from swarm.user_text import user_path
+from swarm.user_text import dotted_keys, user_path
 
 Seed = Annotated[int, Field(ge=0, lt=10**18)]
 Measure = Literal["onboard", "central", "first_craft"]
@@ -126,9 +127,9 @@ def load_study(
             f'{name} is no study, but a scenario: swarm run {name}; a study names it, base = "{path.name}", and says '
             "what differs between its runs"
         )
-    for table, is_leaf in (("grid", _is_value), ("random", _is_range)):
+    for table, is_leaf in (("grid", operator.not_), ("random", _is_range)):
         if isinstance(data.get(table), dict):
-            data[table] = dict(_flat(data[table], is_leaf))
+            data[table] = dict(dotted_keys(data[table], is_leaf))
     sources: dict[mistakes.Path, str] = {}
     # A wrong type is for the schema to say, below.
     if craft and isinstance(data.setdefault("grid", {}), dict):
@@ -187,19 +188,6 @@ def _keys(data: dict[str, Any]) -> Iterator[mistakes.Problem]:
                 yield mistakes.Problem(0, ((table, key),), "is not a scenario's key, such as swarm.count")
             elif key == "seed":
                 yield mistakes.Problem(0, ((table, key),), "the seeds are listed in `seeds`")
-
-
-def _flat(table: dict[str, Any], is_leaf: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Nested tables as dotted keys: `swarm.count = [1, 2]` without quotes is a table `swarm` to TOML."""
-    for key, value in table.items():
-        if isinstance(value, dict) and not is_leaf(value):
-            yield from _flat(value, is_leaf, f"{prefix}{key}.")
-        else:
-            yield f"{prefix}{key}", value
-
-
-def _is_value(table: dict[str, Any]) -> bool:
-    return not table
 
 
 def _is_range(table: dict[str, Any]) -> bool:
