@@ -17,18 +17,17 @@ value, with the sign and the size that `estimators/lighthouse/tilted.py` gives i
 
 import argparse
 import json
-import platform
 from collections.abc import Sequence
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from harness import machine, pin, versions
 from scipy.spatial.transform import Rotation
 
 from estimators import rotation as rot
 from estimators.arrays import Floats, Ints
-from estimators.lighthouse.rotor import CHANNEL_CLOCK_HZ, CHANNEL_TICKS
+from estimators.lighthouse.rotor import CHANNEL_CLOCK_HZ, CHANNEL_TICKS, share_of, track
 from estimators.lighthouse.rows import Rows, Station, linearise
 from estimators.lighthouse.sweep import Fan, FanErrors, lighthouse_1, lighthouse_2, measured_angles
 from estimators.lighthouse.tilted import from_station
@@ -36,13 +35,16 @@ from swarm.flight.recordings.crazyflie import POINT_M, CrazyflieLog, read_crazyf
 from swarm.flight.recordings.hits import Hits, Light
 from swarm.flight.recordings.libsurvive import Recording, read_libsurvive
 from swarm.flight.recordings.libsurvive_config import read_factory_stations
-from swarm.flight.recordings.rotor_light import decode_rotor_log
+from swarm.flight.recordings.rotor_light import FRAME_HZ, RotorLog, decode_rotor_log
 from swarm.flight.recordings.station_calibration import read_calibration
 from swarm.flight.recordings.station_terms import SweepTerms
 from swarm.flight.recordings.system_config import ConfiguredStation, read_system_config
 from swarm.flight.recordings.trajectory import Trajectory, read_trajectory
 from swarm.flight.recordings.windows import Windows
+from swarm.studies.papers.alignment import NONE, Alignment, align
 
+MOST_FEW = 100
+"""Number of differences up to which they are too few for a scatter."""
 WINDOW_S = 0.02
 ROBUST_RAD = 5e-4
 """Residual beyond which a hit counts less [rad]: three times the median residual."""
@@ -111,8 +113,24 @@ def decoding(recording: Recording) -> dict[str, Any]:
         "scatter_urad": {
             "turn's own duration": scatter(ours),
             "duration of the turn before (libsurvive)": scatter(again),
+            "mean duration": scatter(_by_mean(log, ours)),
+            "turn's own duration, what the photodiodes of a sweep do not share": own_scatter(ours),
         },
     }
+
+
+def _by_mean(log: RotorLog, light: Light) -> Light:
+    """The same light with all turns of a rotor taken as equally long, from the zero before each hit."""
+    hits, angle = light.hits, light.hits.angle.copy()
+    for station in light.stations():
+        rotor = track(log.zero_tick[log.zero_channel == station], CHANNEL_TICKS[station])
+        rows = np.flatnonzero((hits.station == station) & (hits.tick >= rotor.zero[0]))
+        since = hits.tick[rows] - rotor.zero[np.searchsorted(rotor.zero, hits.tick[rows], side="right") - 1]
+        # The share by the turn's own duration tells the plane and how often the rotor has turned since.
+        share = since / rotor.period
+        own = share_of(hits.angle[rows], hits.fan[rows])
+        angle[rows] += 2 * np.pi * (share - own - np.round(share - own))
+    return light._replace(hits=hits._replace(angle=angle))
 
 
 def _keyed(hits: Hits) -> list[tuple[Any, ...]]:
@@ -121,20 +139,53 @@ def _keyed(hits: Hits) -> list[tuple[Any, ...]]:
 
 
 def scatter(light: Light) -> dict[int, float]:
-    """The hits' standard deviation at rest per station [urad]: from differences between turns, robust, median."""
+    """The hits' standard deviation at rest per station [urad]: from differences between turns, median."""
+    out = {}
+    for station in light.stations():
+        columns = [column for step in np.diff(_table(light, station), axis=1) for column in _long(step)]
+        out[station] = float(np.median([_spread(column) / np.sqrt(2) for column in columns]))
+    return out
+
+
+def own_scatter(light: Light) -> dict[int, float]:
+    """The same of what the photodiodes of a sweep do not share: of their distances from the sweep's mean."""
     out = {}
     for station in light.stations():
         values = []
-        for fan in (0, 1):
-            for k in np.unique(light.hits.photodiode):
-                rows = (light.hits.station == station) & (light.hits.fan == fan) & (light.hits.photodiode == k)
-                tick, angle = light.hits.tick[rows], light.hits.angle[rows]
-                near = np.diff(tick) * light.tick_s < 1.5 * light.turn_s[station]
-                step = np.diff(angle)[near]
-                if len(step) > 100:
-                    values.append(1.4826 * float(np.median(np.abs(step - np.median(step)))) / np.sqrt(2))
-        out[station] = 1e6 * float(np.median(values))
+        for step in np.diff(_table(light, station), axis=1):
+            step = step[np.count_nonzero(np.isfinite(step), axis=1) >= 4]
+            seen = np.count_nonzero(np.isfinite(step), axis=1, keepdims=True)
+            own = (step - np.nanmean(step, axis=1, keepdims=True)) * np.sqrt(seen / (seen - 1))
+            values += [_spread(column) / np.sqrt(2) for column in _long(own)]
+        out[station] = float(np.median(values))
     return out
+
+
+def _table(light: Light, station: int) -> Floats:
+    """The first angle of each fan, turn and photodiode of a station, (2, T, K) [rad], NaN where there is none."""
+    hits = light.hits.of(light.hits.station == station)
+    turn_ticks = light.turn_s[station] / light.tick_s
+    zero = hits.tick - share_of(hits.angle, hits.fan) * turn_ticks
+    turn = np.round((zero - zero.min()) / turn_ticks).astype(np.int64)
+    table = np.full((2, turn.max() + 1, hits.photodiode.max() + 1), np.nan)
+    table[hits.fan[::-1], turn[::-1], hits.photodiode[::-1]] = hits.angle[::-1]
+    return table
+
+
+def _long(table: Floats) -> list[Floats]:
+    """The finite values of each column (photodiode) of a table (T, K) that has more than a few."""
+    columns = (column[np.isfinite(column)] for column in table.T)
+    return [column for column in columns if len(column) > MOST_FEW]
+
+
+def _spread(values: Floats) -> float:
+    """Standard deviation [urad] without values beyond four of it.
+
+    The median deviation would not do: where all turns are equally long, angles are whole ticks, 6.7 urad.
+    """
+    for _ in range(5):
+        values = values[np.abs(values - np.median(values)) < 4 * values.std()]
+    return 1e6 * float(values.std())
 
 
 def residuals(recording: Recording, light: Light, config: Path) -> dict[str, Any]:
@@ -361,20 +412,20 @@ class Room:
 
     def start(self, log: CrazyflieLog) -> Floats:
         """Stations as the client put them, moved into the cameras' frame; attitudes by trial."""
-        rotation, position = _frames(log, self.truth)
+        frame = _frames(log, self.truth)
         x = np.zeros(self.shared + 3 * len(self.data.middle_s))
         x[GLOBAL : self.shared] = 1.0
         for s, station in enumerate(self.stations):
             assert station.rotation is not None
             assert station.position is not None
-            x[6 * s : 6 * s + 3] = Rotation.from_matrix(rotation @ station.rotation).as_rotvec()
-            x[6 * s + 3 : 6 * s + 6] = rotation @ station.position + position
+            x[6 * s : 6 * s + 3] = Rotation.from_matrix(frame.rotations(station.rotation)).as_rotvec()
+            x[6 * s + 3 : 6 * s + 6] = frame.positions(station.position)
         windows, d = len(self.data.middle_s), self.data
         best, key = np.full(windows, np.inf), (d.window * 2 + d.station) * 2 + d.fan
         kept = np.zeros((windows, 3))
         for yaw in range(0, 360, 15):
             for lean in ((0, 0), (25, 0), (-25, 0), (0, 25), (0, -25)):
-                trial = Rotation.from_matrix(rotation) * Rotation.from_euler("zyx", [yaw, *lean], degrees=True)
+                trial = Rotation.from_matrix(frame.rotation) * Rotation.from_euler("zyx", [yaw, *lean], degrees=True)
                 x[self.shared :] = np.tile(trial.as_rotvec(), windows)
                 r = self.residual(x)
                 # The pattern within a sweep tells the attitude; its mean also has the position's error.
@@ -387,31 +438,26 @@ class Room:
         return x
 
 
-def _frames(log: CrazyflieLog, truth: Trajectory) -> tuple[Floats, Floats]:
+def _frames(log: CrazyflieLog, truth: Trajectory) -> Alignment:
     """The cameras' frame from the client's, from the positions that the firmware found of crossing beams, roughly."""
-    clock = np.polyfit(log.frames.time_s, log.frames.tick / 24e6, 1)
+    clock = np.polyfit(log.frames.time_s, log.frames.tick / FRAME_HZ, 1)
     shift = float(np.mean(truth.time_s[[0, -1]] - np.polyval(clock, log.mark_s[[0, -1]])))
     when = np.polyval(clock, log.crossing.time_s) + shift
     after = np.clip(np.searchsorted(truth.time_s, when), 1, len(truth.time_s) - 1)
     seen = (when > truth.time_s[0]) & (np.diff(truth.time_s)[after - 1] < 0.012) & (log.crossing.apart_m < 0.02)
     a = log.crossing.position[seen]
     b = np.stack([np.interp(when[seen], truth.time_s, column) for column in truth.position.T], axis=1)
-    rng, most, best = np.random.default_rng(1), -1, (np.eye(3), np.zeros(3))
+    rng, most, best = np.random.default_rng(1), -1, NONE
     for _ in range(500):
-        trial = _rigid(a, b, rng.choice(len(a), 6, replace=False))
-        near = int(np.count_nonzero(np.linalg.norm(a @ trial[0].T + trial[1] - b, axis=1) < 0.05))
+        rows = rng.choice(len(a), 6, replace=False)
+        trial = align(a[rows], b[rows])
+        near = int(np.count_nonzero(np.linalg.norm(trial.positions(a) - b, axis=1) < 0.05))
         if near > most:
             most, best = near, trial
     for _ in range(5):
-        best = _rigid(a, b, np.flatnonzero(np.linalg.norm(a @ best[0].T + best[1] - b, axis=1) < 0.06))
+        rows = np.flatnonzero(np.linalg.norm(best.positions(a) - b, axis=1) < 0.06)
+        best = align(a[rows], b[rows])
     return best
-
-
-def _rigid(a: Floats, b: Floats, rows: Ints) -> tuple[Floats, Floats]:
-    """The rotation and translation that bring points a nearest to points b, (n, 3) each."""
-    mean_a, mean_b = a[rows].mean(axis=0), b[rows].mean(axis=0)
-    turn = Rotation.align_vectors(b[rows] - mean_b, a[rows] - mean_a)[0].as_matrix()
-    return turn, mean_b - turn @ mean_a
 
 
 def with_motion_capture(log: CrazyflieLog, truth: Trajectory, config: Path, windows: int) -> dict[str, Any]:
@@ -475,7 +521,8 @@ def main() -> None:
     parser.add_argument("--truth", type=Path, help="motion capture of the log")
     parser.add_argument("--windows", type=int, default=100, help="windows of the log")
     given = parser.parse_args()
-    out: dict[str, Any] = {"machine": platform.platform(), "numpy": version("numpy"), "scipy": version("scipy")}
+    pin()
+    out: dict[str, Any] = {"machine": machine(), "versions": versions()}
     if given.recording is not None:
         recording = read_libsurvive(given.recording, given.object)
         out["losses"] = recording.losses.sentences()

@@ -8,8 +8,8 @@ at
     alpha_0 = 2 pi share - pi + pi/3,    alpha_1 = 2 pi share - pi - pi/3                                          (2)
 
 radians from boresight, by plane. The rotor's speed differs from turn to turn by some millionths, more than the instants
-are uncertain, so the turn's own duration stands below the line in (1), not the mean: recordings at rest scatter by 17 %
-to 30 % less. libsurvive divides by the duration of the turn before, which `previous` gives. Where zeros are missing,
+are uncertain, so the turn's own duration stands below the line in (1), not the mean: recordings at rest scatter by 22 %
+to 31 % less. libsurvive divides by the duration of the turn before, which `previous` gives. Where zeros are missing,
 the turns between two known ones are taken as equally long.
 
 A share below one half is plane 0's and one above it plane 1's, unless the point is far off to a side: near one half it
