@@ -305,7 +305,6 @@ def _lines(comparison: Mapping[str, Any]) -> dict[str, Any]:
     }
     for grid in comparison["tables"]:
         for row, values in grid["rows"].items():
-            unit = ""
             for i, (column, value) in enumerate(zip(grid["columns"], values, strict=True)):
                 unit = column.rpartition(", ")[2]
                 # Columns may share a name: their number goes before it.

@@ -52,10 +52,10 @@ def hits(channel: int) -> list[tuple[float, int, int, int]]:
     ]
 
 
-def lines(*, config: bool = True) -> list[str]:
+def lines() -> list[str]:
     """Return a libsurvive recording's lines."""
     table = {"modelPoints": np.eye(4, 3).tolist(), "modelNormals": [[0, 0, 1]] * 4, "channelMap": [7, 5, 3, 1]}
-    head = [f"0.1 {DEVICE} CONFIG {json.dumps({'lighthouse_config': table})}"] if config else []
+    head = [f"0.1 {DEVICE} CONFIG {json.dumps({'lighthouse_config': table})}"]
     events: list[tuple[float, str]] = []
     for channel in CHANNELS:
         zero = zeros(channel)

@@ -315,7 +315,7 @@ def _findings(found: Consistency, given: Scenario, settings: Scenario) -> list[s
         ]
     return [
         *out,
-        f"the angles agree to {np.degrees(found.noise_rad) * 3600:.1f} arcsec, 1 sigma; "
+        f"the angles agree to {found.noise_rad / ARCSEC:.1f} arcsec, 1 sigma; "
         f"with the rotor's share navigation.angle_noise_arcsec = {noise:.1f}",
     ]
 

@@ -177,11 +177,12 @@ def _seen(file: Path) -> _Seen:
 
 def _remark(seen: _Seen, name: str) -> str:
     """Return why an object cannot be replayed, as far as the numbers of its lines tell."""
-    if not seen.number_of(name, FIRST_GENERATION):
-        if seen.number_of(name, SECOND_GENERATION):
-            return NOT_YET if seen.number_of(name, ("CONFIG",)) else "has no CONFIG line"
+    first, second = (seen.number_of(name, operations) for operations in (FIRST_GENERATION, SECOND_GENERATION))
+    if not first and not second:
         return "saw no light"
-    return "" if seen.number_of(name, ("CONFIG",)) else "has no CONFIG line"
+    if not seen.number_of(name, ("CONFIG",)):
+        return "has no CONFIG line"
+    return "" if first else NOT_YET
 
 
 def _stations(recording: Recording) -> list[Listed]:
@@ -209,19 +210,15 @@ def _channels(recording: Recording, facts: list[str], losses: list[str]) -> list
     losses += [f"{recording.device}: {text}" for text in light.lost.sentences()]
     photodiodes = recording.photodiodes.present.shape[1]
     begin_s, end_s = _ends([log.hit_time_s if len(log.hit_time_s) else log.own_time_s])
+    row = Listed(recording.device, "2.0", photodiodes, None, 0, 0, begin_s, end_s, NOT_YET)
+    return _per_station(row, light, theirs)
+
+
+def _per_station(row: Listed, raw: Light, decoded: Light) -> list[Listed]:
+    """Return an object's row once per station, with the turns that its raw pulses and its decoded angles give."""
     return [
-        Listed(
-            recording.device,
-            "2.0",
-            photodiodes,
-            channel,
-            light.turns(channel),
-            theirs.turns(channel),
-            begin_s,
-            end_s,
-            NOT_YET,
-        )
-        for channel in sorted({*light.stations(), *theirs.stations()})
+        row._replace(station=station, pulses=raw.turns(station), angles=decoded.turns(station))
+        for station in sorted({*raw.stations(), *decoded.stations()})
     ]
 
 
@@ -261,30 +258,19 @@ def _of_crazyflie(log: CrazyflieLog) -> Contents:
     except SwarmError as error:
         mistake = str(error)
     generation = config.generation if config is not None else ""
-    light = log.light(generation)
-    decoded = Light(generation, TICK_S, log.angles, Lost(), {})
-    raw = light if log.has_rotors() else light._replace(hits=joined([]))
-    rows = [
-        Listed(
-            "Crazyflie",
-            light.generation,
-            len(POINT_M),
-            station,
-            raw.turns(station),
-            decoded.turns(station),
-            log.begin_s,
-            log.end_s,
-            "replay of Crazyflie logs is not possible yet",
-        )
-        for station in sorted({*raw.stations(), *decoded.stations()})
-    ]
+    light, decoded = log.light(generation), log.decoded(generation)
+    has_rotors = log.has_rotors()
+    raw = light if has_rotors else light._replace(hits=joined([]))
+    remark = "replay of Crazyflie logs is not possible yet"
+    row = Listed("Crazyflie", light.generation, len(POINT_M), None, 0, 0, log.begin_s, log.end_s, remark)
+    rows = _per_station(row, raw, decoded)
     facts = [f"event log, version {log.version}: " + _numbers(log.counts)]
     facts += _turning(light)
     if len(log.inertial.time_s):
         facts.append(f"inertial measurements: {len(log.inertial.time_s)}")
     if len(log.mark_s):
         facts.append("marks at " + ", ".join(f"{mark:.3f} s" for mark in log.mark_s[:8].tolist()))
-    if len(log.frames.tick) and not log.has_rotors():
+    if len(log.frames.tick) and not has_rotors:
         facts.append("its raw pulses tell no rotor's zero, so only the firmware's angles are used")
     facts += [f"{config.path} is taken", *_of_config(config)] if config is not None else [f"no {NAME} is beside it"]
     losses = [f"the log is {log.lost}: the rest of it is lost, all before is used"] if log.lost else []

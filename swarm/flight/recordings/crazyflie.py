@@ -24,7 +24,7 @@ from estimators.lighthouse.rotor import CHANNEL_TICKS
 from swarm.errors import SwarmError, did_you_mean
 from swarm.flight.recordings.event_log import Event, EventLog, EventType
 from swarm.flight.recordings.hits import Hits, Light, Lost, joined
-from swarm.flight.recordings.line_values import rows
+from swarm.flight.recordings.line_values import as_rows
 from swarm.flight.recordings.rotor_light import FRAME_HZ, FrameLog, decode_frames
 
 POINT_M = np.array([[-0.015, 0.0075, 0.0], [-0.015, -0.0075, 0.0], [0.015, 0.0075, 0.0], [0.015, -0.0075, 0.0]])
@@ -104,8 +104,10 @@ class CrazyflieLog(NamedTuple):
         Args:
             generation: of the stations, where it is known from elsewhere.
         """
-        if self.has_rotors():
-            return decode_frames(self.frames)
+        return decode_frames(self.frames) if self.has_rotors() else self.decoded(generation)
+
+    def decoded(self, generation: str = "") -> Light:
+        """Return the firmware's angles; `generation` is that of the stations, where it is known."""
         return Light(generation, ANGLE_TICK_S, self.angles, Lost(), {})
 
 
@@ -186,7 +188,7 @@ class _Reader:
             # Nothing contradicts the last event.
             self._take(self._leap)
             self._leap = None
-        table = {name: rows(values, 1 + len(_NEEDED[name])) for name, values in self._rows.items()}
+        table = {name: as_rows(values, 1 + len(_NEEDED[name])) for name, values in self._rows.items()}
         angle, inertial, crossing = (table[name] for name in ("lhAngle", "fixedFrequency", "lhCrossingBeam"))
         station, fan, photodiode = (angle[:, i].astype(np.int64) for i in (2, 3, 1))
         return CrazyflieLog(

@@ -102,15 +102,3 @@ def joined(parts: list[Hits]) -> Hits:
         np.concatenate([none, *(part.angle for part in parts)]),
     )
     return whole.of(np.argsort(whole.tick, kind="stable"))
-
-
-def count_doubled(turn: Ints, fan: Ints, photodiode: Ints) -> int:
-    """Return the number of one station's hits beyond the first of their turn, fan and photodiode.
-
-    Args:
-        turn: number of the turn of each hit, (N,).
-        fan: (N,).
-        photodiode: (N,).
-    """
-    rows = np.stack([turn, fan, photodiode], axis=1)
-    return len(rows) - len(np.unique(rows, axis=0)) if len(rows) else 0

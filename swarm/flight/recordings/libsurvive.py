@@ -22,7 +22,7 @@ import numpy as np
 from estimators import rotation as rot
 from estimators.arrays import Floats, Ints
 from swarm.errors import SwarmError, did_you_mean
-from swarm.flight.recordings.line_values import finite, once, rows, within
+from swarm.flight.recordings.line_values import as_rows, finite, in_order, once, within
 from swarm.flight.recordings.object_clock import TICK_S, WRAP, ObjectClock
 from swarm.flight.recordings.rotor_light import RotorLog
 from swarm.flight.recordings.rotor_lines import TOKENS, RotorLines
@@ -268,13 +268,13 @@ class _Reader:
         self._clock.close()
         tracked = self._tracked(lines, lost)
         index = {channel: photodiode for photodiode, channel in enumerate(tracked.channels)}
-        pulses, twice = once(rows(self._pulses, 4), (1, 2, 3))
-        pulses = pulses[np.argsort(pulses[:, 2], kind="stable")]
-        angles, angles_twice = once(rows(self._angles, 6), (1, 2, 3, 4, 5))
+        pulses, twice = once(as_rows(self._pulses, 4), (1, 2, 3))
+        pulses = in_order(pulses, 2)
+        angles, angles_twice = once(as_rows(self._angles, 6), (1, 2, 3, 4, 5))
         known = angles[:, 1] < len(index)
         unknown, angles = int(np.count_nonzero(~known)), angles[known]
-        poses, poses_twice = once(rows(self._poses, 8), range(8))
-        poses = poses[np.argsort(poses[:, 0], kind="stable")]
+        poses, poses_twice = once(as_rows(self._poses, 8), range(8))
+        poses = in_order(poses, 0)
         rotors, rotors_unknown, rotors_twice = self._rotors.log(len(index))
         return Recording(
             path=self._path,

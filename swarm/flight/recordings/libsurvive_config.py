@@ -21,8 +21,9 @@ from swarm.flight.recordings.station_terms import SweepTerms
 from swarm.user_text import parse_json, read_text, short, user_path
 
 _TOKEN = re.compile(r'(?P<space>\s*)(?P<token>"(?:[^"\\]|\\.)*"|[{}\[\]:,]|[^\s{}\[\]:,"]+)')
-_TERMS = ("fcalphase", "fcaltilt", "fcalcurve", "fcalgibpha", "fcalgibmag", "fcalogeephase", "fcalogeemag")
-"""Keys of the values, in the order of `SweepTerms`; the last two only of Lighthouse 2.0."""
+_TERMS = ("fcalphase", "fcaltilt", "fcalcurve", "fcalgibpha", "fcalgibmag")
+_OGEE = ("fcalogeephase", "fcalogeemag")
+"""Keys of the values, in the order of `SweepTerms`; those of the ogee only of Lighthouse 2.0."""
 
 
 class FactoryStation(NamedTuple):
@@ -55,14 +56,22 @@ def read_factory_stations(path: str | Path) -> list[FactoryStation]:
 
 
 def _station(table: dict[str, Any], number: int, where: str) -> FactoryStation:
-    terms = None
-    if table.get("OOTXSet", "1") != "0":
-        # Values of Lighthouse 1.0 have no ogee.
-        columns = [
-            numbers(table, key, 2, where) if key in table or i < 5 else [0.0, 0.0] for i, key in enumerate(_TERMS)
-        ]
-        terms = SweepTerms(*(c[0] for c in columns)), SweepTerms(*(c[1] for c in columns))
-    return FactoryStation(number, _channel(table, where), identity_of(table), terms, pose_of(table, where))
+    terms, pose = sweep_terms(table, where), pose_of(table, where)
+    return FactoryStation(number, _channel(table, where), identity_of(table), terms, pose)
+
+
+def sweep_terms(table: dict[str, Any], where: str) -> tuple[SweepTerms, SweepTerms] | None:
+    """Return a station's factory calibration of both sweeps, None if it had not been received.
+
+    Raises SwarmError, opened by `where`, for a missing key or a damaged value.
+    """
+    if table.get("OOTXSet", "1") == "0":
+        return None
+    # Values of Lighthouse 1.0 have no ogee.
+    columns = [
+        numbers(table, key, 2, where) if key in table or key not in _OGEE else [0.0, 0.0] for key in (*_TERMS, *_OGEE)
+    ]
+    return SweepTerms(*(first for first, _ in columns)), SweepTerms(*(second for _, second in columns))
 
 
 def _channel(table: dict[str, Any], where: str) -> int | None:

@@ -33,9 +33,15 @@ def within(value: int, low: int, high: int) -> int:
     return value
 
 
-def rows(values: "array[float]", columns: int) -> Floats:
+def as_rows(values: "array[float]", columns: int) -> Floats:
     """Return collected values as rows, (N, columns)."""
     return np.array(values, dtype=np.float64).reshape(-1, columns)
+
+
+def in_order(rows: Floats, column: int) -> Floats:
+    """Return the rows in order of a column; equal ones keep their order."""
+    out: Floats = rows[np.argsort(rows[:, column], kind="stable")]
+    return out
 
 
 def once(rows: Floats, key: Sequence[int]) -> tuple[Floats, int]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.lighthouse.rotor import CHANNEL_CLOCK_HZ, CHANNEL_TICKS, Rotor, locate, planes, track
-from swarm.flight.recordings.hits import Hits, Light, Lost, count_doubled, joined
+from swarm.flight.recordings.hits import Hits, Light, Lost, joined
 from swarm.flight.recordings.object_clock import TICK_S
 
 FRAME_HZ = 24e6
@@ -120,7 +120,7 @@ def _decode(
         unplaced += int(np.count_nonzero(~timed))
         doubtful += int(np.count_nonzero(timed & ~good))
         mine, plane = mine[good], found.plane[good]
-        doubled += count_doubled(located.turn[good], plane, photodiode[mine])
+        doubled += _doubled(located.turn[good], plane, photodiode[mine])
         parts.append(Hits(channel[mine], plane, photodiode[mine], tick[mine], found.angle[good]))
     zeros = sum(rotor.rejected for rotor in rotors.values())
     lost = lost._replace(zero=unplaced, plane=doubtful, doubled=doubled, zeros=zeros)
@@ -140,3 +140,15 @@ def _of_blocks(log: FrameLog) -> tuple[Ints, Bools]:
     only = np.where(low == high, high, -1)
     shared = (high > low)[block] & ~known
     return np.where(known, log.channel, only[block]), shared
+
+
+def _doubled(turn: Ints, fan: Ints, photodiode: Ints) -> int:
+    """Return the number of one station's hits beyond the first of their turn, fan and photodiode.
+
+    Args:
+        turn: number of the turn of each hit, (N,).
+        fan: (N,).
+        photodiode: (N,).
+    """
+    rows = np.stack([turn, fan, photodiode], axis=1)
+    return len(rows) - len(np.unique(rows, axis=0)) if len(rows) else 0

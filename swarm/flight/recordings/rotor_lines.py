@@ -13,9 +13,8 @@ from array import array
 
 import numpy as np
 
-from estimators.arrays import Floats
 from estimators.lighthouse.rotor import CHANNEL_TICKS
-from swarm.flight.recordings.line_values import finite, once, rows, within
+from swarm.flight.recordings.line_values import as_rows, finite, in_order, once, within
 from swarm.flight.recordings.object_clock import WRAP, ObjectClock
 from swarm.flight.recordings.rotor_light import RotorLog
 
@@ -55,13 +54,13 @@ class RotorLines:
 
     def log(self, photodiodes: int) -> tuple[RotorLog, int, int]:
         """Return the lines, the number of those with a photodiode that does not exist, and of repeated ones."""
-        zeros, zeros_twice = once(rows(self._zeros, 2), (0, 1))
-        hits, hits_twice = once(rows(self._hits, 4), (1, 2, 3))
-        angles, angles_twice = once(rows(self._angles, 6), range(1, 6))
+        zeros, zeros_twice = once(as_rows(self._zeros, 2), (0, 1))
+        hits, hits_twice = once(as_rows(self._hits, 4), (1, 2, 3))
+        angles, angles_twice = once(as_rows(self._angles, 6), range(1, 6))
         real, own = hits[:, 2] < photodiodes, angles[:, 2] < photodiodes
         unknown = int(np.count_nonzero(~real) + np.count_nonzero(~own))
-        hits, angles = _sorted(hits[real], 3), _sorted(angles[own], 3)
-        zeros = _sorted(zeros, 1)
+        hits, angles = in_order(hits[real], 3), in_order(angles[own], 3)
+        zeros = in_order(zeros, 1)
         log = RotorLog(
             zeros[:, 0].astype(np.int64),
             zeros[:, 1],
@@ -77,8 +76,3 @@ class RotorLines:
             angles[:, 5],
         )
         return log, unknown, zeros_twice + hits_twice + angles_twice
-
-
-def _sorted(rows_: Floats, column: int) -> Floats:
-    out: Floats = rows_[np.argsort(rows_[:, column], kind="stable")]
-    return out

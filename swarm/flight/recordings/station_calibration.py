@@ -2,8 +2,7 @@
 
 libsurvive's file is read by `libsurvive_config`. Its `fcal*` values, two each (X sweep, Y sweep), become `FanErrors`
 through `estimators.lighthouse.sweep.from_libsurvive`, which defines the signs and frames; `pose` is the station's pose
-in
-libsurvive's world. This project's file is TOML, in SI units; values that are not given are zero:
+in libsurvive's world. This project's file is TOML, in SI units; values that are not given are zero:
 
     [fan_x]
     phase_rad = 0.0586
@@ -31,10 +30,8 @@ from estimators.arrays import Floats
 from estimators.lighthouse.sweep import FanErrors, from_libsurvive
 from swarm.errors import SwarmError, did_you_mean
 from swarm.flight.recordings.libsurvive import WorldPose
-from swarm.flight.recordings.libsurvive_config import identity_of, numbers, pose_of, station_table, tolerant_json
+from swarm.flight.recordings.libsurvive_config import identity_of, pose_of, station_table, sweep_terms, tolerant_json
 from swarm.user_text import NotToml, parse_toml, read_text, short, user_path
-
-_FCAL = ("fcalphase", "fcaltilt", "fcalcurve", "fcalgibpha", "fcalgibmag")
 
 
 class StationCalibration(NamedTuple):
@@ -80,12 +77,17 @@ def read_calibration(path: str | Path, lighthouse: int = 0) -> StationCalibratio
 def _from_libsurvive(data: dict[str, Any], file: Path, lighthouse: int) -> StationCalibration:
     name = f"lighthouse{lighthouse}"
     table = station_table(data, name, file)
-    if table.get("OOTXSet", "1") == "0":
+    terms = sweep_terms(table, f"{file}, {name}")
+    if terms is None:
         raise SwarmError(f"{file}, {name}: OOTXSet is 0: the station's factory calibration had not been received")
-    phase, tilt, curve, gibbous_phase, gibbous_magnitude = (
-        (values[0], values[1]) for values in (numbers(table, key, 2, f"{file}, {name}") for key in _FCAL)
+    x, y = terms
+    fan_x, fan_y = from_libsurvive(
+        (x.phase_rad, y.phase_rad),
+        (x.tilt, y.tilt),
+        (x.curve, y.curve),
+        (x.gibbous_phase_rad, y.gibbous_phase_rad),
+        (x.gibbous_magnitude, y.gibbous_magnitude),
     )
-    fan_x, fan_y = from_libsurvive(phase, tilt, curve, gibbous_phase, gibbous_magnitude)
     pose = pose_of(table, f"{file}, {name}")
     return StationCalibration(fan_x, fan_y, pose, identity=identity_of(table))
 

@@ -27,15 +27,8 @@ TYPE = "lighthouse_system_configuration"
 _GENERATIONS = {1: "1.0", 2: "2.0"}
 _ORTHOGONAL = 1e-2
 """Largest deviation of R^T R from the identity: files have rounded estimates."""
-_KEYS = {
-    "phase_rad": "phase",
-    "tilt": "tilt",
-    "curve": "curve",
-    "gibbous_phase_rad": "gibphase",
-    "gibbous_magnitude": "gibmag",
-    "ogee_phase_rad": "ogeephase",
-    "ogee_magnitude": "ogeemag",
-}
+_TERMS = ("phase", "tilt", "curve", "gibphase", "gibmag", "ogeephase", "ogeemag")
+"""Keys of a sweep's values, in the order of `SweepTerms`."""
 
 
 class ConfiguredStation(NamedTuple):
@@ -111,8 +104,7 @@ def _calibration(table: dict[Any, Any] | None, where: str) -> tuple[tuple[SweepT
     if not isinstance(sweeps, list) or len(sweeps) != 2 or not all(isinstance(sweep, dict) for sweep in sweeps):
         raise SwarmError(f"{where}: sweeps must be two tables, not {short(repr(sweeps))}")
     first, second = (
-        SweepTerms(**{name: _number(sweep, key, f"{where}, sweep {i}") for name, key in _KEYS.items()})
-        for i, sweep in enumerate(sweeps)
+        SweepTerms(*(_number(sweep, key, f"{where}, sweep {i}") for key in _TERMS)) for i, sweep in enumerate(sweeps)
     )
     uid = table.get("uid")
     return (first, second), None if uid is None else str(uid)

@@ -137,7 +137,8 @@ class TextLines:
             if len(rest) >= LONGEST_LINE:
                 if self._number == 1:
                     raise SwarmError(
-                        f"{self._path}: not a libsurvive recording: its first {LONGEST_LINE} bytes are one line"
+                        f"{self._path}: not a libsurvive recording, nor a trajectory: "
+                        f"its first {LONGEST_LINE} characters are one line"
                     )
                 block = block[block.find("\n") :] if "\n" in block else ""
             *lines, rest = (rest + block).split("\n") if block else [rest]

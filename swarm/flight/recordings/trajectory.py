@@ -21,7 +21,7 @@ import numpy as np
 
 from estimators.arrays import Bools, Floats
 from swarm.errors import SwarmError, did_you_mean
-from swarm.flight.recordings.line_values import rows
+from swarm.flight.recordings.line_values import as_rows
 from swarm.flight.recordings.text_lines import TextLines
 from swarm.user_text import short
 
@@ -135,7 +135,7 @@ def _of_text(file: Path) -> Trajectory:
         raise SwarmError(f"{file}: not a trajectory: no line has a time and a position")
     if damaged > good:
         raise SwarmError(f"{file}: not a trajectory: {damaged} lines are no row of numbers, and {good} are")
-    return _trajectory(file, rows(values, columns), unit, damaged, lines.lost)
+    return _trajectory(file, as_rows(values, columns), unit, damaged, lines.lost)
 
 
 def _is_head(line: str) -> bool:
@@ -230,9 +230,7 @@ def _trajectory(file: Path, table: Floats, unit: str, damaged: int, lost: str) -
             length = np.linalg.norm(quaternion, axis=1, keepdims=True)
             quaternion = np.where(np.abs(length - 1) < 1e-2, quaternion / length, np.nan)
     damaged += len(table) - int(np.count_nonzero(used)) - unseen
-    return Trajectory(
-        file, table[used, 0] * UNITS[unit], unit, table[used, 1:4].copy(), quaternion, unseen, damaged, lost
-    )
+    return Trajectory(file, table[used, 0] * UNITS[unit], unit, table[used, 1:4], quaternion, unseen, damaged, lost)
 
 
 def _growing(time: Floats, timed: Bools) -> Bools:
