@@ -44,7 +44,7 @@ class Entry:
 
     @property
     def paragraphs(self) -> list[str]:
-        """All that is written about it; indented lines are to stay as they are."""
+        """The text about it; indented lines are to stay as they are."""
         raise NotImplementedError
 
     @property
@@ -189,7 +189,7 @@ class StudyEntry(_Tables):
 
     @property
     def facts(self) -> dict[str, str]:
-        """What is flown, what differs between the runs, and the time that all take."""
+        """The scenario, the number of runs and their differences, and the time that all take."""
         each = [self.base.takes_s(self.duration_s, count) for count in self.grid.get("swarm.count", [None])]
         grid = "; ".join(f"{key} = {value}" for key, value in self.grid.items())
         took = in_words(self.runs * (RUN_S + sum(each) / len(each)))
