@@ -97,7 +97,7 @@ def test_nothing_heavy_is_imported_for_help() -> None:
 def test_help_is_the_tutorial(command: Command) -> None:
     result = command("--help")
     assert result.code == 0
-    for line in ("swarm list", "swarm run formation", "swarm view runs/formation-7", "swarm check my.toml", "--set"):
+    for line in ("swarm list", "swarm run formation", "swarm view runs/formation-7", "swarm check my/my.toml", "--set"):
         assert line in result.out
     for name in COMMANDS:
         assert re.search(rf"^  {name} +\w", result.out, re.MULTILINE)

@@ -18,6 +18,7 @@ from swarm.cli.compare import compare
 from swarm.cli.docs import docs
 from swarm.cli.layout import layout
 from swarm.cli.list import list_all
+from swarm.cli.new import new
 from swarm.cli.replay import replay
 from swarm.cli.report import report
 from swarm.cli.reproduce import reproduce
@@ -39,8 +40,9 @@ Begin with:
   swarm list                   list what there is to fly
   swarm run formation          fly eight craft on a ring
   swarm view runs/formation-7  look at it in the viewer
-  swarm check my.toml          check your own scenario
-  swarm run my.toml --set swarm.count=16 --seed 3
+  swarm new my                 write your own scenario and craft
+  swarm check my/my.toml       check it
+  swarm run my/my.toml --set swarm.count=16 --seed 3
   swarm study scaling          fly many runs, on all cores
   swarm report runs/scaling    make an HTML page of them
   swarm reproduce              list papers' experiments
@@ -116,5 +118,5 @@ def _swarm(
 
 
 app.command("list")(list_all)
-for command in (run, view, check, replay, smooth, reproduce, calibrate, layout, study, report, compare, docs):
+for command in (run, view, check, replay, smooth, reproduce, calibrate, layout, study, report, compare, new, docs):
     app.command()(command)
