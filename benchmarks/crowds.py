@@ -22,7 +22,7 @@ from swarm.assets import find_model, models
 from swarm.scenario import load
 from swarm.sensors.sight import Sight
 from swarm.sensors.visibility import THICKNESS_M, Visibility
-from swarm.world.assembly import Placement, assemble
+from swarm.world.assembly import Placement, assemble, at_origin
 from swarm.world.craft import load_craft
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
@@ -38,7 +38,7 @@ def crowd(names: list[str], count: int) -> tuple[mujoco.MjModel, layout.Photodio
     craft = [load_craft(find_model(names[i % len(names)])) for i in range(count)]
     nowhere = np.zeros(3), np.array([1.0, 0, 0, 0])
     placements = [Placement(f"craft-{i}", model.spec, model.file_pose, *nowhere) for i, model in enumerate(craft)]
-    model = assemble(placements, find_model(load("swarm1000").lighthouse.model), 1e-3)
+    model = assemble(placements, [at_origin(find_model(load("swarm1000").lighthouse.model))], 1e-3)
     photodiodes = layout.pad([m.point_m for m in craft], [m.normal for m in craft])
     return model, photodiodes, Visibility(model, photodiodes, model.jnt_bodyid, 1, Lighthouse())
 

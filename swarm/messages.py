@@ -37,6 +37,42 @@ class Pulses(NamedTuple):
     total: NDArray[np.int32]
 
 
+class BeamHits(NamedTuple):
+    """Hits of Lighthouse 2.0 light on C craft, in order of time, padded to the largest number P per craft.
+
+    photodiode: index into the craft's layout, (C, P) int16.
+    rise_tick: rise on the craft's clock, (C, P) int64 [ticks].
+    width_tick: width, (C, P) int32 [ticks].
+    channel: channel that the light's bits tell, from 1, (C, P) int16; 0 where too few were caught.
+    offset_tick: middle of the hit after the rotor's zero, by these bits, (C, P) int64 [ticks]; -1 likewise.
+    total: number of hits that are not padding, (C,) int32.
+    epoch_tick: middle of the period on the craft's clock, by which its computer works, (C,) int64 [ticks].
+    """
+
+    photodiode: NDArray[np.int16]
+    rise_tick: NDArray[np.int64]
+    width_tick: NDArray[np.int32]
+    channel: NDArray[np.int16]
+    offset_tick: NDArray[np.int64]
+    total: NDArray[np.int32]
+    epoch_tick: NDArray[np.int64]
+
+    def without(self, dark: Bools) -> "BeamHits":
+        """Return the hits but for those in the mask (C, P)."""
+        kept = ~dark & (np.arange(dark.shape[1]) < self.total[:, None])
+        # Those that remain come first, in their order; what follows them is padding.
+        order = np.argsort(~kept, axis=1, kind="stable")
+        return BeamHits(
+            np.take_along_axis(self.photodiode, order, axis=1),
+            np.take_along_axis(self.rise_tick, order, axis=1),
+            np.take_along_axis(self.width_tick, order, axis=1),
+            np.take_along_axis(self.channel, order, axis=1),
+            np.take_along_axis(self.offset_tick, order, axis=1),
+            np.count_nonzero(kept, axis=1).astype(np.int32),
+            self.epoch_tick,
+        )
+
+
 class LightImages(NamedTuple):
     """Images of lights that P camera pairs saw at one epoch, in the order of the scenario's `[craft.ccd]` tables.
 
@@ -87,6 +123,7 @@ class Signals(NamedTuple):
     """All that C craft receive in one lighthouse period.
 
     pulses: pulses that the timing circuits logged.
+    beams: hits of Lighthouse 2.0 stations; None without any.
     images: images of the cameras at the epoch; None where no craft has cameras.
     scans: for each LiDAR the scan that was completed in the period; None where none was.
     epoch_s: epoch on the LiDARs' clock [s].
@@ -96,6 +133,7 @@ class Signals(NamedTuple):
     images: LightImages | None = None
     scans: Sequence[LidarScan | None] = ()
     epoch_s: float = 0.0
+    beams: BeamHits | None = None
 
 
 class Command(NamedTuple):

@@ -38,6 +38,10 @@ class Purpose(Enum):
     MISSED_SYNC = (_LIGHTHOUSE, 5)
     LOST_PULSE = (_LIGHTHOUSE, 6)
     STRAY_PULSE = (_LIGHTHOUSE, 7)
+    STATION = (_LIGHTHOUSE, 8)
+    """Phase of a station's rotor, and the error of its survey."""
+    SWEEP = (_LIGHTHOUSE, 9)
+    """Name of the numbers without a state (`swarm.sensors.draws`) of a station's rotor, or of a craft before it."""
     CAMERA_MOUNTING = (_CCD, 0)
     IMAGE = (_CCD, 1)
     LOST_IMAGE = (_CCD, 2)

@@ -230,6 +230,10 @@ def _of_the_rest(name: str, values: dict[str, Any], said: str) -> str:
             f"lidar = {{ {_inline(lidar)} }}\n[[craft]]\nname = 't'\nmodel = 'satellite'\npassive = true\n"
             "motion = { kind = 'tumble', position_m = [0.0, 0.0, 12.0], attitude = { facing = false } }\n" + fast
         )
+    if name in ("Station", "Pointing", "Plane"):
+        station = {"Station": said, "Pointing": f"attitude = {{ {said} }}", "Plane": f"plane_1 = {{ {said} }}"}[name]
+        stations = f"[[station]]\nname = 's'\n{station}\n[[station]]\nname = 't'\nposition_m = [2.0, 0.0, 1.0]\n"
+        return _motion(HOLD) + stations + "attitude = { towards_m = [0.0, 0.0, 2.0] }\n"
     head = {
         "Physics": "physics",
         "Orbit": "orbit",

@@ -32,6 +32,7 @@ DIMENSIONLESS = {
     "rotor_correlation",
     "curve",
     "gibbous_magnitude",
+    "ogee_magnitude",
     "gate_probability",
     "integrity_risk",
     "share",

@@ -436,7 +436,7 @@ def test_craft_can_touch_exactly_where_their_spheres_can_meet():
         rate, force = rng.normal(0, 0.5, (3, 6)), rng.normal(0, 1, (3, 3))
         reach = near._radius * (1 + 1e-9)
         reach[:3] += (np.linalg.norm(rate[:, :3], axis=1) + np.linalg.norm(force, axis=1) / built.mass * T) * T
-        centre = np.vstack([pose[:, :3], near._lighthouse_m])
+        centre = np.vstack([pose[:, :3], near._station_m])
         apart = np.linalg.norm(centre[:, None] - centre, axis=2) - reach[:, None] - reach
         expected = bool((apart[np.triu_indices(4, 1)] <= 0).any())
         assert near.can_touch(pose, rate, force, T) == expected

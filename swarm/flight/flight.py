@@ -20,7 +20,7 @@ from swarm.world.world import PeriodTruth
 
 def periods_of(scenario: Scenario) -> int:
     """Return the number of lighthouse periods of a flight."""
-    return max(1, round(scenario.duration_s / (1 / scenario.lighthouse.rate_hz)))
+    return max(1, round(scenario.duration_s / scenario.period_s))
 
 
 class Flight:
@@ -40,7 +40,7 @@ class Flight:
         Raises:
             SwarmError: the scenario cannot fly.
         """
-        self.period_s = 1 / scenario.lighthouse.rate_hz
+        self.period_s = scenario.period_s
         self.periods = periods_of(scenario)
         self.motions = builders.fleet(scenario)
         self.world = builders.world(scenario, self.motions)
@@ -67,7 +67,7 @@ class Flight:
         truth, sight = self.move(frame)
         lit = faults.light(sight == Sight.LIT)
         signals = self.sensors.signals(truth, frame, lit, faults.rotor())  # the only inputs of a craft
-        signals = signals._replace(pulses=faults.pulses(truth, lit, signals.pulses))
+        signals = faults.signals(truth, lit, signals)
         known = self.computer.step(signals, self.command, faults.restarting())  # on board, each craft by itself
         docking = self.latches.meet(truth)
         self.pilot.learn(known.estimate, self.latches.closed)
@@ -75,7 +75,7 @@ class Flight:
             frame=frame,
             time_s=signals.epoch_s,
             truth=_at_epoch(truth),
-            sight=np.minimum(sight[..., 0], sight[..., 1]),
+            sight=self.sensors.seen(sight),
             angles=known.angles,
             estimate=known.estimate,
             scans=known.scans,
@@ -88,7 +88,7 @@ class Flight:
         """Steer and move every craft through one lighthouse period, without measurement or navigation.
 
         Returns:
-            The truth, and the `Sight` of every photodiode as each fan sweeps, (C, K, 2).
+            The truth, and the `Sight` of every photodiode as each fan sweeps, (C, K, 2), or from each station.
         """
         faults = self.faults
         faults.begin(frame)

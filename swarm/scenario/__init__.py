@@ -21,7 +21,8 @@ from swarm.scenario.motions import (
     Waypoints,
 )
 from swarm.scenario.reference import json_schema, markdown_reference
-from swarm.scenario.schema import Fan, Lighthouse, Navigation, Scatter, Scenario, Swarm
+from swarm.scenario.schema import Lighthouse, Navigation, Scatter, Scenario, Swarm
+from swarm.scenario.stations import Fan, Plane, Pointing, Station
 from swarm.scenario.text import to_toml
 
 __all__ = [
@@ -44,9 +45,12 @@ __all__ = [
     "Navigation",
     "Orbit",
     "Outage",
+    "Plane",
+    "Pointing",
     "Ring",
     "Scatter",
     "Scenario",
+    "Station",
     "Swarm",
     "Tumble",
     "Wander",

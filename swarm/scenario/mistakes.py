@@ -91,9 +91,10 @@ def every_table(root: type[Table] = Scenario) -> Iterator[Visited]:
 
 
 def kind_of(table: type[Table]) -> str:
-    """Return the `kind` that a table stands for, empty for a table without kinds."""
+    """Return the `kind` that a table stands for, empty for a table without kinds, or of several."""
     kind = table.model_fields.get("kind")
-    return str(get_args(kind.annotation)[0]) if kind else ""
+    choices = get_args(kind.annotation) if kind else ()
+    return str(choices[0]) if len(choices) == 1 else ""
 
 
 def _choices(annotation: Any) -> tuple[Any, ...]:
@@ -281,7 +282,11 @@ def _meant(key: str, table: type[Table], root: type[Table]) -> str:
     fields = table.model_fields
     stem = split_unit(key)[0]
     same = [k for k in fields if split_unit(k)[0] == stem] or [k for k in fields if k.startswith(f"{stem}_")]
-    if not same and (elsewhere := _owners(key, root)):
+    elsewhere = _owners(key, root)
+    if kind_of(table):
+        # Another kind of the same thing is meant more likely than another table.
+        elsewhere.sort(key=lambda owner: not owner.startswith("kind "))
+    if not same and elsewhere:
         own = f" of kind {kind_of(table)!r}" if kind_of(table) else " here"
         return f"{own}; it belongs to {' or '.join(elsewhere)}"
     near = same or get_close_matches(key, fields, n=1, cutoff=0.5)

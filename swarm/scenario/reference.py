@@ -60,11 +60,11 @@ def _sections() -> Iterator[str]:
     yield from _section("Top of the file", "", Scenario)
     for key, field in Scenario.model_fields.items():
         for table in tables_of(field.annotation) if key != "fault" else ():
-            yield from _section(f"`[[{key}]]`" if key in ("craft", "criteria") else f"`[{key}]`", key, table)
+            yield from _section(f"`[[{key}]]`" if key in ("craft", "criteria", "station") else f"`[{key}]`", key, table)
             for inner, below in table.model_fields.items():
                 for part in (
                     tables_of(below.annotation)
-                    if key in ("lighthouse", "navigation", "craft") and inner != "motion"
+                    if key in ("lighthouse", "navigation", "craft", "station") and inner != "motion"
                     else ()
                 ):
                     yield from _section(f"`[{key}.{inner}]`", key, part)
@@ -114,7 +114,7 @@ def _section(title: str, name: str, table: type[Table], level: str = "##") -> It
     yield f"{level} {title}\n\n{inspect.cleandoc(table.__doc__ or '')}\n"
     yield "| key | unit or type | default | limits | meaning |\n|---|---|---|---|---|"
     for key, field in table.model_fields.items():
-        if key != "kind" and not (name == "" and tables_of(field.annotation)):
+        if not (key == "kind" and kind_of(table)) and not (name == "" and tables_of(field.annotation)):
             yield f"| `{key}` | {_type(key, field)} | {_default(field)} | {_limits(field)} | {field.description} |"
     yield ""
 

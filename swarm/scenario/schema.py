@@ -25,13 +25,11 @@ from swarm.scenario.limits import (
     COAST,
     COUNT,
     DURATION,
-    FAN,
     FIELD,
     GATE,
     INCIDENCE,
     JITTER,
     MOUNTING,
-    PHASE,
     PHOTODIODE,
     POSITION_SIGMA,
     PUSH,
@@ -51,13 +49,11 @@ from swarm.scenario.limits import (
     TURNING_PUSH,
 )
 from swarm.scenario.motions import AnyMotion, Hold
+from swarm.scenario.stations import NAME_PATTERN, Fan, Station, mistakes
 from swarm.scenario.table import Mistake, Probability, ProcessNoise, Table, TurningNoise
 
-NAME_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_.-]*$"
-
-
-FanError = Annotated[float, Field(ge=-0.5, le=0.5), FAN]
-
+ONE_LIGHTHOUSE = ("reflection", "ghosts", "photodiode-stuck", "rotor-drift", "sync-loss")
+"""Faults in the light of the one lighthouse."""
 LEAST_BELIEF = 0.2
 """Least share of the lighthouse's angle noise that craft may assume: at that, the NEES is 25 times too large."""
 
@@ -165,26 +161,6 @@ class Physics(Table):
         multiple_of=4,
         description="Number of MuJoCo steps per lighthouse period, a multiple of 4.",
     )
-
-
-class Fan(Table):
-    """Systematic errors of one fan, all zero for a perfect fan; equation (E) of `estimators.lighthouse.sweep` defines
-    their signs.
-    """
-
-    phase_rad: FanError = Field(default=0.0, description="Constant error; a positive one lowers the angle.")
-    tilt_rad: FanError = Field(
-        default=0.0,
-        description="Skew of the fan; a positive one lowers the angle where the other coordinate is > 0.",
-    )
-    curve: FanError = Field(
-        default=0.0,
-        description="Bend of the fan; a positive one raises the angle at both ends of the fan.",
-    )
-    gibbous_phase_rad: Annotated[float, PHASE] = Field(
-        default=0.0, ge=-6.3, le=6.3, description="Phase of the once-per-turn error."
-    )
-    gibbous_magnitude: FanError = Field(default=0.0, description="Amplitude of the once-per-turn error.")
 
 
 class Lighthouse(Table):
@@ -422,6 +398,9 @@ class Scenario(Table):
     physics: Physics = Field(default=Physics(), description="Simulation of the bodies.")
     orbit: Orbit | None = Field(default=None, description="Orbit of the lighthouse. Unset: weightless space.")
     lighthouse: Lighthouse = Field(default=Lighthouse(), description="Lighthouse, and the reception of its light.")
+    station: Annotated[tuple[Station, ...], Strict(False)] = Field(
+        default=(), description="Lighthouse stations in the lighthouse's place, one [[station]] each."
+    )
     navigation: Navigation = Field(default=Navigation(), description="Navigation on board every craft.")
     swarm: Swarm = Field(default=Swarm(), description="Equal craft that share one motion.")
     craft: Annotated[tuple[SingleCraft, ...], Strict(False)] = Field(
@@ -445,6 +424,21 @@ class Scenario(Table):
             )
 
     @property
+    def turns(self) -> int:
+        """Turns of the rotor in a period: one, or as many as there are stations that take turns."""
+        return len(self.station) if self.station and not self.station[0].second else 1
+
+    @property
+    def period_hz(self) -> float:
+        """Number of periods per second [Hz]."""
+        return self.lighthouse.rate_hz / self.turns
+
+    @property
+    def period_s(self) -> float:
+        """Length of a period [s]."""
+        return self.turns / self.lighthouse.rate_hz
+
+    @property
     def craft_names(self) -> tuple[str, ...]:
         """All names: those of the swarm first, then those of [[craft]]."""
         swarm = self.swarm.count
@@ -461,6 +455,8 @@ class Scenario(Table):
         """Require a craft, distinct names, craft that exist where named, and waypoints that begin within the run."""
         names, tables = self.craft_names, self.tables
         yield from self._noise_mistakes()
+        yield from mistakes(self.station, names)
+        yield from self._station_use()
         if not names:
             yield "there is no craft at all: set swarm.count, or add a [[craft]] entry", "swarm.count"
         for i in range(self.swarm.count, len(names)):
@@ -480,6 +476,25 @@ class Scenario(Table):
                 yield from self._station_mistakes(i, table.motion.target, f"{key}.motion.target")
         yield from self._criteria_mistakes()
         yield from self._waypoint_mistakes()
+
+    def _station_use(self) -> Iterator[Mistake]:
+        """Refuse what has no effect, or is not possible, beside [[station]] tables."""
+        if not self.station:
+            return
+        silent = ("sync_jitter_ns", "missed_sync_probability", "stray_pulse_rate_hz") if self.station[0].second else ()
+        for key in (*silent, "fan_x", "fan_y"):
+            if getattr(self.lighthouse, key) != type(self.lighthouse).model_fields[key].default:
+                said = "Lighthouse 2.0 has no flash, and its receivers hear modulated light only"
+                told = "belongs to the one lighthouse; every [[station]] has errors of its own"
+                yield said if key in silent else told, f"lighthouse.{key}", "station"
+        if self.navigation.calibration is not None:
+            yield "is of the one lighthouse; a [[station]] has `calibrated`", "navigation.calibration", "station"
+        if self.navigation.coupling == "loose":
+            said = "stations are navigated by rows: their poses do not come one by one"
+            yield said, "navigation.coupling", "station"
+        for i, fault in enumerate(self.fault):
+            if fault.kind in ONE_LIGHTHOUSE:
+                yield "is a fault of the one lighthouse, not of stations", f"fault[{i}].kind", "station"
 
     def _named(self) -> Iterator[tuple[str, str]]:
         """Yield every name of a craft in a table, with the name's key."""
@@ -516,8 +531,8 @@ class Scenario(Table):
         if not group.passive:
             told = "must be passive: a craft that navigates by itself is not inspected"
             yield told, f"{key}.target", f"{table}.passive"
-        if lidar.rate_hz > self.lighthouse.rate_hz:
-            yield f"at most one scan per lighthouse period, {self.lighthouse.rate_hz:g} Hz", f"{key}.rate_hz"
+        if lidar.rate_hz > self.period_hz:
+            yield f"at most one scan per lighthouse period, {self.period_hz:g} Hz", f"{key}.rate_hz"
 
     def _criteria_mistakes(self) -> Iterator[Mistake]:
         """Require one name per criterion."""

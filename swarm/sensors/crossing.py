@@ -24,13 +24,22 @@ CONVERGED_S = 1e-13
 _ROUNDS = 60
 
 
-_POSITION, _VELOCITY, _RATE, _ROTATION, _SEGMENT = 0, 3, 6, 9, 18
+_POSITION, _VELOCITY, _RATE, _ROTATION, SEGMENT = 0, 3, 6, 9, 18
 """Offsets in a segment, one craft's motion between two knots (first pose and constant rates), and its length."""
 
 
 @kernel
-def _segment_into(a: Floats, b: Floats, from_m: Floats, to_m: Floats, step: float, out: Floats) -> None:
-    """Write the motion from quaternion a (4,), position from_m (3,) to b, to_m within `step` [s] into `out` (18,)."""
+def segment_into(a: Floats, b: Floats, from_m: Floats, to_m: Floats, step: float, out: Floats) -> None:
+    """Write the motion between two knots as a segment: position, velocity, rate, and rotation by rows.
+
+    Args:
+        a: attitude at the first knot, (4,) wxyz.
+        b: attitude at the second, (4,).
+        from_m: position at the first knot, (3,) [m].
+        to_m: position at the second, (3,) [m].
+        step: time between them [s].
+        out: output, (SEGMENT,).
+    """
     # b = d a, so d = b a*; q and -q are the same attitude: the shorter turn is taken.
     w, x, y, z = quaternion_between(b, a)
     sine = np.sqrt(x * x + y * y + z * z)
@@ -78,7 +87,7 @@ def cross_into(
         width: output, sweep widths, (C, K, 2) [s].
     """
     intervals = len(knot) - 1
-    ready, segment = np.zeros(intervals, np.bool_), np.empty((intervals, _SEGMENT))
+    ready, segment = np.zeros(intervals, np.bool_), np.empty((intervals, SEGMENT))
     w = 2 * np.pi / period
     perfect = not np.any(fans[:, TERMS:])
     for c in range(lit.shape[0]):
@@ -101,7 +110,7 @@ def cross_into(
                         j += 1
                     if not ready[j]:
                         pose = quaternion[j, c], quaternion[j + 1, c], position[j, c], position[j + 1, c]
-                        _segment_into(*pose, knot[j + 1] - knot[j], segment[j])
+                        segment_into(*pose, knot[j + 1] - knot[j], segment[j])
                         ready[j] = True
                     s = t - knot[j]
                     a, b, d = segment[j, 6], segment[j, 7], segment[j, 8]

@@ -66,7 +66,7 @@ class Visibility:
             model: The model of the world.
             photodiodes: The layout of the photodiodes as drawn.
             craft_bodies: The craft's root bodies (C,), each with a free joint, in the order of `photodiodes`.
-            lighthouse_body: The station's body, which does not shade its own light.
+            lighthouse_body: The station's body, which does not shade its own light; -1: none.
             station: The scenario's table of the station.
             frame: The station's frame in the world.
 
@@ -77,26 +77,31 @@ class Visibility:
         self._model = model
         self._photodiodes = photodiodes
         self._lighthouse_body = lighthouse_body
-        self._limits, self._frame = si(station), frame
+        self._limits = si(station)
         for body in craft_bodies:
             free_joint_address(model, int(body))
         self._craft_bodies = np.asarray(craft_bodies, dtype=np.int64)
         craft = len(craft_bodies)
         if craft != photodiodes.craft_count:
             raise ValueError(f"{craft} craft bodies, but layouts of {photodiodes.craft_count} craft")
-        for body in range(lighthouse_body + 1, model.nbody):
+        for body in range(lighthouse_body + 1, model.nbody) if lighthouse_body > 0 else ():
             if model.body_geomnum[body] > 0 and _is_part_of(model, body, lighthouse_body):
                 raise ValueError(f"body {model.body(body).name!r} would shade the lighthouse that it belongs to")
         self._solids, self._geoms = read_solids(model, craft_bodies, lighthouse_body)
         self._likely = _likely_planes(self._solids, photodiodes)
         # The scene, owner number C, never moves: its body frame is the world frame.
         self._placed = Placed(np.tile(np.eye(3), (craft + 1, 1, 1)), *(np.zeros((craft + 1, 3)) for _ in range(3)))
-        if not frame.is_world:
-            self._placed.rotation[craft] = frame.rotation.T
-            self._placed.position[craft] = -frame.position @ frame.rotation
+        self.move(frame)
         self._side = min(4 * int(np.ceil(np.sqrt(craft))) + 4, MOST_CELLS)
         self._unsure = np.empty((64, 3), dtype=np.int64)
         self._rays: Rays | None = None
+
+    def move(self, frame: Frame) -> None:
+        """Move the station, which may ride on a craft, to a frame in the world."""
+        self._frame = frame
+        if not frame.is_world:
+            self._placed.rotation[-1] = frame.rotation.T
+            self._placed.position[-1] = -frame.position @ frame.rotation
 
     @property
     def shape(self) -> tuple[int, int]:

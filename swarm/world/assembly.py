@@ -41,24 +41,45 @@ class Placement(NamedTuple):
     quaternion: Floats
 
 
+class Standing(NamedTuple):
+    """One lighthouse station that stays where it is.
+
+    name: its name. model: path of its model file. position: (3,) [m]. quaternion: (4,) wxyz.
+    """
+
+    name: str
+    model: Path
+    position: Floats
+    quaternion: Floats
+
+
+def at_origin(model: Path) -> Standing:
+    """Return the one lighthouse, whose frame is the world's."""
+    return Standing(LIGHTHOUSE, model, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+
+
 def assemble(
-    craft: Sequence[Placement], lighthouse: Path, timestep_s: float, latches: Sequence[tuple[int, int]] = ()
+    craft: Sequence[Placement],
+    stations: Sequence[Standing],
+    timestep_s: float,
+    latches: Sequence[tuple[int, int]] = (),
 ) -> mujoco.MjModel:
-    """Return the compiled model: world, lighthouse, and the craft in their order.
+    """Return the compiled model: world, stations, and the craft, each in their order.
 
     Args:
         craft: the craft, at their starting poses.
-        lighthouse: path of the lighthouse's model file.
+        stations: the stations that stay where they are.
         timestep_s: length of a physics step [s].
         latches: pairs of craft, by index, that can be latched together.
 
     Raises:
-        SwarmError: `load_static` refuses the lighthouse's model.
+        SwarmError: `load_static` refuses a station's model.
     """
     world = _empty(timestep_s)
     with quiet():
-        station, pose = load_static(lighthouse)
-        _attach(world, Placement(LIGHTHOUSE, station, pose, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])))
+        for station in stations:
+            spec, pose = load_static(station.model)
+            _attach(world, Placement(station.name, spec, pose, station.position, station.quaternion))
         _attach_group(world, craft, timestep_s)
         bodies = [f"{single.name}/{single.spec.worldbody.bodies[0].name}" for single in craft]
         add_latches(world, [(bodies[one], bodies[other]) for one, other in latches])

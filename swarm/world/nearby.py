@@ -2,7 +2,7 @@
 
 A sphere around every craft's centre of mass holds all its geoms, whatever its attitude. Without a contact, a constant
 force F moves the centre of mass by at most (|v| + |F| T / m) T in a period T, so craft whose spheres, enlarged by that,
-do not overlap cannot touch in it; the same holds for a craft and the lighthouse. The spheres are sorted into cubes as
+do not overlap cannot touch in it; the same holds for a craft and a station. The spheres are sorted into cubes as
 wide as the largest of them, and each is compared with those in the 27 cubes around it: the time grows with the number
 of craft, not its square.
 """
@@ -16,22 +16,22 @@ from estimators.rotation import quaternion_rows
 
 
 class Neighbourhood:
-    """The spheres of C craft and of the lighthouse."""
+    """The spheres of C craft and of S lighthouse stations."""
 
-    def __init__(self, model: mujoco.MjModel, craft_bodies: Ints, lighthouse_body: int) -> None:
+    def __init__(self, model: mujoco.MjModel, craft_bodies: Ints, station_bodies: Ints) -> None:
         """Compute the spheres' radii.
 
         Args:
-            model: compiled model, with every geom on the body of a craft or of the lighthouse.
+            model: compiled model, with every geom on the body of a craft or of a station.
             craft_bodies: bodies of the craft, (C,).
-            lighthouse_body: body of the lighthouse.
+            station_bodies: bodies of the stations, (S,).
         """
-        craft = len(craft_bodies)
+        craft, stations = len(craft_bodies), len(station_bodies)
         owner = np.full(model.nbody, -1, dtype=np.int64)
-        owner[craft_bodies], owner[lighthouse_body] = np.arange(craft), craft
+        owner[craft_bodies], owner[station_bodies] = np.arange(craft), craft + np.arange(stations)
         colliding = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
         of = owner[model.geom_bodyid]
-        reach = np.zeros(craft + 1)
+        reach = np.zeros(craft + stations)
         # The centre of a geom's bounding sphere is its position; a geom without one (a plane) is unbounded.
         distance = np.linalg.norm(model.geom_pos - model.body_ipos[model.geom_bodyid], axis=1)
         bound = np.where(model.geom_rbound > 0, distance + model.geom_rbound + model.geom_margin, np.inf)
@@ -39,10 +39,11 @@ class Neighbourhood:
         self._radius = reach
         self._mass = model.body_mass[craft_bodies].copy()
         self._com_m = model.body_ipos[craft_bodies].copy()
-        self._lighthouse_m = np.empty(3)
-        mujoco.mju_rotVecQuat(self._lighthouse_m, model.body_ipos[lighthouse_body], model.body_quat[lighthouse_body])
-        self._lighthouse_m += model.body_pos[lighthouse_body]
-        self._scratch = np.empty((craft + 1, 4))
+        self._scratch = np.empty((craft + stations, 4))
+        self._station_m = np.empty((stations, 3))
+        for place, body in zip(self._station_m, station_bodies, strict=True):
+            mujoco.mju_rotVecQuat(place, model.body_ipos[body], model.body_quat[body])
+            place += model.body_pos[body]
 
     def radius(self, craft: int) -> float:
         """Return the radius of the sphere around a craft's centre of mass that holds all its geoms [m]."""
@@ -58,7 +59,8 @@ class Neighbourhood:
             period_s: length of the period [s].
         """
         spheres = self._scratch
-        spheres[-1, :3], spheres[-1, 3] = self._lighthouse_m, self._radius[-1]
+        craft = len(self._mass)
+        spheres[craft:, :3], spheres[craft:, 3] = self._station_m, self._radius[craft:]
         _grow_into(pose, rate, force, self._mass, self._com_m, self._radius, period_s, spheres)
         return bool(_overlap(spheres))
 

@@ -28,7 +28,7 @@ from estimators.state import State
 from swarm import hardware as layout
 from swarm.errors import SwarmError
 from swarm.world import docking
-from swarm.world.assembly import LIGHTHOUSE, Placement, assemble
+from swarm.world.assembly import LIGHTHOUSE, Placement, Standing, assemble, at_origin
 from swarm.world.craft import Visual, load_craft, quiet
 from swarm.world.nearby import Neighbourhood
 from swarm.world.orbit import NO_ORBIT, orbit_step, velocity_before
@@ -117,6 +117,7 @@ class World:
         steps_per_period: int = 8,
         orbit: RelativeOrbit | None = None,
         latches: Sequence[tuple[int, int]] = (),
+        stations: Sequence[Standing] | None = None,
     ) -> None:
         """Build the world.
 
@@ -127,10 +128,11 @@ class World:
             steps_per_period: number of physics steps per period.
             orbit: the station's orbit; None: weightless space.
             latches: pairs of craft, by index, that `latch` can hold together.
+            stations: lighthouse stations that stay where they are; None: the lighthouse at the origin.
 
         Raises:
             SwarmError: Two craft have the same name, `load_craft` refuses a model, or a craft starts inside another
-                one or inside the lighthouse.
+                one or inside a lighthouse.
         """
         self.names = tuple(start.name for start in craft)
         _check_names(self.names)
@@ -139,7 +141,8 @@ class World:
         position = _table([start.position for start in craft], 3)
         quaternion = _table([start.quaternion for start in craft], 4)
         quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
-        _check_nearest(craft, position, lighthouse)
+        standing = [at_origin(lighthouse)] if stations is None else list(stations)
+        _check_nearest(craft, position, lighthouse, standing)
         velocity, rate = _table([s.velocity for s in craft], 3), _table([s.angular_rate for s in craft], 3)
         timestep_s = 1 / (rate_hz * steps_per_period)
         self._orbit = NO_ORBIT if orbit is None else orbit_step(orbit, timestep_s)
@@ -147,14 +150,11 @@ class World:
             Placement(name, model.spec, model.file_pose, position[i], quaternion[i])
             for i, (name, model) in enumerate(zip(self.names, self._models, strict=True))
         ]
-        self.model = assemble(placements, lighthouse, timestep_s, latches)
+        self.model = assemble(placements, standing, timestep_s, latches)
         self._data = mujoco.MjData(self.model)
 
-        self.lighthouse_body = 1
-        self.craft_bodies: Ints = self.model.jnt_bodyid.astype(np.int64)
-        self._craft_of_geom = np.searchsorted(self.craft_bodies, self.model.geom_bodyid)
-        self._craft_of_geom[self.model.geom_bodyid == self.lighthouse_body] = -1
-        self._neighbourhood = Neighbourhood(self.model, self.craft_bodies, self.lighthouse_body)
+        self._number_bodies(standing)
+        self._neighbourhood = Neighbourhood(self.model, self.craft_bodies, self.station_bodies)
         # All joints are free joints, attached in order: qpos is a table of seven columns, qvel one of six.
         self._pose = self._data.qpos.reshape(-1, 7)
         self._rate = self._data.qvel.reshape(-1, 6)
@@ -167,6 +167,17 @@ class World:
 
         self._read_models(craft)
         self._check_overlap()
+
+    def _number_bodies(self, stations: Sequence[Standing]) -> None:
+        """Find the bodies of the stations, which come first, and those of the craft, each in their order."""
+        self.stations = tuple(station.name for station in stations)
+        roots = np.flatnonzero(self.model.body_parentid[1:] == 0) + 1
+        self.station_bodies: Ints = roots[: len(stations)].astype(np.int64)
+        self.lighthouse_body = int(self.station_bodies[0]) if len(stations) else -1
+        self.craft_bodies: Ints = self.model.jnt_bodyid.astype(np.int64)
+        self._craft_of_geom = np.searchsorted(self.craft_bodies, self.model.geom_bodyid)
+        for i, body in enumerate(self.station_bodies):
+            self._craft_of_geom[self.model.geom_bodyid == body] = -1 - i
 
     def _read_models(self, craft: Sequence[CraftStart]) -> None:
         """Set the properties of the craft and of what is mounted on them."""
@@ -301,12 +312,16 @@ class World:
         worst = int(np.argmin(contact.dist))
         one, other = sorted(self._craft_of_geom[contact.geom[worst]], reverse=True)
         depth = -1e3 * float(contact.dist[worst])
-        where = f"inside craft {self.names[other]!r}" if other >= 0 else "inside the lighthouse"
+        where = f"inside craft {self.names[other]!r}" if other >= 0 else self._inside(-1 - int(other))
         size = 2 * max(self._neighbourhood.radius(one), self._neighbourhood.radius(other) if other >= 0 else 0.0)
         unit = f" (a model is {size:.0f} m across: lengths in MJCF are metres)" if size > LARGE_CRAFT_M else ""
         raise SwarmError(
             f"craft {self.names[one]!r} starts {where}: they overlap by {depth:.1f} mm; move them apart{unit}"
         )
+
+    def _inside(self, station: int) -> str:
+        name = self.stations[station]
+        return "inside the lighthouse" if name == LIGHTHOUSE else f"inside station {name!r}"
 
     def _report_instability(self, pose: Floats, rate: Floats, time_s: Floats) -> None:
         state = np.concatenate([pose, rate], axis=2)
@@ -362,7 +377,9 @@ def _check_names(names: tuple[str, ...]) -> None:
         seen.add(name)
 
 
-def _check_nearest(craft: Sequence[CraftStart], position: Floats, lighthouse: Path) -> None:
+def _check_nearest(
+    craft: Sequence[CraftStart], position: Floats, lighthouse: Path, stations: Sequence[Standing]
+) -> None:
     """Raise SwarmError where the two craft of a crowd, at positions (C, 3) [m], that are nearest overlap."""
     if len(craft) <= CROWD:
         return
@@ -370,7 +387,7 @@ def _check_nearest(craft: Sequence[CraftStart], position: Floats, lighthouse: Pa
     one = int(np.argmin(distance[:, 1]))
     # Of craft in one place, either may be the first of its own neighbours.
     other = int(index[one, 0]) if index[one, 0] != one else int(index[one, 1])
-    World([craft[i] for i in sorted((one, other))], lighthouse)
+    World([craft[i] for i in sorted((one, other))], lighthouse, stations=stations)
 
 
 def _table(rows: list[Floats], columns: int) -> Floats:

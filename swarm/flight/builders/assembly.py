@@ -7,6 +7,7 @@ import numpy as np
 from estimators.rotation import matrix_from_quaternion
 from estimators.state import State
 from swarm import random
+from swarm.errors import SwarmError
 from swarm.flight.builders.cameras import cameras
 from swarm.flight.builders.craft import photodiodes, pushes, start, steers_by_estimate
 from swarm.flight.builders.dynamics import fitted, orbit
@@ -14,6 +15,7 @@ from swarm.flight.builders.guidance import guidance, matings
 from swarm.flight.builders.lidars import inspection, lidars
 from swarm.flight.builders.navigation import believed_layout, navigation
 from swarm.flight.builders.station import angle_noise, decoder
+from swarm.flight.builders.stations import stations
 from swarm.hardware import Photodiodes, actuator_set
 from swarm.messages import Command
 from swarm.onboard.actuation.actuation import Actuation
@@ -45,13 +47,19 @@ def sensors(scenario: Scenario, world: World, motions: Fleet) -> Sensors:
         SwarmError: a model lacks the cameras, lights or LiDAR that a table requires.
     """
     station, layout = scenario.lighthouse, photodiodes(scenario, world)
-    visibility = Visibility(world.model, layout, world.craft_bodies, world.lighthouse_body, station)
     pairs = [true for true, _ in cameras(scenario, world, motions.at(0.0))]
+    light = Lighthouse(layout, station, scenario.seed, random.keys(scenario.craft_names))
+    several = stations(scenario, world, layout, light) if scenario.station else None
+    if several is None:
+        visibility = Visibility(world.model, layout, world.craft_bodies, world.lighthouse_body, station)
+    else:
+        visibility = several.emitters[0].visibility
     return Sensors(
-        Lighthouse(layout, station, scenario.seed, random.keys(scenario.craft_names)),
+        light,
         visibility,
         Ccd(pairs, visibility, scenario.seed, scenario.duration_s) if pairs else None,
         lidars(scenario, world),
+        several,
     )
 
 
@@ -82,6 +90,8 @@ def computer(
     Raises:
         SwarmError: a calibration does not fit the craft.
     """
+    if scenario.station:
+        raise SwarmError(f"scenario {scenario.name}: station: craft do not navigate by [[station]] tables yet")
     begin = motions.at(0.0)
     known = [known for _, known in cameras(scenario, world, begin)]
     # Who holds no attitude turns without torque.
@@ -114,7 +124,7 @@ def pilot(scenario: Scenario, world: World, motions: Fleet, latches: Latches) ->
         motions: reference motions of the craft.
         latches: latches of all docking pairs.
     """
-    period_s, guides = 1 / scenario.lighthouse.rate_hz, guidance(scenario, latches.matings, motions.at(0.0))
+    period_s, guides = scenario.period_s, guidance(scenario, latches.matings, motions.at(0.0))
     actuators = actuator_set(fitted(scenario, world), world.com_m)
     actuation = Actuation(actuators, world.mass, world.inertia, period_s)
     body, by_estimate = Body(world.mass, world.inertia), steers_by_estimate(scenario)
@@ -134,7 +144,7 @@ def surroundings(scenario: Scenario, world: World, motions: Fleet) -> Surroundin
         world: the world.
         motions: motions of the craft.
     """
-    return Surroundings(world, pushes(scenario), motions, 1 / scenario.lighthouse.rate_hz)
+    return Surroundings(world, pushes(scenario), motions, scenario.period_s)
 
 
 def start_state(scenario: Scenario, motions: Fleet) -> State:

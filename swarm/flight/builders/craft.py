@@ -16,6 +16,7 @@ from swarm.assets import find_model
 from swarm.errors import SwarmError
 from swarm.flight.builders.dynamics import orbit
 from swarm.flight.builders.guidance import facing_port, matings
+from swarm.flight.builders.stations import standing
 from swarm.hardware import Photodiodes
 from swarm.random import Purpose
 from swarm.scenario import Craft, Scenario
@@ -114,10 +115,11 @@ def world(settings: Scenario, motions: Fleet) -> World:
         return World(
             starts,
             find_model(settings.lighthouse.model),
-            settings.lighthouse.rate_hz,
+            settings.period_hz,
             settings.physics.steps_per_period,
             orbit(settings),
             latches,
+            standing(settings),
         )
 
 

@@ -26,7 +26,9 @@ def faults(settings: Scenario, world: World, sensors: Sensors) -> NoFaults:
         return NoFaults(len(settings.craft_names))
     _check(settings, world)
     keys, flown = random.keys(settings.craft_names), (settings.seed, settings.duration_s)
-    return Faults(settings.fault, settings.craft_names, keys, *flown, sensors.lighthouse, sensors.visibility)
+    return Faults(
+        settings.fault, settings.craft_names, keys, *flown, sensors.lighthouse, sensors.visibility, settings.period_hz
+    )
 
 
 def _check(settings: Scenario, world: World) -> None:

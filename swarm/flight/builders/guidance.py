@@ -66,7 +66,7 @@ def guidance(settings: Scenario, pairs: Sequence[Mating], station: Reference) ->
         pairs: pairs of ports (`matings`).
         station: reference of every craft at time 0.
     """
-    craft, period_s = scenario.craft(settings), 1 / settings.lighthouse.rate_hz
+    craft, period_s = scenario.craft(settings), settings.period_s
     tables = [c.table.motion if isinstance(c.table.motion, Guided) else None for c in craft]
     if not any(tables):
         return None

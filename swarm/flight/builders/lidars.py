@@ -38,7 +38,7 @@ def inspection(settings: Scenario, sensors: Sequence[Lidar]) -> Inspection:
     craft, names = scenario.craft(settings), list(settings.craft_names)
     tables = [c.lidar for c in craft if c.lidar is not None]
     if not tables:
-        return Inspection((), InspectionSettings(frame_s=1 / settings.lighthouse.rate_hz))
+        return Inspection((), InspectionSettings(frame_s=settings.period_s))
     observers = [
         Observer(
             sensor.mounts[0].craft,
@@ -51,7 +51,7 @@ def inspection(settings: Scenario, sensors: Sequence[Lidar]) -> Inspection:
     return Inspection(
         observers,
         InspectionSettings(
-            frame_s=1 / settings.lighthouse.rate_hz,
+            frame_s=settings.period_s,
             acceleration_noise_m_s2=max(si(t).target_acceleration_m_s2 for t in tables),
             angular_acceleration_noise_rad_s2=max(si(t).target_angular_acceleration_rad_s2 for t in tables),
             gate_probability=settings.navigation.gate_probability,

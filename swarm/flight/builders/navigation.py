@@ -24,11 +24,10 @@ def navigation(settings: Scenario) -> NavigationSettings:
     Raises:
         SwarmError: the calibration file cannot be read.
     """
-    table, station = si(settings.navigation), si(settings.lighthouse)
-    noise = assumed_angle_noise(settings)
+    table, noise = si(settings.navigation), assumed_angle_noise(settings)
     calibration = None if table.calibration is None else read_calibration(table.calibration)
     made = NavigationSettings(
-        frame_s=1 / station.rate_hz,
+        frame_s=settings.period_s,
         angle_noise_rad=noise.sigma_rad,
         rotor_correlation=(noise.rotor_rad / noise.sigma_rad) ** 2,
         motion_compensation=table.motion_compensation,

@@ -4,7 +4,7 @@ Per lighthouse period the run loop calls `begin`, and then
 
     idle, blow, thrusters              craft without control, changes of motion, thrusters that do not obey
     light, rotor                       remaining light of the lighthouse, and the rotor's speed
-    pulses                             photodiodes dead or stuck, reflections, missed flashes
+    signals                            photodiodes dead or stuck, reflections, missed flashes
     restarting                         craft whose computer forgets its state
     states                             faults of every craft, for the telemetry
 
@@ -19,7 +19,7 @@ from estimators.arrays import Bools, Floats, Ints
 from estimators.lighthouse.sweep import measured_theta, time_from_theta
 from swarm import random
 from swarm.flight.faults.schedule import Schedule, Window, speed_swing
-from swarm.messages import Pulses
+from swarm.messages import BeamHits, Pulses, Signals
 from swarm.random import Blocks, Purpose
 from swarm.scenario.faults import (
     AnyFault,
@@ -87,13 +87,13 @@ class NoFaults:
         """Return the rotor's speed and phase at mid-period; None if they are nominal."""
         return None
 
-    def pulses(self, truth: Motion, lit: Bools, given: Pulses) -> Pulses:
-        """Return the pulses of this period as the craft log them.
+    def signals(self, truth: Motion, lit: Bools, given: Signals) -> Signals:
+        """Return the signals of this period as the craft receive them.
 
         Args:
             truth: true motion of the craft.
-            lit: photodiodes that receive light, (C, K, 2).
-            given: pulses that the lighthouse causes in them.
+            lit: photodiodes that receive light, as `Sensors.sight` has them.
+            given: signals of sensors without a fault.
         """
         return given
 
@@ -110,6 +110,7 @@ class Faults(NoFaults):
         duration_s: float,
         lighthouse: Lighthouse,
         visibility: Visibility,
+        period_hz: float,
     ) -> None:
         """Draw the schedule of all faults.
 
@@ -121,8 +122,9 @@ class Faults(NoFaults):
             duration_s: length of the run [s].
             lighthouse: lighthouse, whose pulses the faults change.
             visibility: visibility of the photodiodes, for reflections.
+            period_hz: number of periods per second [Hz].
         """
-        self._rate_hz = lighthouse.settings.rate_hz
+        self._rate_hz = period_hz
         self.schedule = Schedule(faults, names, keys, seed, self._rate_hz, duration_s)
         super().__init__(len(names))
         self.names = self.schedule.names
@@ -179,6 +181,25 @@ class Faults(NoFaults):
                 more, later = speed_swing(time_s, window.fault.for_s, si(window.fault).speed)
                 speed, phase_s = speed + float(more), phase_s + float(later)
         return Rotor(1 + speed, phase_s) if speed or phase_s else None
+
+    def signals(self, truth: Motion, lit: Bools, given: Signals) -> Signals:
+        """Return the signals of this period as the craft receive them, with the faults of the lighthouse's light.
+
+        Args:
+            truth: true motion of the craft.
+            lit: photodiodes that receive light, as `Sensors.sight` has them.
+            given: signals of sensors without a fault.
+        """
+        pulses = self.pulses(truth, lit, given.pulses)
+        return given._replace(pulses=pulses, beams=None if given.beams is None else self._beams(given.beams))
+
+    def _beams(self, given: BeamHits) -> BeamHits:
+        """Return the hits of Lighthouse 2.0 without those of dead photodiodes."""
+        dark = np.zeros(given.photodiode.shape, dtype=np.bool_)
+        for window in self._now:
+            if isinstance(window.fault, PhotodiodeDead):
+                dark[window.craft] |= np.isin(given.photodiode[window.craft], window.fault.photodiodes)
+        return given.without(dark) if dark.any() else given
 
     def pulses(self, truth: Motion, lit: Bools, given: Pulses) -> Pulses:
         """Return the pulses of this period as the craft log them.

@@ -24,7 +24,7 @@ from swarm.errors import SwarmError
 from swarm.scenario import mistakes
 from swarm.scenario.load import parse_override, read_toml, safe_name, shown
 from swarm.scenario.mistakes import parse_path
-from swarm.scenario.schema import NAME_PATTERN
+from swarm.scenario.stations import NAME_PATTERN
 from swarm.scenario.table import Mistake, Table
 from swarm.scenario.text import toml_value
 from swarm.user_text import dotted_keys, user_path

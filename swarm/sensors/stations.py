@@ -1,0 +1,415 @@
+"""The light of several lighthouse stations: what every craft logs of their sweeps and flashes, period by period.
+
+A station stands in the world, or rides on a craft; each has its own rays to the photodiodes (`visibility`) and planes
+that pass over them (`passage`).
+
+Lighthouse 2.0: a rotor of channel n turns once in the ticks of its channel, whatever the period of the simulation is,
+from a phase that is drawn. A plane looks along the boresight when a third of a turn after the rotor's zero has passed
+(the first), or two thirds (the second). Several sweeps of a plane may fall into a period, or none. `reception` says
+which hits overlap, and which know their station.
+
+Lighthouse 1.0: one station, or two in the modes b and c. Both flash every half turn, the second SLOT_S after the
+first, and they take turns sweeping, one turn each; the skip bit marks the station that does not sweep. A period is as
+many turns as there are stations.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.arrays import Bools, Floats, Ints
+from estimators.frame import Frame
+from estimators.kernel import kernel
+from estimators.lighthouse.rotor import CHANNEL_CLOCK_HZ, CHANNEL_TICKS, share_of
+from estimators.lighthouse.sweep import Fan, kernel_fans
+from estimators.rotation import matrix_from_quaternion, quaternion_from_matrix, quaternion_multiply
+from swarm.messages import SKIP_BIT, SYNC_WIDTH_S, SYNC_WIDTH_STEP_S, BeamHits, Pulses
+from swarm.sensors.draws import key_of, normal, uniform
+from swarm.sensors.lighthouse import STRAY_WIDTH_MAX_S, Lighthouse, Motion
+from swarm.sensors.passage import Passages, Sweeps, no_passages, pass_into
+from swarm.sensors.reception import identified, in_order, overlapped
+from swarm.sensors.visibility import Visibility
+
+SLOT_S = 20000 / 48e6
+"""Delay of the second Lighthouse 1.0 station's flash after the first's [s]."""
+LOOKS = 2
+"""Looks at what is lit per period: in the middle of its first and of its second half."""
+
+
+class Emitter(NamedTuple):
+    """One station as it really is.
+
+    name: its name. key: names its draws. channel: of Lighthouse 2.0, from 1; 0 for Lighthouse 1.0. fans: its planes
+    with their errors. noise_rad: standard deviation of an angle. correlation: share of its variance that is the
+    rotor's. beam_m: thickness of the planes [m]. phase: of the rotor at time 0 [turns]. craft: craft that it rides on;
+    -1: none. frame: its frame in the world, or in that craft's. visibility: its rays.
+    """
+
+    name: str
+    key: int
+    channel: int
+    fans: Sequence[Fan]
+    noise_rad: float
+    correlation: float
+    beam_m: float
+    phase: float
+    craft: int
+    frame: Frame
+    visibility: Visibility
+
+
+class Stations:
+    """The light of S stations on C craft.
+
+    A draw depends on the seed, the station, the craft's key, the photodiode and the number of the sweep: not on what
+    is lit, other craft or stations, or the strength of any error.
+    """
+
+    def __init__(
+        self,
+        receiver: Lighthouse,
+        emitters: Sequence[Emitter],
+        seed: int,
+        craft_keys: Sequence[int],
+        period_s: float,
+    ) -> None:
+        """Prepare the draws.
+
+        Args:
+            receiver: the photodiodes and timing circuits, which a single lighthouse's light reaches as well.
+            emitters: the stations, all of one generation.
+            seed: the run's seed.
+            craft_keys: number that names each craft, (C,).
+            period_s: length of a period [s].
+        """
+        self.settings, self.emitters, self._period_s = receiver.settings, tuple(emitters), period_s
+        self.photodiodes, self.clock_offset_tick = receiver.photodiodes, receiver.clock_offset_tick
+        self.second = emitters[0].channel > 0
+        self._fans = [kernel_fans(emitter.fans) for emitter in emitters]
+        self._rotor_keys = [[key_of(seed, e.key, plane) for plane in range(len(e.fans))] for e in emitters]
+        self._keys = [
+            [
+                np.array([key_of(seed, e.key, plane, key) for key in craft_keys], dtype=np.uint64)
+                for plane in range(len(e.fans))
+            ]
+            for e in emitters
+        ]
+        self._own_keys = np.array([key_of(seed, key) for key in craft_keys], dtype=np.uint64)
+        self._count = self.photodiodes.present.sum(axis=1)
+
+    def sight(self, truth: Motion) -> NDArray[np.int8]:
+        """Return the `Sight` of every photodiode from every station at each look, (C, K, S * LOOKS)."""
+        out = np.empty((*self.photodiodes.present.shape, len(self.emitters) * LOOKS), dtype=np.int8)
+        for s, emitter in enumerate(self.emitters):
+            for look, knot in enumerate(_looks(truth)):
+                pose = truth.position[knot], truth.quaternion[knot]
+                if emitter.craft >= 0:
+                    emitter.visibility.move(_ridden(emitter, *pose))
+                out[..., LOOKS * s + look] = emitter.visibility.state(*pose)
+        return out
+
+    def seen(self, sight: NDArray[np.int8]) -> NDArray[np.int8]:
+        """Return the best `Sight` of every photodiode from any station, (C, K), from that of `sight`."""
+        each = sight.reshape(*sight.shape[:2], len(self.emitters), LOOKS).min(axis=-1)
+        best: NDArray[np.int8] = each.max(axis=-1)
+        return best
+
+    def shine(self, truth: Motion, frame: int, lit: Bools) -> tuple[Pulses, BeamHits | None]:
+        """Return what every craft logs in one period, of either generation.
+
+        Args:
+            truth: true motion over the period.
+            frame: number of the period.
+            lit: photodiodes that the light reaches at each look, (C, K, S * LOOKS).
+
+        Raises:
+            ValueError: an array has a wrong shape.
+        """
+        shape = (*self.photodiodes.present.shape, len(self.emitters) * LOOKS)
+        if lit.shape != shape:
+            raise ValueError(f"lit must have shape {shape}, not {lit.shape}")
+        passages, count = self._passages(truth, frame, lit)
+        if self.second:
+            return no_pulses(len(lit)), self._beams(frame, passages, count)
+        return self._pulses(frame, lit, passages, count), None
+
+    def _passages(self, truth: Motion, frame: int, lit: Bools) -> tuple[Passages, int]:
+        """Return the passages of all planes in the period, in order of station and plane, and their number."""
+        settings = self.settings
+        knot = np.ascontiguousarray(truth.time_s - truth.time_s[0])
+        looks = np.array([knot[k] for k in _looks(truth)])
+        plan = [
+            (s, plane, self._sweeps(s, plane, frame, looks))
+            for s in range(len(self.emitters))
+            for plane in range(len(self.emitters[s].fans))
+        ]
+        by_look = [np.count_nonzero(lit[..., LOOKS * s : LOOKS * (s + 1)], axis=(0, 1)) for s in range(len(self._fans))]
+        out = no_passages(sum(int(by_look[s][sweeps.look].sum()) for s, _, sweeps in plan))
+        motion = knot, np.ascontiguousarray(truth.position), np.ascontiguousarray(truth.quaternion)
+        count = 0
+        for s, plane, sweeps in plan:
+            emitter, before = self.emitters[s], count
+            rho, noise = emitter.correlation, emitter.noise_rad
+            count = pass_into(
+                *motion,
+                *self._pose(emitter, truth),
+                self.photodiodes.point_m,
+                self.photodiodes.normal,
+                np.ascontiguousarray(np.moveaxis(lit[..., LOOKS * s : LOOKS * (s + 1)], -1, 0)),
+                sweeps,
+                self._fans[s][plane],
+                2 * np.pi / self._turn_s(emitter),
+                self._rotor_keys[s][plane],
+                self._keys[s][plane],
+                noise * float(np.sqrt(1 - rho)),
+                noise * float(np.sqrt(rho)),
+                (settings.photodiode_diameter_m, emitter.beam_m),
+                count,
+                out,
+            )
+            out.station[before:count], out.plane[before:count] = s, plane
+        return out, count
+
+    def _pose(self, emitter: Emitter, truth: Motion) -> tuple[Floats, Floats]:
+        """Return positions (n + 1, 3) [m] and attitudes (n + 1, 4) wxyz of a station at the knots."""
+        knots = len(truth.time_s)
+        turn = quaternion_from_matrix(emitter.frame.rotation)
+        if emitter.craft < 0:
+            return np.tile(emitter.frame.position, (knots, 1)), np.tile(turn, (knots, 1))
+        position, quaternion = truth.position[:, emitter.craft], truth.quaternion[:, emitter.craft]
+        arm = matrix_from_quaternion(quaternion) @ emitter.frame.position
+        return position + arm, quaternion_multiply(quaternion, np.broadcast_to(turn, (knots, 4)))
+
+    def _turn_s(self, emitter: Emitter) -> float:
+        """Return the duration of a turn of a station's rotor [s]."""
+        if self.second:
+            return CHANNEL_TICKS[emitter.channel - 1] / CHANNEL_CLOCK_HZ
+        return float(1 / self.settings.rate_hz)
+
+    def _sweeps(self, station: int, plane: int, frame: int, looks: Floats) -> Sweeps:
+        """Return the sweeps of one plane that may meet a photodiode in front of the station within the period."""
+        emitter, start_s = self.emitters[station], frame * self._period_s
+        turn_s = self._turn_s(emitter)
+        if self.second:
+            share = float(share_of(np.zeros(1), np.array([plane]))[0]) + emitter.phase
+            # In front is a quarter of a turn to either side of the boresight.
+            first, last = (start_s / turn_s - share - 0.25, (start_s + self._period_s) / turn_s - share + 0.25)
+            number = np.arange(int(np.ceil(first)), int(np.floor(last)) + 1, dtype=np.int64)
+            boresight_s = np.asarray((number + share) * turn_s - start_s, dtype=np.float64)
+        else:
+            number = np.array([frame], dtype=np.int64)
+            boresight_s = np.array([(station + plane / 2 + 0.25) * turn_s + station * SLOT_S], dtype=np.float64)
+        near = np.argmin(np.abs(boresight_s[:, None] - looks), axis=1)
+        return Sweeps(boresight_s, number, near.astype(np.int64))
+
+    def _start_tick(self, frame: int) -> Floats:
+        """Return the start of a period on each craft's clock, not a whole number, (C,) [ticks]."""
+        out: Floats = self.clock_offset_tick + frame * self._period_s / self.settings.tick_s
+        return out
+
+    def _zero_s(self, passages: Passages, frame: int) -> Floats:
+        """Return the instant of the rotor's zero before each passage, after the period's start [s]."""
+        turn_s = np.array([self._turn_s(emitter) for emitter in self.emitters])[passages.station]
+        phase = np.array([emitter.phase for emitter in self.emitters])[passages.station]
+        out: Floats = (passages.sweep + phase) * turn_s - frame * self._period_s
+        return out
+
+    def _beams(self, frame: int, passages: Passages, count: int) -> BeamHits:
+        """Return what the circuits log of the light of Lighthouse 2.0."""
+        passages = Passages._make(part[:count] for part in passages)
+        craft, tick_s = len(self._count), self.settings.tick_s
+        lost = self._missed(passages)
+        order, first = in_order(passages, count, craft)
+        dark = overlapped(passages, order, first) | lost
+        known = identified(passages, dark, order, first)
+        total = np.bincount(passages.craft[~dark], minlength=craft).astype(np.int32)
+        most = int(total.max(initial=0))
+        out = BeamHits(
+            np.full((craft, most), -1, dtype=np.int16),
+            np.zeros((craft, most), dtype=np.int64),
+            np.zeros((craft, most), dtype=np.int32),
+            np.zeros((craft, most), dtype=np.int16),
+            np.full((craft, most), -1, dtype=np.int64),
+            total,
+            np.rint(self._start_tick(frame) + self._period_s / 2 / tick_s).astype(np.int64),
+        )
+        channel = np.array([emitter.channel for emitter in self.emitters], dtype=np.int16)
+        zero_s = self._zero_s(passages, frame)
+        _log(passages, order, first, dark, known, channel, zero_s, self._start_tick(frame), tick_s, out)
+        return out
+
+    def _missed(self, passages: Passages) -> Bools:
+        """Return which passages a photodiode misses, by chance."""
+        chance = self.settings.lost_pulse_probability
+        out = np.zeros(len(passages.craft), dtype=np.bool_)
+        if chance > 0:
+            _draw_losses(self._own_keys, passages, chance, out)
+        return out
+
+    def _pulses(self, frame: int, lit: Bools, passages: Passages, count: int) -> Pulses:
+        """Return what the circuits log of the sweeps and flashes of Lighthouse 1.0, and of stray light."""
+        settings, stations = self.settings, len(self.emitters)
+        half_s = 1 / settings.rate_hz / 2
+        flashes = [(h, s) for h in range(2 * stations) for s in range(stations)]
+        jitter = np.array([normal(self._rotor_keys[s][0], 2 * stations * frame + h, 1) for h, s in flashes])
+        rise_s = np.array([h * half_s + s * SLOT_S for h, s in flashes]) + settings.sync_jitter_s * jitter
+        code = np.array([h % 2 + (0 if h // 2 == s else SKIP_BIT) for h, s in flashes])
+        width = np.rint((SYNC_WIDTH_S + SYNC_WIDTH_STEP_S * code) / settings.tick_s).astype(np.int64)
+        # A flash is seen at the look of its half of the period.
+        columns = [LOOKS * s + min(LOOKS * h // (2 * stations), LOOKS - 1) for h, s in flashes]
+        strays = settings.stray_pulse_rate_hz * self._period_s
+        room = np.bincount(passages.craft[:count], minlength=len(lit)) + lit[..., columns].sum(axis=(1, 2))
+        most = int(room.max(initial=0)) + (int(np.ceil(strays + 12 * np.sqrt(strays) + 12)) if strays else 0)
+        out = Pulses(
+            np.full((len(lit), most), -1, dtype=np.int16),
+            np.zeros((len(lit), most), dtype=np.int64),
+            np.zeros((len(lit), most), dtype=np.int32),
+            np.zeros(len(lit), dtype=np.int32),
+        )
+        passages = Passages._make(part[:count] for part in passages)
+        chances = settings.missed_sync_probability, strays, self._period_s
+        _log_pulses(
+            passages,
+            self._missed(passages),
+            np.ascontiguousarray(lit[..., columns]),
+            (rise_s, width),
+            self._own_keys,
+            self._count.astype(np.int64),
+            frame,
+            chances,
+            self._start_tick(frame),
+            settings.tick_s,
+            out,
+        )
+        _sort(out)
+        used = int(out.total.max(initial=0))
+        return Pulses(out.photodiode[:, :used], out.rise_tick[:, :used], out.width_tick[:, :used], out.total)
+
+
+def no_pulses(craft: int) -> Pulses:
+    """Return the pulses of craft that logged none."""
+    return Pulses(
+        np.empty((craft, 0), dtype=np.int16),
+        np.empty((craft, 0), dtype=np.int64),
+        np.empty((craft, 0), dtype=np.int32),
+        np.zeros(craft, dtype=np.int32),
+    )
+
+
+def _looks(truth: Motion) -> tuple[int, ...]:
+    """Return the knots at which the rays are cast."""
+    steps = len(truth.time_s) - 1
+    return steps // 4, 3 * steps // 4
+
+
+def _ridden(emitter: Emitter, position: Floats, quaternion: Floats) -> Frame:
+    """Return the frame in the world of a station that rides on a craft, from the poses of all craft."""
+    rotation = matrix_from_quaternion(quaternion[emitter.craft])
+    return Frame(rotation @ emitter.frame.rotation, position[emitter.craft] + rotation @ emitter.frame.position)
+
+
+@kernel
+def _draw_losses(keys: np.ndarray, passages: Passages, chance: float, out: Bools) -> None:
+    for i in range(len(out)):
+        name = 64 * passages.station[i] + 8 * passages.plane[i] + 1
+        out[i] = uniform(keys[passages.craft[i]] + np.uint64(name), passages.sweep[i], passages.photodiode[i]) < chance
+
+
+@kernel
+def _log(
+    passages: Passages,
+    order: Ints,
+    first: Ints,
+    dark: Bools,
+    known: Bools,
+    channel: NDArray[np.int16],
+    zero_s: Floats,
+    start_tick: Floats,
+    tick: float,
+    out: BeamHits,
+) -> None:
+    """Write every craft's hits in order of time."""
+    for c in range(len(first) - 1):
+        m = 0
+        for n in range(first[c], first[c + 1]):
+            i = order[n]
+            if dark[i]:
+                continue
+            ticks = max(1, int(np.rint(passages.width_s[i] / tick)))
+            out.photodiode[c, m], out.width_tick[c, m] = passages.photodiode[i], ticks
+            out.rise_tick[c, m] = int(np.rint(start_tick[c] + passages.instant_s[i] / tick - ticks / 2))
+            if known[i]:
+                out.channel[c, m] = channel[passages.station[i]]
+                out.offset_tick[c, m] = int(np.rint((passages.instant_s[i] - zero_s[i]) / tick))
+            m += 1
+
+
+@kernel
+def _log_pulses(
+    passages: Passages,
+    missed: Bools,
+    flashed: Bools,
+    flash: tuple[Floats, Ints],
+    keys: np.ndarray,
+    count: Ints,
+    frame: int,
+    chances: tuple[float, float, float],
+    start_tick: Floats,
+    tick: float,
+    out: Pulses,
+) -> None:
+    """Write every craft's pulses: flashes, sweeps, strays.
+
+    flashed: photodiodes that see each flash, (C, K, F). flash: rises [s] and widths [ticks], (F,). chances: probability
+    of a missed flash, mean number of strays, length of the period [s].
+    """
+    miss, strays, period = chances
+    for c in range(len(count)):
+        for f in range(flashed.shape[2]):
+            if miss > 0 and uniform(keys[c] + np.uint64(2), flashed.shape[2] * frame + f, 0) < miss:
+                continue
+            rise = int(np.rint(start_tick[c] + flash[0][f] / tick))
+            for k in range(flashed.shape[1]):
+                if flashed[c, k, f]:
+                    _add(out, c, k, rise, flash[1][f])
+        if strays > 0 and count[c] > 0:
+            # By the gaps between them, which are exponential.
+            number, share = 0, 0.0
+            while True:
+                share -= np.log(uniform(keys[c] + np.uint64(3), frame, 4 * number)) / strays
+                if share >= 1 or out.total[c] >= out.photodiode.shape[1]:
+                    break
+                k = int(count[c] * uniform(keys[c] + np.uint64(3), frame, 4 * number + 1))
+                wide = STRAY_WIDTH_MAX_S * uniform(keys[c] + np.uint64(3), frame, 4 * number + 2)
+                rise = int(np.rint(start_tick[c] + share * period / tick))
+                _add(out, c, k, rise, max(1, int(np.rint(wide / tick))))
+                number += 1
+    for i in range(len(missed)):
+        if not missed[i]:
+            c, ticks = passages.craft[i], max(1, int(np.rint(passages.width_s[i] / tick)))
+            rise = int(np.rint(start_tick[c] + passages.instant_s[i] / tick - ticks / 2))
+            _add(out, c, passages.photodiode[i], rise, ticks)
+
+
+@kernel
+def _add(out: Pulses, c: int, photodiode: int, rise: int, width: int) -> None:
+    m = out.total[c]
+    if m < out.photodiode.shape[1]:
+        out.photodiode[c, m], out.rise_tick[c, m], out.width_tick[c, m] = photodiode, rise, width
+        out.total[c] = m + 1
+
+
+@kernel
+def _sort(out: Pulses) -> None:
+    """Sort each craft's pulses by rise; equal ones stay in their order."""
+    for c in range(len(out.total)):
+        for n in range(1, out.total[c]):
+            photodiode, rise, width = out.photodiode[c, n], out.rise_tick[c, n], out.width_tick[c, n]
+            m = n
+            while m > 0 and out.rise_tick[c, m - 1] > rise:
+                out.photodiode[c, m], out.rise_tick[c, m] = out.photodiode[c, m - 1], out.rise_tick[c, m - 1]
+                out.width_tick[c, m] = out.width_tick[c, m - 1]
+                m -= 1
+            out.photodiode[c, m], out.rise_tick[c, m], out.width_tick[c, m] = photodiode, rise, width
