@@ -26,7 +26,6 @@ CHANNELS = 16
 TAKING_TURNS = 2
 """Largest number of Lighthouse 1.0 stations: they take turns, and their flashes tell two of them apart."""
 
-
 FanError = Annotated[float, Field(ge=-0.5, le=0.5), FAN]
 
 
