@@ -44,6 +44,7 @@ HEAVY = {
     "dask",
     "distributed",
     "jinja2",
+    "mcap",
 }
 ROOT = Path(__file__).parent.parent
 COMMANDS = tuple(get_command(cli.app).commands)  # type: ignore[attr-defined]

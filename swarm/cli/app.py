@@ -16,6 +16,7 @@ from swarm.cli.calibrate import calibrate
 from swarm.cli.check import check
 from swarm.cli.compare import compare
 from swarm.cli.docs import docs
+from swarm.cli.export import export
 from swarm.cli.layout import layout
 from swarm.cli.list import list_all
 from swarm.cli.new import new
@@ -118,5 +119,20 @@ def _swarm(
 
 
 app.command("list")(list_all)
-for command in (run, view, check, replay, smooth, reproduce, calibrate, layout, study, report, compare, new, docs):
+for command in (
+    run,
+    view,
+    check,
+    replay,
+    smooth,
+    reproduce,
+    calibrate,
+    layout,
+    study,
+    report,
+    compare,
+    export,
+    new,
+    docs,
+):
     app.command()(command)

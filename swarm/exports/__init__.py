@@ -1,0 +1,1 @@
+"""Exports: a run's trajectories in the formats of other programs."""
