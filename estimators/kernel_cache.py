@@ -14,6 +14,7 @@ import tempfile
 import time
 from contextlib import suppress
 from functools import cache, cached_property
+from glob import escape
 from pathlib import Path
 from types import FunctionType
 from typing import Any
@@ -58,7 +59,7 @@ class KernelCache(NumbaCache):
 
     def flush(self) -> None:
         """Remove the files of this kernel, those of all its versions."""
-        for file in folder().glob(f"{self._name}.*.nbc"):
+        for file in folder().glob(f"{escape(self._name)}.*.nbc"):
             with suppress(OSError):
                 file.unlink()
 
@@ -72,7 +73,8 @@ class KernelCache(NumbaCache):
         try:
             written, payload = pickle.loads(file.read_bytes())
             _touch(file)
-        except (OSError, EOFError, ValueError, pickle.UnpicklingError):
+        except Exception:
+            # Whatever a damaged or a foreign pickle raises: the kernel is compiled anew.
             return None
         return CompileResult._rebuild(target_context, *payload) if written == key else None  # type: ignore[no-untyped-call]
 
@@ -86,11 +88,7 @@ class KernelCache(NumbaCache):
 
     def holds_any(self) -> bool:
         """Tell whether the folder holds this version of the kernel, for whatever argument types."""
-        for file in folder().glob(f"{self._name}.*.nbc"):
-            with suppress(OSError, EOFError, ValueError, pickle.UnpicklingError):
-                if pickle.loads(file.read_bytes())[0][-1] == self._digest:
-                    return True
-        return False
+        return any(folder().glob(f"{escape(self._name)}.{_short(self._version)}.*.nbc"))
 
     @cached_property
     def _name(self) -> str:
@@ -102,11 +100,19 @@ class KernelCache(NumbaCache):
         # Not before it is asked for: what the kernel calls may be defined further down in its file.
         return KernelDigest().of(self._function)
 
+    @property
+    def _version(self) -> tuple[Any, ...]:
+        return numba.__version__, sys.version_info[:2], self._digest
+
     def _key(self, sig: Any, codegen: Any) -> tuple[Any, ...]:
-        return (sig, codegen.magic_tuple(), numba.__version__, sys.version_info[:2], self._digest)
+        return (sig, codegen.magic_tuple(), *self._version)
 
     def _file(self, key: tuple[Any, ...]) -> Path:
-        return folder() / f"{self._name}.{hashlib.sha256(repr(key).encode()).hexdigest()[:32]}.nbc"
+        return folder() / f"{self._name}.{_short(self._version)}.{_short(key)}.nbc"
+
+
+def _short(key: tuple[Any, ...]) -> str:
+    return hashlib.sha256(repr(key).encode()).hexdigest()[:24]
 
 
 @cache
