@@ -31,9 +31,9 @@ from estimators.layout.error import (
     WORST,
     Sightings,
     add_up,
-    fan_means,
     lost_error,
     mixed_error,
+    worst_loss,
 )
 from estimators.lighthouse.pnp import FEWEST_LIT
 
@@ -101,30 +101,6 @@ def _weighed(error: float, seen: int, losses: int) -> float:
 
 
 @kernel
-def _worst_loss(
-    row: Floats, lit: Bools, chosen: Ints, without: int, fan_sum: Floats, inverse: Floats, rho: float, space: Floats
-) -> float:
-    """Return the error e of one pose without the chosen photodiode that is missed most.
-
-    Args:
-        row: (N, 2, 6), the pose's rows.
-        lit: (N,).
-        chosen: (n,), indices of candidates.
-        without: slot of `chosen` that is left out; -1: none.
-        fan_sum: (2, 6), s of all that count.
-        inverse: (6, 6), L^-1, as `mixed_error` leaves it.
-        rho: of (19).
-        space: (2, 2, 6), workspace.
-    """
-    own, worst = fan_means(inverse, fan_sum, space[0]), 0.0
-    for slot in range(len(chosen)):
-        k = chosen[slot]
-        if slot != without and lit[k]:
-            worst = max(worst, lost_error(inverse, space[0], own, row[k], rho, space[1]))
-    return worst
-
-
-@kernel
 def _errors_of(
     row: Floats,
     lit: Bools,
@@ -143,7 +119,7 @@ def _errors_of(
     for p in range(len(lit)):
         error = mixed_error(normal[p], fan_sum[p], rho, lower, inverse)
         if losses and error < np.inf and seen[p] > FEWEST_LIT:
-            error = _worst_loss(row[p], lit[p], chosen, without, fan_sum[p], inverse, rho, space)
+            error, _ = worst_loss(row[p], lit[p], chosen, without, fan_sum[p], inverse, rho, space)
         out[p] = _weighed(error, seen[p], losses)
 
 
@@ -226,8 +202,7 @@ def _exchange(row: Floats, lit: Bools, reached: Bools, rho: float, chosen: Ints,
                                 more[a, b] += row[p, k, fan, a] * row[p, k, fan, b]
                     e = mixed_error(more, more_sum, rho, lower, inverse)
                     if losses and e < np.inf and seen[p] >= FEWEST_LIT:
-                        e = _worst_loss(row[p], lit[p], chosen, slot, more_sum, inverse, rho, space)
-                        own = fan_means(inverse, more_sum, space[0])
+                        e, own = worst_loss(row[p], lit[p], chosen, slot, more_sum, inverse, rho, space)
                         e = max(e, lost_error(inverse, space[0], own, row[p, k], rho, space[1]))
                     error[p] = _weighed(e, seen[p] + 1, losses)
             value = excess + _tail(error, share)

@@ -204,20 +204,41 @@ def lost_error(inverse: Floats, fan_mean: Floats, own: float, row: Floats, rho: 
 
 
 @kernel
+def worst_loss(
+    row: Floats, lit: Bools, chosen: Ints, without: int, fan_sum: Floats, inverse: Floats, rho: float, space: Floats
+) -> tuple[float, float]:
+    """Return the error e of one pose without the chosen photodiode that is missed most, and `fan_means` of all.
+
+    Args:
+        row: (N, 2, 6), the pose's rows.
+        lit: (N,).
+        chosen: (n,), indices of candidates.
+        without: slot of `chosen` that is left out; -1: none.
+        fan_sum: (2, 6), s of all that count.
+        inverse: (6, 6), L^-1, as `mixed_error` leaves it.
+        rho: of (19).
+        space: (2, 2, 6), workspace; space[0] receives what `fan_means` writes.
+    """
+    own, worst = fan_means(inverse, fan_sum, space[0]), 0.0
+    for slot in range(len(chosen)):
+        k = chosen[slot]
+        if slot != without and lit[k]:
+            worst = max(worst, lost_error(inverse, space[0], own, row[k], rho, space[1]))
+    return worst, own
+
+
+@kernel
 def _lost_errors_into(row: Floats, lit: Bools, chosen: Ints, rho: float, out: Floats) -> None:
     poses = len(lit)
     normal, fan_sum, seen = np.empty((poses, 6, 6)), np.empty((poses, 2, 6)), np.empty(poses, dtype=np.int64)
     add_up(row, lit, chosen, -1, normal, fan_sum, seen)
     lower, inverse = np.zeros((6, 6)), np.zeros((6, 6))
-    fan_mean, z = np.empty((2, 6)), np.empty((2, 6))
+    space = np.empty((2, 2, 6))
     for p in range(poses):
         out[p] = np.inf
         if seen[p] <= FEWEST_LIT or not mixed_error(normal[p], fan_sum[p], rho, lower, inverse) < np.inf:
             continue
-        own, worst = fan_means(inverse, fan_sum[p], fan_mean), 0.0
-        for k in chosen:
-            if lit[p, k]:
-                worst = max(worst, lost_error(inverse, fan_mean, own, row[p, k], rho, z))
+        worst, _ = worst_loss(row[p], lit[p], chosen, -1, fan_sum[p], inverse, rho, space)
         if worst < WORST:
             out[p] = worst
 

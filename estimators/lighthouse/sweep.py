@@ -23,17 +23,14 @@ positive, and a positive `curve` raises it at both ends of the fan: libsurvive's
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from estimators.arrays import Floats
 from estimators.kernel import formula, kernel
-from estimators.lighthouse.tilted import TILT_RAD, TiltedErrors, tilted_angle, tilted_gradient
+from estimators.lighthouse.tilted import TILT_RAD, Number, TiltedErrors, tilted_angle, tilted_gradient
 from estimators.state import Vector
-
-Number = Any
-"""A float in a kernel, an array elsewhere."""
 
 HALF_PI = np.pi / 2
 _ROUNDS = 100
@@ -195,10 +192,12 @@ def measured_angle(x: float, y: float, z: float, fan: Floats) -> float:
     """
     across, up = fan[0] * x + fan[1] * y, fan[3] * x + fan[4] * y
     tangent, phase, curve, gibbous_phase, gibbous_magnitude = fan[6], fan[7], fan[8], fan[9], fan[10]
-    if tangent == 0.0 and curve == 0.0 and gibbous_magnitude == 0.0:
-        angle: float = np.arctan2(across, z) - phase
-    elif fan[13] != 0.0:
-        angle = tilted_angle(across, up, z, tangent, phase, curve, gibbous_phase, gibbous_magnitude, fan[11], fan[12])
+    if fan[13] != 0.0:
+        angle: float = tilted_angle(
+            across, up, z, tangent, phase, curve, gibbous_phase, gibbous_magnitude, fan[11], fan[12]
+        )
+    elif tangent == 0.0 and curve == 0.0 and gibbous_magnitude == 0.0:
+        angle = np.arctan2(across, z) - phase
     else:
         angle = _measured(across, up, z, tangent, phase, curve, gibbous_phase, gibbous_magnitude)
     return angle

@@ -69,6 +69,14 @@ def from_station(
 
 
 @formula
+def _series(beta: Number) -> tuple[Number, Number]:
+    """Return S and S' at beta [rad]."""
+    series = beta * beta * (S2 + beta * (S3 + beta * (S4 + beta * S5)))
+    slope = beta * (2 * S2 + beta * (3 * S3 + beta * (4 * S4 + beta * 5 * S5)))
+    return series, slope
+
+
+@formula
 def tilted_angle(
     across: Number,
     up: Number,
@@ -101,8 +109,7 @@ def tilted_angle(
     k = up * tangent / np.sqrt(square)
     beta = np.arcsin(up / (np.sqrt(square + up * up) * cosine))
     w = curve + ogee_magnitude * np.cos(azimuth + np.arcsin(k) + ogee_phase)
-    series = beta * beta * (S2 + beta * (S3 + beta * (S4 + beta * S5)))
-    slope = beta * (2 * S2 + beta * (3 * S3 + beta * (4 * S4 + beta * 5 * S5)))
+    series, slope = _series(beta)
     b = azimuth + np.arcsin(k - w * series / (cosine * (1 + w * slope * tangent)))
     return b - phase + gibbous_magnitude * np.cos(b + gibbous_phase)
 
@@ -139,8 +146,7 @@ def tilted_gradient(
     beta, azimuth = np.arcsin(u), np.arctan2(across, ahead)
     turned = azimuth + np.arcsin(k) + ogee_phase
     w = curve + ogee_magnitude * np.cos(turned)
-    series = beta * beta * (S2 + beta * (S3 + beta * (S4 + beta * S5)))
-    slope = beta * (2 * S2 + beta * (3 * S3 + beta * (4 * S4 + beta * 5 * S5)))
+    series, slope = _series(beta)
     bend = 2 * S2 + beta * (6 * S3 + beta * (12 * S4 + beta * 20 * S5))
     divisor = cosine * (1 + w * slope * tangent)
     k2 = k - w * series / divisor
