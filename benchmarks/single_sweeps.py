@@ -1,7 +1,7 @@
 """What is navigation by single sweeps worth? RMS over the posterior Cramer-Rao bound by the number of lit photodiodes.
 
-    python benchmarks/single_sweeps.py [--craft 200] [--seeds 8] [--duration-s 5] [--photodiodes 1 2 3 4 12]
-                                       [--coupling auto] [--independent] [--out FILE]
+    python benchmarks/single_sweeps.py [--craft 200] [--seeds 8] [--photodiodes 1 2 3 4 12] [--at-s 1 5]
+                                       [--coupling auto] [--independent] [--core CORE] [--out FILE]
 
 Mockups 3 m from the lighthouse move exactly as the filter assumes, white accelerations, and hold their places by their
 own estimates: their orders are known motion. They see all photodiodes for `CONVERGE_S`, then only some, drawn anew for
@@ -141,7 +141,9 @@ class Model(NamedTuple):
 
 
 class Samples(NamedTuple):
-    """Squared errors, traces of the bound and NEES of the C craft at one instant, (C,) each; attitude, position."""
+    """Squared errors and traces of the bound of the C craft at one instant, of attitude and position, (2, C) each; and
+    their NEES (C,).
+    """
 
     square: Floats
     bound: Floats

@@ -87,7 +87,7 @@ def shear_into(arms: Floats, out: Floats) -> None:
         for first, column in ((6, 0), (9, 3)):
             out[first + i, column + j] = -(after[k] - a[k])
             out[first + i, column + k] = after[j] - a[j]
-    # w x (d x a) = (a w^T - w.a I) d with the sign of a x (w x .): d (w.a) - a (w.d).
+    # w x (d x a) = (w.a I - a w^T) d, and the same of w' and a' taken off.
     inner, outer = 0.0, 0.0
     for i in range(3):
         inner += w[i] * a[i]

@@ -73,9 +73,9 @@ class Planes(NamedTuple):
 def track(observed: Floats, nominal: float) -> Rotor:
     """Return the passages of a rotor's zero.
 
-    Observations of one passage are averaged. One that does not lie whole turns after the passage before is rejected,
-    unless the next one confirms it: then the rotor was dark for long, or the clock has jumped, and a new stretch
-    begins.
+    Of several observations of one passage the median counts. One that does not lie whole turns after the passage before
+    is rejected, unless the next one confirms it: then the rotor was dark for long, or the clock has jumped, and a new
+    stretch begins.
 
     Args:
         observed: instants at which zeros were observed, in any order, (N,) [ticks].

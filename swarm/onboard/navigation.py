@@ -43,13 +43,14 @@ class Estimate(NamedTuple):
     """Estimates of C craft at one epoch; NaN where unknown.
 
     status: codes of `Status`, (C,). visible: number of photodiodes seen by both fans, (C,). pnp: this period's own
-    poses. dilution: dilution of precision at those poses. rotation (C, 3, 3), position (C, 3) [m], angular_rate (C, 3)
-    [rad/s], velocity (C, 3) [m/s] and covariance (C, 12, 12), ordered (attitude, angular rate, position, velocity): the
-    filter's, in the lighthouse frame. nis: normalised innovation squared of this period's pose, or of its single
-    sweeps, (C,). missed_sync, rejected: counts of the decoder, (C,). sensor: codes of `Sensor`, (C,). ccd: the cameras'
-    results; None if no craft has any. integrity: integrity of the craft's own poses. coupling: codes of `Coupling`,
-    (C,). rows: number of single sweeps in the filter, (C,). prediction: the filters before this period's measurements,
-    where the settings ask for the history of the filter.
+    poses. dilution: dilution of precision at those poses, or at the filter's prediction where there is none. rotation
+    (C, 3, 3), position (C, 3) [m], angular_rate (C, 3) [rad/s], velocity (C, 3) [m/s] and covariance (C, 12, 12),
+    ordered (attitude, angular rate, position, velocity): the filter's, in the lighthouse frame. nis: normalised
+    innovation squared of this period's pose, or of its single sweeps, (C,). missed_sync, rejected: counts of the
+    decoder, (C,). sensor: codes of `Sensor`, (C,). ccd: the cameras' results; None if no craft has any. integrity:
+    integrity of the craft's own poses. coupling: codes of `Coupling`, (C,). rows: number of single sweeps in the
+    filter, (C,). prediction: the filters before this period's measurements, where the settings ask for the history of
+    the filter.
     """
 
     status: Ints

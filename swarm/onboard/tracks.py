@@ -74,7 +74,7 @@ class Filtered(NamedTuple):
 class TrackLimits:
     """Limits beyond which a filter is stopped.
 
-    coast_limit_s: time without a pose [s]. rejections_limit: number of successive refused poses.
+    coast_limit_s: time without a pose or single sweeps [s]. rejections_limit: number of successive refusals.
     """
 
     coast_limit_s: float
