@@ -28,7 +28,7 @@ from scipy.spatial.transform import Rotation
 from estimators import rotation as rot
 from estimators.arrays import Floats, Ints
 from estimators.lighthouse.rotor import CHANNEL_CLOCK_HZ, CHANNEL_TICKS, share_of, track
-from estimators.lighthouse.rows import Rows, Station, linearise
+from estimators.lighthouse.rows import Rows, Station, linearise, packed
 from estimators.lighthouse.sweep import Fan, FanErrors, lighthouse_1, lighthouse_2, measured_angles
 from estimators.lighthouse.tilted import from_station
 from swarm.flight.recordings.crazyflie import POINT_M, CrazyflieLog, read_crazyflie
@@ -276,7 +276,7 @@ def _fit_turns(
     turns: list[Hits], planes: tuple[Fan, Fan], point_m: Floats, start: tuple[Floats, Floats]
 ) -> dict[str, float]:
     """Median RMS of the residuals of a pose per turn [urad], and number of turns."""
-    station, still, rms = [Station(np.eye(3), np.zeros(3), planes)], np.zeros(3), []
+    station, still, rms = packed([Station(np.eye(3), np.zeros(3), planes)]), np.zeros(3), []
     rotation, position = start
     for turn in turns:
         none = np.zeros(len(turn.tick), dtype=np.int64)

@@ -5,7 +5,7 @@ import pytest
 
 from estimators import rotation as rot
 from estimators.arrays import Floats
-from estimators.lighthouse.rows import AT_ORIGIN, Rows, Station, linearise
+from estimators.lighthouse.rows import AT_ORIGIN, Rows, Station, linearise, packed
 from estimators.lighthouse.sweep import (
     LIGHTHOUSE_1,
     Fan,
@@ -56,7 +56,7 @@ class Craft:
         return turned, self.position + x[6:9], self.velocity + x[9:], self.angular_rate + x[3:6]
 
     def residual(self, x: Floats) -> Floats:
-        return linearise(self.rows, self.stations, POINT, *self.moved(x)).residual
+        return linearise(self.rows, packed(self.stations), POINT, *self.moved(x)).residual
 
 
 @pytest.mark.parametrize("fans", [LIGHTHOUSE_1, STRAIGHT, TILTED, BENT])
@@ -76,7 +76,7 @@ def test_residual_is_the_sweep_model_in_the_stations_frame(fans: tuple[Fan, Fan]
 @pytest.mark.parametrize("seed", range(5))
 def test_matrix_by_finite_differences(fans: tuple[Fan, Fan], seed: int) -> None:
     craft, step = Craft(fans, seed), 1e-5
-    matrix = linearise(craft.rows, craft.stations, POINT, *craft.moved(np.zeros(12))).matrix
+    matrix = linearise(craft.rows, packed(craft.stations), POINT, *craft.moved(np.zeros(12))).matrix
     # Moving the estimate by x lowers the error by x: y changes by -H x.
     columns = [(craft.residual(-step * e) - craft.residual(step * e)) / (2 * step) for e in np.eye(12)]
     # Third derivatives are below 10 rad/m^3: step^2 of it, and rounding of 1e-16 over the step.
@@ -116,14 +116,14 @@ def test_one_station_at_the_origin_measures_lighthouse_1() -> None:
     craft = Craft(LIGHTHOUSE_1, 7)
     p, here = craft.position + craft.rotation @ POINT[2], np.array([0, 0])
     rows = Rows(here, np.array([0, 1]), here + 2, np.zeros(2), ideal_theta(p) - np.pi / 2)
-    linear = linearise(rows, [AT_ORIGIN], POINT, *craft.moved(np.zeros(12)))
+    linear = linearise(rows, packed([AT_ORIGIN]), POINT, *craft.moved(np.zeros(12)))
     np.testing.assert_allclose(linear.residual, 0, atol=2e-16)
 
 
 def test_behind_the_station_is_nan() -> None:
     craft = Craft(LIGHTHOUSE_1, 8)
     craft.position[2] = -3.0
-    linear = linearise(craft.rows, craft.stations[:1] * 2, POINT, *craft.moved(np.zeros(12)))
+    linear = linearise(craft.rows, packed(craft.stations[:1] * 2), POINT, *craft.moved(np.zeros(12)))
     assert np.isnan(linear.residual).all()
     assert np.isnan(linear.matrix).all()
 
@@ -132,12 +132,12 @@ def test_mistakes_are_told() -> None:
     craft = Craft(LIGHTHOUSE_1, 9)
     state = craft.moved(np.zeros(12))
     with pytest.raises(ValueError, match="station"):
-        linearise(craft.rows, craft.stations[:1], POINT, *state)
+        linearise(craft.rows, packed(craft.stations[:1]), POINT, *state)
     with pytest.raises(ValueError, match="photodiode"):
-        linearise(craft.rows, craft.stations, POINT[:3], *state)
+        linearise(craft.rows, packed(craft.stations), POINT[:3], *state)
     with pytest.raises(ValueError, match="fan"):
-        linearise(craft.rows._replace(fan=craft.rows.fan + 1), craft.stations, POINT, *state)
+        linearise(craft.rows._replace(fan=craft.rows.fan + 1), packed(craft.stations), POINT, *state)
     with pytest.raises(ValueError, match="offset_s"):
-        linearise(craft.rows._replace(offset_s=np.zeros(3)), craft.stations, POINT, *state)
+        linearise(craft.rows._replace(offset_s=np.zeros(3)), packed(craft.stations), POINT, *state)
     with pytest.raises(ValueError, match="axis"):
         kernel_fans([Fan((0.0, 0.6, 0.8))])

@@ -14,14 +14,13 @@ from estimators.filter.interacting import InteractingBank
 from estimators.free_rotation import free_accelerations
 from estimators.lighthouse.innovation import (
     RowBatch,
-    SweepNoise,
     agreeing,
     fault_slopes,
     innovations,
     rows_of_sweeps,
 )
-from estimators.lighthouse.integrity import shown_to_gate
-from estimators.lighthouse.rows import AT_ORIGIN, linearise
+from estimators.lighthouse.integrity import AngleNoise, shown_to_gate
+from estimators.lighthouse.rows import AT_ORIGIN, linearise, packed
 from estimators.lighthouse.sweep import ideal_theta
 from estimators.pivot import ARMS, shear_into, turn_about
 from estimators.state import State
@@ -33,7 +32,8 @@ from swarm.onboard.single_sweeps import SingleSweeps
 from swarm.onboard.tracks import TrackLimits, Tracks
 
 T, CRAFT = 1 / 60, 4
-NOISE = SweepNoise(1.5e-5, 4.0e-5)
+STATION = packed([AT_ORIGIN])
+NOISE = AngleNoise(1.5e-5, 4.0e-5)
 SIGMA = float(np.hypot(*NOISE))
 SETTINGS = NavigationSettings(T, SIGMA, (NOISE.shared_rad / SIGMA) ** 2)
 OFFSETS = np.array([-T / 4, T / 4])
@@ -71,7 +71,7 @@ def rows_at(state: State, shown: int, seed: int = 0):
     theta, offset = seen(state, np.random.default_rng(seed), shown)
     rows = rows_of_sweeps(theta, offset, np.isfinite(theta))
     point = np.tile(POINTS, (len(theta), 1, 1))
-    return rows, point, innovations(rows, np.ones(len(rows.angle), np.bool_), every(), [AT_ORIGIN], point, state, NOISE)
+    return rows, point, innovations(rows, np.ones(len(rows.angle), np.bool_), every(), STATION, point, state, NOISE)
 
 
 def covariance_of(rows) -> Floats:
@@ -86,7 +86,7 @@ def test_whitened_rows_have_the_information_of_the_rows(shown):
     for c in range(CRAFT):
         own, n = rows.of(c), found.number[c]
         one = state.of(c)
-        y, h = linearise(own, [AT_ORIGIN], point[c], one.rotation, one.position, one.velocity, one.angular_rate)
+        y, h = linearise(own, STATION, point[c], one.rotation, one.position, one.velocity, one.angular_rate)
         inverse = np.linalg.inv(covariance_of(own))
         assert n == 2 * shown
         white, scale = found.h[c, :n], np.sqrt(np.diag(h.T @ inverse @ h))
@@ -165,12 +165,12 @@ def test_a_false_photodiode_is_found_by_the_prediction_alone():
     theta[0, 1] += 0.05
     rows = rows_of_sweeps(theta, offset, np.isfinite(theta)).of(0)
     gate = shown_to_gate(np.full(7, 30.0), 1e-4)
-    kept = agreeing(rows, [AT_ORIGIN], POINTS, bank.state.of(0), bank.covariance[0], NOISE, gate)
+    kept = agreeing(rows, STATION, POINTS, bank.state.of(0), bank.covariance[0], NOISE, gate)
     assert kept is not None
     assert set(rows.photodiode[~kept]) == {1}
     theta[0, :3] += 0.05 * np.arange(3)[:, None]
     rows = rows_of_sweeps(theta, offset, np.isfinite(theta)).of(0)
-    assert agreeing(rows, [AT_ORIGIN], POINTS, bank.state.of(0), bank.covariance[0], NOISE, gate) is None
+    assert agreeing(rows, STATION, POINTS, bank.state.of(0), bank.covariance[0], NOISE, gate) is None
 
 
 @pytest.mark.parametrize("shown", [2, 3])
@@ -186,7 +186,7 @@ def test_what_an_undetected_fault_does_is_within_the_slope(shown):
     theta, offset = seen(state, rng, shown, noise=0.0)
     rows = rows_of_sweeps(theta, offset, np.isfinite(theta))
     first, p, one = rows.of(0), bank.covariance[0], bank.state.of(0)
-    h = linearise(first, [AT_ORIGIN], POINTS, one.rotation, one.position, one.velocity, one.angular_rate).matrix
+    h = linearise(first, STATION, POINTS, one.rotation, one.position, one.velocity, one.angular_rate).matrix
     shown_by = np.linalg.inv(h @ p @ h.T + covariance_of(first))
     worst = 0.0
     for bias in np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0], [1.0, -1.0]]):
@@ -199,7 +199,7 @@ def test_what_an_undetected_fault_does_is_within_the_slope(shown):
         for period in range(60):
             open_s = period * T if shown < 3 else 0.0
             place, turn = fault_slopes(
-                rows.of(0), [AT_ORIGIN], POINTS, followed.state.of(0), followed.covariance[0], NOISE, open_s
+                rows.of(0), STATION, POINTS, followed.state.of(0), followed.covariance[0], NOISE, open_s
             )
             give(followed, rows)
             away = float(np.linalg.norm(followed.position - state.position))
@@ -212,7 +212,7 @@ def test_what_an_undetected_fault_does_is_within_the_slope(shown):
 def give(bank: FilterBank, rows: RowBatch) -> None:
     """Let the bank of one craft take in its rows."""
     kept = np.ones(len(rows.angle), np.bool_)
-    found = innovations(rows, kept, every(1), [AT_ORIGIN], POINTS[None], bank.state, NOISE)
+    found = innovations(rows, kept, every(1), STATION, POINTS[None], bank.state, NOISE)
     bank.update(every(1), found.y, found.h, np.ones_like(found.y), found.number, found.pivot)
 
 
@@ -227,7 +227,7 @@ def test_a_row_that_the_prediction_has_behind_the_station_is_not_counted():
     offset = np.where(np.isfinite(theta), OFFSETS, 0.0)
     rows = rows_of_sweeps(theta, offset, np.isfinite(theta))
     kept = np.ones(len(rows.angle), np.bool_)
-    found = innovations(rows, kept, every(1), [AT_ORIGIN], POINTS[None], bank.state, NOISE)
+    found = innovations(rows, kept, every(1), STATION, POINTS[None], bank.state, NOISE)
     np.testing.assert_array_equal(kept, rows.photodiode != 2)
     np.testing.assert_allclose(found.pivot[0], POINTS[:2].mean(axis=0), atol=1e-15)
 

@@ -15,16 +15,15 @@ attitude open. What makes few rows right is the correction about their photodiod
 """
 
 from collections.abc import Sequence
-from itertools import combinations
-from math import comb
 from typing import NamedTuple
 
 import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
-from estimators.lighthouse.rows import Rows, Station, linearise, row_into
-from estimators.lighthouse.sweep import FAN, HALF_PI, kernel_fans
+from estimators.lighthouse.integrity import AngleNoise, dropped_sets
+from estimators.lighthouse.rows import Packed, Rows, linearise, row_into
+from estimators.lighthouse.sweep import HALF_PI
 from estimators.state import STATES, State
 
 FORGOTTEN = 100.0
@@ -32,15 +31,6 @@ FORGOTTEN = 100.0
 OVERSHOOT = 1.25
 """By how much a filter that has rates in its state exceeds a step that it follows: 21 % with the damping of a Kalman
 filter of constant velocity, 1 / sqrt(2)."""
-MOST_SUBSETS = 1000
-"""Subsets of one size that are all tried."""
-
-
-class SweepNoise(NamedTuple):
-    """Noise of the rows of one fan in one sweep [rad]: of each photodiode by itself, a, and of the rotor, b."""
-
-    own_rad: float
-    shared_rad: float
 
 
 class RowBatch(NamedTuple):
@@ -108,10 +98,10 @@ def innovations(
     rows: RowBatch,
     kept: Bools,
     mask: Bools,
-    stations: Sequence[Station],
+    stations: Packed,
     point_m: Floats,
     state: State,
-    noise: SweepNoise,
+    noise: AngleNoise,
 ) -> Innovations:
     """Return the innovations of the craft of the mask, from their predicted states.
 
@@ -130,16 +120,14 @@ def innovations(
     out = Innovations(
         np.empty((craft, most)), np.empty((craft, most, STATES)), np.zeros(craft, dtype=np.int64), np.zeros((craft, 3))
     )
-    fans = [len(station.fans) for station in stations]
-    start = np.concatenate([[0], np.cumsum(fans)])[:-1].astype(np.int64)
     _innovations_into(
         mask,
         rows,
-        start[rows.station] + rows.fan,
+        stations.first[rows.station] + rows.fan,
         kept,
-        np.array([station.rotation for station in stations]).reshape(-1, 3, 3),
-        np.array([station.position for station in stations]).reshape(-1, 3),
-        np.concatenate([kernel_fans(station.fans) for station in stations] or [np.empty((0, FAN))]),
+        stations.rotation,
+        stations.position,
+        stations.fans,
         np.ascontiguousarray(point_m),
         state,
         noise.own_rad,
@@ -226,11 +214,11 @@ def _innovations_into(
 
 def fault_slopes(
     rows: Rows,
-    stations: Sequence[Station],
+    stations: Packed,
     point_m: Floats,
     state: State,
     covariance: Floats,
-    noise: SweepNoise,
+    noise: AngleNoise,
     open_s: float,
 ) -> tuple[float, float]:
     """Return what a false photodiode among the rows of one craft does to its position [m] and attitude [rad].
@@ -269,26 +257,24 @@ def fault_slopes(
     return OVERSHOOT * place, OVERSHOOT * turn
 
 
-def _noise_of(rows: Rows, noise: SweepNoise) -> Floats:
+def _noise_of(rows: Rows, noise: AngleNoise) -> Floats:
     """Return R (n, n) of the rows of one craft."""
-    same = (rows.station[:, None] == rows.station) & (rows.fan[:, None] == rows.fan)
-    out: Floats = noise.own_rad**2 * np.eye(len(same)) + noise.shared_rad**2 * same
-    return out
+    return noise.covariance((rows.station[:, None] == rows.station) & (rows.fan[:, None] == rows.fan))
 
 
 def agreeing(
     rows: Rows,
-    stations: Sequence[Station],
+    stations: Packed,
     point_m: Floats,
     state: State,
     covariance: Floats,
-    noise: SweepNoise,
+    noise: AngleNoise,
     gate: Floats,
 ) -> Bools | None:
     """Return the rows (n,) of one craft without those of photodiodes that must be false; None if the rest never agrees.
 
-    The same search as for a pose (`estimators.lighthouse.integrity`), by the innovations: every photodiode by itself,
-    then those that lie farthest from the prediction, then every pair, three, ... At least half of them remain.
+    The search is that for a pose (`estimators.lighthouse.integrity`), by the innovations, those that lie farthest from
+    the prediction first. At least half of them remain.
 
     Args:
         rows: the rows that do not agree with the prediction.
@@ -311,23 +297,10 @@ def agreeing(
         square = float(y[at] @ np.linalg.solve(s[np.ix_(at, at)], y[at]))
         return square / float(gate[len(at)]), kept
 
-    def best(subsets: Sequence[Sequence[int]]) -> Bools | None:
-        share, kept = min((without(dropped) for dropped in subsets), key=lambda found: found[0])
-        return kept if share <= 1 else None
-
-    most = len(lit) // 2
-    if most < 1:
-        return None
-    if (found := best([[k] for k in lit.tolist()])) is not None:
-        return found
     away = [float(np.max(np.abs(y / np.sqrt(np.diag(s)))[front & (rows.photodiode == k)])) for k in lit]
-    far = lit[np.argsort(away, kind="stable")[::-1]].tolist()
-    for count in range(2, most + 1):
-        if (found := best([far[:count]])) is not None:
-            return found
-    for count in range(2, most + 1):
-        if comb(len(lit), count) > MOST_SUBSETS:
-            break
-        if (found := best(list(combinations(lit.tolist(), count)))) is not None:
-            return found
+    far = lit[np.argsort(away, kind="stable")[::-1]]
+    for subsets in dropped_sets(lit, far, len(lit) // 2):
+        share, kept = min((without(dropped) for dropped in subsets), key=lambda found: found[0])
+        if share <= 1:
+            return kept
     return None

@@ -21,7 +21,7 @@ solved anew. At least five must remain, so that what remains can still be tested
 false one, five or four only detect it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import combinations
 from math import comb
 from typing import NamedTuple
@@ -50,6 +50,11 @@ class AngleNoise(NamedTuple):
 
     own_rad: float
     shared_rad: float
+
+    def covariance(self, together: Floats | Bools) -> Floats:
+        """Return R (n, n) [rad^2] of n angles; together: (n, n), 1 for two of one sweep, 0 else."""
+        out: Floats = self.own_rad**2 * np.eye(len(together)) + self.shared_rad**2 * together
+        return out
 
 
 class Sweeps(NamedTuple):
@@ -241,23 +246,31 @@ def consistent_subset(
     lit = np.flatnonzero(sweeps.lit[0])
     most = len(lit) - FEWEST_KEPT
     far = lit[np.argsort(_deviation(sweeps, rotation, position)[lit], kind="stable")[::-1]]
-
-    def best(dropped: Sequence[Sequence[int]]) -> Subset | None:
-        return _best(sweeps, dropped, rotation, position, noise, rate_covariance, threshold)
-
-    if most < 1:
-        return None
-    if found := best(list(combinations(lit.tolist(), 1))):
-        return found
-    for count in range(2, most + 1):
-        if found := best([far[:count].tolist()]):
-            return found
-    for count in range(2, most + 1):
-        if comb(len(lit), count) > MOST_SUBSETS:
-            break
-        if found := best(list(combinations(lit.tolist(), count))):
+    for dropped in dropped_sets(lit, far, most):
+        if found := _best(sweeps, dropped, rotation, position, noise, rate_covariance, threshold):
             return found
     return None
+
+
+def dropped_sets(lit: Ints, far: Ints, most: int) -> Iterator[list[tuple[int, ...]]]:
+    """Yield the sets of photodiodes that may be false, in lists of equally large ones, in the order of the search.
+
+    Every photodiode by itself; then the two, three, ... that lie farthest off; then every two, three, ...
+
+    Args:
+        lit: (n,), the photodiodes.
+        far: (n,), the same, those farthest off first.
+        most: largest number that may be false.
+    """
+    if most < 1:
+        return
+    yield list(combinations(lit.tolist(), 1))
+    for count in range(2, most + 1):
+        yield [tuple(far[:count].tolist())]
+    for count in range(2, most + 1):
+        if comb(len(lit), count) > MOST_SUBSETS:
+            return
+        yield list(combinations(lit.tolist(), count))
 
 
 def _deviation(sweeps: Sweeps, rotation: Floats, position: Floats) -> Floats:

@@ -362,5 +362,4 @@ def _at(one: Sweeps, rotation: Floats, position: Floats) -> tuple[Floats, Floats
 def _noise_covariance(one: Sweeps, noise: AngleNoise) -> Floats:
     """Return R (2 K, 2 K) of one craft's angles [rad^2]: each one's own noise, and what a fan's lit angles share."""
     lit = one.lit[0].astype(np.float64)
-    shared = np.asarray(np.kron(np.eye(2), np.outer(lit, lit)), dtype=np.float64) * noise.shared_rad**2
-    return noise.own_rad**2 * np.eye(2 * len(lit)) + shared
+    return noise.covariance(np.asarray(np.kron(np.eye(2), np.outer(lit, lit)), dtype=np.float64))

@@ -33,6 +33,30 @@ class Station(NamedTuple):
     fans: Sequence[Fan]
 
 
+class Packed(NamedTuple):
+    """Stations as kernels take them: rotation (S, 3, 3), position (S, 3) [m], fans (F, FAN), all stations' rows of
+    `kernel_fans`, of which those of station s begin at first[s] and are number[s] many.
+    """
+
+    rotation: Floats
+    position: Floats
+    fans: Floats
+    first: Ints
+    number: Ints
+
+
+def packed(stations: Sequence[Station]) -> Packed:
+    """Return stations as kernels take them."""
+    number = np.array([len(station.fans) for station in stations], dtype=np.int64)
+    return Packed(
+        np.array([station.rotation for station in stations]).reshape(-1, 3, 3),
+        np.array([station.position for station in stations]).reshape(-1, 3),
+        np.concatenate([kernel_fans(station.fans) for station in stations] or [np.empty((0, FAN))]),
+        np.cumsum(number) - number,
+        number,
+    )
+
+
 AT_ORIGIN = Station(np.eye(3), np.zeros(3), LIGHTHOUSE_1)
 """A perfect Lighthouse 1.0 station whose frame is the world's."""
 
@@ -60,7 +84,7 @@ class Linearised(NamedTuple):
 
 def linearise(
     rows: Rows,
-    stations: Sequence[Station],
+    stations: Packed,
     point_m: Floats,
     rotation: Floats,
     position: Floats,
@@ -82,21 +106,19 @@ def linearise(
         ValueError: an array has the wrong shape, or a row names a station, a fan or a photodiode that does not exist.
     """
     count = len(rows.angle)
-    _within("station", rows.station, len(stations), count)
+    _within("station", rows.station, len(stations.number), count)
     _within("photodiode", rows.photodiode, len(point_m), count)
-    fans = [len(station.fans) for station in stations]
-    first = np.concatenate([[0], np.cumsum(fans)])[:-1].astype(np.int64)
-    _within("fan", rows.fan, np.array(fans)[rows.station], count)
+    _within("fan", rows.fan, stations.number[rows.station], count)
     out = Linearised(np.empty(count), np.empty((count, STATES)))
     _linearise_into(
         np.ascontiguousarray(rows.station, dtype=np.int64),
-        np.ascontiguousarray(first[rows.station] + rows.fan, dtype=np.int64),
+        np.ascontiguousarray(stations.first[rows.station] + rows.fan, dtype=np.int64),
         np.ascontiguousarray(rows.photodiode, dtype=np.int64),
         checked("offset_s", rows.offset_s, (count,)),
         checked("angle", rows.angle, (count,)),
-        np.array([station.rotation for station in stations]).reshape(-1, 3, 3),
-        np.array([station.position for station in stations]).reshape(-1, 3),
-        np.concatenate([kernel_fans(station.fans) for station in stations] or [np.empty((0, FAN))]),
+        stations.rotation,
+        stations.position,
+        stations.fans,
         checked("point_m", point_m, (len(point_m), 3)),
         checked("rotation", rotation, (3, 3)),
         checked("position", position, (3,)),

@@ -106,21 +106,19 @@ class Monitor:
     """The integrity monitors of C craft, each by itself: no operation mixes rows of the craft axis."""
 
     def __init__(
-        self, settings: IntegritySettings, angle_noise_rad: float, rotor_correlation: float, shape: tuple[int, int]
+        self, settings: IntegritySettings, noise: AngleNoise, angle_noise_rad: float, shape: tuple[int, int]
     ) -> None:
         """Start without a held fault term.
 
         Args:
             settings: settings of the monitor.
-            angle_noise_rad: s of (18), (19) [rad].
-            rotor_correlation: rho of (18), (19).
+            noise: noise of an angle.
+            angle_noise_rad: s of (18), (19), all of it [rad].
             shape: numbers of craft and of photodiodes (C, K).
         """
         craft, most = shape
         self.settings = settings
-        self._sigma_rad = angle_noise_rad
-        own = angle_noise_rad * float(np.sqrt(1 - rotor_correlation))
-        self._noise = AngleNoise(own, angle_noise_rad * float(np.sqrt(rotor_correlation)))
+        self._noise, self._sigma_rad = noise, angle_noise_rad
         self._threshold = thresholds(most, settings.false_alarm)
         self._missed = np.sqrt(noncentralities(self._threshold, settings.missed_detection))
         self._quantile = -float(ndtri(settings.risk / 2))

@@ -16,7 +16,7 @@ from estimators import rotation as rot
 from estimators.arrays import Bools, Floats, Ints
 from estimators.filter.error_state import POSE_COLUMNS
 from estimators.lighthouse.dop import Dilution, dilution
-from estimators.lighthouse.integrity import AngleNoise, Sweeps
+from estimators.lighthouse.integrity import Sweeps
 from estimators.lighthouse.planar import Rows, Side, Spread, bends, is_flat, pose_rows, spread
 from estimators.lighthouse.pnp import refine
 from estimators.lighthouse.sweep import HALF_PI, correct, lighthouse_1, measured_angles
@@ -30,7 +30,7 @@ from swarm.onboard.tracks import UNKNOWN_RATE, Filtered, PoseFix, Taken, Tracks
 SIDE_PERIODS = 6
 """Periods after which the evidence on the sign of a tilt is forgotten: a craft may have turned meanwhile."""
 LARGEST_BLIND_S = 0.25
-"""Time without a pose [s] beyond which a track predicts no angle."""
+"""Time without a pose or single sweeps [s] beyond which a track predicts no angle."""
 
 
 class Light(NamedTuple):
@@ -38,7 +38,7 @@ class Light(NamedTuple):
 
     visible: number of photodiodes seen by both fans, (C,). theta: measured sweep angles, less the rotor's speed, NaN
     where not seen, (C, K, 2) [rad]. screened: poses after the residual test. dilution: dilution of precision at those
-    poses.
+    poses, or at the predictions of craft that take single sweeps.
     """
 
     visible: Ints
@@ -75,12 +75,9 @@ class LighthouseFix:
         self._fans = lighthouse_1(settings.fan_x, settings.fan_y)
         self._side: list[tuple[int, Side] | None] = [None] * craft
         self._period = 0
-        self._independent_noise_rad = settings.angle_noise_rad * float(np.sqrt(1 - settings.rotor_correlation))
-        noise = settings.angle_noise_rad, settings.rotor_correlation
-        shared = settings.angle_noise_rad * float(np.sqrt(settings.rotor_correlation))
-        self._noise = AngleNoise(self._independent_noise_rad, shared)
+        self._noise = settings.noise
         self._size_m = np.linalg.norm(np.nan_to_num(point_m), axis=2).max(axis=1, initial=0.0)
-        self._monitor = Monitor(settings.integrity, *noise, (craft, most))
+        self._monitor = Monitor(settings.integrity, self._noise, settings.angle_noise_rad, (craft, most))
 
     def forget(self, mask: Bools) -> None:
         """Forget the results of the craft of the mask (C,)."""
@@ -264,7 +261,7 @@ class LighthouseFix:
         who = np.flatnonzero(enough & (lost | ~active))
         before = [self._hypotheses[i] for i in who]
         sightings = [Sighting(theta[i], lit[i], self._point_m[i], offset_s[i]) for i in who]
-        after = advance(before, sightings, self._independent_noise_rad)
+        after = advance(before, sightings, self._noise.own_rad)
         for i, hypotheses, sighting in zip(who.tolist(), after, sightings, strict=True):
             if not active[i] and len(hypotheses.evidence) and not hypotheses.decided:
                 hypotheses = self._without_false(hypotheses, sighting, tracks.rate_covariance(i))
@@ -310,7 +307,7 @@ class LighthouseFix:
         """Return the hypotheses of a searching craft, without a false photodiode if one spoils them."""
         one = _at_rest(seen)
         lit = self._monitor.honest(one, hypotheses.rotation[0], hypotheses.position[0], rate_covariance)
-        return hypotheses if lit is None else search(seen._replace(lit=lit), self._independent_noise_rad)
+        return hypotheses if lit is None else search(seen._replace(lit=lit), self._noise.own_rad)
 
 
 def _at_rest(seen: Sighting) -> Sweeps:

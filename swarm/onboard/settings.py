@@ -2,18 +2,23 @@
 
 from dataclasses import dataclass, field
 from enum import IntEnum, IntFlag
+from math import sqrt
 
 from estimators.filter.error_state import (
     DEFAULT_ACCELERATION_NOISE_M_S2,
     DEFAULT_ANGULAR_ACCELERATION_NOISE_RAD_S2,
 )
 from estimators.frame import WORLD, Frame
+from estimators.lighthouse.integrity import AngleNoise
 from estimators.lighthouse.sweep import FanErrors
 from estimators.relative_orbit import RelativeOrbit
 from swarm.onboard.integrity import IntegritySettings
 
 MIN_LIT = 4
 """Least number of photodiodes for a pose (source 1, section 2)."""
+
+LEAST_OWN = 1e-3
+"""Least share of a photodiode's own noise in an angle's: all of it from the rotor would make angles certain."""
 
 
 class Status(IntEnum):
@@ -44,7 +49,7 @@ class Coupling(IntEnum):
 
 
 class Sensor(IntFlag):
-    """The sensors whose poses went into a craft's filter in a period."""
+    """The sensors whose poses, or single sweeps, went into a craft's filter in a period."""
 
     NONE = 0
     LIGHTHOUSE = 1
@@ -75,9 +80,9 @@ class NavigationSettings:
     motion_compensation: whether poses are solved with the motion within the period. acceleration_noise_m_s2,
     angular_acceleration_noise_rad_s2: process noise of the filter, of its manoeuvring model if it has two. quiet: its
     quiet model; None for one model. gate_probability: of the filter's gate.
-    coast_limit_s: time without a pose after which the filter is stopped. residual_limit_rad: residual above which a fit
+    coast_limit_s: time without light after which the filter is stopped. residual_limit_rad: residual above which a fit
     is rejected. rejections_limit: number of successive poses refused by the gate after which the filter counts as
-    wrong. search_again_s: time without a pose after which a search begins beside the filter. filter: "filterpy";
+    wrong. search_again_s: time without light after which a search begins beside the filter. filter: "filterpy";
     "compiled", which returns the same numbers faster; or "auto", which chooses by the number of craft. coupling:
     "loose", "tight" or "auto" (`swarm.onboard.single_sweeps`). fan_x, fan_y:
     known errors of the fans. integrity: settings of the integrity monitor. orbit: the lighthouse's orbit, None in
@@ -105,3 +110,9 @@ class NavigationSettings:
     orbit: RelativeOrbit | None = None
     station: Frame = WORLD
     history: bool = False
+
+    @property
+    def noise(self) -> AngleNoise:
+        """The noise of an angle, the photodiode's own part and the rotor's."""
+        own = max(sqrt(1 - self.rotor_correlation), LEAST_OWN)
+        return AngleNoise(self.angle_noise_rad * own, self.angle_noise_rad * sqrt(self.rotor_correlation))

@@ -17,9 +17,9 @@ import numpy as np
 from estimators.arrays import Bools, Floats, Ints
 from estimators.filter.bank import gates
 from estimators.kernel import kernel
-from estimators.lighthouse.innovation import RowBatch, SweepNoise, agreeing, fault_slopes, innovations, rows_of_sweeps
+from estimators.lighthouse.innovation import RowBatch, agreeing, fault_slopes, innovations, rows_of_sweeps
 from estimators.lighthouse.integrity import shown_to_gate
-from estimators.lighthouse.rows import Rows, Station
+from estimators.lighthouse.rows import Rows, Station, packed
 from estimators.lighthouse.sweep import lighthouse_1
 from swarm.onboard.settings import MIN_LIT, NavigationSettings
 from swarm.onboard.tracks import Filtered, Tracks
@@ -67,11 +67,10 @@ class SingleSweeps:
         """Take the photodiodes, point_m (C, K, 3) [m], at the positions that the craft assume."""
         s = settings
         fans = lighthouse_1(s.fan_x, s.fan_y)
-        self._stations = [Station(np.array(s.station.rotation), np.array(s.station.position), fans)]
+        self._stations = packed([Station(s.station.rotation, s.station.position, fans)])
         self._point_m = point_m
         self._compensated = s.motion_compensation
-        own = max(float(np.sqrt(1 - s.rotor_correlation)), LEAST_OWN)
-        self._noise = SweepNoise(s.angle_noise_rad * own, s.angle_noise_rad * float(np.sqrt(s.rotor_correlation)))
+        self._noise = s.noise
         self._gate = gates(s.gate_probability, 2 * point_m.shape[1])
         self._screens = s.integrity.residual_test
         self._missed = np.sqrt(shown_to_gate(self._gate, s.integrity.missed_detection))
@@ -149,5 +148,3 @@ def _count_photodiodes(first: Ints, photodiode: Ints, kept: Bools, mask: Bools, 
 
 DETERMINED = 3
 """Photodiodes whose rows leave nothing of a pose open."""
-LEAST_OWN = 1e-3
-"""Least share of a photodiode's own noise in an angle's: all of it from the rotor would make rows certain."""
