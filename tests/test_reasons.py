@@ -10,8 +10,8 @@ from synthetic_run import estimate_of, period_of, truth_at
 
 from swarm.report.findings import reasons
 from swarm.results.criteria import judge
-from swarm.results.reasons import Docking, docking
-from swarm.results.scene import Equipment
+from swarm.results.reasons import Docking, docking, navigation
+from swarm.results.records import Equipment
 from swarm.results.summary import summarise_run
 from swarm.results.table import TelemetryTable
 from swarm.results.telemetry import Telemetry
@@ -124,16 +124,28 @@ def test_a_missed_criterion_says_why(criterion: dict[str, Any], time_s: float | 
     assert found.held is False
     assert found.time_s == time_s
     assert found.why is not None
-    assert found.why.startswith(why)
+    assert "limit" not in found.why
+    (told,) = reasons([found._asdict()])
+    assert told.text.startswith(f"{found.name}: {why}")
 
 
 def test_a_missed_contact_speed_says_what_was_commanded() -> None:
     fast = Criterion(measure="docking_speed_m_s", statistic="at_contact", max=0.05, craft=("probe",))
     rows = flight(contact=[False] * 8 + [True, True], phase=["final"] * 8 + ["docked"] * 2)
-    why = judge([fast], rows, {"probe": 0.03})[0].why
-    assert why == (
-        "0.1 (limit: at most 0.05): probe at 7.0 s; tracking then, 4 of 4 photodiodes lit, commanded 0.03 m/s"
+    (told,) = reasons([judge([fast], rows, {"probe": 0.03})[0]._asdict()])
+    assert told.text == (
+        "docking_speed_at_contact_m_s: 0.1 (limit: at most 0.05): probe at 7.0 s; "
+        "tracking then, 4 of 4 photodiodes lit, commanded 0.03 m/s"
     )
+
+
+@pytest.mark.parametrize(("rows", "said"), [(3, "3 single sweeps"), (1, "1 single sweep"), (None, "single sweeps")])
+def test_few_photodiodes_are_told_by_their_sweeps(rows: int | None, said: str) -> None:
+    """Photodiodes that one fan alone has seen count as none that is lit."""
+    few: dict[str, list[Any]] = {"status": ["single_sweeps"] * 10, "visible": [0] * 10}
+    if rows is not None:
+        few["rows"] = [rows] * 10
+    assert navigation(flight(**few), 6) == f"by {said} then"
 
 
 def test_a_shared_reason_is_told_once() -> None:

@@ -150,8 +150,9 @@ def reasons(verdicts: Sequence[Figures]) -> list[Finding]:
     """Return why criteria were missed, a sentence each; a reason that several share is told once."""
     out, told = list[Finding](), set[str]()
     for v in verdicts:
-        if not (why := v.get("why")):
+        if not v.get("why"):
             continue
+        why = _beside_the_limits(v)
         value, has_reason, reason = why.partition("; ")
         if has_reason and reason in told:
             why = f"{value}; for the same reason"
@@ -160,9 +161,13 @@ def reasons(verdicts: Sequence[Figures]) -> list[Finding]:
     return out
 
 
-def reason(why: str) -> str:
-    """Return why a criterion was missed without the value and the limits that the sentence opens with."""
-    return why.partition(" (limit: ")[2].partition(")")[2].lstrip(";: ") if " (limit: " in why else why
+def _beside_the_limits(verdict: Figures) -> str:
+    """Return the value of a missed criterion, its limits, and why."""
+    value, least, most, why = (verdict[key] for key in ("value", "min", "max", "why"))
+    limits = [f"{word} {limit:g}" for word, limit in (("at least", least), ("at most", most)) if limit is not None]
+    told = f"{'no value' if value is None else f'{value:.4g}'} (limit: {' and '.join(limits)})"
+    # A reason may have a colon of its own.
+    return f"{told}{'; ' if ': ' in why else ': '}{why}"
 
 
 def inspections(lidar: Mapping[str, Figures]) -> list[Finding]:

@@ -43,6 +43,12 @@ class Series:
         out: Bools = self._grid(self._rows.being(column, name)) == 1
         return out
 
+    @property
+    def by_light(self) -> Bools:
+        """Whether light went into the filter, as a pose or as single sweeps, (periods, craft)."""
+        out: Bools = self._grid(self._rows.by_light) == 1
+        return out
+
     def words(self, column: str) -> list[str]:
         """Return what the codes of a column of names stand for."""
         return self._rows.names_of(column)

@@ -8,12 +8,11 @@ import numpy as np
 
 from swarm.report.series import Series
 from swarm.results.columns.core import COLUMNS
+from swarm.results.reasons import NO_FAULT
 from swarm.results.run_folder import SCENARIO, Run
-from swarm.results.summary import summarise
+from swarm.results.summary import summarise_run
 from swarm.results.table import TelemetryTable, doubles
 from swarm.user_text import parse_toml
-
-NO_FAULT = "none"
 
 
 class Strike(NamedTuple):
@@ -42,7 +41,7 @@ class Subject:
         self.run = run
         self.recorded = len(run.telemetry) > 0
         known: Mapping[str, Any] = run.summary
-        self.summary: dict[str, Any] = dict(known) if known.get("swarm") else {**known, **summarise(run.telemetry)}
+        self.summary: dict[str, Any] = dict(known) if known.get("swarm") else {**known, **summarise_run(run.folder)}
 
     @cached_property
     def series(self) -> Series:

@@ -11,7 +11,7 @@ A criterion's value is a statistic of one column over the rows of its craft and 
 must lie within the limits, and the one farthest out, or least far in, is reported. What has no value is not held; a
 criterion about a time after the end of the run, which a shorter run of a scenario has, is not judged.
 
-A criterion that is missed says why in a sentence: its value, when it was reached, and how the craft navigated then.
+A criterion that is missed says why in a sentence: when its value was reached, and how the craft navigated then.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -22,7 +22,7 @@ import pyarrow as pa
 
 from estimators.arrays import Floats, Ints
 from swarm.errors import SwarmError, did_you_mean
-from swarm.results.reasons import docking, navigation, without_pose
+from swarm.results.reasons import docking, docks, longest_time, navigation, touching
 from swarm.results.table import TelemetryTable
 from swarm.scenario import Criterion
 from swarm.scenario.criteria import NAMED
@@ -34,7 +34,8 @@ PAIRS_AT_A_TIME = 1_000_000
 class Verdict(NamedTuple):
     """One criterion judged. value: None where there is none; craft: the craft with that value, if it is one craft's;
     about: the craft that the criterion names, none for all. held: None where it is not judged, its time being after the
-    end of the run. time_s: when the value was reached, if it is that of one row; why: the reason, where it is missed.
+    end of the run. time_s: when the value was reached, if it is that of one row; why: the reason, where it is missed,
+    without the value and the limits.
     """
 
     name: str
@@ -52,14 +53,14 @@ class _Found(NamedTuple):
     """A criterion's value.
 
     who: the craft whose value it is. row: the row of that value, or the one that says most about it; exact: it is that
-    of the value. span: first and last row of the time that it is about.
+    of the value. span: finds the first and the last row of the time that it is about, which only a reason tells.
     """
 
     value: float | None
     who: str | None = None
     row: int | None = None
     exact: bool = True
-    span: tuple[int, int] | None = None
+    span: Callable[[], tuple[int, int] | None] = lambda: None
 
 
 def check_measures(criteria: Sequence[Criterion], schema: pa.Schema, scenario: str) -> None:
@@ -128,10 +129,12 @@ def _chosen(rows: TelemetryTable, criterion: Criterion) -> Ints:
 
 
 def _by_craft(rows: TelemetryTable, chosen: Ints) -> Iterator[tuple[str, Ints]]:
-    """Yield the chosen rows of each craft among them."""
+    """Yield the chosen rows of each craft among them, in their order."""
     craft = rows.craft[chosen]
-    for code in np.unique(craft):
-        yield rows.names_of("craft")[code], chosen[craft == code]
+    order = np.argsort(craft, kind="stable")
+    codes, first = np.unique(craft[order], return_index=True)
+    for code, own in zip(codes.tolist(), np.split(chosen[order], first[1:]), strict=True):
+        yield rows.names_of("craft")[code], own
 
 
 def _judge(criterion: Criterion, rows: TelemetryTable) -> Verdict:
@@ -166,32 +169,28 @@ def _found(c: Criterion, rows: TelemetryTable, mine: Ints) -> _Found:
 
 def _why(c: Criterion, rows: TelemetryTable, mine: Ints, found: _Found) -> str:
     """Return why a criterion is missed."""
-    limits = " and ".join(
-        [*([] if c.min is None else [f"at least {c.min:g}"]), *([] if c.max is None else [f"at most {c.max:g}"])]
-    )
-    head = f"{'no value' if found.value is None else f'{found.value:.4g}'} (limit: {limits})"
     own = mine if found.row is None else mine[rows.craft[mine] == rows.craft[found.row]]
     if found.who is not None:
         own = mine[rows.craft[mine] == rows.names_of("craft").index(found.who)]
     elif found.row is None and c.measure.startswith("docking_"):
-        own = next((each for _, each in _by_craft(rows, mine) if docking(rows, each) is not None), own)
+        own = next((each for _, each in _by_craft(rows, mine) if docks(rows, each)), own)
     about_docking = c.measure.startswith("docking_") or c.statistic == "at_contact"
     if about_docking and len(own) and (end := docking(rows, own)) is not None and not end.docked:
-        return f"{head}; {end.sentence}"
-    if found.span is not None:
-        first, last = (float(rows.column("time_s")[row]) for row in found.span)
-        who = rows.names_of("craft")[rows.craft[found.span[0]]]
-        return f"{head}: {who} from {first:.1f} s to {last:.1f} s; {navigation(rows, found.span[0])}"
+        return end.sentence
+    if (span := found.span()) is not None:
+        first, last = (float(rows.column("time_s")[row]) for row in span)
+        who = rows.names_of("craft")[rows.craft[span[0]]]
+        return f"{who} from {first:.1f} s to {last:.1f} s; {navigation(rows, span[0])}"
     if found.row is None:
-        return f"{head}: never in contact" if c.statistic == "at_contact" else f"{head}{_nothing(rows, mine)}"
+        return "never in contact" if c.statistic == "at_contact" else _nothing(rows, mine)
     who, at = rows.names_of("craft")[rows.craft[found.row]], float(rows.column("time_s")[found.row])
     most = "" if found.exact or c.measure in NAMED else f"largest, {rows.column(c.measure)[found.row]:.4g}, "
     most = "first " if c.measure == "contacts" else most
-    return f"{head}: {most}{who} at {at:.1f} s; {navigation(rows, found.row)}"
+    return f"{most}{who} at {at:.1f} s; {navigation(rows, found.row)}"
 
 
 def _nothing(rows: TelemetryTable, mine: Ints) -> str:
-    return f": {navigation(rows, int(mine[-1]))}" if len(mine) else ": no row of these craft at these times"
+    return navigation(rows, int(mine[-1])) if len(mine) else "no row of these craft at these times"
 
 
 def _margin(criterion: Criterion, value: float | None) -> float:
@@ -206,10 +205,10 @@ def _margin(criterion: Criterion, value: float | None) -> float:
 def _single(criterion: Criterion, rows: TelemetryTable, own: Ints) -> tuple[float | None, int | None]:
     """Return one craft's last value, or its last one before its first contact, and the row of it."""
     if criterion.statistic == "at_contact":
-        touching = np.flatnonzero(rows.column("contact")[own] == 1)
-        if not len(touching):
+        touched = touching(rows, own)
+        if not len(touched):
             return None, None
-        own = own[: touching[0]]
+        own = own[: touched[0]]
     column = rows.column(criterion.measure)
     known = own[np.isfinite(column[own])]
     return (float(column[known[-1]]), int(known[-1])) if len(known) else (None, None)
@@ -225,17 +224,21 @@ _OVER_ALL: dict[str, Callable[[Floats], Any]] = {
 
 
 def _contacts(rows: TelemetryTable, mine: Ints) -> _Found:
-    touching = mine[rows.column("contact")[mine] == 1]
-    row = int(touching[0]) if len(touching) else None
-    return _Found(float(len(touching)), None, row, exact=False)
+    touched = mine[touching(rows, mine)]
+    row = int(touched[0]) if len(touched) else None
+    return _Found(float(len(touched)), None, row, exact=False)
 
 
 def _tracking_share(rows: TelemetryTable, mine: Ints) -> _Found:
     if not len(mine):
         return _Found(None)
-    gaps = [gap for _, own in _by_craft(rows, mine) if (gap := without_pose(rows, own)) is not None]
-    longest = max(gaps, key=lambda gap: gap[1] - gap[0], default=None)
-    return _Found(float(rows.by_light[mine].mean()), span=longest)
+    by_light = rows.by_light
+
+    def longest() -> tuple[int, int] | None:
+        gaps = (longest_time(own, ~by_light[own]) for _, own in _by_craft(rows, mine))
+        return max(filter(None, gaps), key=lambda gap: gap[1] - gap[0], default=None)
+
+    return _Found(float(by_light[mine].mean()), span=longest)
 
 
 def _longest_blind_s(rows: TelemetryTable, mine: Ints) -> _Found:
@@ -250,7 +253,8 @@ def _longest_blind_s(rows: TelemetryTable, mine: Ints) -> _Found:
             i = int(np.argmax(blind))
             if longest.value is None or blind[i] > longest.value:
                 first = min(at[i] + 1, len(own) - 1)
-                longest = _Found(float(blind[i]), span=(int(own[first]), int(own[at[i + 1]])))
+                span = int(own[first]), int(own[at[i + 1]])
+                longest = _Found(float(blind[i]), span=lambda span=span: span)  # type: ignore[misc]
     return longest
 
 

@@ -2,8 +2,6 @@
 
 from swarm.results.parquet import PARTIAL
 
-WITHOUT_SENSORS = "craft_without_sensors"
-"""Key of the telemetry's metadata under which are the names of the craft that navigate by nothing, as JSON."""
 SUMMARY = "summary.json"
 SCENARIO = "scenario.toml"
 RECORDING = "recording.rrd"

@@ -11,9 +11,10 @@ import numpy as np
 
 from estimators.arrays import Bools, Ints
 from swarm.onboard.guidance.phase import Phase
-from swarm.results.columns.guidance import PHASES
+from swarm.onboard.settings import Status
 from swarm.results.table import TelemetryTable
 
+SINGLE = Status.SINGLE_SWEEPS.name.lower()
 NO_FAULT, DEAD = "none", "photodiode-dead"
 """What the column `fault` says of a craft with which nothing is wrong, and of one with dead photodiodes."""
 
@@ -36,8 +37,9 @@ def navigation(rows: TelemetryTable, row: int) -> str:
     """Return in words how the craft of a row navigated then: by how many photodiodes, or since when without a pose."""
     tracking = rows.by_light
     if tracking[row]:
-        how = "tracking" if rows.being("status", "tracking")[row] else "by single sweeps"
-        return f"{how} then{_lit(rows, row)}"
+        if _word(rows, "status", row) == SINGLE:
+            return f"by {_sweeps(rows, row)} then"
+        return f"tracking then{_lit(rows, row)}"
     own = np.flatnonzero(rows.craft[: row + 1] == rows.craft[row])
     had = own[tracking[own]]
     if not len(had):
@@ -46,9 +48,9 @@ def navigation(rows: TelemetryTable, row: int) -> str:
     return f"blind since {_time(rows, int(since))}{_fault(rows, int(since))}{_lit(rows, int(since))}"
 
 
-def without_pose(rows: TelemetryTable, own: Ints) -> tuple[int, int] | None:
-    """Return the first and the last of a craft's rows `own` in its longest time without a pose; None without any."""
-    return max(_times(own, ~rows.by_light[own]), key=lambda span: span[1] - span[0], default=None)
+def longest_time(own: Ints, so: Bools) -> tuple[int, int] | None:
+    """Return the first and the last of a craft's rows `own` in the longest time in which it was `so`; None: never."""
+    return max(_times(own, so), key=lambda span: span[1] - span[0], default=None)
 
 
 def _times(own: Ints, so: Bools) -> list[tuple[int, int]]:
@@ -57,60 +59,71 @@ def _times(own: Ints, so: Bools) -> list[tuple[int, int]]:
     return [(int(own[first]), int(own[past - 1])) for first, past in zip(edge[::2], edge[1::2], strict=True)]
 
 
+def docks(rows: TelemetryTable, own: Ints) -> bool:
+    """Return whether the craft whose rows are `own` docks."""
+    return "docking_range_m" in rows.columns and bool(np.isfinite(rows.column("docking_range_m")[own]).any())
+
+
+def touching(rows: TelemetryTable, own: Ints) -> Ints:
+    """Return in which of the rows `own` there is contact, counted among them."""
+    return np.flatnonzero(rows.column("contact")[own] == 1)
+
+
 def docking(rows: TelemetryTable, own: Ints) -> Docking | None:
     """Return what became of the docking of the craft whose rows are `own`; None for one that does not dock."""
-    if "docking_range_m" not in rows.columns or not np.isfinite(rows.column("docking_range_m")[own]).any():
+    if not docks(rows, own):
         return None
     docked = np.flatnonzero(_in_phase(rows, own, Phase.DOCKED))
     if len(docked):
         row = int(own[docked[0]])
         # The rates of the contact are those before it.
         return Docking(True, _seconds(rows, row), f"docked at {_time(rows, row)}, {_offset(rows, _before(rows, own))}")
-    touching = np.flatnonzero(rows.column("contact")[own] == 1)
-    if len(touching):
-        row = int(own[touching[0]])
+    touched = touching(rows, own)
+    if len(touched):
+        row = int(own[touched[0]])
         told = f"contact at {_time(rows, row)}, but no capture: {_offset(rows, _before(rows, own))} before it"
         return Docking(False, _seconds(rows, row), told)
-    row = _decisive(rows, own)
-    return Docking(False, _seconds(rows, row), f"no contact: {_why(rows, own, row)}")
+    row, why = _without_contact(rows, own)
+    return Docking(False, _seconds(rows, row), f"no contact: {why}")
 
 
-def _decisive(rows: TelemetryTable, own: Ints) -> int:
-    """Return the row that decided: where the pose was lost for good, or the craft gave up; else the last one."""
+def _without_contact(rows: TelemetryTable, own: Ints) -> tuple[int, str]:
+    """Return why a docking had no contact, and the row that decided.
+
+    That is where the pose was lost for good, or the craft gave up; else the last one.
+    """
+
+    def distance(row: int) -> str:
+        return f"{rows.column('docking_range_m')[row]:.2f} m before the port"
+
     tracking = rows.by_light[own]
-    seen = np.flatnonzero(tracking)
-    if not tracking[-1] and len(seen):
-        return int(own[seen[-1] + 1])
-    aborted = np.flatnonzero(_in_phase(rows, own, Phase.ABORTED))
-    return int(own[aborted[0]] if len(aborted) else own[-1])
-
-
-def _why(rows: TelemetryTable, own: Ints, row: int) -> str:
-    distance = f"{rows.column('docking_range_m')[row]:.2f} m before the port"
-    tracking = rows.by_light
-    if not tracking[own].any():
-        return f"it never had a pose{_lit(rows, row)}, {distance}"
-    if not tracking[own[-1]]:
-        return f"blind since {_time(rows, row)}{_fault(rows, row)}{_lit(rows, row)}, lost {distance}"
-    phase = _phase(rows, row)
-    if phase == Phase.ABORTED.name.lower():
-        return f"it gave up after its last retreat, at {_time(rows, row)}, {distance}; {navigation(rows, row)}"
+    seen, aborted = np.flatnonzero(tracking), np.flatnonzero(_in_phase(rows, own, Phase.ABORTED))
+    if len(seen) and not tracking[-1]:
+        row = int(own[seen[-1] + 1])
+        return row, f"blind since {_time(rows, row)}{_fault(rows, row)}{_lit(rows, row)}, lost {distance(row)}"
+    row = int(own[aborted[0]] if len(aborted) else own[-1])
+    if not len(seen):
+        return row, f"it never had a pose{_lit(rows, row)}, {distance(row)}"
+    if len(aborted):
+        gave_up = f"it gave up after its last retreat, at {_time(rows, row)}, {distance(row)}"
+        return row, f"{gave_up}; {navigation(rows, row)}"
+    phase = _word(rows, "phase", row)
     doing = f", in phase {phase}" if phase else ""
-    said = ", ".join(_losses(rows, own)) or navigation(rows, row)
-    return f"time ran out at {_time(rows, row)}, {distance}{doing}; {said}"
+    said = ", ".join(_losses(rows, own, tracking)) or navigation(rows, row)
+    return row, f"time ran out at {_time(rows, row)}, {distance(row)}{doing}; {said}"
 
 
-def _losses(rows: TelemetryTable, own: Ints) -> list[str]:
+def _losses(rows: TelemetryTable, own: Ints, tracking: Bools) -> list[str]:
     """Return what had taken a docking's time: blind times after its first pose, retreats, and waiting."""
-    seconds, tracking = rows.column("time_s"), rows.by_light[own]
+    seconds = rows.column("time_s")
     # Each time lasts until the next row, in which it is over.
     period = float(np.median(np.diff(seconds[own]))) if len(own) > 1 else 0.0
 
     def until(last: int) -> float:
         return float(seconds[last]) + period
 
-    since = own[int(np.argmax(tracking)) :]
-    blind = [(a, b) for a, b in _times(since, ~rows.by_light[since]) if until(b) - seconds[a] >= WORTH_S]
+    first = int(np.argmax(tracking))
+    blind = [(a, b) for a, b in _times(own[first:], ~tracking[first:]) if until(b) - seconds[a] >= WORTH_S]
     longest = sorted(sorted(blind, key=lambda span: span[0] - span[1])[:MOST_TOLD])
     out = [f"blind {seconds[a]:.1f} s to {until(b):.1f} s{_fault(rows, a)}" for a, b in longest]
     if more := len(blind) - len(longest):
@@ -134,16 +147,21 @@ def _fault(rows: TelemetryTable, row: int) -> str:
 
 
 def _faults(rows: TelemetryTable, row: int) -> str:
-    if "fault" not in rows.columns or not np.isfinite(code := rows.column("fault")[row]):
-        return ""
-    name = rows.names_of("fault")[int(code)]
+    name = _word(rows, "fault", row)
     return "" if name == NO_FAULT else name
+
+
+def _word(rows: TelemetryTable, column: str, row: int) -> str:
+    """Return what a column of names says at a row; nothing where it is not known."""
+    if column not in rows.columns or not np.isfinite(code := rows.column(column)[row]):
+        return ""
+    return rows.names_of(column)[int(code)]
 
 
 def _before(rows: TelemetryTable, own: Ints) -> int:
     """Return the craft's row before its first contact, its last one without."""
-    touching = np.flatnonzero(rows.column("contact")[own] == 1)
-    return int(own[max(touching[0] - 1, 0)] if len(touching) else own[-1])
+    touched = touching(rows, own)
+    return int(own[max(touched[0] - 1, 0)] if len(touched) else own[-1])
 
 
 def _offset(rows: TelemetryTable, row: int) -> str:
@@ -155,8 +173,12 @@ def _in_phase(rows: TelemetryTable, own: Ints, phase: Phase) -> Bools:
     return rows.being("phase", phase.name.lower())[own]
 
 
-def _phase(rows: TelemetryTable, row: int) -> str:
-    return next((name for name in PHASES if rows.being("phase", name)[row]), "")
+def _sweeps(rows: TelemetryTable, row: int) -> str:
+    """Return how many single sweeps went into the filter; how many photodiodes both fans lit says nothing of them."""
+    count = rows.column("rows")[row] if "rows" in rows.columns else np.nan
+    if not np.isfinite(count):
+        return "single sweeps"
+    return f"{count:.0f} single sweep" + ("" if count == 1 else "s")
 
 
 def _lit(rows: TelemetryTable, row: int) -> str:

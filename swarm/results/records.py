@@ -1,8 +1,15 @@
-"""Small records of C craft at one epoch: the truth, another program's poses, errors; NaN where unknown."""
+"""Small records: of C craft at one epoch the truth, another program's poses, errors, NaN where unknown; equipment."""
 
 from typing import NamedTuple
 
 from estimators.arrays import Bools, Floats
+
+
+class Equipment(NamedTuple):
+    """Equipment by which a craft navigates: photodiodes on board, and names of its sensors, if it has any."""
+
+    photodiodes: int
+    sensors: tuple[str, ...]
 
 
 class Truth(NamedTuple):

@@ -11,18 +11,11 @@ import numpy as np
 from estimators.arrays import Floats
 from swarm.hardware import Photodiodes
 from swarm.results.period import Period
-from swarm.results.records import Errors
+from swarm.results.records import Equipment, Errors
 from swarm.world.shapes import Mesh
 
 Visual = tuple[Mesh, Floats]
 """One coloured part of a thing: its mesh [m] in the thing's own frame, and rgba (4,) in 0..1."""
-
-
-class Equipment(NamedTuple):
-    """Equipment by which a craft navigates: photodiodes on board, and names of its sensors, if it has any."""
-
-    photodiodes: int
-    sensors: tuple[str, ...]
 
 
 class CcdScene(NamedTuple):

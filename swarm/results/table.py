@@ -1,11 +1,12 @@
 """A run's telemetry as arrays: columns are read one by one when they are asked for, missing values are NaN.
 
 rows = TelemetryTable.of_run(folder)
-error = rows.column("position_error_m")[rows.being("status", "tracking")]
+error = rows.column("position_error_m")[rows.by_light]
 """
 
 import json
 from collections.abc import Callable, Iterator, Sequence
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -13,12 +14,31 @@ import pyarrow as pa
 
 from estimators.arrays import Bools, Floats, Ints
 from swarm.errors import SwarmError, did_you_mean
+from swarm.onboard.settings import BY_LIGHT
 from swarm.results.files import ANGLE_NOISE, EQUIPMENT, WITHOUT_SENSORS
 from swarm.results.reading import flown_columns, read_telemetry, telemetry_columns
-from swarm.results.scene import Equipment
+from swarm.results.records import Equipment
 
 Load = Callable[[str], pa.Table]
 """Reads one column, as a table."""
+
+
+class _Source:
+    """What reads the columns, and what the file says of its craft, which is read once for all parts."""
+
+    def __init__(self, load: Load) -> None:
+        self.load = load
+
+    @cached_property
+    def metadata(self) -> dict[bytes, bytes]:
+        """The metadata of the file."""
+        return self.load("craft").schema.metadata or {}
+
+    @cached_property
+    def equipment(self) -> list[Equipment]:
+        """The equipment of every craft, in the order of the names; none where the file does not say."""
+        runs = json.loads(self.metadata.get(EQUIPMENT.encode(), b"[]"))
+        return [Equipment(photodiodes, tuple(sensors)) for count, photodiodes, sensors in runs for _ in range(count)]
 
 
 class TelemetryTable:
@@ -27,9 +47,9 @@ class TelemetryTable:
     columns: names of all columns. A column that was read stays in memory until `forget`.
     """
 
-    def __init__(self, load: Load, columns: Sequence[str]) -> None:
+    def __init__(self, load: Load | _Source, columns: Sequence[str]) -> None:
         self.columns = tuple(columns)
-        self._load = load
+        self._source = load if isinstance(load, _Source) else _Source(load)
         self._order: Ints | None = None
         self._rows = slice(None)
         self._values: dict[str, Floats] = {}
@@ -55,7 +75,7 @@ class TelemetryTable:
         if name not in self._values:
             if name not in self.columns:
                 raise SwarmError(f"the telemetry has no column {name!r}{did_you_mean(name, self.columns)}")
-            table = self._load(name)
+            table = self._source.load(name)
             column = table.column(name)
             value = self._codes(name, column) if _is_of_names(column.type) else doubles(table, name)
             self._values[name] = value if self._order is None else value[self._order]
@@ -85,7 +105,8 @@ class TelemetryTable:
     @property
     def by_light(self) -> Bools:
         """Return whether light went into the filter, as a pose or as single sweeps, (rows,)."""
-        return self.being("status", "tracking") | self.being("status", "single_sweeps")
+        out: Bools = np.any([self.being("status", status.name.lower()) for status in BY_LIGHT], axis=0)
+        return out
 
     def stacked(self, *names: str) -> Floats:
         """Return several columns side by side, (rows, len(names))."""
@@ -118,10 +139,7 @@ class TelemetryTable:
     @property
     def equipment(self) -> dict[str, Equipment]:
         """The equipment by which each craft navigates; empty where the file does not say."""
-        said = self._said(EQUIPMENT)
-        runs = json.loads(said) if said else []
-        each = [Equipment(photodiodes, tuple(sensors)) for count, photodiodes, sensors in runs for _ in range(count)]
-        names = self.names_of("craft")
+        each, names = self._source.equipment, self.names_of("craft")
         return dict(zip(names, each, strict=True)) if len(each) == len(names) else {}
 
     @property
@@ -132,20 +150,20 @@ class TelemetryTable:
 
     def _said(self, key: str) -> bytes | None:
         """Return an entry of the file's metadata."""
-        return (self._load("craft").schema.metadata or {}).get(key.encode())
+        return self._source.metadata.get(key.encode())
 
     def __len__(self) -> int:
         return len(self.column("craft"))
 
     def ordered(self, order: Ints) -> "TelemetryTable":
         """Return the same rows in another order (rows,); it reads its columns anew."""
-        out = TelemetryTable(self._load, self.columns)
+        out = TelemetryTable(self._source, self.columns)
         out._order = order
         return out
 
     def part(self, first: int, past: int) -> "TelemetryTable":
         """Return the rows from `first` on, before `past`; columns are read once for all parts."""
-        out = TelemetryTable(self._load, self.columns)
+        out = TelemetryTable(self._source, self.columns)
         out._order, out._rows, out._values, out._names = self._order, slice(first, past), self._values, self._names
         return out
 

@@ -26,8 +26,7 @@ from swarm.results.disk import writing
 from swarm.results.files import PARTS, TELEMETRY
 from swarm.results.period import Period
 from swarm.results.reading import part_files
-from swarm.results.records import Errors
-from swarm.results.scene import Equipment
+from swarm.results.records import Equipment, Errors
 
 PERIODS_PER_PART = 120
 ROWS_PER_GROUP = 65_536

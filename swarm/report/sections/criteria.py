@@ -3,14 +3,11 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from swarm.report.findings import reason
 from swarm.report.page import Column, Fact, Section, Table, number
 from swarm.report.run_table import about, limits, outcome
 from swarm.report.subject import Subject
 from swarm.units import split_unit, written_unit
 
-KNOWN = ("name", "value", "craft", "min", "max", "held", "about")
-"""Keys of a verdict that the card shows in its own way; whatever else is a text is a sentence about the verdict."""
 SMALLER, SMALLER_BELOW = {"m": "mm", "m/s": "mm/s"}, 0.1
 """Units in which small figures are shown on a card, and what is small."""
 WORDS = {True: "PASS", False: "FAIL", None: "NOT JUDGED"}
@@ -22,7 +19,7 @@ def cards(verdicts: Sequence[Mapping[str, Any]]) -> list[Fact]:
     order = sorted(verdicts, key=lambda verdict: (True, None, False).index(verdict["held"]), reverse=True)
     out, told = list[Fact](), dict[str, str]()
     for verdict in order[:MOST_CARDS]:
-        name, why = verdict["name"], reason(verdict.get("why") or "")
+        name, why = verdict["name"], verdict.get("why") or ""
         shared = told.get(why)
         if why:
             told.setdefault(why, _spoken(name))
@@ -50,13 +47,12 @@ def section(subject: Subject) -> Section | None:
     if not subject.verdicts:
         return None
     rows = [
-        [v["name"], outcome(v).lower(), about(v), number(v["value"]), limits(v), *_sentences(v)[:1]]
+        [v["name"], outcome(v).lower(), about(v), number(v["value"]), limits(v), v.get("why") or ""]
         for v in subject.verdicts
     ]
-    heads = ["criterion", "", "craft", "value", "limits"]
-    if any(len(row) > len(heads) for row in rows):
-        heads.append("why")
-        rows = [[*row, ""][: len(heads)] for row in rows]
+    heads = ["criterion", "", "craft", "value", "limits", "why"]
+    if not any(row[-1] for row in rows):
+        heads, rows = heads[:-1], [row[:-1] for row in rows]
     return Section("Criteria", (), (), [Table([Column(head) for head in heads], rows, left=3)])
 
 
@@ -78,7 +74,3 @@ def _card(verdict: Mapping[str, Any], why: str) -> Fact:
 
 def _spoken(name: str) -> str:
     return split_unit(name)[0].replace("_", " ")
-
-
-def _sentences(verdict: Mapping[str, Any]) -> list[str]:
-    return [text for key, text in verdict.items() if key not in KNOWN and isinstance(text, str) and text]

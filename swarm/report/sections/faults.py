@@ -104,8 +104,7 @@ def _row(subject: Subject, strike: Strike) -> list[str]:
     after = (series.time_s >= strike.from_s) & (series.time_s < strike.to_s + AFTER_S)
     share, worst = None, None
     if len(craft):
-        by_light = series.being("status", "tracking") | series.being("status", "single_sweeps")
-        share = 100 * float(np.mean(_part(by_light, meanwhile, craft)))
+        share = 100 * float(np.mean(_part(series.by_light, meanwhile, craft)))
         error = series.of("position_error_m")[np.ix_(after, craft)]
         worst = 1000 * float(error[np.isfinite(error)].max()) if np.isfinite(error).any() else None
     return [

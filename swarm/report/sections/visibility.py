@@ -8,6 +8,7 @@ from swarm.report.figures import Picture, is_narrow, legend, picture, thin
 from swarm.report.page import Section
 from swarm.report.series import Series
 from swarm.report.subject import Subject
+from swarm.results.columns.core import STATUS, STATUS_TEXT
 
 STATUS_COLOURS = {
     "tracking": "#9cc4e4",
@@ -16,6 +17,7 @@ STATUS_COLOURS = {
     "ambiguous": "#7b5ea7",
     "searching": "#c0392b",
 }
+LABELS = dict(zip(STATUS, STATUS_TEXT, strict=True))
 MOST_NAMED = 16
 
 
@@ -61,6 +63,6 @@ def _status(axes: Axes, series: Series) -> None:
         being = series.being("status", name)[:, series.lit]
         time_s, share = thin(series.time_s, 100 * np.mean(being, axis=1))
         if being.any():
-            axes.fill_between(time_s, bottom, bottom + share, linewidth=0, label=name.replace("_", " "), color=colour)
+            axes.fill_between(time_s, bottom, bottom + share, linewidth=0, label=LABELS[name], color=colour)
         bottom = bottom + share
     axes.set_ylim(0, 100)

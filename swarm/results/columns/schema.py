@@ -9,7 +9,7 @@ import pyarrow as pa
 from swarm.results.columns.column import Group
 from swarm.results.columns.core import COLUMNS
 from swarm.results.files import ANGLE_NOISE, EQUIPMENT, WITHOUT_SENSORS
-from swarm.results.scene import Equipment
+from swarm.results.records import Equipment
 
 
 def schema(

@@ -42,7 +42,7 @@ class Crowd:
     """world/crowd/MODEL/STATE; world/crowd/worst."""
 
     def __init__(self, stage: Stage) -> None:
-        self._stage, self._scene = stage, stage.scene
+        self._scene = stage.scene
         self._above_m = np.array([0.0, -ABOVE * stage.reach_m, 0.0])
         names = list(STATES)
         self._by_status = np.array([names.index(s) if s in names else 0 for s in STATUS])

@@ -78,7 +78,9 @@ def _summary(table: TelemetryTable) -> dict[str, Any]:
     period_s = float(time_s.max() - time_s.min()) / span if span else 0.0
     # The bias takes half of all columns, and nothing else needs them.
     every = [own, *groups.values(), *(craft.rows for craft in parts)]
-    bias = [None if "peer_px_m" in table.columns else motion_bias(rows) for rows in every]
+    without = "peer_px_m" in table.columns
+    # Of craft with different sensors, it is not kept.
+    bias = [None if without or (groups and rows is own) else motion_bias(rows) for rows in every]
     everything.forget()
     noise_rad = table.angle_noise_rad
     swarm, *rest = (figures(rows, period_s, drift, noise_rad) for rows, drift in zip(every, bias, strict=True))
