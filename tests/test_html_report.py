@@ -328,7 +328,7 @@ def test_a_killed_run_has_the_extent_of_its_rows(tmp_path: Path) -> None:
     kept = {key: value for key, value in run.summary.items() if key in ("program", "scenario", "seed")}
     (run.folder / "summary.json").write_text(json.dumps({**kept, "status": "running"}))
     page = words(run_page(Subject(open_run(run.folder))))
-    assert "6 craft, 0.5 s flown" in page
+    assert "6 craft, only 0.5 s of 20 s flown" in page
     assert "This run is not complete" in page
     # The figures are computed from the rows, as at the end of a run.
     assert "Craft by craft" in page

@@ -14,6 +14,8 @@ from swarm import load, simulate
 from swarm.assets import find_model
 from swarm.errors import SwarmError
 from swarm.flight.flight import Flight
+from swarm.report.subject import Subject
+from swarm.results.run_folder import open_run
 from swarm.scenario import Lidar as Table
 from swarm.sensors.lidar import Lidar, Mount
 from swarm.studies.papers import reproduce
@@ -187,6 +189,9 @@ def test_a_run_leaves_poses_scans_and_a_summary(tmp_path):
     assert summary["craft"]["satellite"]["observed"] is True
     assert summary["craft"]["left"]["observed"] is False
     assert summary["swarm"]["samples"] == 3 * 72, "the target is none of the craft that find themselves"
+    # Killed before it was summarised: its page has what its scans say.
+    (tmp_path / "run" / "summary.json").write_text(json.dumps({"program": summary["program"], "status": "running"}))
+    assert Subject(open_run(tmp_path / "run")).summary["lidar"] == summary["lidar"]
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,8 @@ from swarm.results.columns.schema import schema
 from swarm.results.reading import read_telemetry
 from swarm.results.records import Peer
 from swarm.results.summary import autocorrelation_time, consistency, summarise, summarise_run
+from swarm.results.summary.integrity import integrity
+from swarm.results.table import TelemetryTable
 from swarm.results.telemetry import Telemetry
 
 
@@ -172,6 +174,22 @@ def test_the_band_holds_95_percent_of_the_means_of_correlated_samples(correlatio
         inside += found["inside_band"]
     # Binomial 200 x 0.95: 190 +- 3.1. Three sigma, and 3 % for the number of samples being estimated from 60 blocks.
     assert 175 <= inside <= 199
+
+
+def test_a_refused_pose_is_none_of_the_accepted_ones_though_the_craft_tracks_by_its_cameras():
+    table: dict[str, Any] = {
+        "craft": pa.array(["a"] * 4).dictionary_encode(),
+        "status": pa.array(["tracking"] * 4).dictionary_encode(),
+        "coupling": pa.array(["loose", "loose", "none", "none"]).dictionary_encode(),
+        "dropped_photodiodes": [0, 0, 0, 0],
+        "alert": [False] * 4,
+    }
+    for kind, unit in (("position", "m"), ("attitude", "deg")):
+        table[f"{kind}_error_{unit}"], table[f"{kind}_protection_{unit}"] = [0.1] * 4, [1.0] * 4
+        table[f"pnp_{kind}_error_{unit}"], table[f"pnp_{kind}_protection_{unit}"] = [0.2, 0.5, 3.0, None], [1.0] * 4
+    found = integrity(TelemetryTable.of(pa.table(table)))["integrity"]
+    assert found["accepted_poses"] == {"samples": 2, "beyond": 0, "worst_share_of_level": 0.5}
+    assert found["estimates"]["samples"] == 4
 
 
 def test_no_nees_is_null():

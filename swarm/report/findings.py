@@ -32,6 +32,21 @@ class Finding(NamedTuple):
     style: str = ""
 
 
+def of_summary(summary: Figures, cards: bool = False) -> list[Finding]:
+    """Return all that the summary of a run says, group by group where the craft have different sensors.
+
+    cards: delta-v and dockings are left out, as they have places of their own.
+    """
+    groups, craft = summary.get("groups") or {}, summary["craft"]
+    said = [
+        Finding(f"{name}: {each.text}" if name else each.text, each.style)
+        for name, figures in (groups or {"": summary["swarm"]}).items()
+        for each in findings(figures, effort=not cards)
+    ]
+    ends = [] if cards else dockings(craft)
+    return [*said, *inspections(summary.get("lidar") or {}), *ends, *warnings(craft)]
+
+
 def findings(figures: Figures, effort: bool = True) -> list[Finding]:
     """Return what the figures of a swarm or a craft say; effort: with the delta-v."""
     out: list[Finding | None] = [_consistency(figures, key) for key in ("nees", "nis")]

@@ -7,7 +7,8 @@ browser takes the one that fits; the style stands in the page's head.
 import math
 from base64 import b64encode
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -78,10 +79,11 @@ class Page:
     reproduce: str = ""
     source_name: str = ""
     source: str = ""
-    pictures: list[Picture] = field(init=False)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "pictures", [picture for section in self.sections for picture in section.pictures])
+    @property
+    def pictures(self) -> list[Picture]:
+        """The pictures of all sections."""
+        return [picture for section in self.sections for picture in section.pictures]
 
 
 def html(page: Page) -> str:
@@ -103,6 +105,7 @@ def prose(template: str, block: str, **values: Any) -> list[str]:
     return [" ".join(paragraph.split()) for paragraph in text.split("\n\n") if paragraph.strip()]
 
 
+@cache
 def _environment(autoescape: bool) -> Environment:
     environment = Environment(
         loader=PackageLoader("swarm.report"),

@@ -1,10 +1,10 @@
 """The page of one run: its verdicts and a few figures as cards, then its sections, each from a file of its own."""
 
-import re
 import shlex
 from collections.abc import Callable
 from itertools import takewhile
 
+from swarm.assets import scenarios
 from swarm.report.findings import LEAST_DELTA_V, colour, meaning
 from swarm.report.page import Fact, Page, Section, number
 from swarm.report.sections import (
@@ -23,6 +23,7 @@ from swarm.report.sections import (
 )
 from swarm.report.subject import Subject
 from swarm.results.run_folder import SCENARIO
+from swarm.user_text import parse_toml
 
 SECTIONS: tuple[Callable[[Subject], Section | None], ...] = (
     words.section,
@@ -107,10 +108,17 @@ def extent(subject: Subject) -> str:
 
 
 def _planned_s(subject: Subject) -> float:
-    """Return how long the scenario is, by its key or, where that was shortened for this run, by its description."""
-    told = subject.scenario.get("description")
-    spoken = re.findall(r"\bfor (\d+(?:\.\d+)?) s\b", told) if isinstance(told, str) else []
-    return max(float(subject.scenario.get("duration_s") or 0.0), *map(float, spoken), 0.0)
+    """Return how long the scenario is, by its key or, where that was shortened for this run of a shipped one, by its
+    file.
+    """
+    own = subject.scenario
+    planned = float(own.get("duration_s") or 0.0)
+    file = scenarios().get(str(own.get("name")))
+    shipped = {} if file is None else parse_toml(file.read_text(encoding="utf-8"), file.name)
+    # Another scenario may have the same name.
+    if shipped.get("description") != own.get("description"):
+        return planned
+    return max(planned, float(shipped.get("duration_s") or 0.0))
 
 
 def sections(subject: Subject) -> list[Section]:

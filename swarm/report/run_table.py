@@ -14,7 +14,7 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from swarm.report.findings import Finding, colour, dockings, findings, inspections, names, reasons, warnings
+from swarm.report.findings import colour, names, of_summary, reasons
 from swarm.tables import table
 
 Figures = Mapping[str, Any]
@@ -180,18 +180,7 @@ def results(summary: Mapping[str, Any], width: int) -> RenderableType:
         lines.append(Text(f"No room in {width} columns for: {heads} (summary.json has them).", "dim"))
     if len(craft) < len(navigating):
         lines.append(Text(f"The {len(craft)} worst of {len(navigating)} craft; summary.json has them all.", "dim"))
-    said = [("", swarm)] if not groups else list(groups.items())
-    sentences = [
-        *(
-            Finding(f"{name}: {each.text}" if name else each.text, each.style)
-            for name, f in said
-            for each in findings(f)
-        ),
-        *inspections(summary.get("lidar") or {}),
-        *dockings(summary["craft"]),
-        *warnings(summary["craft"]),
-    ]
-    return Group(*lines, Text(), *(Text(sentence.text, sentence.style) for sentence in sentences))
+    return Group(*lines, Text(), *(Text(sentence.text, sentence.style) for sentence in of_summary(summary)))
 
 
 def written(folder: Path) -> list[tuple[str, str]]:

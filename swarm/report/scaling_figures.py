@@ -14,8 +14,7 @@ from swarm.figures import Axes, Figure, plain_log_y
 from swarm.report.figures import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, Picture, band, legend, panels, picture
 from swarm.report.page import number
 from swarm.report.rows import Rows
-
-NEES_DOF = 6
+from swarm.results.summary.chi_square import DOF
 
 
 class Curve(NamedTuple):
@@ -121,7 +120,7 @@ def precision(rows: Rows) -> Picture:
         low, high = rows.spread("nees_band_low").mean, rows.spread("nees_band_high").mean
         _draw(nees, rows, Curve("nees_mean", "mean over swarm and time", BLUE))
         nees.fill_between(rows.points, low, high, color=GREY, alpha=0.15, linewidth=0, label="95 % band")
-        nees.axhline(NEES_DOF, color=GREY, linewidth=1, linestyle=":")
+        nees.axhline(DOF, color=GREY, linewidth=1, linestyle=":")
         nees.set_ylim(bottom=0)
         nees.set_title("NEES, 6 is consistent")
         legend(figure)

@@ -45,7 +45,7 @@ class Series:
 
     @property
     def by_light(self) -> Bools:
-        """Whether light went into the filter, as a pose or as single sweeps, (periods, craft)."""
+        """The periods in which light went into a craft's filter, as a pose or as single sweeps, (periods, craft)."""
         out: Bools = self._grid(self._rows.by_light) == 1
         return out
 

@@ -71,7 +71,8 @@ def check_summary(summary: dict[str, Any], where: str) -> None:
     check_shape(summary, _SUMMARY, where)
     if summary.get("swarm") is not None:
         check_shape(summary, _FLOWN, where)
-    for name, figures in [("swarm", summary.get("swarm")), *(summary.get("craft") or {}).items()]:
+    parts = [summary.get(key) or {} for key in ("groups", "craft")]
+    for name, figures in [("swarm", summary.get("swarm")), *(item for part in parts for item in part.items())]:
         bias = (figures or {}).get("pnp_motion_bias")
         for key, value in (bias or {}).items():
             if isinstance(value, list) and len(value) != 3:

@@ -24,7 +24,7 @@ Load = Callable[[str], pa.Table]
 
 
 class _Source:
-    """What reads the columns, and what the file says of its craft, which is read once for all parts."""
+    """A source of columns for all parts of a table; what the file says of its craft is read once."""
 
     def __init__(self, load: Load) -> None:
         self.load = load

@@ -9,8 +9,8 @@ from swarm.report.figures import BLUE, GREY, ORANGE, Picture, legend, picture
 from swarm.report.page import Section, prose
 from swarm.report.sections.over_time import mark
 from swarm.report.subject import Subject
+from swarm.results.summary.chi_square import DOF
 
-DOF = 6
 MOST_DOTS = 20_000
 
 

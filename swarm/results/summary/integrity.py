@@ -11,7 +11,9 @@ from swarm.results.table import TelemetryTable
 
 def integrity(rows: TelemetryTable) -> dict[str, Any]:
     """Return the errors against their protection levels, in position or attitude, and what the residual test did."""
-    tracking = rows.being("status", "tracking")
+    # A craft also tracks by cameras, or by the sweeps of four photodiodes, in a period whose own pose was refused.
+    coupled = "coupling" in rows.columns
+    accepted = rows.being("coupling", "loose") if coupled else rows.being("status", "tracking")
     dropped = rows.column("dropped_photodiodes")
 
     def worst(prefix: str, among: Bools) -> tuple[Floats, dict[str, Any]]:
@@ -22,8 +24,8 @@ def integrity(rows: TelemetryTable) -> dict[str, Any]:
         share = np.fmax(*shares)[among]
         return share, {"samples": int(np.count_nonzero(np.isfinite(share))), "beyond": int(np.count_nonzero(share > 1))}
 
-    pose, of_poses = worst("pnp_", tracking)
-    estimate, of_estimates = worst("", np.ones(len(tracking), dtype=np.bool_))
+    pose, of_poses = worst("pnp_", accepted)
+    estimate, of_estimates = worst("", np.ones(len(accepted), dtype=np.bool_))
     return {
         "integrity": {
             "accepted_poses": {**of_poses, "worst_share_of_level": largest(pose)},
