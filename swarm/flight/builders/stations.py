@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from estimators import rotation as rot
 from estimators.arrays import Floats
 from estimators.frame import Frame
-from estimators.lighthouse.innovation import SweepNoise
+from estimators.lighthouse.integrity import AngleNoise
 from estimators.lighthouse.rotor import CHANNEL_CLOCK_HZ, CHANNEL_TICKS
 from estimators.lighthouse.rows import Station
 from estimators.lighthouse.sweep import Fan, FanErrors, lighthouse_1, lighthouse_2
@@ -102,7 +102,7 @@ def known_stations(settings: Scenario) -> list[Station]:
     return out
 
 
-def station_noise(settings: Scenario) -> list[SweepNoise]:
+def station_noise(settings: Scenario) -> list[AngleNoise]:
     """Return the noise of the rows of every station, as the craft assume it."""
     assumed, out = si(settings.navigation), []
     for table in settings.station:
@@ -133,7 +133,7 @@ def _noise(settings: Scenario, table: scenario.Station) -> tuple[float, float]:
     return noise, correlation
 
 
-def _with_ticks(settings: Scenario, table: scenario.Station, sigma: float, rho: float) -> SweepNoise:
+def _with_ticks(settings: Scenario, table: scenario.Station, sigma: float, rho: float) -> AngleNoise:
     """Return the noise of rows with that of ticks, and of the flash of Lighthouse 1.0.
 
     A hit is rounded to a tick, of variance tick^2 / 12; so is the flash, which also jitters, of all hits of a sweep.
@@ -142,7 +142,7 @@ def _with_ticks(settings: Scenario, table: scenario.Station, sigma: float, rho: 
     w = 2 * pi / turn_s(settings)[settings.station.index(table)]
     rounding = (w * light.tick_s) ** 2 / 12
     flash = 0.0 if table.second else rounding + (w * light.sync_jitter_s) ** 2
-    return SweepNoise(sqrt((1 - rho) * sigma**2 + rounding), sqrt(rho * sigma**2 + flash))
+    return AngleNoise(sqrt((1 - rho) * sigma**2 + rounding), sqrt(rho * sigma**2 + flash))
 
 
 def _fans(table: scenario.Station, *, true: bool) -> tuple[Fan, Fan]:
