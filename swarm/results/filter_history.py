@@ -26,6 +26,7 @@ from estimators.state import STATES, State
 from swarm.errors import SwarmError
 from swarm.results.disk import writing
 from swarm.results.files import HISTORY
+from swarm.results.parquet import parts_in, write_part
 from swarm.results.period import Period
 
 MOST_ROWS = 100_000
@@ -97,13 +98,8 @@ class HistoryWriter:
         if not self._waiting:
             return
         frames, predictions, covariances = zip(*self._waiting, strict=True)
-        part = self._folder / f"part-{self._parts:05d}.arrow"
-        temporary = part.with_suffix(".tmp")
         table = _table(np.array(frames), predictions, np.concatenate(covariances), self._craft_count)
-        with writing(part):
-            with pa.OSFile(str(temporary), "wb") as file, pa.ipc.new_file(file, SCHEMA, options=_OPTIONS) as writer:
-                writer.write_table(table)
-            temporary.replace(part)
+        write_part(self._folder, self._parts, table, _OPTIONS)
         self._parts += 1
         self._waiting.clear()
 
@@ -144,7 +140,7 @@ class History:
 
     def __init__(self, folder: Path, craft_count: int) -> None:
         self._craft_count = craft_count
-        self.parts = sorted((folder / HISTORY).glob("part-*.arrow"))
+        self.parts = parts_in(folder / HISTORY)
 
     def __bool__(self) -> bool:
         return bool(self.parts)

@@ -81,7 +81,32 @@ def is_there(file: Path) -> bool:
 
 def parts_of(file: Path) -> list[Path]:
     """Return the parts of a Parquet file that is not complete, in order."""
-    return sorted(file.with_name(file.name + PARTIAL).glob("part-*.arrow"))
+    return parts_in(file.with_name(file.name + PARTIAL))
+
+
+def parts_in(folder: Path) -> list[Path]:
+    """Return the parts in a folder, in order."""
+    return sorted(folder.glob("part-*.arrow"))
+
+
+def write_part(folder: Path, number: int, table: Table, options: pa.ipc.IpcWriteOptions | None = None) -> None:
+    """Write a part into a folder, under another name first, so that whatever is there is whole.
+
+    Args:
+        folder: The folder.
+        number: Place of the part among all.
+        table: Its rows.
+        options: How they are written.
+
+    Raises:
+        SwarmError: The disk is full.
+    """
+    part = folder / f"part-{number:05d}.arrow"
+    temporary = part.with_suffix(".tmp")
+    with writing(part):
+        with pa.OSFile(str(temporary), "wb") as file, pa.ipc.new_file(file, table.schema, options=options) as writer:
+            writer.write_table(table)
+        temporary.replace(part)
 
 
 def _mapped(part: Path) -> Table:
@@ -114,12 +139,7 @@ class GrowingParquet:
         Raises:
             SwarmError: The disk is full.
         """
-        part = self._folder / f"part-{self._parts if number is None else number:05d}.arrow"
-        temporary = part.with_suffix(".tmp")
-        with writing(part):
-            with pa.OSFile(str(temporary), "wb") as file, pa.ipc.new_file(file, self._schema) as writer:
-                writer.write_table(table)
-            temporary.replace(part)
+        write_part(self._folder, self._parts if number is None else number, table)
         self._parts += 1
 
     def close(self) -> None:

@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 
 from swarm.errors import SwarmError
 from swarm.results.files import PARTS, SMOOTH, TELEMETRY
+from swarm.results.parquet import parts_in
 
 PREFIX = "smooth_"
 """Beginning of the names of a smoother's columns."""
@@ -19,7 +20,7 @@ PREFIX = "smooth_"
 
 def part_files(folder: Path) -> list[Path]:
     """Return the parts of a run that is not closed, in order."""
-    return sorted((folder / PARTS).glob("part-*.arrow"))
+    return parts_in(folder / PARTS)
 
 
 def read_telemetry(folder: Path, columns: Sequence[str] | None = None) -> pa.Table:

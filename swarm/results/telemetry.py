@@ -24,6 +24,7 @@ from swarm.results.columns.core import core, errors_in
 from swarm.results.columns.schema import schema
 from swarm.results.disk import writing
 from swarm.results.files import PARTS, TELEMETRY
+from swarm.results.parquet import write_part
 from swarm.results.period import Period
 from swarm.results.reading import part_files
 from swarm.results.records import Equipment, Errors
@@ -93,12 +94,7 @@ class Telemetry:
     def _flush(self) -> None:
         if not self._rows:
             return
-        part = self._folder / PARTS / f"part-{self._parts:05d}.arrow"
-        temporary = part.with_suffix(".tmp")
-        with writing(part):
-            with pa.OSFile(str(temporary), "wb") as file, pa.ipc.new_file(file, self._schema) as writer:
-                writer.write_table(self._table())
-            temporary.replace(part)
+        write_part(self._folder / PARTS, self._parts, self._table())
         self._parts += 1
         self._rows = 0
 
