@@ -95,6 +95,36 @@ def test_nothing_heavy_is_imported_for_help() -> None:
     assert not HEAVY & set(out.split())
 
 
+@pytest.mark.parametrize(
+    ("words", "proposed"),
+    [
+        ("swarm comp", {"compare"}),
+        ("swarm run rend", {"rendezvous"}),
+        ("swarm study scal", {"scaling"}),
+        ("swarm docs fra", {"frames-and-units"}),
+        ("swarm reproduce lidar", {name for name in EXPERIMENTS if name.startswith("lidar")}),
+        ("swarm view run", {"runs/orbit-3"}),
+        ("swarm compare runs/a runs/o", {"runs/orbit-3"}),
+        ("swarm report many", {"many"}),
+        ("swarm view orb", {"orbit-3"}),
+        ("swarm view many", set()),
+        ("swarm check my/", set()),
+        ("swarm export x --to cc", {"ccsds"}),
+    ],
+)
+def test_the_shell_completes_words(
+    command: Command, monkeypatch: pytest.MonkeyPatch, words: str, proposed: set[str]
+) -> None:
+    """As bash asks, which proposes files where nothing is proposed here."""
+    for name, marker in (("runs/orbit-3", "summary.json"), ("many", "study.json")):
+        Path(name).mkdir(parents=True)
+        (Path(name) / marker).write_text("{}")
+    monkeypatch.setenv("_SWARM_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", words)
+    monkeypatch.setenv("COMP_CWORD", str(len(words.split()) - 1))
+    assert set(command().out.split()) == proposed
+
+
 def test_help_is_the_tutorial(command: Command) -> None:
     result = command("--help")
     assert result.code == 0

@@ -41,7 +41,7 @@ Begin with:
   swarm list                   list what there is to fly
   swarm run formation          fly eight craft on a ring
   swarm view runs/formation-7  look at it in the viewer
-  swarm new my                 write your own scenario and craft
+  swarm new my                 write your own scenario
   swarm check my/my.toml       check it
   swarm run my/my.toml --set swarm.count=16 --seed 3
   swarm study scaling          fly many runs, on all cores
@@ -59,7 +59,6 @@ app = typer.Typer(
     help=HELP,
     epilog="swarm COMMAND --help explains a command with an example. Scenario files: swarm docs scenario.",
     no_args_is_help=True,
-    add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from swarm.cli import completion
 from swarm.cli.terminal import mistakes
 from swarm.errors import SwarmError
 
@@ -19,7 +20,12 @@ class Poses(StrEnum):
 
 
 Survey = Annotated[
-    Path, typer.Argument(metavar="SURVEY", help="The folder of a run with angles, or a libsurvive recording.")
+    Path,
+    typer.Argument(
+        metavar="SURVEY",
+        autocompletion=completion.runs,
+        help="The folder of a run with angles, or a libsurvive recording.",
+    ),
 ]
 Out = Annotated[Path, typer.Option("--out", metavar="FILE", help="Write the calibration to this file.")]
 ByPoses = Annotated[

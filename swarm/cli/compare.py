@@ -5,11 +5,15 @@ from typing import Annotated
 
 import typer
 
+from swarm.cli import completion
 from swarm.cli.terminal import mistakes
 
 
 def compare(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN", help="The folders of two or more runs.")],
+    runs: Annotated[
+        list[Path],
+        typer.Argument(metavar="RUN", autocompletion=completion.runs, help="The folders of two or more runs."),
+    ],
     out: Annotated[
         Path | None,
         typer.Option("--out", metavar="FILE", help="Also draw a figure (.png, .svg, .pdf) or write a page (.html)."),

@@ -7,12 +7,16 @@ from typing import Annotated
 
 import typer
 
+from swarm.cli import completion
 from swarm.cli.terminal import mistakes
 
 
 def docs(
     page: Annotated[
-        str | None, typer.Argument(metavar="PAGE", help="Print this page. Without it, all are listed.")
+        str | None,
+        typer.Argument(
+            metavar="PAGE", autocompletion=completion.pages, help="Print this page. Without it, all are listed."
+        ),
     ] = None,
 ) -> None:
     """Read the documentation.

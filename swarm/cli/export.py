@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from swarm.cli import completion
 from swarm.cli.terminal import mistakes
 
 FEW = 12
@@ -42,7 +43,7 @@ class TimeSystem(StrEnum):
 
 
 def export(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="The folder of a run.")],
+    run: Annotated[Path, typer.Argument(metavar="RUN", autocompletion=completion.runs, help="The folder of a run.")],
     to: Annotated[To, typer.Option("--to", help="The format.")],
     what: Annotated[
         list[What] | None,

@@ -5,10 +5,16 @@ from typing import Annotated
 
 import typer
 
+from swarm.cli import completion
 from swarm.cli.terminal import mistakes
 
 Model = Annotated[
-    str, typer.Argument(metavar="MODEL", help="A craft: a name that `swarm list` shows, an .xml file, or its folder.")
+    str,
+    typer.Argument(
+        metavar="MODEL",
+        autocompletion=completion.models,
+        help="A craft: a name that `swarm list` shows, an .xml file, or its folder.",
+    ),
 ]
 Photodiodes = Annotated[
     int | None,

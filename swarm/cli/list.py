@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from swarm.cli import completion
 from swarm.cli.terminal import mistakes
 
 if TYPE_CHECKING:
@@ -18,7 +19,10 @@ WIDE = 76
 
 def list_all(
     name: Annotated[
-        str | None, typer.Argument(metavar="NAME", help="Tell all about this one, and how long it takes.")
+        str | None,
+        typer.Argument(
+            metavar="NAME", autocompletion=completion.everything, help="Tell all about this one, and how long it takes."
+        ),
     ] = None,
 ) -> None:
     """List the scenarios, studies, craft models and recordings.

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from swarm.cli import completion
 from swarm.cli.terminal import mistakes
 
 
@@ -13,7 +14,12 @@ def new(
     name: Annotated[Path, typer.Argument(metavar="NAME", help="The folder; its last part names the scenario.")],
     source: Annotated[
         str | None,
-        typer.Option("--from", metavar="SCENARIO", help="Start from this scenario: a name, or a .toml file."),
+        typer.Option(
+            "--from",
+            metavar="SCENARIO",
+            autocompletion=completion.scenarios,
+            help="Start from this scenario: a name, or a .toml file.",
+        ),
     ] = None,
 ) -> None:
     """Write a scenario and craft of your own, to start from.

@@ -5,8 +5,15 @@ from typing import Annotated
 
 import typer
 
+from swarm.cli import completion
+
 Scenario = Annotated[
-    str, typer.Argument(metavar="SCENARIO", help="A name that `swarm list` shows, or the path of a .toml file.")
+    str,
+    typer.Argument(
+        metavar="SCENARIO",
+        autocompletion=completion.scenarios,
+        help="A name that `swarm list` shows, or the path of a .toml file.",
+    ),
 ]
 Overrides = Annotated[
     list[str] | None,

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from swarm.cli import completion
 from swarm.cli.options import Force, NoRecording
 from swarm.cli.terminal import fly_and_report, mistakes
 
@@ -29,6 +30,7 @@ Recording = Annotated[
     str,
     typer.Argument(
         metavar="RECORDING",
+        autocompletion=completion.recordings,
         help="A recording of a real lighthouse: libsurvive's .rec or .rec.gz, or a name that `swarm list` shows. "
         "With --list also a Crazyflie's event log, its system-config.yaml, or a trajectory.",
     ),

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from swarm.cli import completion
 from swarm.cli.terminal import mistakes
 
 
@@ -17,7 +18,10 @@ class Paper(StrEnum):
 
 
 def report(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="The folder of a study, or of a run.")],
+    run: Annotated[
+        Path,
+        typer.Argument(metavar="RUN", autocompletion=completion.results, help="The folder of a study, or of a run."),
+    ],
     out: Annotated[
         Path | None,
         typer.Option("--out", metavar="FILE", help="Write to this file. Default: FOLDER/report.html."),

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from swarm.cli import completion
 from swarm.cli.takes import in_words
 from swarm.cli.terminal import error_message, mistakes, stoppable
 
@@ -15,7 +16,12 @@ LONG_S = 20.0
 
 def reproduce(
     experiment: Annotated[
-        str | None, typer.Argument(metavar="EXPERIMENT", help="The experiment's name. Without it, all are listed.")
+        str | None,
+        typer.Argument(
+            metavar="EXPERIMENT",
+            autocompletion=completion.experiments,
+            help="The experiment's name. Without it, all are listed.",
+        ),
     ] = None,
     poses: Size = None,
     frames: Size = None,

@@ -5,11 +5,15 @@ from typing import Annotated
 
 import typer
 
+from swarm.cli import completion
 from swarm.cli.terminal import mistakes, stoppable
 
 
 def smooth(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="The folder of a run, flown or replayed.")],
+    run: Annotated[
+        Path,
+        typer.Argument(metavar="RUN", autocompletion=completion.runs, help="The folder of a run, flown or replayed."),
+    ],
     force: Annotated[bool, typer.Option("--force", help="Smooth again what is smoothed already.")] = False,
 ) -> None:
     """Smooth the estimates of a run: each with all light before and after it.

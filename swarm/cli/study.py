@@ -7,10 +7,16 @@ from typing import Annotated
 
 import typer
 
+from swarm.cli import completion
 from swarm.cli.terminal import mistakes, stoppable
 from swarm.errors import SwarmError
 
-Name = Annotated[str, typer.Argument(metavar="STUDY", help="A name that `swarm list` shows, or a .toml file.")]
+Name = Annotated[
+    str,
+    typer.Argument(
+        metavar="STUDY", autocompletion=completion.studies, help="A name that `swarm list` shows, or a .toml file."
+    ),
+]
 Craft = Annotated[
     str | None, typer.Option("--craft", metavar="N,N,...", help="Fly these numbers of craft: the grid of swarm.count.")
 ]

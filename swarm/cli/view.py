@@ -5,12 +5,15 @@ from typing import Annotated
 
 import typer
 
+from swarm.cli import completion
 from swarm.cli.terminal import mistakes, stoppable
 from swarm.errors import SwarmError
 
 
 def view(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="The folder of a run, or a .rrd file.")],
+    run: Annotated[
+        Path, typer.Argument(metavar="RUN", autocompletion=completion.runs, help="The folder of a run, or a .rrd file.")
+    ],
     web: Annotated[bool, typer.Option("--web", help="Show it in the browser, served to this machine only.")] = False,
 ) -> None:
     """Open a run's recording in the viewer.
