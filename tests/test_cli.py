@@ -45,6 +45,8 @@ HEAVY = {
     "distributed",
     "jinja2",
     "mcap",
+    "av",
+    "PIL",
 }
 ROOT = Path(__file__).parent.parent
 COMMANDS = tuple(get_command(cli.app).commands)  # type: ignore[attr-defined]

@@ -29,6 +29,7 @@ from swarm.cli.streams import ended_by_output, open_streams
 from swarm.cli.study import study
 from swarm.cli.terminal import Handler, error_message, stopping_once
 from swarm.cli.usage import is_usage, usage_message
+from swarm.cli.video import video
 from swarm.cli.view import view
 from swarm.errors import SwarmError
 from swarm.user_text import check_text
@@ -118,20 +119,7 @@ def _swarm(
 
 
 app.command("list")(list_all)
-for command in (
-    run,
-    view,
-    check,
-    replay,
-    smooth,
-    reproduce,
-    calibrate,
-    layout,
-    study,
-    report,
-    compare,
-    export,
-    new,
-    docs,
-):
+flying = (run, new, view, check, replay, smooth, reproduce, calibrate, layout, study)
+afterwards = (report, compare, export, video, docs)
+for command in (*flying, *afterwards):
     app.command()(command)

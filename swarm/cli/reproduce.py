@@ -9,20 +9,21 @@ from swarm.cli import completion
 from swarm.cli.takes import in_words
 from swarm.cli.terminal import error_message, mistakes, stoppable
 
+Name = Annotated[
+    str | None,
+    typer.Argument(
+        metavar="EXPERIMENT",
+        autocompletion=completion.experiments,
+        help="The experiment's name. Without it, all are listed.",
+    ),
+]
 Size = Annotated[int | None, typer.Option(metavar="N", help="Run a smaller, quicker form; see the list.")]
 LONG_S = 20.0
 """Processor time from which a command says beforehand how long it takes."""
 
 
 def reproduce(
-    experiment: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="EXPERIMENT",
-            autocompletion=completion.experiments,
-            help="The experiment's name. Without it, all are listed.",
-        ),
-    ] = None,
+    experiment: Name = None,
     poses: Size = None,
     frames: Size = None,
     runs: Size = None,

@@ -61,7 +61,7 @@ def write_mcap(file: Path, run: Run, trajectories: Sequence[Trajectory], unix_ns
     from mcap.writer import Writer
 
     with file.open("wb") as stream:
-        writer = Writer(stream)
+        writer: Any = Writer(stream)
         writer.start(profile="", library="lighthouse-swarm")
         schemas = {
             name: writer.register_schema(name, "jsonschema", json.dumps(_schema(name, properties)).encode())

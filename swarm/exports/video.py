@@ -1,0 +1,256 @@
+"""A video of a run: the craft where they truly are, the light, and what each craft believes.
+
+    craft, lighthouse   as their models say, at the true poses of the telemetry
+    light               a beam to every craft, in the colour of its navigation's status, and the lighthouse's two fans,
+                        which are shown turning once in `FAN_TURN_S` (they turn 60 times a second)
+    estimate            the axes x, y, z of the body (red, green, blue) at the estimated pose, its last seconds as a
+                        track, and a ball of three standard deviations
+    text                scenario, time, how many craft track, RMS errors
+
+A video's picture shows the lighthouse period next to its time.
+"""
+
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.arrays import Floats
+from estimators.rotation import matrix_from_quaternion
+from swarm.assets import find_model
+from swarm.errors import SwarmError
+from swarm.exports.mp4 import Mp4, check_library
+from swarm.results.files import SCENARIO, TELEMETRY
+from swarm.results.run_folder import open_run
+from swarm.results.table import TelemetryTable
+from swarm.scenario import Scenario, craft, load
+from swarm.world.picture import FIELD_DEG, Mark, Picture, Plate, Subject, View
+
+FAN_TURN_S = 4.0
+TRACK_S = 4.0
+"""Length of the tracks behind the craft."""
+TRACK_STEPS = 24
+MOST_OVERLAID = 64
+"""Of more craft, only the beams are drawn."""
+COLOURS = {"tracking": (0.35, 0.9, 0.55), "single_sweeps": (0.55, 0.8, 0.95), "coasting": (0.95, 0.7, 0.25)}
+"""Colours of beams and tracks by status; all others are red."""
+LOST = (0.95, 0.3, 0.25)
+AXES = ((0.95, 0.25, 0.25), (0.3, 0.85, 0.35), (0.35, 0.55, 1.0))
+SIDE = np.array([0.62, -0.42, -0.66])
+"""Direction from what is watched to the camera: from the right, above and behind the lighthouse."""
+ROOM = 1.25
+"""Room around what is watched."""
+SIZES = (64, 4096)
+"""Least and largest width and height of a video [px]."""
+
+
+class Options(NamedTuple):
+    """The looks of a video. speed: simulated seconds per second. width, height: of a picture [px]."""
+
+    fps: int = 30
+    speed: float = 1.0
+    width: int = 1280
+    height: int = 720
+
+
+class Film:
+    """The telemetry of a run as arrays (periods, craft, ...), NaN where nothing is known."""
+
+    def __init__(self, folder: Path) -> None:
+        """Read the run. Raises SwarmError where there is no truth to draw, or a file is damaged."""
+        rows = TelemetryTable.of_run(folder)
+        if not len(rows):
+            raise SwarmError(f"{folder} has not one lighthouse period recorded: there is nothing to draw")
+        self.names = rows.names_of("craft")
+        frames, index = np.unique(rows.frame, return_inverse=True)
+        self.shape = len(frames), len(self.names)
+        self._place = index, rows.craft
+        self.time_s: Floats = np.nanmax(self._grid(rows.column("time_s")), axis=1)
+        self.position, self.quaternion = (self._grid(each) for each in (rows.position("true"), rows.quaternion("true")))
+        if not np.isfinite(self.position).all():
+            raise SwarmError(f"{folder} has no truth to draw, as a replay of a recording; swarm view shows it")
+        self.believed, self.turned = (self._grid(each) for each in (rows.position("ekf"), rows.quaternion("ekf")))
+        self.error_m, self.error_deg, self.sigma_m = (
+            self._grid(rows.column(name)) for name in ("position_error_m", "attitude_error_deg", "position_sigma_m")
+        )
+        self.lit = self._grid(rows.column("visible")) > 0
+        words = rows.names_of("status")
+        codes = self._grid(rows.column("status"))
+        self.status = np.array([*words, ""])[np.where(np.isfinite(codes), codes, len(words)).astype(np.int64)]
+
+    def _grid(self, flat: Any) -> Any:
+        out = np.full((*self.shape, *flat.shape[1:]), np.nan)
+        out[self._place] = flat
+        return out
+
+
+def video(
+    path: str | Path, file: Path, options: Options | None = None, progress: Callable[[int, int], None] | None = None
+) -> Path:
+    """Draw a run, and return the video's file.
+
+    Args:
+        path: The folder of the run.
+        file: The video, whose name ends in .mp4.
+        options: Its looks.
+        progress: Is told the pictures that are done, and all.
+
+    Raises:
+        SwarmError: The run cannot be read, this machine cannot draw, a library is missing, or nothing can be written.
+    """
+    looks = options or Options()
+    _check(file, looks)
+    check_library()
+    run = open_run(path)
+    if not (run.folder / SCENARIO).is_file():
+        raise SwarmError(f"{run.folder} was stopped before its {SCENARIO} was written")
+    scenario = load(run.folder / SCENARIO)
+    film = Film(run.folder)
+    if tuple(film.names) != tuple(scenario.craft_names):
+        raise SwarmError(f"{run.folder}: the craft in {SCENARIO} and in {TELEMETRY} are not the same")
+    passive = [table.passive for _, table in scenario.tables]
+    subjects = [Subject(one.name, one.model, dark) for one, dark in zip(craft(scenario), passive, strict=True)]
+    lighthouse = find_model(scenario.lighthouse.model, run.folder)
+    times = np.arange(film.time_s[0], film.time_s[-1] + 1e-9, looks.speed / looks.fps)
+    view, caption = view_of(film.position, looks.width / looks.height), _Caption(scenario, looks)
+    reach = float(np.linalg.norm(film.position, axis=2).max())
+    pixel_m = 2 * np.tan(np.radians(FIELD_DEG / 2)) * float(np.linalg.norm(view.eye_m - view.target_m)) / looks.height
+    most = len(film.names) * (TRACK_STEPS + 6) + 8
+    with (
+        Picture(subjects, lighthouse, looks.width, looks.height, most) as picture,
+        Mp4(file, looks.width, looks.height, looks.fps) as written,
+    ):
+        for number, time_s in enumerate(times.tolist()):
+            k = int(np.abs(film.time_s - time_s).argmin())
+            marks, plates = (
+                list(_marks(film, k, pixel_m)),
+                fans(scenario.lighthouse.field_deg, reach, time_s - times[0]),
+            )
+            drawn = picture.draw(film.position[k], film.quaternion[k], view, marks, plates)
+            written.add(caption.over(drawn, film, k))
+            if progress is not None:
+                progress(number + 1, len(times))
+    return file
+
+
+def _check(file: Path, looks: Options) -> None:
+    if file.suffix.lower() != ".mp4":
+        raise SwarmError(f"{file}: a video's name ends in .mp4")
+    for name, value in (("width", looks.width), ("height", looks.height)):
+        if value % 2 or not SIZES[0] <= value <= SIZES[1]:
+            raise SwarmError(f"--size: the {name} {value} must be an even number from {SIZES[0]} to {SIZES[1]}")
+    if not 1 <= looks.fps <= 120:
+        raise SwarmError(f"--fps: {looks.fps} must be from 1 to 120")
+    if not 0.01 <= looks.speed <= 1000:
+        raise SwarmError(f"--speed: {looks.speed:g} must be from 0.01 to 1000")
+
+
+def view_of(position: Floats, ratio: float) -> View:
+    """Return a camera that sees the lighthouse and every craft at all times.
+
+    Args:
+        position: Places of the craft, (periods, craft, 3) [m].
+        ratio: Width of a picture over its height.
+    """
+    points = np.concatenate([position[:: max(len(position) // 200, 1)].reshape(-1, 3), np.zeros((1, 3))])
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    back = SIDE / np.linalg.norm(SIDE)
+    right = np.cross([0.0, -1.0, 0.0], back)
+    right /= np.linalg.norm(right)
+    up = np.cross(back, right)
+    high = np.tan(np.radians(FIELD_DEG / 2))
+    wide = high * ratio
+    offset = points - middle
+    # A point is inside the picture where its side is at most the field's at its distance.
+    needed = offset @ back + ROOM * np.maximum(np.abs(offset @ right) / wide, np.abs(offset @ up) / high)
+    return View(middle + max(float(needed.max()), 0.5) * back, middle)
+
+
+def _marks(film: Film, k: int, pixel_m: float) -> Iterator[Mark]:
+    """Yield the beams, and of not too many craft the estimates, in one period; lines are `pixel_m` wide or more."""
+    few = film.shape[1] <= MOST_OVERLAID
+    since = np.flatnonzero(film.time_s >= film.time_s[k] - TRACK_S)[0]
+    past = np.unique(np.linspace(since, k, TRACK_STEPS + 1).round().astype(np.int64))
+    size = 0.02 * float(np.linalg.norm(film.position[k], axis=1).max())
+    for i in range(film.shape[1]):
+        colour = COLOURS.get(str(film.status[k, i]), LOST)
+        place, believed = film.position[k, i], film.believed[k, i]
+        if film.lit[k, i]:
+            yield Mark(np.zeros(3), place, 0.7 * pixel_m, (*colour, 0.45))
+        if not few or not np.isfinite(believed).all():
+            continue
+        turn = matrix_from_quaternion(film.turned[k, i])
+        for axis, ink in enumerate(AXES):
+            yield Mark(believed, believed + 2.5 * size * turn[:, axis], 0.9 * pixel_m, (*ink, 1.0))
+        if np.isfinite(film.sigma_m[k, i]):
+            yield Mark(believed, None, 3 * float(film.sigma_m[k, i]), (*colour, 0.3))
+        track = film.believed[past, i]
+        for a, b in pairwise(track):
+            if np.isfinite(a).all() and np.isfinite(b).all() and not np.array_equal(a, b):
+                yield Mark(a, b, 0.6 * pixel_m, (*colour, 0.7))
+
+
+def fans(field_deg: float, reach: float, time_s: float) -> list[Plate]:
+    """Return the fan that sweeps, as a thin plate from the lighthouse on: X, then Y, each from one side to the other.
+
+    Args:
+        field_deg: Full width of the lighthouse's field [deg].
+        reach: Length of the plate [m].
+        time_s: Time since the start [s].
+    """
+    field = np.radians(field_deg) / 2
+    out = []
+    for fan, begin in enumerate((0.0, 0.5)):
+        share = (time_s / FAN_TURN_S - begin) % 1.0
+        if share >= 0.5:
+            continue
+        angle = field * (4 * share - 1)
+        s, c = float(np.sin(angle)), float(np.cos(angle))
+        # The fan's plane holds the direction at this angle from boresight, and the axis that the fan turns about.
+        ahead = np.array([s, 0.0, c]) if fan == 0 else np.array([0.0, s, c])
+        axle = np.array([0.0, 1.0, 0.0]) if fan == 0 else np.array([1.0, 0.0, 0.0])
+        rotation = np.stack([np.cross(axle, ahead), axle, ahead], axis=1)
+        half = np.array([0.001 * reach, 0.35 * reach, 0.5 * reach])
+        out.append(Plate(0.5 * reach * ahead, half, rotation, (1.0, 0.85, 0.4, 0.10)))
+    return out
+
+
+class _Caption:
+    """The text in a picture's corners."""
+
+    def __init__(self, scenario: Scenario, looks: Options) -> None:
+        from PIL import ImageFont
+
+        size = max(looks.height // 36, 10)
+        self._font: Any = ImageFont.load_default(size)
+        self._margin, self._line = size, round(1.45 * size)
+        self._title = f"{scenario.name}: {scenario.description}".rstrip(": ")
+        self._speed = "" if looks.speed == 1 else f", {looks.speed:g} times as fast"
+
+    def over(self, picture: NDArray[np.uint8], film: Film, k: int) -> NDArray[np.uint8]:
+        """Return the picture with the text of a period."""
+        from PIL import Image, ImageDraw
+
+        image = Image.fromarray(picture)
+        pen, height = ImageDraw.Draw(image), image.height
+        lines = [self._title, f"{film.time_s[k]:.2f} s{self._speed}"]
+        known = np.isfinite(film.error_m[k])
+        below = [f"{int((film.status[k] == 'tracking').sum())} of {film.shape[1]} craft tracking"]
+        if known.any():
+            rms = [np.sqrt(np.mean(each[k][known] ** 2)) for each in (film.error_m, film.error_deg)]
+            below.append(f"error of the estimates, RMS: {1000 * rms[0]:.2f} mm, {rms[1]:.3f}°")
+        below.append("beam and track: green by light, orange coasting, red lost; axes: estimate; fans slowed")
+        for i, text in enumerate(lines):
+            self._write(pen, image.width, self._margin + i * self._line, text)
+        for i, text in enumerate(below):
+            self._write(pen, image.width, height - self._margin - (len(below) - i) * self._line, text)
+        out: NDArray[np.uint8] = np.asarray(image)
+        return out
+
+    def _write(self, pen: Any, width: int, top: int, text: str) -> None:
+        while text and pen.textlength(text, font=self._font) > width - 2 * self._margin:
+            text = text[:-2].rstrip() + "…"
+        pen.text((self._margin, top), text, font=self._font, fill=(225, 232, 240))

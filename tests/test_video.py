@@ -1,0 +1,87 @@
+"""swarm video: the camera sees everything, the fans are in the field, and the file plays where the libraries are."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from swarm.errors import SwarmError
+from swarm.exports.video import FAN_TURN_S, Options, fans, video, view_of
+from swarm.flight.simulate import simulate
+from swarm.scenario import load
+from swarm.world.picture import FIELD_DEG
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.mark.parametrize("ratio", [16 / 9, 1.0, 9 / 16])
+def test_the_camera_sees_the_lighthouse_and_every_craft(ratio: float) -> None:
+    position = np.random.default_rng(4).uniform([-3, -1, 1], [2, 2, 9], size=(50, 4, 3))
+    view = view_of(position, ratio)
+    points = np.concatenate([position.reshape(-1, 3), np.zeros((1, 3))]) - view.eye_m
+    ahead = (view.target_m - view.eye_m) / np.linalg.norm(view.target_m - view.eye_m)
+    right = np.cross(ahead, [0.0, -1.0, 0.0])
+    right /= np.linalg.norm(right)
+    up = np.cross(right, ahead)
+    assert up[1] < 0, "up in the picture is -y of the lighthouse"
+    high = np.abs(points @ up) / (points @ ahead)
+    wide = np.abs(points @ right) / (points @ ahead)
+    assert (points @ ahead > 0).all()
+    assert 0.5 < max(high.max(), wide.max() / ratio) / np.tan(np.radians(FIELD_DEG / 2)) < 1
+
+
+def test_each_fan_sweeps_its_half_of_the_turn_within_the_field() -> None:
+    seen = []
+    for time_s in np.linspace(0.0, FAN_TURN_S, 41)[:-1]:
+        (plate,) = fans(120.0, 5.0, float(time_s))
+        ahead, axle = plate.rotation[:, 2], plate.rotation[:, 1]
+        assert np.allclose(plate.rotation.T @ plate.rotation, np.eye(3), atol=1e-12)
+        assert np.degrees(np.arccos(ahead[2])) <= 60 + 1e-9
+        seen.append((int(abs(axle[1]) < 0.5), ahead))
+    assert [fan for fan, _ in seen] == [0] * 20 + [1] * 20
+    assert all(ahead[1] == 0 for fan, ahead in seen if fan == 0), "fan X turns about y"
+    assert all(ahead[0] == 0 for fan, ahead in seen if fan == 1), "fan Y turns about x"
+
+
+@pytest.mark.parametrize(
+    ("file", "options", "message"),
+    [
+        ("a.avi", Options(), "ends in .mp4"),
+        ("a.mp4", Options(width=99), "the width 99 must be an even number"),
+        ("a.mp4", Options(fps=0), "--fps"),
+        ("a.mp4", Options(speed=float("nan")), "--speed"),
+    ],
+)
+def test_mistakes(file: str, options: Options, message: str, tmp_path: Path) -> None:
+    with pytest.raises(SwarmError, match=message):
+        video("no/run", tmp_path / file, options)
+    assert not list(tmp_path.iterdir())
+
+
+def test_without_the_library_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setitem(sys.modules, "av", None)
+    with pytest.raises(SwarmError, match=r"lighthouse-swarm\[video\]"):
+        video("no/run", tmp_path / "a.mp4")
+
+
+def test_a_video_plays(tmp_path: Path) -> None:
+    av = pytest.importorskip("av", reason="needs the extra video")
+    simulate(load("formation", {"duration_s": 0.2, "swarm.count": 2}), out=tmp_path / "run", record=False)
+    file = tmp_path / "run.mp4"
+    words = [str(tmp_path / "run"), str(file), "--size", "320x180", "--fps", "10"]
+    done = subprocess.run(
+        [sys.executable, "-m", "swarm", "video", *words], capture_output=True, text=True, cwd=ROOT, check=False
+    )
+    if "cannot draw" in done.stderr:
+        pytest.skip("this machine has no library that draws without a screen")
+    assert done.returncode == 0, done.stderr
+    with av.open(str(file)) as container:
+        stream = container.streams.video[0]
+        pictures = [frame.to_ndarray(format="rgb24") for frame in container.decode(stream)]
+        assert (stream.width, stream.height, stream.average_rate) == (320, 180, 10)
+    assert len(pictures) == 2
+    middle = pictures[0][40:130].astype(int)
+    assert ((middle[..., 1] - middle[..., 0] > 15).sum()) > 20, "green beams"
+    assert [path.name for path in tmp_path.iterdir() if path.suffix in (".tmp", ".mp4")] == ["run.mp4"]
