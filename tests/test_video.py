@@ -19,7 +19,7 @@ ROOT = Path(__file__).parents[1]
 @pytest.mark.parametrize("ratio", [16 / 9, 1.0, 9 / 16])
 def test_the_camera_sees_the_lighthouse_and_every_craft(ratio: float) -> None:
     position = np.random.default_rng(4).uniform([-3, -1, 1], [2, 2, 9], size=(50, 4, 3))
-    view = view_of(position, ratio)
+    view = view_of(position, [np.zeros(3)], ratio)
     points = np.concatenate([position.reshape(-1, 3), np.zeros((1, 3))]) - view.eye_m
     ahead = (view.target_m - view.eye_m) / np.linalg.norm(view.target_m - view.eye_m)
     right = np.cross(ahead, [0.0, -1.0, 0.0])

@@ -127,7 +127,7 @@ def _head(kind: str, version: str, trajectory: Trajectory, orbit: RelativeOrbit 
     if orbit:
         yield "COMMENT LVLH_ROTATING is that of the lighthouse: x along V-bar, y along H-bar, z along R-bar (nadir)"
     else:
-        yield "COMMENT Frame LIGHTHOUSE: x right, y down, z along the boresight of the lighthouse; it does not turn"
+        yield "COMMENT Frame LIGHTHOUSE does not turn; a lighthouse at its origin looks along z, x right, y down"
     yield f"CREATION_DATE = {datetime.now(UTC):%Y-%m-%dT%H:%M:%S}"
     yield f"ORIGINATOR = {ORIGINATOR}"
     yield ""

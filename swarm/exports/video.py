@@ -1,8 +1,9 @@
 """A video of a run: the craft where they truly are, the light, and what each craft believes.
 
     craft, lighthouse   as their models say, at the true poses of the telemetry
-    light               a beam to every craft, in the colour of its navigation's status, and the lighthouse's two fans,
-                        which are shown turning once in `FAN_TURN_S` (they turn 60 times a second)
+    light               a beam from every station that stays where it is to every lit craft, in the colour of its
+                        navigation's status; of the one lighthouse at the origin also the two fans, which are shown
+                        turning once in `FAN_TURN_S` (they turn 60 times a second)
     estimate            the axes x, y, z of the body (red, green, blue) at the estimated pose, its last seconds as a
                         track, and a ball of three standard deviations
     text                scenario, time, how many craft track, RMS errors
@@ -10,7 +11,7 @@
 A video's picture shows the lighthouse period next to its time.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,10 +24,12 @@ from estimators.rotation import matrix_from_quaternion
 from swarm.assets import find_model
 from swarm.errors import SwarmError
 from swarm.exports.mp4 import Mp4, check_library
+from swarm.flight.builders.stations import standing
 from swarm.results.files import SCENARIO, TELEMETRY
 from swarm.results.run_folder import open_run
 from swarm.results.table import TelemetryTable
 from swarm.scenario import Scenario, craft, load
+from swarm.world.assembly import at_origin
 from swarm.world.picture import FIELD_DEG, Mark, Picture, Plate, Subject, View
 
 FAN_TURN_S = 4.0
@@ -113,22 +116,22 @@ def video(
         raise SwarmError(f"{run.folder}: the craft in {SCENARIO} and in {TELEMETRY} are not the same")
     passive = [table.passive for _, table in scenario.tables]
     subjects = [Subject(one.name, one.model, dark) for one, dark in zip(craft(scenario), passive, strict=True)]
-    lighthouse = find_model(scenario.lighthouse.model, run.folder)
+    several = standing(scenario)
+    stations = [at_origin(find_model(scenario.lighthouse.model))] if several is None else several
+    lamps = [station.position for station in stations]
     times = np.arange(film.time_s[0], film.time_s[-1] + 1e-9, looks.speed / looks.fps)
-    view, caption = view_of(film.position, looks.width / looks.height), _Caption(scenario, looks)
+    view, caption = view_of(film.position, lamps, looks.width / looks.height), _Caption(scenario, looks)
     reach = float(np.linalg.norm(film.position, axis=2).max())
     pixel_m = 2 * np.tan(np.radians(FIELD_DEG / 2)) * float(np.linalg.norm(view.eye_m - view.target_m)) / looks.height
-    most = len(film.names) * (TRACK_STEPS + 6) + 8
+    most = len(film.names) * (TRACK_STEPS + 6 + len(lamps)) + 8
     with (
-        Picture(subjects, lighthouse, looks.width, looks.height, most) as picture,
+        Picture(subjects, stations, looks.width, looks.height, most) as picture,
         Mp4(file, looks.width, looks.height, looks.fps) as written,
     ):
         for number, time_s in enumerate(times.tolist()):
             k = int(np.abs(film.time_s - time_s).argmin())
-            marks, plates = (
-                list(_marks(film, k, pixel_m)),
-                fans(scenario.lighthouse.field_deg, reach, time_s - times[0]),
-            )
+            marks = list(_marks(film, k, lamps, pixel_m))
+            plates = fans(scenario.lighthouse.field_deg, reach, time_s - times[0]) if several is None else []
             drawn = picture.draw(film.position[k], film.quaternion[k], view, marks, plates)
             written.add(caption.over(drawn, film, k))
             if progress is not None:
@@ -148,14 +151,17 @@ def _check(file: Path, looks: Options) -> None:
         raise SwarmError(f"--speed: {looks.speed:g} must be from 0.01 to 1000")
 
 
-def view_of(position: Floats, ratio: float) -> View:
+def view_of(position: Floats, lamps: Sequence[Floats], ratio: float) -> View:
     """Return a camera that sees the lighthouse and every craft at all times.
 
     Args:
         position: Places of the craft, (periods, craft, 3) [m].
+        lamps: Places of the stations, (3,) each [m].
         ratio: Width of a picture over its height.
     """
-    points = np.concatenate([position[:: max(len(position) // 200, 1)].reshape(-1, 3), np.zeros((1, 3))])
+    points = np.concatenate(
+        [position[:: max(len(position) // 200, 1)].reshape(-1, 3), *(place[None] for place in lamps)]
+    )
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     back = SIDE / np.linalg.norm(SIDE)
     right = np.cross([0.0, -1.0, 0.0], back)
@@ -169,7 +175,7 @@ def view_of(position: Floats, ratio: float) -> View:
     return View(middle + max(float(needed.max()), 0.5) * back, middle)
 
 
-def _marks(film: Film, k: int, pixel_m: float) -> Iterator[Mark]:
+def _marks(film: Film, k: int, lamps: Sequence[Floats], pixel_m: float) -> Iterator[Mark]:
     """Yield the beams, and of not too many craft the estimates, in one period; lines are `pixel_m` wide or more."""
     few = film.shape[1] <= MOST_OVERLAID
     since = np.flatnonzero(film.time_s >= film.time_s[k] - TRACK_S)[0]
@@ -179,7 +185,7 @@ def _marks(film: Film, k: int, pixel_m: float) -> Iterator[Mark]:
         colour = COLOURS.get(str(film.status[k, i]), LOST)
         place, believed = film.position[k, i], film.believed[k, i]
         if film.lit[k, i]:
-            yield Mark(np.zeros(3), place, 0.7 * pixel_m, (*colour, 0.45))
+            yield from (Mark(lamp, place, 0.7 * pixel_m, (*colour, 0.45)) for lamp in lamps)
         if not few or not np.isfinite(believed).all():
             continue
         turn = matrix_from_quaternion(film.turned[k, i])

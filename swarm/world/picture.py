@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from estimators.arrays import Floats
 from swarm.errors import SwarmError
-from swarm.world.assembly import Placement, assemble
+from swarm.world.assembly import Placement, Standing, assemble
 from swarm.world.craft import load_craft
 
 FIELD_DEG = 40.0
@@ -65,12 +65,14 @@ class Plate(NamedTuple):
 class Picture:
     """Draws craft and lighthouse. As a context manager it gives its memory back."""
 
-    def __init__(self, craft: Sequence[Subject], lighthouse: Path, width: int, height: int, marks: int) -> None:
+    def __init__(
+        self, craft: Sequence[Subject], stations: Sequence[Standing], width: int, height: int, marks: int
+    ) -> None:
         """Build the scene.
 
         Args:
             craft: The craft.
-            lighthouse: The lighthouse's model file.
+            stations: The lighthouse stations that stay where they are.
             width: Width of a picture [px].
             height: Its height.
             marks: Most marks and plates of a picture.
@@ -84,7 +86,7 @@ class Picture:
             Placement(each.name, model.spec, model.file_pose, np.zeros(3), rest)
             for each, model in zip(craft, models, strict=True)
         ]
-        self._model = assemble(placements, lighthouse, 0.001)
+        self._model = assemble(placements, stations, 0.001)
         seen = self._model.vis
         seen.global_.offwidth, seen.global_.offheight, seen.quality.offsamples = width, height, SAMPLES
         seen.map.znear = NEAR_M
