@@ -280,7 +280,7 @@ def _fit_turns(
     rotation, position = start
     for turn in turns:
         none = np.zeros(len(turn.tick), dtype=np.int64)
-        rows = Rows(none, turn.fan, turn.photodiode, np.zeros(len(none)), turn.angle)
+        rows = Rows(none, turn.fan, turn.photodiode, none, np.zeros(len(none)), turn.angle)
         for _ in range(20):
             linear = linearise(rows, station, point_m, rotation, position, still, still)
             step = np.linalg.lstsq(linear.matrix[:, [0, 1, 2, 6, 7, 8]], linear.residual, rcond=None)[0]

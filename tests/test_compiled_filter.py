@@ -13,7 +13,8 @@ from estimators.filter.bank import FilterBank
 from estimators.filter.compiled import CompiledFilterBank
 from estimators.filter.filterpy_bank import PoseFilterBank
 from swarm.hardware import pad
-from swarm.onboard.navigation import MOST_BY_FILTERPY, Navigator
+from swarm.onboard.filters import MOST_BY_FILTERPY
+from swarm.onboard.navigation import Navigator
 from swarm.onboard.settings import NavigationSettings
 
 T = 1 / 60

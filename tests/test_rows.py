@@ -48,7 +48,7 @@ class Craft:
         index = np.array([(s, f, k) for s in (0, 1) for f in (0, 1) for k in range(len(POINT))])
         count = len(index)
         offset, angle = rng.uniform(-4e-3, 4e-3, count), rng.uniform(-0.3, 0.3, count)
-        self.rows = Rows(index[:, 0], index[:, 1], index[:, 2], offset, angle)
+        self.rows = Rows(index[:, 0], index[:, 1], index[:, 2], np.zeros_like(index[:, 0]), offset, angle)
 
     def moved(self, x: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         """Return the state (rotation, position, velocity, angular rate) in error by x (12,)."""
@@ -115,7 +115,7 @@ def test_kernel_equals_the_array_form(fans: tuple[Fan, Fan]) -> None:
 def test_one_station_at_the_origin_measures_lighthouse_1() -> None:
     craft = Craft(LIGHTHOUSE_1, 7)
     p, here = craft.position + craft.rotation @ POINT[2], np.array([0, 0])
-    rows = Rows(here, np.array([0, 1]), here + 2, np.zeros(2), ideal_theta(p) - np.pi / 2)
+    rows = Rows(here, np.array([0, 1]), here + 2, here, np.zeros(2), ideal_theta(p) - np.pi / 2)
     linear = linearise(rows, packed([AT_ORIGIN]), POINT, *craft.moved(np.zeros(12)))
     np.testing.assert_allclose(linear.residual, 0, atol=2e-16)
 

@@ -71,7 +71,7 @@ def rows_at(state: State, shown: int, seed: int = 0):
     theta, offset = seen(state, np.random.default_rng(seed), shown)
     rows = rows_of_sweeps(theta, offset, np.isfinite(theta))
     point = np.tile(POINTS, (len(theta), 1, 1))
-    return rows, point, innovations(rows, np.ones(len(rows.angle), np.bool_), every(), STATION, point, state, NOISE)
+    return rows, point, innovations(rows, np.ones(len(rows.angle), np.bool_), every(), STATION, point, state, [NOISE])
 
 
 def covariance_of(rows) -> Floats:
@@ -165,12 +165,12 @@ def test_a_false_photodiode_is_found_by_the_prediction_alone():
     theta[0, 1] += 0.05
     rows = rows_of_sweeps(theta, offset, np.isfinite(theta)).of(0)
     gate = shown_to_gate(np.full(7, 30.0), 1e-4)
-    kept = agreeing(rows, STATION, POINTS, bank.state.of(0), bank.covariance[0], NOISE, gate)
+    kept = agreeing(rows, STATION, POINTS, bank.state.of(0), bank.covariance[0], [NOISE], gate)
     assert kept is not None
     assert set(rows.photodiode[~kept]) == {1}
     theta[0, :3] += 0.05 * np.arange(3)[:, None]
     rows = rows_of_sweeps(theta, offset, np.isfinite(theta)).of(0)
-    assert agreeing(rows, STATION, POINTS, bank.state.of(0), bank.covariance[0], NOISE, gate) is None
+    assert agreeing(rows, STATION, POINTS, bank.state.of(0), bank.covariance[0], [NOISE], gate) is None
 
 
 @pytest.mark.parametrize("shown", [2, 3])
@@ -199,7 +199,7 @@ def test_what_an_undetected_fault_does_is_within_the_slope(shown):
         for period in range(60):
             open_s = period * T if shown < 3 else 0.0
             place, turn = fault_slopes(
-                rows.of(0), STATION, POINTS, followed.state.of(0), followed.covariance[0], NOISE, open_s
+                rows.of(0), STATION, POINTS, followed.state.of(0), followed.covariance[0], [NOISE], open_s
             )
             give(followed, rows)
             away = float(np.linalg.norm(followed.position - state.position))
@@ -212,7 +212,7 @@ def test_what_an_undetected_fault_does_is_within_the_slope(shown):
 def give(bank: FilterBank, rows: RowBatch) -> None:
     """Let the bank of one craft take in its rows."""
     kept = np.ones(len(rows.angle), np.bool_)
-    found = innovations(rows, kept, every(1), STATION, POINTS[None], bank.state, NOISE)
+    found = innovations(rows, kept, every(1), STATION, POINTS[None], bank.state, [NOISE])
     bank.update(every(1), found.y, found.h, np.ones_like(found.y), found.number, found.pivot)
 
 
@@ -227,7 +227,7 @@ def test_a_row_that_the_prediction_has_behind_the_station_is_not_counted():
     offset = np.where(np.isfinite(theta), OFFSETS, 0.0)
     rows = rows_of_sweeps(theta, offset, np.isfinite(theta))
     kept = np.ones(len(rows.angle), np.bool_)
-    found = innovations(rows, kept, every(1), STATION, POINTS[None], bank.state, NOISE)
+    found = innovations(rows, kept, every(1), STATION, POINTS[None], bank.state, [NOISE])
     np.testing.assert_array_equal(kept, rows.photodiode != 2)
     np.testing.assert_allclose(found.pivot[0], POINTS[:2].mean(axis=0), atol=1e-15)
 

@@ -14,7 +14,8 @@ they are no better where four or more photodiodes are lit, and bias the distance
 attitude open. What makes few rows right is the correction about their photodiodes' centre (`estimators.pivot`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -28,29 +29,56 @@ from estimators.state import STATES, State
 
 FORGOTTEN = 100.0
 """Factor of the covariance of a filter that follows a false photodiode for long: its own state counts a tenth."""
+SWEEPS = 1 << 20
+"""More sweeps of one fan than there are in a period."""
 OVERSHOOT = 1.25
 """By how much a filter that has rates in its state exceeds a step that it follows: 21 % with the damping of a Kalman
 filter of constant velocity, 1 / sqrt(2)."""
 
 
 class RowBatch(NamedTuple):
-    """Rows of C craft, those of craft c at first[c] to first[c + 1] - 1, in order of station and fan.
+    """Rows of C craft, those of craft c at first[c] to first[c + 1] - 1, in order of station, fan and sweep.
 
-    first: (C + 1,). station, fan, photodiode: (N,), indices; fan within its station. offset_s: (N,) [s], the instant
-    minus the epoch. angle: (N,) [rad], from boresight.
+    first: (C + 1,). station, fan, photodiode: (N,), indices; fan within its station. sweep: (N,), tells the sweeps of
+    one station's fan apart, each with a draw of the rotor's error. offset_s: (N,) [s], the instant minus the epoch.
+    angle: (N,) [rad], from boresight.
     """
 
     first: Ints
     station: Ints
     fan: Ints
     photodiode: Ints
+    sweep: Ints
     offset_s: Floats
     angle: Floats
 
     def of(self, craft: int) -> Rows:
         """Return the rows of one craft."""
         own = slice(self.first[craft], self.first[craft + 1])
-        return Rows(self.station[own], self.fan[own], self.photodiode[own], self.offset_s[own], self.angle[own])
+        return Rows._make(part[own] for part in self[1:])
+
+    def where(self, kept: Bools) -> "RowBatch":
+        """Return the rows of a mask (N,) only."""
+        before = np.concatenate([[0], np.cumsum(kept)])
+        return RowBatch._make((before[self.first], *(part[kept] for part in self[1:])))
+
+
+def gathered(craft: Ints, rows: Rows, craft_count: int) -> RowBatch:
+    """Return loose rows, in any order, as a batch.
+
+    Args:
+        craft: (N,), the craft of each row.
+        rows: (N,).
+        craft_count: number of craft C.
+    """
+    order = np.lexsort((rows.sweep, rows.fan, rows.station, craft))
+    first = np.searchsorted(craft[order], np.arange(craft_count + 1)).astype(np.int64)
+    return RowBatch._make((first, *(np.ascontiguousarray(part[order]) for part in rows)))
+
+
+def of_one(rows: Rows) -> RowBatch:
+    """Return the rows of one craft as a batch of one."""
+    return gathered(np.zeros(len(rows.angle), dtype=np.int64), rows, 1)
 
 
 class Innovations(NamedTuple):
@@ -75,7 +103,7 @@ def rows_of_sweeps(theta: Floats, offset_s: Floats, used: Bools) -> RowBatch:
     count = np.count_nonzero(used.reshape(len(used), -1), axis=1)
     first = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
     total = int(first[-1])
-    out = RowBatch(first, *np.zeros((3, total), dtype=np.int64), *np.empty((2, total)))
+    out = RowBatch(first, *np.zeros((4, total), dtype=np.int64), *np.empty((2, total)))
     _gather(theta, offset_s, used, out)
     return out
 
@@ -101,7 +129,7 @@ def innovations(
     stations: Packed,
     point_m: Floats,
     state: State,
-    noise: AngleNoise,
+    noise: Sequence[AngleNoise],
 ) -> Innovations:
     """Return the innovations of the craft of the mask, from their predicted states.
 
@@ -113,33 +141,54 @@ def innovations(
         stations: stations that the rows name.
         point_m: (C, K, 3) [m], photodiodes in the body frames.
         state: predicted states.
-        noise: noise of the rows.
+        noise: noise of the rows of each station.
     """
     craft = len(mask)
     most = int(np.diff(rows.first).max(initial=0))
     out = Innovations(
         np.empty((craft, most)), np.empty((craft, most, STATES)), np.zeros(craft, dtype=np.int64), np.zeros((craft, 3))
     )
-    _innovations_into(
-        mask,
-        rows,
-        stations.first[rows.station] + rows.fan,
-        kept,
-        stations.rotation,
-        stations.position,
-        stations.fans,
-        np.ascontiguousarray(point_m),
-        state,
-        noise.own_rad,
-        noise.shared_rad,
-        out,
-    )
+    _innovations_into(mask, rows, kept, light_of(stations, noise), np.ascontiguousarray(point_m), state, out)
     return out
 
 
+class StationArrays(NamedTuple):
+    """S stations with F fans in all, as kernels take them: rotation (S, 3, 3), position (S, 3) [m], first (S,): place
+    of each one's first fan in fans (F, FAN); own, shared (S,): noise [rad].
+    """
+
+    rotation: Floats
+    position: Floats
+    first: Ints
+    fans: Floats
+    own: Floats
+    shared: Floats
+
+
+def light_of(stations: Packed, noise: Sequence[AngleNoise]) -> StationArrays:
+    """Return stations and the noise of their rows as kernels take them.
+
+    Raises ValueError where there is not one noise per station.
+    """
+    if len(noise) != len(stations.first):
+        raise ValueError(f"noise: {len(noise)} for {len(stations.first)} stations")
+    both = np.array(noise, dtype=np.float64).reshape(-1, 2)
+    own, shared = (np.ascontiguousarray(both[:, i]) for i in (0, 1))
+    return StationArrays(stations.rotation, stations.position, stations.first, stations.fans, own, shared)
+
+
 @kernel
-def _whiten(y: Floats, h: Floats, group: Ints, n: int, own: float, shared: float) -> None:
-    """Multiply y (m,) and H (m, 12) by W, in place; `group` (m,) tells the fans of the n rows apart."""
+def _whiten(y: Floats, h: Floats, group: Ints, n: int, source: Ints, light: StationArrays) -> None:
+    """Multiply y (m,) and H (m, 12) by W, in place.
+
+    Args:
+        y: (m,), of which n are used.
+        h: (m, 12).
+        group: (m,), tells the sweeps of the rows apart.
+        n: number of rows.
+        source: (m,), station of each row.
+        light: stations with their noise.
+    """
     begin = 0
     total = np.empty(STATES)
     while begin < n:
@@ -151,6 +200,7 @@ def _whiten(y: Floats, h: Floats, group: Ints, n: int, own: float, shared: float
                 total[i] += h[end, i]
             end += 1
         size = end - begin
+        own, shared = light.own[source[begin]], light.shared[source[begin]]
         share = (1 - own / np.sqrt(own * own + size * shared * shared)) / size
         over = 1 / own
         for k in range(begin, end):
@@ -161,55 +211,79 @@ def _whiten(y: Floats, h: Floats, group: Ints, n: int, own: float, shared: float
 
 
 @kernel
-def _innovations_into(
-    mask: Bools,
+def whitened_into(
+    c: int,
     rows: RowBatch,
-    fan: Ints,
     kept: Bools,
-    station_rotation: Floats,
-    station_position: Floats,
-    fans: Floats,
+    light: StationArrays,
     point: Floats,
     state: State,
-    own: float,
-    shared: float,
     out: Innovations,
-) -> None:
-    """Write the innovations of every craft of the mask, and take the rows that have none off `kept`."""
-    most = out.y.shape[1]
-    group = np.empty(most, np.int64)
-    for c in range(len(mask)):
-        if not mask[c]:
+    work: Ints,
+    drop: bool,
+) -> tuple[float, bool]:
+    """Write the innovations of one craft's kept rows, whitened; return the sum of squares before that [rad^2], and
+    whether every photodiode is in front of its station.
+
+    Args:
+        c: the craft.
+        rows: rows of C craft.
+        kept: (N,), the rows that are used.
+        light: stations with their noise.
+        point: (C, K, 3) [m].
+        state: of C craft.
+        out: receives y, h, number and pivot of the craft.
+        work: (2, m), workspace.
+        drop: take rows of photodiodes that are not in front of their station off `kept`.
+    """
+    n = 0
+    square, front = 0.0, True
+    for i in range(3):
+        out.pivot[c, i] = 0.0
+    for r in range(rows.first[c], rows.first[c + 1]):
+        if not kept[r]:
             continue
-        n = 0
-        for r in range(rows.first[c], rows.first[c + 1]):
-            if not kept[r]:
-                continue
-            s = rows.station[r]
-            residual = row_into(
-                rows.offset_s[r],
-                rows.angle[r],
-                station_rotation[s],
-                station_position[s],
-                fans[fan[r]],
-                point[c, rows.photodiode[r]],
-                state.rotation[c],
-                state.position[c],
-                state.velocity[c],
-                state.angular_rate[c],
-                out.h[c, n],
-            )
-            if np.isnan(residual):
+        s = rows.station[r]
+        fan = light.first[s] + rows.fan[r]
+        residual = row_into(
+            rows.offset_s[r],
+            rows.angle[r],
+            light.rotation[s],
+            light.position[s],
+            light.fans[fan],
+            point[c, rows.photodiode[r]],
+            state.rotation[c],
+            state.position[c],
+            state.velocity[c],
+            state.angular_rate[c],
+            out.h[c, n],
+        )
+        if np.isnan(residual):
+            front = False
+            if drop:
                 kept[r] = False
-                continue
-            out.y[c, n], group[n] = residual, fan[r]
+        else:
+            out.y[c, n], work[0, n], work[1, n] = residual, fan * SWEEPS + rows.sweep[r], s
+            square += residual * residual
             for i in range(3):
                 out.pivot[c, i] += point[c, rows.photodiode[r], i]
             n += 1
-        out.number[c] = n
-        for i in range(3):
-            out.pivot[c, i] /= max(n, 1)
-        _whiten(out.y[c], out.h[c], group, n, own, shared)
+    out.number[c] = n
+    for i in range(3):
+        out.pivot[c, i] /= max(n, 1)
+    _whiten(out.y[c], out.h[c], work[0], n, work[1], light)
+    return square, front
+
+
+@kernel
+def _innovations_into(
+    mask: Bools, rows: RowBatch, kept: Bools, light: StationArrays, point: Floats, state: State, out: Innovations
+) -> None:
+    """Write the innovations of every craft of the mask, and take the rows that have none off `kept`."""
+    work = np.empty((2, out.y.shape[1]), np.int64)
+    for c in range(len(mask)):
+        if mask[c]:
+            whitened_into(c, rows, kept, light, point, state, out, work, True)
 
 
 def fault_slopes(
@@ -218,7 +292,7 @@ def fault_slopes(
     point_m: Floats,
     state: State,
     covariance: Floats,
-    noise: AngleNoise,
+    noise: Sequence[AngleNoise],
     open_s: float,
 ) -> tuple[float, float]:
     """Return what a false photodiode among the rows of one craft does to its position [m] and attitude [rad].
@@ -239,11 +313,11 @@ def fault_slopes(
         point_m: (K, 3) [m], photodiodes in the body frame.
         state: predicted state of the craft, without the craft axis.
         covariance: (12, 12), its covariance P.
-        noise: noise of the rows.
+        noise: noise of the rows of each station.
         open_s: time for which the light has left a part of the pose open [s].
     """
     _, h = linearise(rows, stations, point_m, state.rotation, state.position, state.velocity, state.angular_rate)
-    r = _noise_of(rows, noise)
+    r = noise_of(rows, noise)
     seen = h @ covariance @ h.T
     shown = np.linalg.inv(seen + r)
     gain = FORGOTTEN * covariance @ h.T @ np.linalg.inv(FORGOTTEN * seen + r)
@@ -257,9 +331,13 @@ def fault_slopes(
     return OVERSHOOT * place, OVERSHOOT * turn
 
 
-def _noise_of(rows: Rows, noise: AngleNoise) -> Floats:
-    """Return R (n, n) of the rows of one craft."""
-    return noise.covariance((rows.station[:, None] == rows.station) & (rows.fan[:, None] == rows.fan))
+def noise_of(rows: Rows, noise: Sequence[AngleNoise]) -> Floats:
+    """Return R (n, n) [rad^2] of the rows of one craft; `noise` of each station."""
+    same = (rows.station[:, None] == rows.station) & (rows.fan[:, None] == rows.fan)
+    same &= rows.sweep[:, None] == rows.sweep
+    own, shared = (np.array(part)[rows.station] for part in zip(*noise, strict=True))
+    out: Floats = own**2 * np.eye(len(same)) + shared**2 * same
+    return out
 
 
 def agreeing(
@@ -268,13 +346,14 @@ def agreeing(
     point_m: Floats,
     state: State,
     covariance: Floats,
-    noise: AngleNoise,
+    noise: Sequence[AngleNoise],
     gate: Floats,
 ) -> Bools | None:
     """Return the rows (n,) of one craft without those of photodiodes that must be false; None if the rest never agrees.
 
     The search is that for a pose (`estimators.lighthouse.integrity`), by the innovations, those that lie farthest from
-    the prediction first. At least half of them remain.
+    the prediction first. At least half of them remain. A photodiode may be false before one station, as by a
+    reflection, and honest before another; of several stations, each is tried as a whole as well.
 
     Args:
         rows: the rows that do not agree with the prediction.
@@ -282,25 +361,43 @@ def agreeing(
         point_m: (K, 3) [m], photodiodes in the body frame.
         state: predicted state of the craft, without the craft axis.
         covariance: (12, 12), its covariance.
-        noise: noise of the rows.
+        noise: noise of the rows of each station.
         gate: (n + 1,), the largest normalised innovation squared of 0, 1, ... rows that is believed.
     """
     y, h = linearise(rows, stations, point_m, state.rotation, state.position, state.velocity, state.angular_rate)
     front = np.isfinite(y)
     y, h = np.where(front, y, 0.0), np.where(front[:, None], h, 0.0)
-    s = h @ covariance @ h.T + _noise_of(rows, noise)
-    lit = np.unique(rows.photodiode[front])
+    s = h @ covariance @ h.T + noise_of(rows, noise)
+    seen = rows.station * len(point_m) + rows.photodiode
+    lit = np.unique(seen[front])
 
     def without(dropped: Sequence[int]) -> tuple[float, Bools]:
-        kept: Bools = front & ~np.isin(rows.photodiode, dropped)
+        kept: Bools = front & ~np.isin(seen, dropped)
         at = np.flatnonzero(kept)
         square = float(y[at] @ np.linalg.solve(s[np.ix_(at, at)], y[at]))
         return square / float(gate[len(at)]), kept
 
-    away = [float(np.max(np.abs(y / np.sqrt(np.diag(s)))[front & (rows.photodiode == k)])) for k in lit]
+    away = [float(np.max(np.abs(y / np.sqrt(np.diag(s)))[front & (seen == k)])) for k in lit]
     far = lit[np.argsort(away, kind="stable")[::-1]]
-    for subsets in dropped_sets(lit, far, len(lit) // 2):
+    for subsets in _with_stations(dropped_sets(lit, far, len(lit) // 2), lit, len(point_m)):
         share, kept = min((without(dropped) for dropped in subsets), key=lambda found: found[0])
         if share <= 1:
             return kept
     return None
+
+
+def _with_stations(
+    sets: Iterator[list[tuple[int, ...]]], lit: Ints, photodiodes: int
+) -> Iterator[list[tuple[int, ...]]]:
+    """Yield the sets of a search, and behind the single photodiodes those of each whole station, if there are several.
+
+    Args:
+        sets: of the search.
+        lit: (n,), photodiodes, numbered on from one station to the next.
+        photodiodes: number before each station.
+    """
+    yield from islice(sets, 1)
+    stations = np.unique(lit // photodiodes)
+    if len(stations) > 1:
+        yield [tuple(lit[lit // photodiodes == station].tolist()) for station in stations]
+    yield from sets

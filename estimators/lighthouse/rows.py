@@ -1,8 +1,8 @@
 """Single sweep angles as measurements: rows, whatever stations and fans they come from.
 
 A *station* is a pose T_w_s = (R_s, t_s) in the world frame and a list of fans; a *row* is (station, fan, photodiode,
-instant, angle). For one craft with pose (R, p) and rates (w, v) at the epoch, all in the world frame, photodiode b on
-its body and the instant tau after the epoch,
+sweep, instant, angle). For one craft with pose (R, p) and rates (w, v) at the epoch, all in the world frame, photodiode
+b on its body and the instant tau after the epoch,
 
     q = R_s^T (p + v tau + Exp([w]x tau) R b - t_s)                  the photodiode in the station's frame
     y = angle - h(q) = H x + noise                                   h: (E) of `estimators.lighthouse.sweep`
@@ -62,13 +62,14 @@ AT_ORIGIN = Station(np.eye(3), np.zeros(3), LIGHTHOUSE_1)
 
 
 class Rows(NamedTuple):
-    """M sweep angles of one craft, (M,) each: indices of station, fan and photodiode; offset_s, the instant minus the
-    epoch [s]; angle [rad], from boresight.
+    """M sweep angles of one craft, (M,) each: indices of station, fan and photodiode; sweep, a number that tells the
+    sweeps of one fan apart; offset_s, the instant minus the epoch [s]; angle [rad], from boresight.
     """
 
     station: Ints
     fan: Ints
     photodiode: Ints
+    sweep: Ints
     offset_s: Floats
     angle: Floats
 

@@ -17,10 +17,6 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
-from estimators.filter.bank import FilterBank
-from estimators.filter.compiled import CompiledFilterBank
-from estimators.filter.filterpy_bank import PoseFilterBank
-from estimators.filter.interacting import InteractingBank
 from estimators.filter.smoother import Prediction, predicted
 from estimators.lighthouse.dop import Dilution
 from estimators.lighthouse.pnp import PoseSolution
@@ -29,14 +25,12 @@ from swarm.hardware import Photodiodes
 from swarm.messages import Command, Signals
 from swarm.onboard.ccd import CameraFix, CcdCalibration, CcdFix
 from swarm.onboard.decoder import SweepAngles
+from swarm.onboard.filters import filters
 from swarm.onboard.integrity import Integrity
 from swarm.onboard.lighthouse_fix import Light, LighthouseFix
 from swarm.onboard.settings import MIN_LIT, Coupling, NavigationSettings, Sensor, Status
 from swarm.onboard.single_sweeps import SingleSweeps, SweepsTaken
 from swarm.onboard.tracks import Filtered, PoseFix, Taken, TrackLimits, Tracks
-
-MOST_BY_FILTERPY = 64
-"""Largest number of craft filtered by FilterPy; more are filtered by the compiled bank, unless configured otherwise."""
 
 
 class Estimate(NamedTuple):
@@ -50,7 +44,7 @@ class Estimate(NamedTuple):
     decoder, (C,). sensor: codes of `Sensor`, (C,). ccd: the cameras' results; None if no craft has any. integrity:
     integrity of the craft's own poses. coupling: codes of `Coupling`, (C,). rows: number of single sweeps in the
     filter, (C,). prediction: the filters before this period's measurements, where the settings ask for the history of
-    the filter.
+    the filter. stations: number of stations whose light went into the filter, (C,); None with one station only.
     """
 
     status: Ints
@@ -71,6 +65,7 @@ class Estimate(NamedTuple):
     coupling: Ints
     rows: Ints
     prediction: Prediction | None = None
+    stations: Ints | None = None
 
     @property
     def state(self) -> State:
@@ -78,40 +73,6 @@ class Estimate(NamedTuple):
         return State(
             rotation=self.rotation, position=self.position, velocity=self.velocity, angular_rate=self.angular_rate
         )
-
-
-def _bank(craft: int, kind: type[FilterBank], s: NavigationSettings, inertia: Floats | None) -> FilterBank:
-    """Return the filters of C craft: one model of motion, or a quiet one beside it.
-
-    Args:
-        craft: number of craft.
-        kind: kind of the filters.
-        s: settings of the navigation.
-        inertia: (C, 3, 3) [kg m^2] of craft that turn without torque; NaN for the others; None: of none.
-    """
-    gate = s.gate_probability
-    pushed = kind(
-        craft,
-        acceleration_noise_m_s2=s.acceleration_noise_m_s2,
-        angular_acceleration_noise_rad_s2=s.angular_acceleration_noise_rad_s2,
-        gate_probability=gate,
-    )
-    quiet_craft: Bools = np.zeros(craft, dtype=np.bool_)
-    if s.quiet is not None and not s.quiet.only_free:
-        quiet_craft[:] = True
-    elif inertia is not None:
-        quiet_craft[:] = np.isfinite(inertia).all(axis=(1, 2))
-    if s.quiet is None or not quiet_craft.any():
-        return pushed
-    quiet = kind(
-        craft,
-        acceleration_noise_m_s2=min(s.quiet.acceleration_noise_m_s2, s.acceleration_noise_m_s2),
-        angular_acceleration_noise_rad_s2=min(
-            s.quiet.angular_acceleration_noise_rad_s2, s.angular_acceleration_noise_rad_s2
-        ),
-        gate_probability=gate,
-    )
-    return InteractingBank(quiet, pushed, s.quiet.quiet_s, s.quiet.manoeuvre_s, quiet_craft)
 
 
 class Navigator:
@@ -133,11 +94,10 @@ class Navigator:
             inertia: (C, 3, 3) [kg m^2], body frame, of craft that turn freely; NaN for the others; None: of none.
         """
         s, craft = settings, photodiodes.craft_count
-        compiled = craft > MOST_BY_FILTERPY if s.filter == "auto" else s.filter == "compiled"
-        kind: type[FilterBank] = CompiledFilterBank if compiled else PoseFilterBank
         self.settings = s
-        bank = _bank(craft, kind, s, inertia)
-        self.tracks = Tracks(bank, s.frame_s, TrackLimits(s.coast_limit_s, s.rejections_limit), s.orbit, inertia)
+        self.tracks = Tracks(
+            filters(craft, s, inertia), s.frame_s, TrackLimits(s.coast_limit_s, s.rejections_limit), s.orbit, inertia
+        )
         self._light = LighthouseFix(photodiodes.point_m, s)
         self._sweeps = SingleSweeps(photodiodes.point_m, s)
         self._cameras = CameraFix(cameras)

@@ -87,7 +87,8 @@ class NavigationSettings:
     "loose", "tight" or "auto" (`swarm.onboard.single_sweeps`). fan_x, fan_y:
     known errors of the fans. integrity: settings of the integrity monitor. orbit: the lighthouse's orbit, None in
     weightless space. station: the lighthouse's frame in the world. history: whether estimates carry the filter's
-    prediction, for a smoother.
+    prediction, for a smoother. place_sigma_m: by how much photodiodes may be off their places on the craft all the
+    time [m], which limits what several stations' rows tell of mirror images.
     """
 
     frame_s: float
@@ -110,6 +111,7 @@ class NavigationSettings:
     orbit: RelativeOrbit | None = None
     station: Frame = WORLD
     history: bool = False
+    place_sigma_m: float = 0.0
 
     @property
     def noise(self) -> AngleNoise:

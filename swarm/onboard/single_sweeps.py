@@ -70,7 +70,7 @@ class SingleSweeps:
         self._stations = packed([Station(s.station.rotation, s.station.position, fans)])
         self._point_m = point_m
         self._compensated = s.motion_compensation
-        self._noise = s.noise
+        self._noise = [s.noise]
         self._gate = gates(s.gate_probability, 2 * point_m.shape[1])
         self._screens = s.integrity.residual_test
         self._missed = np.sqrt(shown_to_gate(self._gate, s.integrity.missed_detection))

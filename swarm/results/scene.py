@@ -31,6 +31,15 @@ class CcdScene(NamedTuple):
     field_rad: float
 
 
+class StationScene(NamedTuple):
+    """One station of several, as drawn: name, rotation (3, 3) R_w_s, position (3,) [m], generation ("1.0", "2.0")."""
+
+    name: str
+    rotation: Floats
+    position: Floats
+    generation: str
+
+
 class Scene(NamedTuple):
     """Everything of a run that does not change.
 
@@ -41,7 +50,8 @@ class Scene(NamedTuple):
     the run is of a recording, without a truth, and craft are drawn at their estimates. watched: an alert may be raised
     or something fail. actuated: a craft has thrusters or wheels. guided, docking: there are such craft. faults: names
     of what may fail, in the order of the codes in `Period.fault`; empty without faults. angle_noise_rad: standard
-    deviation of a sweep angle that the craft assume; None: unknown.
+    deviation of a sweep angle that the craft assume; None: unknown. stations: all of several stations; none: there is
+    one, whose frame is the world. up: axis of the world that points up, "-y" or "z".
     """
 
     craft: Sequence[str]
@@ -59,6 +69,8 @@ class Scene(NamedTuple):
     docking: bool = False
     faults: Sequence[str] = ()
     angle_noise_rad: float | None = None
+    stations: Sequence[StationScene] = ()
+    up: str = "-y"
 
     @property
     def without_sensors(self) -> list[str]:

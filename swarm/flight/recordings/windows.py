@@ -21,7 +21,7 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 
 from estimators import rotation as rot
-from estimators.arrays import Floats, Ints
+from estimators.arrays import Bools, Floats, Ints
 from swarm.errors import SwarmError, did_you_mean
 from swarm.flight.recordings.formats import NOT_YET
 from swarm.flight.recordings.framing import RATE_HZ, TURN_TICKS, Framing, frame_angles, frame_pulses, x_flash
@@ -170,21 +170,33 @@ def _framing(recording: Recording, lighthouse: int, source: Source) -> Framing:
 def _peer_poses(recording: Recording, time_s: Floats, station: WorldPose | None) -> WorldPose:
     """Return the recording's own poses of the object at the times (N,), NaN if none, in the lighthouse frame."""
     position, quaternion = np.full((len(time_s), 3), np.nan), np.full((len(time_s), 4), np.nan)
-    known = recording.peer_time_s
-    if station is None or len(known) < 2:
+    if station is None:
         return WorldPose(position, quaternion)
+    within, world = blended(recording.peer_time_s, recording.peer, time_s)
+    to_ours = _FROM_SURVIVE @ rot.matrix_from_quaternion(station.quaternion).T
+    position[within] = (world.position - station.position) @ to_ours.T
+    quaternion[within] = rot.quaternion_from_matrix(to_ours @ rot.matrix_from_quaternion(world.quaternion))
+    return WorldPose(position, quaternion)
+
+
+def blended(known: Floats, peer: WorldPose, time_s: Floats) -> tuple[Bools, WorldPose]:
+    """Return which times (N,) lie between two near poses of a series, and the poses in between at those times.
+
+    Args:
+        known: times of the series, (M,) [s], in order.
+        peer: its poses.
+        time_s: (N,) [s].
+    """
+    if len(known) < 2:
+        return np.zeros(len(time_s), dtype=np.bool_), WorldPose(np.zeros((0, 3)), np.zeros((0, 4)))
     after = np.clip(np.searchsorted(known, time_s), 1, len(known) - 1)
     before = after - 1
     within = (known[before] >= time_s - PEER_REACH_S) & (known[after] <= time_s + PEER_REACH_S)
     within &= (known[before] <= time_s) & (time_s <= known[after])
     before, after, at = before[within], after[within], time_s[within]
     share = ((at - known[before]) / np.maximum(known[after] - known[before], 1e-9))[:, None]
-    p, q = recording.peer.position, recording.peer.quaternion
+    p, q = peer.position, peer.quaternion
     nearer = np.where(np.sum(q[before] * q[after], axis=1, keepdims=True) < 0, -q[after], q[after])
     blend = (1 - share) * q[before] + share * nearer
-    world_position = (1 - share) * p[before] + share * p[after]
-    to_ours = _FROM_SURVIVE @ rot.matrix_from_quaternion(station.quaternion).T
-    position[within] = (world_position - station.position) @ to_ours.T
-    body = rot.matrix_from_quaternion(blend / np.linalg.norm(blend, axis=1, keepdims=True))
-    quaternion[within] = rot.quaternion_from_matrix(to_ours @ body)
-    return WorldPose(position, quaternion)
+    position = (1 - share) * p[before] + share * p[after]
+    return within, WorldPose(position, blend / np.linalg.norm(blend, axis=1, keepdims=True))

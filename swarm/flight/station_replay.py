@@ -1,0 +1,289 @@
+"""Replay of the light that one object saw of several stations, of either generation, by the code of simulated craft.
+
+The stations' poses and calibrations come from a file of stations, from libsurvive's configuration or a Crazyflie's
+system-config.yaml beside the recording, or from the recording's own lines. A station of which no pose is known is left
+out; with one station alone, its frame is the world.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators import rotation as rot
+from estimators.arrays import Bools, Floats
+from estimators.lighthouse.integrity import AngleNoise
+from estimators.lighthouse.sweep import FanErrors
+from estimators.lighthouse.tilted import TiltedErrors
+from estimators.state import State
+from swarm.assets import find_model
+from swarm.errors import SwarmError, did_you_mean
+from swarm.flight import builders
+from swarm.flight.recordings.libsurvive import WorldPose
+from swarm.flight.recordings.object_light import ObjectLight
+from swarm.flight.recordings.row_consistency import RowConsistency, RowSample, assess_rows
+from swarm.flight.recordings.row_windows import RowWindows
+from swarm.flight.recordings.stations_file import PlacedStation, PlacedStations
+from swarm.hardware import Photodiodes
+from swarm.onboard.decoder import SweepAngles
+from swarm.onboard.settings import NavigationSettings
+from swarm.onboard.stations import StationNavigator
+from swarm.results.filter_history import keeps_history
+from swarm.results.period import Period
+from swarm.results.records import Peer
+from swarm.results.scene import Scene, StationScene
+from swarm.scenario import Scenario
+from swarm.sensors.sight import Sight
+from swarm.units import ARCSEC
+from swarm.world.craft import visuals
+
+FRAME_S = {"1.0": 1 / 30, "2.0": 1 / 50}
+"""Period of the filter [s] by generation, in which all stations sweep once."""
+PLACE_M = 1e-4
+"""By how much photodiodes are off their places [m], 1 sigma: what a user's object is made to."""
+GUESSED_OWN_RAD, GUESSED_SHARED_RAD = 1e-4, 1e-3
+"""Noise with which a recording is flown to find its own."""
+TRIALS, TRIAL_PERIODS = 4, 600
+"""Stretches of a recording from which its noise is found, and their length."""
+FEWEST_ROWS = 8
+"""Rows that a period needs for its redundancy to count."""
+
+
+class Chosen(NamedTuple):
+    """Stations of a replay. placed: in order. notes: sentences about those that are left out. world: whether their
+    poses are in one frame of the room's, and not the one station's own.
+    """
+
+    placed: list[PlacedStation]
+    notes: list[str]
+    world: bool
+
+
+def choose_stations(source: ObjectLight, file: PlacedStations | None, lighthouse: int | None) -> Chosen:
+    """Return the stations by which an object navigates.
+
+    Args:
+        source: light of the object.
+        file: stations of a file; None: those that the recording, or a file beside it, knows.
+        lighthouse: number of the only station; None: all that were seen.
+
+    Raises:
+        SwarmError: there is no light of any station, or none of the one asked for.
+    """
+    seen = source.light.stations()
+    if lighthouse is not None and lighthouse not in seen:
+        raise SwarmError(
+            f"{source.path}: {source.name!r} saw no light of station {lighthouse}"
+            f"{did_you_mean(str(lighthouse), map(str, seen))}; it saw {_listed(seen)}"
+        )
+    wanted = seen if lighthouse is None else [lighthouse]
+    placed = {n: source.placed[n] for n in wanted if n in source.placed}
+    if file is not None:
+        placed = {n: found for n in wanted if (found := _in_file(file, n, source)) is not None}
+    if placed:
+        where = "the file of stations" if file is not None else "the recording and what is beside it"
+        notes = [f"station {n} is left out: {where} do not tell where it stands" for n in wanted if n not in placed]
+        return Chosen([placed[n] for n in wanted if n in placed], notes, True)
+    # Nobody knows where anything stands: the station that was seen most is the world.
+    most = max(wanted, key=lambda n: int(np.count_nonzero(source.light.hits.station == n)))
+    notes = [
+        f"where the stations stand is not known: station {most} is taken alone, its frame is the world"
+        + (f", {_listed([n for n in wanted if n != most])} left out" if len(wanted) > 1 else "")
+    ]
+    return Chosen([_at_origin(source, most)], notes, False)
+
+
+def _listed(numbers: Sequence[int]) -> str:
+    return ("station " if len(numbers) == 1 else "stations ") + ", ".join(map(str, numbers))
+
+
+def _in_file(file: PlacedStations, number: int, source: ObjectLight) -> PlacedStation | None:
+    """Return a station of a file by its number, or by the id that the recording knows; None if it has none."""
+    known = source.placed.get(number)
+    if known is not None and known.identity is not None:
+        for station in file.stations:
+            if station.identity == known.identity:
+                return station._replace(number=number)
+    return file.numbered(number)
+
+
+def _at_origin(source: ObjectLight, number: int) -> PlacedStation:
+    generation = source.light.generation
+    perfect = (TiltedErrors(), TiltedErrors()) if generation == "2.0" else (FanErrors(), FanErrors())
+    errors = source.errors.get(number, perfect)
+    return PlacedStation(f"station {number}", number, generation, None, np.eye(3), np.zeros(3), errors)
+
+
+class StationPlayback:
+    """Light that one object saw of several stations, through the same navigator as simulated craft.
+
+    settings: the scenario, with the noise that was found. noise: of each station. found: noise and false photodiodes.
+    scene: description for telemetry and recording. duration_s: length of the recording [s]. notes: sentences about what
+    of the recording is lost, left out, or found. history: whether estimates carry the filter's prediction. believed:
+    None, for the angles of several stations are in no file.
+    """
+
+    believed = None
+
+    def __init__(
+        self,
+        source: ObjectLight,
+        settings: Scenario,
+        stations: PlacedStations | None = None,
+        lighthouse: int | None = None,
+    ) -> None:
+        """Prepare the replay of one object.
+
+        Args:
+            source: its light.
+            settings: scenario with the navigation settings; the noise, if unset, is found in the recording.
+            stations: where the stations stand; None: what the recording and the files beside it know.
+            lighthouse: number of the only station; None: all.
+
+        Raises:
+            SwarmError: no station can be used.
+        """
+        self.source, self.layout = source, source.photodiodes
+        chosen = choose_stations(source, stations, lighthouse)
+        self.placed = chosen.placed
+        self._stations = [placed.station for placed in chosen.placed]
+        self.notes = [*source.notes, *chosen.notes]
+        self.notes += [
+            f"the calibration of station {placed.number} is not known: its fans are taken as perfect"
+            for placed in chosen.placed
+            if stations is None and placed.number not in source.errors
+        ]
+        peer = self._peer(chosen.world)
+        numbers = [placed.number for placed in chosen.placed]
+        shape = len(numbers), self.layout.point_m.shape[1]
+        nobody: Bools = np.zeros(shape, dtype=np.bool_)
+        frame_s = FRAME_S.get(source.light.generation, min(FRAME_S.values()))
+        self.windows = RowWindows(source, numbers, frame_s, peer, nobody)
+        self.duration_s = len(self.windows) * frame_s
+        self.found = RowConsistency(None, nobody, np.zeros(shape))
+        if settings.navigation.integrity.residual_test is not False:
+            self.found = self._assess(settings)
+        if self.found.false.any():
+            self.windows = RowWindows(source, numbers, frame_s, peer, self.found.false)
+        self.noise = self._noise(settings)
+        self.settings = self._with_noise(settings)
+        self.notes += self._findings(settings)
+        self.history = keeps_history(settings.recording.filter, len(self.windows))
+        tested = self.found.noise is not None
+        self._navigation = replace(self._navigation_of(self.settings, tested=tested), history=self.history)
+        self.scene = Scene(
+            craft=(source.name,),
+            visuals=[()],
+            photodiodes=self.layout,
+            lighthouse=visuals(find_model(settings.lighthouse.model)),
+            field_deg=settings.lighthouse.field_deg,
+            replay=True,
+            stations=[StationScene(p.name, p.rotation, p.position, p.generation) for p in chosen.placed],
+            up="z" if chosen.world else "-y",
+        )
+
+    def fly(self) -> Iterator[Period]:
+        """Play one period of the filter after the other, to the end of the recording."""
+        navigator = StationNavigator(self.layout, self._navigation, self._stations, self.noise)
+        for frame, window in enumerate(self.windows):
+            estimate = navigator.step(window.light)
+            integrity = estimate.integrity
+            dropped = np.where(integrity.dropped < 0, integrity.dropped, integrity.dropped + window.left_out)
+            lit = np.zeros(self.layout.present.shape, dtype=np.bool_)
+            lit[0, window.light.rows.photodiode] = True
+            yield Period(
+                frame=frame,
+                time_s=window.time_s,
+                truth=None,
+                sight=np.where(lit, Sight.LIT, Sight.OUTSIDE),
+                angles=_no_angles(self.layout),
+                estimate=estimate._replace(integrity=integrity._replace(dropped=dropped)),
+                peer=Peer(window.peer_position, window.peer_quaternion),
+            )
+
+    def _peer(self, world: bool) -> WorldPose:
+        """Return the recording's own poses of the object in the world of the stations, NaN where that is not known."""
+        source, peer = self.source, self.source.peer
+        here = next((p for p in self.placed if p.number in source.placed), None)
+        if here is None or not len(source.peer_time_s):
+            return WorldPose(np.full_like(peer.position, np.nan), np.full_like(peer.quaternion, np.nan))
+        there = source.placed[here.number]
+        if not world:
+            here = here._replace(rotation=np.eye(3), position=np.zeros(3))
+        turn = here.rotation @ there.rotation.T
+        position = (peer.position - there.position) @ turn.T + here.position
+        quaternion = rot.quaternion_from_matrix(turn @ rot.matrix_from_quaternion(peer.quaternion))
+        return WorldPose(position, quaternion)
+
+    def _assess(self, settings: Scenario) -> RowConsistency:
+        """Return the noise and the false photodiodes, from a replay that believes every photodiode."""
+        guess = [AngleNoise(GUESSED_OWN_RAD, GUESSED_SHARED_RAD)] * len(self._stations)
+        navigation = replace(self._navigation_of(settings, tested=False), gate_probability=1.0)
+        samples: list[RowSample] = []
+        count = len(self.windows)
+        stretch = max(count // TRIALS, TRIAL_PERIODS)
+        for begin in range(0, count, stretch):
+            navigator = StationNavigator(self.layout, navigation, self._stations, guess)
+            for i in range(begin, min(begin + TRIAL_PERIODS, count)):
+                rows = self.windows.window(i).light
+                estimate = navigator.step(rows)
+                if estimate.pnp.solved[0] and len(rows.rows.angle) >= FEWEST_ROWS:
+                    state = State(
+                        estimate.pnp.rotation[0],
+                        estimate.pnp.position[0],
+                        estimate.velocity[0],
+                        estimate.angular_rate[0],
+                    )
+                    samples.append(RowSample(rows.rows.of(0), state))
+        return assess_rows(samples, self._stations, self.layout.point_m[0], guess)
+
+    def _noise(self, settings: Scenario) -> list[AngleNoise]:
+        """Return the noise of each station's rows: as the settings give it, or as found, or as guessed."""
+        table = settings.navigation
+        if table.angle_noise_arcsec is None and self.found.noise is not None:
+            return self.found.noise
+        if table.angle_noise_arcsec is None:
+            return [AngleNoise(GUESSED_OWN_RAD, GUESSED_SHARED_RAD)] * len(self._stations)
+        sigma, share = table.angle_noise_arcsec * ARCSEC, table.rotor_correlation or 0.0
+        one = AngleNoise(float(sigma * np.sqrt(max(1 - share, 1e-6))), float(sigma * np.sqrt(share)))
+        return [one] * len(self._stations)
+
+    def _with_noise(self, settings: Scenario) -> Scenario:
+        """Return the settings with the noise of an angle, the stations' mean."""
+        if settings.navigation.angle_noise_arcsec is not None:
+            return settings
+        square = float(np.mean([own**2 + shared**2 for own, shared in self.noise]))
+        table = settings.navigation.model_copy(update={"angle_noise_arcsec": float(np.sqrt(square)) / ARCSEC})
+        return settings.model_copy(update={"navigation": table})
+
+    def _navigation_of(self, settings: Scenario, *, tested: bool) -> NavigationSettings:
+        navigation = builders.navigation(self._with_noise(settings) if hasattr(self, "noise") else settings)
+        test = tested and navigation.integrity.residual_test
+        integrity = replace(navigation.integrity, residual_test=test, tick_s=None)
+        return replace(navigation, frame_s=self.windows.frame_s, integrity=integrity, place_sigma_m=PLACE_M)
+
+    def _findings(self, given: Scenario) -> list[str]:
+        """Return sentences about the noise and the false photodiodes."""
+        out = [
+            f"photodiode {k} contradicts the others in {self.found.share[s, k]:.0%} of its periods before "
+            f"{self.placed[s].name} and is left out there: it sees a constant reflection, or is not where it should be"
+            for s, k in np.argwhere(self.found.false).tolist()
+        ]
+        if given.navigation.angle_noise_arcsec is not None:
+            return out
+        if self.found.noise is None:
+            return [*out, "the noise is guessed, and rows are not tested: too little light tells it"]
+        for placed, noise in zip(self.placed, self.found.noise, strict=True):
+            alone = len(self.placed) == 1
+            text = f"{placed.name}: photodiodes of a sweep agree to {1e6 * noise.own_rad:.0f} urad, 1 sigma"
+            out.append(text if alone else f"{text}, its sweeps with the others' to {1e6 * noise.shared_rad:.0f} urad")
+        return out
+
+
+def _no_angles(layout: Photodiodes) -> SweepAngles:
+    """Return the angles of a period as the decoder of one station has them: none."""
+    craft, photodiodes = layout.present.shape
+    theta: Floats = np.full((craft, photodiodes, 2), np.nan)
+    none = np.zeros(craft, dtype=np.int64)
+    return SweepAngles(theta, np.zeros_like(theta), np.zeros((craft, photodiodes), dtype=np.bool_), none, none, none)

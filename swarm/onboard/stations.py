@@ -1,0 +1,410 @@
+"""Navigation of C craft by several stations: every sweep angle is a row of its own, of whatever station and generation.
+
+Stations of different rotors share no period, so the filter has a clock of its own. Per period of it and craft, all to
+its epoch:
+
+    own orders and orbit -> prediction                         swarm.onboard.tracks
+    rows of all stations -> filter, gated together             estimators.lighthouse.innovation
+    rows that contradict the prediction -> without a false photodiode or station, if the others agree with it
+    a craft without a filter -> search among all poses         swarm.onboard.row_search
+    cameras -> pose with covariance                            swarm.onboard.ccd
+
+The pose of a period's rows alone is solved as well; it is reported, and gives dilution of precision and protection
+levels. A craft whose rows fit two poses has none. `swarm.onboard.navigation` is the same for one station whose pose is
+solved first; both give the same `Estimate`.
+"""
+
+from collections.abc import Sequence
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import ndtri
+
+from estimators import rotation as rot
+from estimators.arrays import Bools, Floats, Ints
+from estimators.filter.bank import gates
+from estimators.filter.smoother import Prediction, predicted
+from estimators.lighthouse.dop import Dilution
+from estimators.lighthouse.innovation import (
+    RowBatch,
+    agreeing,
+    innovations,
+    light_of,
+)
+from estimators.lighthouse.integrity import AngleNoise, shown_to_gate
+from estimators.lighthouse.pnp import PoseSolution
+from estimators.lighthouse.row_faults import row_faults
+from estimators.lighthouse.row_pose import RowPose, solve_rows
+from estimators.lighthouse.rows import Rows, Station, linearise, packed
+from estimators.state import State
+from swarm.hardware import Photodiodes
+from swarm.messages import Command, Signals
+from swarm.onboard.ccd import CameraFix, CcdCalibration, CcdFix
+from swarm.onboard.filters import filters
+from swarm.onboard.integrity import Integrity
+from swarm.onboard.navigation import Estimate
+from swarm.onboard.rivals import CHOICE_RAD, CHOICE_RATIO
+from swarm.onboard.row_search import Found, RowSearch, scatter
+from swarm.onboard.settings import MIN_LIT, Coupling, NavigationSettings, Sensor, Status
+from swarm.onboard.tracks import PoseFix, Taken, TrackLimits, Tracks
+
+FEWEST_CROSSED = 3
+"""Photodiodes whose rows decide a pose where several stations see them."""
+_SAME_NUMBER, _TABLE = 1 << 20, 32
+
+
+class RowLight(NamedTuple):
+    """Light of C craft in one period of the filter.
+
+    rows: sweep angles of all stations. rejected: number of pulses that became no row, (C,). missed_sync: number of
+    flashes that a craft expected and did not see, (C,).
+    """
+
+    rows: RowBatch
+    rejected: Ints
+    missed_sync: Ints
+
+
+class _Rowed(NamedTuple):
+    """Fate of the rows of C craft, (C,) each.
+
+    fresh, refused: whether they went into the filter, or all were refused. nis: squared innovation normalised by its
+    covariance. rows, photodiodes, stations: numbers in the filter. dropped: photodiodes left out as false, -1: none
+    agreed. kept: the rows that went in, (N,).
+    """
+
+    fresh: Bools
+    refused: Bools
+    nis: Floats
+    rows: Ints
+    photodiodes: Ints
+    stations: Ints
+    dropped: Ints
+    kept: Bools
+
+
+class StationNavigator:
+    """The navigation computers of C craft before several stations: `step` takes one period's light.
+
+    tracks: the filters.
+    """
+
+    def __init__(
+        self,
+        photodiodes: Photodiodes,
+        settings: NavigationSettings,
+        stations: Sequence[Station],
+        noise: Sequence[AngleNoise],
+        cameras: Sequence[CcdCalibration] = (),
+        inertia: Floats | None = None,
+    ) -> None:
+        """Start with craft whose own states are unknown.
+
+        Args:
+            photodiodes: layout that each craft assumes for itself.
+            settings: settings of every craft's navigation; those of one station, its noise and its fans are not used.
+            stations: all stations, with the errors of their fans as the craft know them.
+            noise: noise of the rows of each.
+            cameras: calibrations of the craft that carry a pair of cameras, in the order of their images.
+            inertia: (C, 3, 3) [kg m^2], body frame, of craft that turn freely; NaN for the others; None: of none.
+        """
+        s, craft = settings, photodiodes.craft_count
+        self.settings, self._stations, self._noise = s, list(stations), list(noise)
+        self._packed = packed(self._stations)
+        self._light = light_of(self._packed, self._noise)
+        self._point_m = np.ascontiguousarray(photodiodes.point_m)
+        self.tracks = Tracks(
+            filters(craft, s, inertia), s.frame_s, TrackLimits(s.coast_limit_s, s.rejections_limit), s.orbit, inertia
+        )
+        self._search = RowSearch(self._point_m, self._stations, self._noise, s.frame_s, s.place_sigma_m)
+        self._cameras = CameraFix(cameras)
+        self._undecided = np.zeros(craft, dtype=np.bool_)
+        self._held = np.zeros((2, craft))
+        self._quantile = -float(ndtri(s.integrity.risk / 2))
+        self._unit_rad = float(np.sqrt(np.mean([own**2 + shared**2 for own, shared in self._noise])))
+
+    def forget(self, mask: Bools) -> None:
+        """Forget all results of the craft of the mask (C,), as after a restart of their computers."""
+        self.tracks.forget(mask)
+        self._search.forget(mask)
+        self._undecided[mask], self._held[:, mask] = False, 0.0
+
+    def step(self, light: RowLight, signals: Signals | None = None, command: Command | None = None) -> Estimate:
+        """Advance every craft by one period of the filter, to its epoch.
+
+        Args:
+            light: rows of every craft.
+            signals: the other signals that the craft receive; required if any craft has cameras.
+            command: orders of the craft to their actuators for this period.
+        """
+        tracks = self.tracks
+        prediction = self._predict(command)
+        rows, rivals = self._chosen(light.rows)
+        if not self.settings.motion_compensation:
+            rows = rows._replace(offset_s=np.zeros_like(rows.offset_s))
+        self._search.gather(rows)
+        pose = self._pose(rows)
+        fix = self._found(tracks)
+        taken = tracks.take_in(fix)
+        rowed = self._take_in(rows, ~fix.known)
+        fixes, fates, seen = [fix], [taken], None
+        if signals is not None and signals.images is not None:
+            seen, camera = self._cameras.find(signals.images, tracks)
+            fixes.append(camera)
+            fates.append(tracks.take_in(camera))
+            seen = seen._replace(nis=fates[-1].nis)
+        decided = self._decides(rowed.photodiodes, rowed.stations)
+        fresh, refused = (np.any([part[i] for part in fates], axis=0) for i in (0, 1))
+        lit = _numbers(rows, np.ones(len(rows.angle), dtype=np.bool_), self._point_m.shape[1])
+        tracks.count(
+            fresh | (rowed.fresh & decided),
+            rowed.fresh & ~decided,
+            # A few photodiodes that contradict the filter do not prove it wrong: it coasts.
+            refused | (rowed.refused & self._decides(*lit)),
+        )
+        estimate = self._estimate(light, rows, rivals, pose, seen, list(zip(fixes, fates, strict=True)), rowed)
+        if prediction is None:
+            return estimate
+        return estimate._replace(prediction=prediction.continuing(tracks.bank.active))
+
+    @staticmethod
+    def _decides(photodiodes: Ints, stations: Ints) -> Bools:
+        """Return whether rows of so many photodiodes and stations decide a pose, (C,)."""
+        out: Bools = photodiodes >= np.where(stations > 1, FEWEST_CROSSED, MIN_LIT)
+        return out
+
+    def _predict(self, command: Command | None) -> Prediction | None:
+        """Predict every filter to the epoch; return the prediction if it is to be kept."""
+        tracks = self.tracks
+        if not self.settings.history:
+            tracks.predict(command)
+            return None
+        return predicted(tracks.bank, self.settings.frame_s, lambda: tracks.predict(command))
+
+    def _chosen(self, rows: RowBatch) -> tuple[RowBatch, Ints]:
+        """Return the rows without those that share photodiode and sweep, and the number of rows left out, (C,).
+
+        Of several, the one that the track expects is kept, if it stands out as in `swarm.onboard.rivals`.
+        """
+        craft = np.repeat(np.arange(len(self._point_m)), np.diff(rows.first))
+        out = np.zeros(len(self._point_m), dtype=np.int64)
+        key = np.stack([craft, rows.station, rows.fan, rows.sweep, rows.photodiode])
+        _, at, count = np.unique(key, axis=1, return_inverse=True, return_counts=True)
+        several = count[at] > 1
+        if not several.any():
+            return rows, out
+        kept = ~several
+        bank = self.tracks.bank
+        for group in np.unique(at[several]):
+            mine = np.flatnonzero(at == group)
+            c = int(craft[mine[0]])
+            out[c] += len(mine)
+            if not bank.active[c]:
+                continue
+            some = Rows._make(part[mine] for part in rows[1:])
+            away = np.abs(linearise(some, self._packed, self._point_m[c], *bank.state.of(c)).residual)
+            order = np.argsort(away)
+            if away[order[0]] <= CHOICE_RAD and away[order[0]] < CHOICE_RATIO * away[order[1]]:
+                kept[mine[order[0]]] = True
+                out[c] -= 1
+        return rows.where(kept), out
+
+    def _pose(self, rows: RowBatch) -> RowPose:
+        """Return the poses of this period's rows alone, from the predictions, of the craft with a filter."""
+        bank = self.tracks.bank
+        numbers = _numbers(rows, np.ones(len(rows.angle), dtype=np.bool_), self._point_m.shape[1])
+        mask = bank.active & self._decides(*numbers)
+        return solve_rows(rows, np.ones(len(rows.angle), dtype=np.bool_), mask, self._light, self._point_m, bank.state)
+
+    def _found(self, tracks: Tracks) -> PoseFix:
+        """Return the poses of the craft that search, where one is certain."""
+        craft, bank = len(self._point_m), tracks.bank
+        active, lost = bank.active, tracks.lost(self.settings.search_again_s)
+        known = np.zeros(craft, dtype=np.bool_)
+        rotation, position = np.full((craft, 3, 3), np.nan), np.full((craft, 3), np.nan)
+        covariance, coupling = np.full((2, craft, 6, 6), np.nan)
+        for c in np.flatnonzero(lost | ~active).tolist():
+            found = self._search.search(c)
+            self._undecided[c] = found.undecided
+            which = self._which(found, bank.state.of(c) if active[c] else None)
+            if which is None or found.pose is None:
+                continue
+            known[c], self._undecided[c] = True, False
+            rotation[c], position[c] = found.pose.rotation[which], found.pose.position[which]
+            covariance[c] = found.pose.covariance[which] * scatter(found.pose, which)
+            coupling[c] = found.pose.coupling[which]
+            self._search.settle(c)
+        sensor = np.full(craft, Sensor.LIGHTHOUSE, dtype=np.int64)
+        # Searches take the craft to be at rest: what their motion does is in the coupling, also for a filter that runs.
+        return PoseFix(known, rotation, position, covariance, coupling, coupling, sensor)
+
+    @staticmethod
+    def _which(found: Found, state: State | None) -> int | None:
+        """Return the pose that a search has found, None if none is certain; a filter's prediction chooses."""
+        if found.pose is None:
+            return None
+        if found.certain:
+            return 0
+        if state is None:
+            return None
+        return int(np.argmin(rot.angle_between(found.pose.rotation, state.rotation)))
+
+    def _take_in(self, rows: RowBatch, mask: Bools) -> _Rowed:
+        """Update the filters of the craft of the mask with their rows."""
+        bank, craft, most = self.tracks.bank, len(mask), self._point_m.shape[1]
+        mask = mask & bank.active
+        kept = np.repeat(mask, np.diff(rows.first))
+        out = _Rowed(
+            fresh=np.zeros(craft, dtype=np.bool_),
+            refused=np.zeros(craft, dtype=np.bool_),
+            nis=np.full(craft, np.nan),
+            rows=np.zeros(craft, dtype=np.int64),
+            photodiodes=np.zeros(craft, dtype=np.int64),
+            stations=np.zeros(craft, dtype=np.int64),
+            dropped=np.zeros(craft, dtype=np.int64),
+            kept=kept,
+        )
+        before, covariance = bank.state, bank.covariance
+        self._update(rows, mask, out)
+        again = np.zeros(craft, dtype=np.bool_)
+        for c in np.flatnonzero(out.refused & self.settings.integrity.residual_test).tolist():
+            own = rows.of(c)
+            gate = gates(self.settings.gate_probability, len(own.angle))
+            keep = agreeing(own, self._packed, self._point_m[c], before.of(c), covariance[c], self._noise, gate)
+            out.dropped[c] = -1
+            if keep is not None:
+                kept[rows.first[c] : rows.first[c + 1]] = keep
+                seen = own.station * most + own.photodiode
+                out.dropped[c] = len(np.unique(seen)) - len(np.unique(seen[keep]))
+                again[c] = True
+        if again.any():
+            self._update(rows, again, out)
+        photodiodes, stations = _numbers(rows, kept & np.repeat(out.fresh, np.diff(rows.first)), most)
+        out.photodiodes[:], out.stations[:] = photodiodes, stations
+        return out
+
+    def _update(self, rows: RowBatch, mask: Bools, out: _Rowed) -> None:
+        """Give the kept rows of the craft of the mask to their filters, and write their fate."""
+        bank = self.tracks.bank
+        found = innovations(rows, out.kept, mask, self._packed, self._point_m, bank.state, self._noise)
+        asked = mask & (found.number > 0)
+        result = bank.update(asked, found.y, found.h, np.ones_like(found.y), found.number, found.pivot)
+        out.fresh[asked], out.refused[asked] = result.accepted[asked], ~result.accepted[asked]
+        out.nis[asked] = result.nis[asked]
+        out.rows[asked] = np.where(result.accepted, found.number, 0)[asked]
+
+    def _estimate(
+        self,
+        light: RowLight,
+        rows: RowBatch,
+        rivals: Ints,
+        pose: RowPose,
+        seen: CcdFix | None,
+        fixes: Sequence[tuple[PoseFix, Taken]],
+        rowed: _Rowed,
+    ) -> Estimate:
+        """Return the estimate of the period.
+
+        Args:
+            light: as received.
+            rows: as used.
+            rivals: number of rows that shared photodiode and sweep, (C,).
+            pose: of the rows alone.
+            seen: results of the cameras.
+            fixes: poses of all sensors and their fates, those of searches first.
+            rowed: fate of the rows.
+        """
+        after, limit = self.tracks.filtered(), self.settings.residual_limit_rad
+        pose = pose._replace(solved=pose.solved & (pose.residual_rad < limit))
+        sensor = np.where(rowed.fresh, Sensor.LIGHTHOUSE, Sensor.NONE)
+        for fix, became in fixes:
+            sensor = np.where(became.fresh, sensor | fix.sensor, sensor)
+        coupling = np.where(fixes[0][1].fresh, Coupling.LOOSE, Coupling.NONE)
+        status = np.where(self._undecided, Status.AMBIGUOUS, Status.SEARCHING)
+        fresh = np.where(self.tracks.since_update_s == 0.0, Status.SINGLE_SWEEPS, Status.COASTING)
+        fresh = np.where(self.tracks.since_pose_s == 0.0, Status.TRACKING, fresh)
+        return Estimate(
+            status=np.where(after.active, fresh, status).astype(np.int64),
+            visible=_numbers(rows, np.ones(len(rows.angle), dtype=np.bool_), self._point_m.shape[1])[0],
+            pnp=_as_solution(pose),
+            dilution=self._dilution(pose),
+            rotation=after.state.rotation,
+            position=after.state.position,
+            angular_rate=after.state.angular_rate,
+            velocity=after.state.velocity,
+            covariance=after.covariance,
+            nis=np.where(np.isfinite(rowed.nis), rowed.nis, fixes[0][1].nis),
+            missed_sync=light.missed_sync,
+            rejected=light.rejected + rivals,
+            sensor=sensor.astype(np.int64),
+            ccd=seen,
+            integrity=self._integrity(rows, pose, rowed),
+            coupling=np.where(rowed.fresh & after.active, Coupling.TIGHT, coupling).astype(np.int64),
+            rows=rowed.rows,
+            stations=rowed.stations,
+        )
+
+    def _dilution(self, pose: RowPose) -> Dilution:
+        """Return the dilution of precision at the poses, for stations with the noise that they have on average."""
+        craft, unit = len(pose.solved), self._unit_rad
+        covariance = np.where(pose.solved[:, None, None], pose.covariance, np.nan) / unit**2
+        turn, place = (np.trace(covariance[:, i : i + 3, i : i + 3], axis1=1, axis2=2) for i in (0, 3))
+        none = np.full(craft, np.nan)
+        return Dilution(covariance, np.degrees(np.sqrt(turn)), np.sqrt(place), pose.coupling, none, none)
+
+    def _integrity(self, rows: RowBatch, pose: RowPose, rowed: _Rowed) -> Integrity:
+        """Return protection levels: of the noise, and of a false photodiode that the gate would have missed."""
+        s, bank, craft = self.settings.integrity, self.tracks.bank, len(pose.solved)
+        active, covariance, state = bank.active, bank.covariance, bank.state
+        self._held[:, ~active] = 0.0
+        fresh = rowed.fresh & active
+        if s.residual_test and fresh.any():
+            slopes = row_faults(rows, rowed.kept, fresh, self._light, self._point_m, state, covariance)
+            for c in np.flatnonzero(fresh).tolist():
+                missed = _missed(self.settings.gate_probability, s.missed_detection, int(rowed.rows[c]))
+                self._held[:, c] = missed * slopes[0, c], missed * np.degrees(slopes[1, c])
+        with np.errstate(invalid="ignore"):
+            spread = [np.sqrt(np.trace(covariance[:, i : i + 3, i : i + 3], axis1=1, axis2=2)) for i in (6, 0)]
+            alone = [np.sqrt(np.trace(pose.covariance[:, i : i + 3, i : i + 3], axis1=1, axis2=2)) for i in (3, 0)]
+        levels = np.empty((4, craft))
+        for i, unit in enumerate((1.0, 180 / np.pi)):
+            levels[i] = np.where(pose.solved, self._quantile * unit * alone[i] + self._held[i], np.nan)
+            levels[2 + i] = self._quantile * unit * spread[i] + self._held[i]
+        limits = s.alert_position_m, float(np.rad2deg(s.alert_attitude_rad))
+        watched = [i for i, limit in enumerate(limits) if np.isfinite(limit)]
+        alert = np.zeros(craft, dtype=np.bool_)
+        for i in watched:
+            alert |= ~(levels[2 + i] <= limits[i])
+        return Integrity(rowed.dropped, levels[0], levels[1], levels[2], levels[3], alert, bool(watched))
+
+
+@cache
+def _shown(gate_probability: float, missed_detection: float, most: int) -> Floats:
+    return np.sqrt(shown_to_gate(gates(gate_probability, most), missed_detection))
+
+
+def _missed(gate_probability: float, missed_detection: float, rows: int) -> float:
+    """Return the root of the least noncentrality that the gate on so many rows does not miss."""
+    return float(_shown(gate_probability, missed_detection, -(-rows // _TABLE) * _TABLE)[rows])
+
+
+def _numbers(rows: RowBatch, kept: Bools, photodiodes: int) -> tuple[Ints, Ints]:
+    """Return the numbers of photodiodes and of stations that the kept rows of each craft come from, (C,) each."""
+    craft = len(rows.first) - 1
+    at = np.repeat(np.arange(craft), np.diff(rows.first))[kept]
+    out = []
+    for part in (rows.photodiode[kept], rows.station[kept]):
+        pairs = np.unique(at * _SAME_NUMBER + part)
+        out.append(np.bincount(pairs // _SAME_NUMBER, minlength=craft))
+    return out[0], out[1]
+
+
+def _as_solution(pose: RowPose) -> PoseSolution:
+    """Return poses as those of a solver of one station."""
+    rotation = np.where(pose.solved[:, None, None], pose.rotation, np.nan)
+    position = np.where(pose.solved[:, None], pose.position, np.nan)
+    cost = np.where(pose.solved, pose.residual_rad**2 * pose.rows, np.nan)
+    return PoseSolution(
+        rotation, position, pose.solved, pose.iterations, np.sqrt(cost / np.maximum(pose.rows, 1)), cost
+    )
