@@ -72,8 +72,10 @@ def seen(
                     craft.append(c)
                     columns.append((s, fan, k, 0, tau, angle[k]))
     table = np.array(columns).reshape(-1, 6)
-    whole = (table[:, i].astype(np.int64) for i in range(4))
-    return gathered(np.array(craft, dtype=np.int64), Rows(*whole, table[:, 4], table[:, 5]), len(state.position))
+    s, fan, k, sweep = table[:, :4].astype(np.int64).T
+    return gathered(
+        np.array(craft, dtype=np.int64), Rows(s, fan, k, sweep, table[:, 4], table[:, 5]), len(state.position)
+    )
 
 
 def still(rotation: Floats, position: Floats) -> State:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from rows_made import BODY, DECK, room, seen, still
 from scipy.optimize import least_squares
 from scipy.stats import chi2
 
@@ -14,7 +15,6 @@ from estimators.lighthouse.row_start import directions, row_starts
 from estimators.lighthouse.rows import linearise, packed
 from estimators.lighthouse.sweep import measured_angles
 from estimators.state import State
-from tests.rows_made import BODY, DECK, room, seen, still
 
 NOISE = AngleNoise(2e-5, 3e-5)
 
