@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from swarm.studies.calibration.survey import observe_recording, observe_run
     from swarm.studies.campaign.conduct import study
     from swarm.studies.papers import reproduce
+    from swarm.studies.placement.study import place
 
 __all__ = [
     "Run",
@@ -40,6 +41,7 @@ __all__ = [
     "observe_recording",
     "observe_run",
     "open_run",
+    "place",
     "replay",
     "report",
     "reproduce",
@@ -57,6 +59,7 @@ _HOME = {
     "observe_recording": "swarm.studies.calibration.survey",
     "observe_run": "swarm.studies.calibration.survey",
     "open_run": "swarm.results.run_folder",
+    "place": "swarm.studies.placement.study",
     "replay": "swarm.flight.replay",
     "reproduce": "swarm.studies.papers",
     "simulate": "swarm.flight.simulate",

@@ -222,6 +222,23 @@ def strips(axes: Axes, paths: Floats, colour: str, label: str) -> None:
     axes.autoscale_view()
 
 
+def value_points(axes: Axes, points: Floats, values: Floats, label: str) -> None:
+    """Draw points coloured by their values, the largest over the others, with a colour bar.
+
+    Args:
+        axes: axes to draw in.
+        points: places, (n, 2).
+        values: numbers, (n,).
+        label: label of the colour bar.
+    """
+    order = np.argsort(values)
+    x, y = points[order].T
+    drawn = axes.scatter(x, y, s=7, c=values[order], cmap="viridis", linewidths=0)
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    figure.colorbar(drawn, ax=axes, label=label, shrink=0.8)
+
+
 def value_map(axes: Axes, values: Floats) -> None:
     """Draw numbers (columns, rows) as colours, a cell each, with a colour bar; the first row is below.
 

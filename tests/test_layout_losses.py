@@ -10,12 +10,12 @@ from test_layout_design import scene
 from estimators.layout.design import design, objective
 from estimators.layout.error import lost_errors, mixed_errors
 from swarm.errors import SwarmError
+from swarm.studies.design.bound import fewest
+from swarm.studies.design.sight import lit
 from swarm.studies.layout import judgement, prediction, search
-from swarm.studies.layout.bound import fewest
 from swarm.studies.layout.judgement import judge
 from swarm.studies.layout.refusal import refuse_too_few, refuse_unsolved
 from swarm.studies.layout.request import Request, task
-from swarm.studies.layout.sight import lit
 from swarm.studies.layout.study import study
 from swarm.world.hull import Mount
 from swarm.world.keep_out import KeepOut

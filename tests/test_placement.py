@@ -18,13 +18,13 @@ from swarm.assets import find_model, models
 from swarm.cli import app as cli
 from swarm.errors import SwarmError
 from swarm.sensors.visibility import Visibility
+from swarm.studies.design.even import even_spreads, farthest_points, least_distance
+from swarm.studies.design.poses import PoseRange, Poses, lattice
+from swarm.studies.design.sight import lit
 from swarm.studies.layout import judgement, search, smallest, study
-from swarm.studies.layout.even import even_spreads, farthest_points, least_distance
 from swarm.studies.layout.judgement import compare, judge
-from swarm.studies.layout.poses import PoseRange, Poses, lattice
 from swarm.studies.layout.prediction import Prediction, Task, predict
 from swarm.studies.layout.request import Request, task
-from swarm.studies.layout.sight import lit
 from swarm.world.craft import load_craft
 from swarm.world.hull import Mount
 from swarm.world.world import CraftStart, World

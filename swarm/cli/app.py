@@ -20,6 +20,7 @@ from swarm.cli.export import export
 from swarm.cli.layout import layout
 from swarm.cli.list import list_all
 from swarm.cli.new import new
+from swarm.cli.place import place
 from swarm.cli.replay import replay
 from swarm.cli.report import report
 from swarm.cli.reproduce import reproduce
@@ -119,7 +120,7 @@ def _swarm(
 
 
 app.command("list")(list_all)
-flying = (run, new, view, check, replay, smooth, reproduce, calibrate, layout, study)
+flying = (run, new, view, check, replay, smooth, reproduce, calibrate, layout, place, study)
 afterwards = (report, compare, export, video, docs)
 for command in (*flying, *afterwards):
     app.command()(command)

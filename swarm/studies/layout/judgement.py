@@ -20,7 +20,7 @@ from estimators.layout.error import WANTED_LIT, percentile
 from estimators.lighthouse.pose_trials import scatter
 from estimators.rotation import angle_between
 from swarm.onboard.acquisition import Sighting, search
-from swarm.studies.layout.poses import Poses
+from swarm.studies.design.poses import Poses
 from swarm.studies.layout.prediction import Prediction, Task, mixed, predict
 from swarm.world.hull import Mount
 

@@ -15,9 +15,9 @@ from estimators.layout.error import Mix, lost_errors, sightings
 from estimators.lighthouse.dop import dilution
 from estimators.lighthouse.pnp import FEWEST_LIT
 from swarm.scenario import Lighthouse
-from swarm.studies.layout.flown import Flown
-from swarm.studies.layout.poses import PoseRange, Poses, lattice
-from swarm.studies.layout.sight import lit
+from swarm.studies.design.flown import Flown
+from swarm.studies.design.poses import PoseRange, Poses, lattice
+from swarm.studies.design.sight import lit
 from swarm.world.hull import Hull, Mount
 from swarm.world.keep_out import KeepOut
 

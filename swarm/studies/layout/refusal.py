@@ -5,8 +5,8 @@ import numpy as np
 from estimators.arrays import Bools, Floats
 from estimators.lighthouse.pnp import FEWEST_LIT
 from swarm.errors import SwarmError
+from swarm.studies.design.poses import Poses
 from swarm.studies.layout.judgement import Judged, sample
-from swarm.studies.layout.poses import Poses
 from swarm.studies.layout.prediction import Task
 from swarm.studies.layout.search import Places
 

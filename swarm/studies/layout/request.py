@@ -10,8 +10,8 @@ from estimators.lighthouse.pnp import FEWEST_LIT
 from swarm import scenario
 from swarm.assets import find_model
 from swarm.errors import SwarmError
-from swarm.studies.layout.flown import flown
-from swarm.studies.layout.poses import PoseRange
+from swarm.studies.design.flown import flown
+from swarm.studies.design.poses import PoseRange
 from swarm.studies.layout.prediction import Task
 from swarm.studies.layout.smallest import PHOTODIODES_MAX
 from swarm.units import si

@@ -17,11 +17,11 @@ from estimators.layout import design as layout_design
 from estimators.layout.error import WORST, Sightings, sightings
 from estimators.lighthouse.pnp import FEWEST_LIT
 from swarm.errors import SwarmError
-from swarm.studies.layout.bound import fewest
-from swarm.studies.layout.even import farthest_points, outermost
-from swarm.studies.layout.poses import Poses
+from swarm.studies.design.bound import fewest
+from swarm.studies.design.even import farthest_points, outermost
+from swarm.studies.design.poses import Poses
+from swarm.studies.design.sight import lit
 from swarm.studies.layout.prediction import SECOND_POSES, SECOND_SEED, Prediction, Task, predict, second_sample
-from swarm.studies.layout.sight import lit
 from swarm.world.hull import Mount
 
 SAMPLES = 8000

@@ -15,8 +15,8 @@ from estimators.lighthouse.pnp import FEWEST_LIT
 from swarm.errors import SwarmError
 from swarm.figures import save
 from swarm.results.disk import refuse_existing, write_text, writing
+from swarm.studies.design.even import even_spreads
 from swarm.studies.layout import judgement
-from swarm.studies.layout.even import even_spreads
 from swarm.studies.layout.figure import draw
 from swarm.studies.layout.judgement import Judged, judge
 from swarm.studies.layout.prediction import Task

@@ -17,8 +17,8 @@ from estimators.arrays import Floats, Ints
 from swarm.errors import SwarmError, did_you_mean
 from swarm.flight.flight import Flight
 from swarm.scenario import Scenario
-from swarm.studies.layout.even import even_spreads
-from swarm.studies.layout.poses import Poses
+from swarm.studies.design.even import even_spreads
+from swarm.studies.design.poses import Poses
 from swarm.world.hull import Hull
 from swarm.world.refit import refit
 from swarm.world.world import World
@@ -66,7 +66,7 @@ def flown(settings: Scenario, hull: Hull, name: str | None, turn_rad: float) -> 
     Raises:
         SwarmError: The scenario has no such craft, or cannot fly with this hull.
     """
-    index = _chosen(settings, name)
+    index = chosen_craft(settings, name)
     with tempfile.TemporaryDirectory() as folder:
         model = Path(folder) / f"{hull.path.stem}.xml"
         places = hull.mounts(400)
@@ -80,7 +80,8 @@ def flown(settings: Scenario, hull: Hull, name: str | None, turn_rad: float) -> 
     return Flown(index, flight.world, position[kept], quaternion[kept], turn_rad)
 
 
-def _chosen(settings: Scenario, name: str | None) -> int:
+def chosen_craft(settings: Scenario, name: str | None) -> int:
+    """Return the index of the craft of this name; None: of the only one that sees the light. Raises SwarmError."""
     names = settings.craft_names
     if name is not None:
         if name not in names:

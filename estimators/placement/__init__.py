@@ -1,0 +1,1 @@
+"""The choice of places for lighthouse stations."""

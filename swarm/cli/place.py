@@ -1,0 +1,178 @@
+"""The command `swarm place`: the places of lighthouse stations."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from swarm.cli.terminal import mistakes
+
+BOX = "x0,x1,y0,y1,z0,z1"
+Subject = Annotated[
+    str,
+    typer.Argument(
+        metavar="MODEL|SCENARIO",
+        help="A craft, with --volume, or a scenario, for the poses of its flight: a name that `swarm list` shows, or a "
+        "file.",
+    ),
+]
+Stations = Annotated[
+    int | None,
+    typer.Option("--stations", metavar="K", help="Place so many. Default: the fewest that reach the precision."),
+]
+Kind = Annotated[str, typer.Option("--kind", metavar="KIND", help="lighthouse-2, or lighthouse-1 (at most two).")]
+Volume = Annotated[
+    str | None,
+    typer.Option("--volume", metavar=BOX, help="Poses of the craft are in this box, in metres."),
+]
+TiltDeg = Annotated[
+    float,
+    typer.Option(
+        "--tilt-deg", metavar="DEG", help="Largest tilt of the craft's +z from up, at any heading. 180: any attitude."
+    ),
+]
+Room = Annotated[
+    str | None, typer.Option("--room", metavar=BOX, help="Stations may stand on the walls and the ceiling of this box.")
+]
+On = Annotated[
+    list[str] | None,
+    typer.Option("--on", metavar="FACE", help="Only on these faces of the room: walls, ceiling, floor. Repeatable."),
+]
+ShellM = Annotated[
+    list[float] | None,
+    typer.Option(
+        "--shell-m", metavar="M", help="They may stand at this distance from the volume's middle. Repeatable."
+    ),
+]
+At = Annotated[
+    list[str] | None, typer.Option("--at", metavar="x,y,z", help="They may stand at this point. Repeatable.")
+]
+Up = Annotated[str, typer.Option("--up", metavar="AXIS", help="The axis that is up: z, -y, ...")]
+KeepOut = Annotated[list[str] | None, typer.Option("--keep-out", metavar=BOX, help="None may stand here. Repeatable.")]
+NearM = Annotated[
+    float | None,
+    typer.Option("--near-m", metavar="M", help="Least distance from the volume. Default: the light's least range."),
+]
+FarM = Annotated[
+    float | None,
+    typer.Option("--far-m", metavar="M", help="Largest distance from the volume. Default: the light's range."),
+]
+Fixed = Annotated[
+    str | None, typer.Option("--fixed", metavar="FILE", help="Stations of this stations.toml stand already.")
+]
+AttitudeDeg = Annotated[
+    float | None, typer.Option("--attitude-deg", metavar="DEG", help="Reach this attitude precision, 1 sigma.")
+]
+PositionMm = Annotated[
+    float | None, typer.Option("--position-mm", metavar="MM", help="Reach this position precision, 1 sigma.")
+]
+Share = Annotated[
+    float,
+    typer.Option("--share", metavar="SHARE", help="Share of the poses that must be decided, and precise. 1: all."),
+]
+Losses = Annotated[
+    int,
+    typer.Option("--losses", metavar="0|1", help="Stations that may fail. 1: the poses are those without any one."),
+]
+AngleNoise = Annotated[
+    float | None,
+    typer.Option(
+        "--angle-noise-arcsec",
+        metavar="ARCSEC",
+        help="Noise of one sweep angle. Default: 2.6 of lighthouse-2, the scenario's (8.8) of lighthouse-1.",
+    ),
+]
+RotorCorrelation = Annotated[
+    float | None,
+    typer.Option(
+        "--rotor-correlation",
+        metavar="RHO",
+        help="Share of its variance that a sweep's photodiodes have in common. Default: 0.35, the scenario's (0.8717).",
+    ),
+]
+CraftName = Annotated[
+    str | None, typer.Option("--craft", metavar="NAME", help="The craft of the scenario that they are placed for.")
+]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set", metavar="KEY=VALUE", help="Change one value: of the scenario, or else lighthouse.KEY. Repeatable."
+    ),
+]
+Seed = Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Use this seed for the search.")]
+Out = Annotated[
+    Path | None, typer.Option("--out", metavar="FILE", help="Write the stations here (.toml). Default: below runs/.")
+]
+Force = Annotated[bool, typer.Option("--force", help="Replace files that are there already.")]
+
+
+def place(
+    subject: Subject,
+    stations: Stations = None,
+    kind: Kind = "lighthouse-2",
+    volume: Volume = None,
+    tilt_deg: TiltDeg = 180.0,
+    room: Room = None,
+    on: On = None,
+    shell_m: ShellM = None,
+    at: At = None,
+    up: Up = "z",
+    keep_out: KeepOut = None,
+    near_m: NearM = None,
+    far_m: FarM = None,
+    fixed: Fixed = None,
+    attitude_deg: AttitudeDeg = None,
+    position_mm: PositionMm = None,
+    share: Share = 0.95,
+    losses: Losses = 0,
+    angle_noise_arcsec: AngleNoise = None,
+    rotor_correlation: RotorCorrelation = None,
+    craft: CraftName = None,
+    overrides: Overrides = None,
+    seed: Seed = 0,
+    out: Out = None,
+    force: Force = False,
+) -> None:
+    """Find where lighthouse stations should stand.
+
+    \b
+    swarm place mockup --stations 4 --volume=-1,1,-1,1,0,2 \\
+        --tilt-deg 30 --room=-3,3,-3,3,0,3
+    swarm place mockup --position-mm 2 --volume=-1,1,-1,1,0,2 \\
+        --losses 1
+    swarm place my/docking.toml --stations 2 --shell-m 3
+    """
+    with mistakes():
+        from swarm.studies.placement.report import print_report
+        from swarm.studies.placement.request import Request
+        from swarm.studies.placement.study import study
+        from swarm.tables import wide_console
+
+        request = Request(
+            subject,
+            stations,
+            kind,
+            volume,
+            tilt_deg,
+            room,
+            tuple(on or ()),
+            tuple(shell_m or ()),
+            tuple(at or ()),
+            up,
+            tuple(keep_out or ()),
+            near_m,
+            far_m,
+            fixed,
+            attitude_deg,
+            position_mm,
+            share,
+            losses,
+            angle_noise_arcsec,
+            rotor_correlation,
+            craft,
+            tuple(overrides or ()),
+        )
+        made = study(request, out, force, lambda text: typer.echo(f"place: {text}", err=True), seed)
+        print_report(wide_console(highlight=False), made.figures)
+        for file in made.files:
+            typer.echo(file)
