@@ -13,7 +13,7 @@ from estimators import rotation as rot
 from estimators.arrays import Floats, Ints
 from estimators.frame import Frame
 from estimators.lighthouse.integrity import AngleNoise
-from estimators.lighthouse.rows import Rows, Station, linearise
+from estimators.lighthouse.rows import Rows, Station, linearise, packed
 from estimators.lighthouse.sweep import LIGHTHOUSE_1, LIGHTHOUSE_2
 from estimators.placement.bound import least_error, with_one_lost
 from estimators.placement.information import information
@@ -63,7 +63,9 @@ def test_information_is_that_of_the_rows_with_their_full_covariance() -> None:
             fan, diode = np.repeat([0, 1], n), np.tile(on, 2)
             rows = Rows(np.zeros(2 * n, dtype=np.int64), fan, diode, np.zeros(2 * n), np.zeros(2 * n))
             still = np.zeros((2, 3))
-            h = linearise(rows, [station], point, rotation[p], position[p], *still).matrix[:, [0, 1, 2, 6, 7, 8]]
+            h = linearise(rows, packed([station]), point, rotation[p], position[p], *still).matrix[
+                :, [0, 1, 2, 6, 7, 8]
+            ]
             r = NOISE.own_rad**2 * np.eye(2 * n) + NOISE.shared_rad**2 * (fan[:, None] == fan)
             expected = h.T @ np.linalg.solve(r, h)
             np.testing.assert_allclose(found[p], expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
@@ -80,7 +82,7 @@ def test_a_second_station_gains_what_theory_says(crossing_deg: float, gain: floa
     stands = [around(np.zeros(3), np.radians(angle), 3.0) for angle in (0, crossing_deg)]
     seen = views(task, task.stations(stands), task.poses(1500))
     both = np.asarray((seen.lit >= 4).all(axis=0))
-    one, two = (judgement._parts(task, each, both)[0][both] for each in (seen.at(np.array([0])), seen))
+    one, two = (judgement.parts(task, each, both)[0][both] for each in (seen.at(np.array([0])), seen))
     assert both.sum() > 50
     assert np.median(one / two) == pytest.approx(gain, rel=0.05)
 

@@ -38,6 +38,13 @@ def models(incomplete: str) -> list[str]:
     return _known((CRAFT,), incomplete)
 
 
+def models_and_scenarios(incomplete: str) -> list[str]:
+    """Return the craft models and the scenarios."""
+    from swarm.assets import CRAFT, SCENARIO
+
+    return _known((CRAFT, SCENARIO), incomplete)
+
+
 def recordings(incomplete: str) -> list[str]:
     """Return the recordings."""
     from swarm.assets import RECORDING

@@ -1,10 +1,11 @@
 """The command `swarm place`: the places of lighthouse stations."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
+from swarm.cli import completion
 from swarm.cli.terminal import mistakes
 
 BOX = "x0,x1,y0,y1,z0,z1"
@@ -14,6 +15,7 @@ Subject = Annotated[
         metavar="MODEL|SCENARIO",
         help="A craft, with --volume, or a scenario, for the poses of its flight: a name that `swarm list` shows, or a "
         "file.",
+        autocompletion=completion.models_and_scenarios,
     ),
 ]
 Stations = Annotated[
@@ -142,36 +144,14 @@ def place(
         --losses 1
     swarm place my/docking.toml --stations 2 --shell-m 3
     """
+    given: dict[str, Any] = {key: value for key, value in locals().items() if value is not None}
     with mistakes():
         from swarm.studies.placement.report import print_report
         from swarm.studies.placement.request import Request
         from swarm.studies.placement.study import study
         from swarm.tables import wide_console
 
-        request = Request(
-            subject,
-            stations,
-            kind,
-            volume,
-            tilt_deg,
-            room,
-            tuple(on or ()),
-            tuple(shell_m or ()),
-            tuple(at or ()),
-            up,
-            tuple(keep_out or ()),
-            near_m,
-            far_m,
-            fixed,
-            attitude_deg,
-            position_mm,
-            share,
-            losses,
-            angle_noise_arcsec,
-            rotor_correlation,
-            craft,
-            tuple(overrides or ()),
-        )
+        request = Request(**{key: value for key, value in given.items() if key in Request._fields})
         made = study(request, out, force, lambda text: typer.echo(f"place: {text}", err=True), seed)
         print_report(wide_console(highlight=False), made.figures)
         for file in made.files:

@@ -60,7 +60,7 @@ class Surface(NamedTuple):
             for length in np.linalg.norm(self.sides, axis=1)
         ]
         share = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 2)
-        return self.corner + share @ self.sides
+        return np.asarray(self.corner + share @ self.sides)
 
     def put_back(self, point: Floats) -> Floats:
         """Return the places on the surface (N, 3) that are nearest to points (N, 3)."""
@@ -69,7 +69,7 @@ class Surface(NamedTuple):
             return self.corner + self.radius_m * away / np.linalg.norm(away, axis=1, keepdims=True)
         square = np.sum(self.sides**2, axis=1)
         share = np.clip((away @ self.sides.T) / np.where(square > 0, square, 1.0), 0, 1)
-        return self.corner + share @ self.sides
+        return np.asarray(self.corner + share @ self.sides)
 
 
 class Stand(NamedTuple):
@@ -85,8 +85,8 @@ class Stand(NamedTuple):
 
 
 class Site(NamedTuple):
-    """What a station may stand on, and where not: nearer to the volume than `near_m` or farther than `far_m`, or in one
-    of the zones of `keep_out`. up: (3,), unit vector.
+    """Surfaces that a station may stand on, and where not: nearer to the volume than `near_m`, farther than `far_m`, or
+    in one of the zones of `keep_out`. up: (3,), unit vector.
     """
 
     surfaces: tuple[Surface, ...]

@@ -101,7 +101,7 @@ def together(task: Task, name: str, at: Places) -> Judged:
     seen = at.fixed.joined(at.seen)
     error = errors(seen)
     own = tuple(placed.station for placed in task.fixed)
-    position, attitude = _parts(task, seen, np.isfinite(error))
+    position, attitude = parts(task, seen, np.isfinite(error))
     return Judged(name, (*own, *task.stations(at.stands)), position, attitude, error, seen.lit)
 
 
@@ -133,18 +133,24 @@ def bound(task: Task, at: Places, found: Found) -> Bound:
 
 def _judged(task: Task, name: str, stations: tuple[Station, ...], seen: Views) -> Judged:
     error, lost = errors(seen), errors(seen, 1)
-    position, attitude = _parts(task, seen, np.isfinite(error))
+    position, attitude = parts(task, seen, np.isfinite(error))
     worst = np.zeros((2, len(error)))
     stays = np.isfinite(lost)
     for n in range(len(seen.lit)):
         rest = seen.at(np.delete(np.arange(len(seen.lit)), n))
-        worst = np.maximum(worst, _parts(task, rest, stays))
+        worst = np.maximum(worst, parts(task, rest, stays))
     worst[:, ~stays] = np.inf
     return Judged(name, stations, position, attitude, error, seen.lit, worst[0], worst[1], lost)
 
 
-def _parts(task: Task, seen: Views, decided: Bools) -> tuple[Floats, Floats]:
-    """Return position [m] and attitude [rad] errors (P,) of stations at the decided poses, inf elsewhere."""
+def parts(task: Task, seen: Views, decided: Bools) -> tuple[Floats, Floats]:
+    """Return position [m] and attitude [rad] errors (P,) of stations at the decided poses, inf elsewhere.
+
+    Args:
+        task: the task.
+        seen: the stations at P poses.
+        decided: (P,), poses that they determine.
+    """
     position, attitude = np.full((2, len(decided)), np.inf)
     variance = np.diagonal(np.linalg.inv(seen.information.sum(axis=0)[decided]), axis1=-2, axis2=-1)
     attitude[decided] = task.unit[0] * np.sqrt(variance[:, :3].sum(axis=1))

@@ -35,7 +35,7 @@ AXES = {f"{sign}{axis}": (1 if sign != "-" else -1, i) for i, axis in enumerate(
 
 
 class Request(NamedTuple):
-    """What the user asks for.
+    """The user's wishes.
 
     subject: model or scenario. stations: their number; None: the fewest that reach the precision. kind: of `KINDS`.
     volume: box of the positions, x0,x1,y0,y1,z0,z1 [m]; None: those of the scenario's flight. tilt_deg: largest tilt
