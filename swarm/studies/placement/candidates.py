@@ -66,7 +66,8 @@ class Surface(NamedTuple):
         """Return the places on the surface (N, 3) that are nearest to points (N, 3)."""
         away = point - self.corner
         if self.radius_m:
-            return self.corner + self.radius_m * away / np.linalg.norm(away, axis=1, keepdims=True)
+            ahead = away / np.linalg.norm(away, axis=1, keepdims=True)
+            return np.asarray(self.corner + self.radius_m * ahead)
         square = np.sum(self.sides**2, axis=1)
         share = np.clip((away @ self.sides.T) / np.where(square > 0, square, 1.0), 0, 1)
         return np.asarray(self.corner + share @ self.sides)

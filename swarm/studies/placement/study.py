@@ -122,6 +122,8 @@ def study(request: Request, out: Path | None, force: bool, say: Callable[[str], 
     for path in files[2:]:
         with writing(path):
             save(picture, path)
+        # The second format has the same layout: to find it takes longer than to draw it.
+        picture.set_layout_engine("none")
     return Placement(figured, stations, files)
 
 
