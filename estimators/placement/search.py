@@ -58,8 +58,11 @@ class Choice(NamedTuple):
 
 
 class _Goal(NamedTuple):
-    """fixed: stations that stand already. share: q. losses: stations that may fail, 0 or 1."""
+    """spot: (N,), place of each candidate, of which one may be chosen. fixed: stations that stand already. share: q.
+    losses: stations that may fail, 0 or 1.
+    """
 
+    spot: Ints
     fixed: Views
     share: float
     losses: int
@@ -96,37 +99,51 @@ def objective(error: Floats, share: float) -> Floats:
 
 
 def choose(
-    candidates: Views, count: int, share: float, *, losses: int = 0, fixed: Views, starts: int, seed: int
+    candidates: Views,
+    spot: Ints,
+    count: int,
+    share: float,
+    *,
+    losses: int = 0,
+    fixed: Views,
+    starts: int,
+    seed: int,
 ) -> list[Choice]:
     """Return different choices, the best first.
 
     Args:
         candidates: N candidates at P poses.
-        count: number K of stations to choose, at most N.
+        spot: (N,), place of each candidate: one may stand there.
+        count: number K of stations to choose, at most the number of places.
         share: q of the percentile.
         losses: stations that may fail at a time, 0 or 1; those that stand already may fail too.
         fixed: stations that stand already, at the same poses.
         starts: number of random choices that are improved, beside the greedy one.
         seed: seed of the random choices.
     """
-    goal = _Goal(fixed, share, losses)
+    goal = _Goal(spot, fixed, share, losses)
     rng = np.random.default_rng(seed)
     every = [_greedy(candidates, count, goal)]
-    every += [rng.choice(len(candidates.lit), count, replace=False) for _ in range(starts)]
+    for _ in range(starts):
+        order = rng.permutation(len(spot))
+        # The first candidate of each place in a random order, in that order.
+        first = np.sort(np.unique(spot[order], return_index=True)[1])
+        every.append(order[first[:count]])
     return _distinct([_exchanged(candidates, start, goal) for start in every])
 
 
-def improve(candidates: Views, start: Ints, share: float, *, losses: int = 0, fixed: Views) -> Choice:
+def improve(candidates: Views, spot: Ints, start: Ints, share: float, *, losses: int = 0, fixed: Views) -> Choice:
     """Return the choice that exchanges lead to from a start (K,), its indices in the order of the start.
 
     Args:
         candidates: N candidates at P poses.
+        spot: (N,), place of each candidate: one may stand there.
         start: indices of the first choice.
         share: q of the percentile.
         losses: stations that may fail at a time, 0 or 1.
         fixed: stations that stand already.
     """
-    return _exchanged(candidates, start, _Goal(fixed, share, losses))
+    return _exchanged(candidates, start, _Goal(spot, fixed, share, losses))
 
 
 def _rank(share: float, count: int) -> int:
@@ -139,7 +156,7 @@ def _greedy(candidates: Views, count: int, goal: _Goal) -> Ints:
     for _ in range(count):
         base = goal.fixed.joined(candidates.at(np.array(chosen, dtype=np.int64)))
         cost = objective(_with_each(base, candidates, 0), goal.share)
-        cost[chosen] = np.inf
+        cost[np.isin(goal.spot, goal.spot[chosen])] = np.inf
         chosen.append(int(np.argmin(cost)))
     return np.array(chosen, dtype=np.int64)
 
@@ -152,7 +169,7 @@ def _exchanged(candidates: Views, start: Ints, goal: _Goal) -> Choice:
     while kept < len(chosen):
         others = np.delete(chosen, slot)
         cost = objective(_with_each(goal.fixed.joined(candidates.at(others)), candidates, goal.losses), goal.share)
-        cost[others] = np.inf
+        cost[np.isin(goal.spot, goal.spot[others])] = np.inf
         found = int(np.argmin(cost))
         if cost[found] < best - LEAST_GAIN:
             chosen[slot], best, kept = found, float(cost[found]), 0

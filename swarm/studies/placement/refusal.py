@@ -74,13 +74,18 @@ def fewest_found(task: Task, at: Places, first: int, say: Callable[[str], None])
         first: number to begin with.
         say: is told each step.
     """
-    for count in range(first, min(task.kind.most - len(task.fixed), len(at.stands)) + 1):
+    for count in range(first, most_new(task, at) + 1):
         seen = at.fixed.joined(find(task, at, count, quick=True).seen)
         share = float(np.mean(np.isfinite(errors(seen, task.losses))))
         say(f"{counted(count, 'station')} decide {_percent(share)} of the poses{_lost(task)}")
         if share >= task.share:
             return count
     return None
+
+
+def most_new(task: Task, at: Places) -> int:
+    """Return the largest number of new stations: of those that can be told apart, one at each place."""
+    return min(task.kind.most - len(task.fixed), len(np.unique(at.spot)))
 
 
 def _lost(task: Task) -> str:

@@ -8,12 +8,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimators.arrays import Ints
 from estimators.placement import search as exchange
 from estimators.placement.search import Views
 from swarm.errors import SwarmError
 from swarm.studies.design.poses import Poses
 from swarm.studies.placement.candidates import Stand, candidates, moved
 from swarm.studies.placement.task import Task, fixed_views, views
+from swarm.tables import counted
 
 POSES = 200
 SECOND_POSES = 600
@@ -31,9 +33,14 @@ ROUNDS = 2
 
 
 class Places(NamedTuple):
-    """The candidates, and what they and the stations that stand already measure at the poses of the search."""
+    """Candidates at the poses of the search.
+
+    stands: N candidates. spot: (N,), the place of each. seen, fixed: measurements of the candidates, and of the
+    stations that stand already.
+    """
 
     stands: list[Stand]
+    spot: Ints
     poses: Poses
     seen: Views
     fixed: Views
@@ -50,7 +57,8 @@ class Found(NamedTuple):
 def places(task: Task) -> Places:
     """Return the candidates and what they measure. Raises SwarmError where a station may stand nowhere."""
     stands, poses = candidates(task.site), task.poses(POSES)
-    return Places(stands, poses, views(task, task.stations(stands), poses), fixed_views(task, poses))
+    spot = np.unique([stand.position for stand in stands], axis=0, return_inverse=True)[1].ravel()
+    return Places(stands, spot, poses, views(task, task.stations(stands), poses), fixed_views(task, poses))
 
 
 def find(task: Task, at: Places, count: int, *, seed: int = 0, quick: bool = False) -> Found:
@@ -66,10 +74,12 @@ def find(task: Task, at: Places, count: int, *, seed: int = 0, quick: bool = Fal
     Raises:
         SwarmError: there are fewer candidates.
     """
-    if count > len(at.stands):
-        raise SwarmError(f"--stations {count}: there are only {len(at.stands)} places where a station may stand")
+    if count > (room := len(np.unique(at.spot))):
+        raise SwarmError(f"--stations {count}: there are only {counted(room, 'place')} where a station may stand")
     starts = 1 if quick else max(1, round(STARTS * min(1.0, 4 / count)))
-    choices = exchange.choose(at.seen, count, task.share, losses=task.losses, fixed=at.fixed, starts=starts, seed=seed)
+    choices = exchange.choose(
+        at.seen, at.spot, count, task.share, losses=task.losses, fixed=at.fixed, starts=starts, seed=seed
+    )
     found = [([at.stands[i] for i in choice.chosen], at.seen.at(choice.chosen)) for choice in choices[:FINALISTS]]
     if not quick:
         found += [_finer(task, at, stands, seen) for stands, seen in found]
@@ -91,12 +101,13 @@ def _finer(task: Task, at: Places, stands: list[Stand], seen: Views) -> tuple[li
     """Move the stations in smaller and smaller steps as long as that helps."""
     for step in STEPS:
         for _ in range(ROUNDS):
-            around = [
-                near for stand in stands for near in moved(stand, task.site, step * task.site.spacing, step * TURN_RAD)
-            ]
+            near = [moved(stand, task.site, step * task.site.spacing, step * TURN_RAD) for stand in stands]
+            around = [stand for each in near for stand in each]
             both = seen.joined(views(task, task.stations(around), at.poses))
             start = np.arange(len(stands))
-            found = exchange.improve(both, start, task.share, losses=task.losses, fixed=at.fixed).chosen
+            # A neighbour takes the place of its own station, or of none.
+            spot = np.concatenate([start, np.repeat(start, [len(each) for each in near])])
+            found = exchange.improve(both, spot, start, task.share, losses=task.losses, fixed=at.fixed).chosen
             if np.array_equal(found, start):
                 break
             every = [*stands, *around]

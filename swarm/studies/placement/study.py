@@ -23,7 +23,7 @@ from swarm.studies.design.even import even_spreads
 from swarm.studies.placement.candidates import Stand
 from swarm.studies.placement.figure import draw
 from swarm.studies.placement.judgement import bound, judge, sample, together
-from swarm.studies.placement.refusal import needed, refuse_uncovered
+from swarm.studies.placement.refusal import most_new, needed, refuse_uncovered
 from swarm.studies.placement.report import ALL, EVEN, PLACED, figures, where
 from swarm.studies.placement.request import Request, checked, in_scene
 from swarm.studies.placement.search import Found, Places, find, places
@@ -153,7 +153,12 @@ def placed_stations(task: Task, stands: list[Stand]) -> tuple[PlacedStation, ...
 def _found(request: Request, task: Task, at: Places, say: Callable[[str], None], seed: int) -> Found:
     """Return the placement of so many stations, or of the fewest that reach the precision. Raises SwarmError."""
     least = needed(task, at)
-    counts = [request.stations] if request.stations else range(least, task.kind.most - len(task.fixed) + 1)
+    counts = [request.stations] if request.stations else range(least, most_new(task, at) + 1)
+    if not counts:
+        raise SwarmError(
+            f"no placement does with fewer than {least} stations, and at most {most_new(task, at)} are possible: let "
+            "stations stand elsewhere (--room, --shell-m, --at), or narrow the poses (--volume, --tilt-deg)"
+        )
     for count in counts:
         say(f"{counted(count, 'station')} among {len(at.stands)} candidates, at {len(at.poses.position)} poses")
         found = find(task, at, count, seed=seed)
@@ -164,7 +169,7 @@ def _found(request: Request, task: Task, at: Places, say: Callable[[str], None],
         if error <= 1:
             return _rounded(task, found)
     raise SwarmError(
-        f"{request.kind}: {task.kind.most} stations, the most that can be told apart, reach e = {error:.3g} at "
+        f"{request.kind}: {counted(count, 'station')}, the most that are possible, reach e = {error:.3g} at "
         f"{100 * task.share:g} % of the poses, and 1 is wanted: the precision of --attitude-deg and --position-mm"
     )
 
@@ -176,8 +181,14 @@ def _rounded(task: Task, found: Found) -> Found:
     axis = int(np.argmax(np.abs(task.site.up)))
     first, second = (i for i in range(3) if i != axis)
     order = sorted(range(len(away)), key=lambda i: float(np.arctan2(away[i][second], away[i][first])))
-    stands = [found.stands[i]._replace(position=(found.stands[i].position / GRID_M).round() * GRID_M) for i in order]
-    return found._replace(stands=stands, seen=found.seen.at(np.array(order)))
+    return found._replace(stands=[_on_grid(task, found.stands[i]) for i in order], seen=found.seen.at(np.array(order)))
+
+
+def _on_grid(task: Task, stand: Stand) -> Stand:
+    """Return a station at a rounded position; the points of the user stay as they are."""
+    if task.site.surfaces[stand.surface].area == 0:
+        return stand
+    return stand._replace(position=(stand.position / GRID_M).round() * GRID_M)
 
 
 def _even(at: Places, count: int) -> list[Stand]:
