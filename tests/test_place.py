@@ -61,7 +61,8 @@ def test_information_is_that_of_the_rows_with_their_full_covariance() -> None:
             on = np.flatnonzero(lit[p])
             n = len(on)
             fan, diode = np.repeat([0, 1], n), np.tile(on, 2)
-            rows = Rows(np.zeros(2 * n, dtype=np.int64), fan, diode, np.zeros(2 * n), np.zeros(2 * n))
+            first = np.zeros(2 * n, dtype=np.int64)
+            rows = Rows(first, fan, diode, first, np.zeros(2 * n), np.zeros(2 * n))
             still = np.zeros((2, 3))
             h = linearise(rows, packed([station]), point, rotation[p], position[p], *still).matrix[
                 :, [0, 1, 2, 6, 7, 8]
