@@ -28,6 +28,7 @@ from swarm.cli.run import run
 from swarm.cli.smooth import smooth
 from swarm.cli.streams import ended_by_output, open_streams
 from swarm.cli.study import study
+from swarm.cli.survey import survey
 from swarm.cli.terminal import Handler, error_message, stopping_once
 from swarm.cli.usage import is_usage, usage_message
 from swarm.cli.video import video
@@ -120,7 +121,7 @@ def _swarm(
 
 
 app.command("list")(list_all)
-flying = (run, new, view, check, replay, smooth, reproduce, calibrate, layout, place, study)
+flying = (run, new, view, check, replay, smooth, reproduce, calibrate, survey, layout, place, study)
 afterwards = (report, compare, export, video, docs)
 for command in (*flying, *afterwards):
     app.command()(command)

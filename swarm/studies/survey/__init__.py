@@ -1,0 +1,1 @@
+"""`swarm survey`: where the stations stand, from recordings."""
