@@ -1,5 +1,6 @@
 """A synthetic room: stations of either generation, an object that moves or rests in it, and the sweeps that it sees."""
 
+import json
 from typing import NamedTuple
 
 import numpy as np
@@ -118,3 +119,68 @@ def light(
         whole[0], whole[1], whole[2], point[whole[4]], tau, angle, own * noise, shared * noise, whole[3], whole[4]
     )
     return rows, np.full(windows, moving)
+
+
+CHANNELS = (3, 11)
+TICKS = {3: 949_000, 11: 911_000}
+"""Duration of a turn [ticks of 48 MHz]."""
+PLACE_S = 0.9
+"""Time that the object of a recording rests at a place [s]."""
+
+
+def resting_places(rng: np.random.Generator, count: int) -> list[tuple[Rotation, Floats]]:
+    """Places within 0.7 m of the middle, at which the object's top is up within 35 degrees."""
+    out = []
+    for _ in range(count):
+        tilt = Rotation.from_rotvec(rng.normal(0, 0.35, 3) * [1, 1, 0]) * Rotation.from_euler("z", rng.uniform(0, 6.28))
+        out.append((tilt, rng.uniform(-0.7, 0.7, 3) * [1, 1, 0.5]))
+    return out
+
+
+def recording_lines(rooms: list[Room], places: list[tuple[Rotation, Floats]], noise: float = 2e-5) -> list[str]:
+    """libsurvive's lines of an object that rests at one place after the other before two Lighthouse 2.0 stations.
+
+    Args:
+        rooms: the stations while it rests at each place.
+        places: attitude and position of the object.
+        noise: of an angle [rad].
+    """
+    rng = np.random.default_rng(11)
+    table = {
+        "modelPoints": POINT.tolist(),
+        "modelNormals": [[0, 0, 1]] * len(POINT),
+        "channelMap": list(range(len(POINT))),
+    }
+    events: list[tuple[float, str]] = []
+    for s, channel in enumerate(CHANNELS):
+        turn = TICKS[channel]
+        zeros = np.arange(50_000 * (s + 1), len(places) * PLACE_S * 48e6, turn)
+        events += [(at, f"Y {channel} {round(at)} 0 1") for at in zeros.tolist()]
+        for at in zeros.tolist():
+            n = min(int(at / (PLACE_S * 48e6)), len(places) - 1)
+            attitude, place = places[n]
+            where = rooms[n]
+            local = (attitude.apply(POINT) + place - where.position[s]) @ where.rotation[s]
+            angles = measured_angles(local, fans_of(where.errors[s])) + rng.normal(0, noise, (len(POINT), 2))
+            share = (angles + np.pi + np.array([-1, 1]) * np.pi / 3) / (2 * np.pi)
+            for k, f in np.ndindex(share.shape):
+                tick = at + turn * share[k, f]
+                events.append((tick, f"W {channel} {k} {round(tick)} 0"))
+    events.sort(key=lambda event: event[0])
+    head = [f"0.1 OBJ CONFIG {json.dumps({'lighthouse_config': table})}"]
+    return head + [f"{1 + tick / 48e6:.6f} OBJ {text}" for tick, text in events]
+
+
+def configuration(where: Room) -> str:
+    """libsurvive's configuration with the calibration of the stations, and no pose."""
+    keys = ("fcalphase", "fcaltilt", "fcalcurve", "fcalgibpha", "fcalgibmag", "fcalogeephase", "fcalogeemag")
+    tables = {}
+    for s, channel in enumerate(CHANNELS):
+        columns = zip(*where.errors[s], strict=True)
+        values = {
+            key: [repr(-float(x) if key == "fcaltilt" else float(x)) for x in column]
+            for key, column in zip(keys, columns, strict=True)
+        }
+        head = {"index": str(s), "id": str(1000 + s), "mode": str(channel), "OOTXSet": "1"}
+        tables[f"lighthouse{s}"] = {**head, **values}
+    return json.dumps(tables)

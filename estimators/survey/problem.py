@@ -44,7 +44,7 @@ RATE_PRIOR = 3.0
 """Standard deviation of an object's angular rate about each axis [rad/s]."""
 VELOCITY_PRIOR = 1.0
 """The same of its velocity along each axis [m/s]."""
-LEVER_PRIOR_M = 0.05
+LEVER_PRIOR_M = 0.03
 """Standard deviation of a marker's place on its object along each axis [m]."""
 BEHIND_RAD = 0.3
 """Residual of a row whose photodiode is not in front of its station, or that its fan never meets."""

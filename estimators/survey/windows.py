@@ -63,7 +63,16 @@ class Cut(NamedTuple):
     end_s: Floats
 
 
-def cut(seen: Seen, point: Floats, turn_s: Floats, own: Floats, *, stations: int = 2, most: int = MOST) -> Cut:
+def cut(
+    seen: Seen,
+    point: Floats,
+    turn_s: Floats,
+    own: Floats,
+    *,
+    stations: int = 2,
+    most: int = MOST,
+    rest: bool = True,
+) -> Cut:
     """Return the windows of one object's light.
 
     Args:
@@ -73,8 +82,9 @@ def cut(seen: Seen, point: Floats, turn_s: Floats, own: Floats, *, stations: int
         own: noise of one hit per station [rad], (S,).
         stations: number of stations that must have seen a window.
         most: moving windows at most.
+        rest: whether stretches at rest are averaged.
     """
-    stretches = _at_rest(seen)
+    stretches = _at_rest(seen) if rest else []
     spans = list(stretches)
     chosen = _moving(seen, stretches, stations, most)
     windows = sorted([(b, e, False) for b, e in spans] + [(b, e, True) for b, e in chosen])

@@ -53,6 +53,12 @@ ListOnly = Annotated[
     bool, typer.Option("--list", help="Only list what the recording contains, and what of it can be replayed.")
 ]
 
+Truth = Annotated[
+    Path | None,
+    typer.Option(
+        "--truth", metavar="FILE", help="Compare with this trajectory of the object: motion capture .npy, TUM or CSV."
+    ),
+]
 Seed = Annotated[int | None, typer.Option("--seed", metavar="N", help="Use this seed. Default: 0.")]
 Settings = Annotated[
     list[str] | None,
@@ -73,6 +79,7 @@ def replay(
     lighthouse: Station = 0,
     calibration: Calibration = None,
     source: From = Source.PULSES,
+    truth: Truth = None,
     list_only: ListOnly = False,
     overrides: Settings = None,
     seed: Seed = None,
@@ -87,6 +94,7 @@ def replay(
     swarm replay walk.rec.gz --list
     swarm replay walk.rec.gz --object HMD --lighthouse 0 \\
         --calibration config.json
+    swarm replay walk.rec.gz --object HMD --truth mocap.npy
     swarm replay walk.rec.gz --object HMD --from angles \\
         --set navigation.motion_compensation=false
     """
@@ -115,6 +123,7 @@ def replay(
                 lighthouse=lighthouse,
                 calibration=calibration or _own_calibration(file, notes.append),
                 source=source.value,
+                truth=truth,
                 scenario=settings,
                 out=folder,
                 force=force,

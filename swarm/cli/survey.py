@@ -96,7 +96,7 @@ def survey(
                 f"--truth: {len(truths)} given for {len(recordings)} recordings; give one for each, in their order"
             )
         start = None if stations is None else read_stations(stations)
-        result = solve_survey(collect(recordings, object_name, calibration, start), truths, parts)
+        result = solve_survey(collect(recordings, object_name, calibration, start, alone=bool(truths)), truths, parts)
         write_calibration(file, file_text(result))
         print_survey(wide_console(), result, file)
         for note in result.notes:

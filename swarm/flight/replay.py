@@ -25,6 +25,7 @@ from swarm.flight.recordings.receiver import Receiver
 from swarm.flight.recordings.station_calibration import StationCalibration, read_calibration
 from swarm.flight.recordings.windows import Source, Windows
 from swarm.flight.simulate import untold
+from swarm.flight.truth import GivenTruth
 from swarm.hardware import Photodiodes
 from swarm.onboard.decoder import SweepAngles
 from swarm.onboard.navigation import Estimate, Navigator
@@ -62,6 +63,7 @@ def replay(
     lighthouse: int = 0,
     calibration: str | Path | None = None,
     source: Source = "pulses",
+    truth: str | Path | None = None,
     scenario: Scenario | None = None,
     out: str | Path | None = None,
     force: bool = False,
@@ -77,6 +79,7 @@ def replay(
         lighthouse: number of the station.
         calibration: file of the station's known errors, in libsurvive's format or this project's.
         source: raw "pulses", or the "angles" that the recording's own software derived from them.
+        truth: trajectory of the object from another system, such as motion capture.
         scenario: other navigation settings, as `for_replay` makes them.
         out: folder of the run, by default `runs/<recording>-0`.
         force: replace an existing run.
@@ -88,28 +91,33 @@ def replay(
         The run, opened.
 
     Raises:
-        SwarmError: the recording or the calibration cannot be read, or the folder cannot be written.
+        SwarmError: the recording, the calibration or the truth cannot be read, or the truth does not fit, or the
+            folder cannot be written.
     """
     settings, told = for_replay(Path(recording)) if scenario is None else checked(scenario), progress or untold
     refuse_run(settings.name, settings.seed, out, force)
     command = _command(recording, settings, object_name, lighthouse, calibration, source)
+    command += f" --truth {shlex.quote(str(truth))}" if truth is not None else ""
     playback = Playback(recording, settings, object_name, lighthouse, calibration, source)
     settings = playback.settings
+    # Flown once for the truth to be aligned with, so that a truth that does not fit leaves no run behind.
+    given = GivenTruth(truth, playback.fly(), playback.begin_s, playback.marks_s) if truth is not None else None
     if tell is not None:
-        for note in playback.notes:
+        for note in (*playback.notes, *(given.notes if given is not None else ())):
             tell(note)
     with writing_run(
         settings,
         out,
-        playback.scene,
+        playback.scene._replace(truth=given is not None),
         force=force,
         duration_s=playback.duration_s,
         record=record,
         angles=playback.believed if settings.recording.angles else None,
         history=playback.history,
         command=command,
+        found=given.summary() if given is not None else None,
     ) as writer:
-        for period in playback.fly():
+        for period in playback.fly() if given is None else given.give(playback.fly()):
             writer.append(period)
             told(writer.progress)
     return writer.run
@@ -153,7 +161,8 @@ class Playback:
 
     log, windows: the recording. settings: the scenario, with the noise that was found. layout: the object's photodiodes
     as assumed. found: noise and false photodiodes. believed: layout, fan errors and noise, for a calibration. scene:
-    description for telemetry and recording. duration_s: length of the recording [s]. notes: sentences about what of the
+    description for telemetry and recording. duration_s: length of the recording [s]. begin_s: first epoch on the
+    recording's clock. marks_s: instants there that a motion capture system saw, too. notes: sentences about what of the
     recording is lost, left out, or found. history: whether estimates carry the filter's prediction.
     """
 
@@ -186,6 +195,7 @@ class Playback:
         self.windows = Windows(self.log, lighthouse, source, station)
         self.layout = _layout(self.log, self._known)
         self.duration_s = len(self.windows) * self.windows.frame_s
+        self.begin_s, self.marks_s = self.windows.begin_s, np.zeros(0)
         self.notes = self.log.losses.sentences()
         if station is None and len(self.log.peer_time_s):
             self.notes.append(

@@ -119,7 +119,8 @@ class StationPlayback:
     """Light that one object saw of several stations, through the same navigator as simulated craft.
 
     settings: the scenario, with the noise that was found. noise: of each station. found: noise and false photodiodes.
-    scene: description for telemetry and recording. duration_s: length of the recording [s]. notes: sentences about what
+    scene: description for telemetry and recording. duration_s: length of the recording [s]. begin_s: instant of time zero on
+    the recording's clock. marks_s: instants there that a motion capture system saw, too. notes: sentences about what
     of the recording is lost, left out, or found. history: whether estimates carry the filter's prediction. believed:
     None, for the angles of several stations are in no file.
     """
@@ -161,6 +162,7 @@ class StationPlayback:
         frame_s = FRAME_S.get(source.light.generation, min(FRAME_S.values()))
         self.windows = RowWindows(source, numbers, frame_s, peer, nobody)
         self.duration_s = len(self.windows) * frame_s
+        self.begin_s, self.marks_s = self.windows.begin_s, source.marks_s
         self.found = RowConsistency(None, nobody, np.zeros(shape))
         if settings.navigation.integrity.residual_test is not False:
             self.found = self._assess(settings)

@@ -65,10 +65,12 @@ PDOP = Column(5, "PDOP\nm/rad", (_figure("mean_pdop_m_per_rad"),))
 AT_NOISE = Column(6, "at noise\n° / mm", (_figure("predicted_attitude_deg"), _figure("predicted_position_m", 1000)))
 """What ADOP and PDOP make of this scenario's angle noise."""
 NEES = Column(3, "NEES\nmean", (_figure("mean", inside="nees"),))
+POSITION_ERROR = Column(1, "position, mm\nRMS / max", _error("ekf", "position m", 1000))
+ATTITUDE_ERROR = Column(2, "attitude, °\nRMS / max", _error("ekf", "attitude deg"))
 COLUMNS = (
     TRACKING,
-    Column(1, "position, mm\nRMS / max", _error("ekf", "position m", 1000)),
-    Column(2, "attitude, °\nRMS / max", _error("ekf", "attitude deg")),
+    POSITION_ERROR,
+    ATTITUDE_ERROR,
     Column(2, "smoothed, mm\nRMS / max", _error("smooth", "position m", 1000)),
     Column(4, "smoothed, °\nRMS / max", _error("smooth", "attitude deg")),
     Column(7, "PnP, mm\nRMS / max", _error("pnp", "position m", 1000)),
@@ -87,6 +89,8 @@ def _left_out(figures: Figures) -> float | None:
 
 REPLAY_COLUMNS = (
     TRACKING,
+    POSITION_ERROR,
+    ATTITUDE_ERROR,
     Column(1, "solved\n%, ≥5 lit", (_figure("solved_share_with_5_photodiodes", 100),)),
     Column(2, "residual\narcsec", (_figure("residual_median_rad", ARCSEC_PER_RAD),)),
     Column(3, "lit\nmean", (_figure("mean_visible"),)),

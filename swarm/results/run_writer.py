@@ -2,11 +2,11 @@
 
 import platform
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from importlib.metadata import version
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -115,6 +115,7 @@ def writing_run(
     angles: Believed | None = None,
     history: bool = False,
     command: str = "",
+    found: Mapping[str, Any] | None = None,
 ) -> Iterator[RunWriter]:
     """Open a run's folder for the block; it is closed however the block ends.
 
@@ -132,6 +133,7 @@ def writing_run(
         angles: What the craft believe, for a run that writes their sweep angles.
         history: Keep the history of the filters; their estimates carry the predictions.
         command: The command that repeats the run, where it is not `swarm run` of its scenario.
+        found: What else the summary of a complete run has, by key.
 
     Raises:
         SwarmError: Nothing can be written, or a criterion measures what this run does not.
@@ -161,7 +163,7 @@ def writing_run(
         motions = {each.name: each.table.motion for each in craft(scenario)}
         closing = {name: motion.closing_speed_m_s for name, motion in motions.items() if isinstance(motion, Dock)}
         verdicts = judge(scenario.criteria, TelemetryTable.of_run(folder.path), closing)
-        folder.finish({**summarise_run(folder.path), **summary_of(verdicts)})
+        folder.finish({**summarise_run(folder.path), **(found or {}), **summary_of(verdicts)})
         writer.run = open_run(folder.path)
 
 

@@ -52,6 +52,7 @@ class Scene(NamedTuple):
     of what may fail, in the order of the codes in `Period.fault`; empty without faults. angle_noise_rad: standard
     deviation of a sweep angle that the craft assume; None: unknown. stations: all of several stations; none: there is
     one, whose frame is the world. up: axis of the world that points up, "-y" or "z".
+    truth: a truth of another system goes with a replay.
     """
 
     craft: Sequence[str]
@@ -71,6 +72,7 @@ class Scene(NamedTuple):
     angle_noise_rad: float | None = None
     stations: Sequence[StationScene] = ()
     up: str = "-y"
+    truth: bool = False
 
     @property
     def without_sensors(self) -> list[str]:

@@ -43,6 +43,8 @@ SCALE_M = 0.005
 """Residual of half weight [m]: a good alignment of a real flight leaves 6 mm."""
 FAR_M = 0.15
 """Largest residual of a sample that agrees with a rigid transformation in RANSAC [m]."""
+SAME_M = 1e-3
+"""Difference of two median distances that says nothing about which shift is better [m]."""
 _LONG_S = 10.0
 _SEARCH_STEP_S = 0.08
 _MOST_SHIFTS = 6000
@@ -190,23 +192,29 @@ def _searched(t: Floats, p: Floats, truth: Trajectory) -> Clock:
     some = np.sort(rng.choice(len(t), min(len(t), _PAIRS), replace=False))
     one, other = rng.permutation(some), rng.permutation(some)
     apart = np.linalg.norm(p[one] - p[other], axis=1)
-    best, least = None, np.inf
-    for shift in np.linspace(low, high, count).tolist():
+    shifts, score, overlap = np.linspace(low, high, count), np.full(count, np.inf), np.zeros(count)
+    for i, shift in enumerate(shifts.tolist()):
         away = np.linalg.norm(interpolated(truth, t[one] + shift) - interpolated(truth, t[other] + shift), axis=1)
         both = np.isfinite(away)
         share = float(np.mean(both))
         if np.count_nonzero(both) < FEWEST or share < 0.1:
             continue
         # A short overlap fits by chance: it must be the better for it.
-        score = float(np.median(np.abs(away[both] - apart[both]))) / np.sqrt(share)
-        if score < least:
-            best, least = shift, score
-    if best is None:
+        overlap[i], score[i] = share, float(np.median(np.abs(away[both] - apart[both]))) / np.sqrt(share)
+    if not np.isfinite(score).any():
         raise SwarmError(
             f"{truth.path}: the truth, {truth.time_s[-1] - truth.time_s[0]:.1f} s long, overlaps nowhere with the "
             f"estimate, {t[-1] - t[0]:.1f} s long"
         )
-    return Clock(best, 1.0)
+    # Of an object that rests now and then, many neighbouring shifts are as good: the middle one.
+    good = score < 1.5 * float(score.min()) + SAME_M
+    first = last = int(np.argmax(np.where(good, overlap, -1.0)))
+    good &= overlap > 0.9 * overlap[first]
+    while first > 0 and good[first - 1]:
+        first -= 1
+    while last + 1 < count and good[last + 1]:
+        last += 1
+    return Clock(float(shifts[first] + shifts[last]) / 2, 1.0)
 
 
 def agreed(points: Floats, places: Floats) -> tuple[Floats, Floats]:

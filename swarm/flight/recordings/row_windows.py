@@ -56,6 +56,7 @@ class RowWindows:
         self.frame_s, self._tick_s, self._false = frame_s, light.tick_s, false
         sweep, begin = _sweeps(hits, light.tick_s)
         self._first_tick = float(hits.tick.min()) if len(hits.tick) else 0.0
+        self._begin_s = float(source.time_s(np.array(self._first_tick)))
         period = np.floor((begin - self._first_tick) * light.tick_s / frame_s).astype(np.int64)
         order = np.argsort(period, kind="stable")
         self._hits, self._sweep, period = hits.of(order), sweep[order], period[order]
@@ -68,6 +69,11 @@ class RowWindows:
         epochs = self._first_tick + (np.arange(count, dtype=np.float64) + 0.5) * (frame_s / light.tick_s)
         within, poses = blended(source.peer_time_s, peer, source.time_s(epochs))
         self._at.position[within], self._at.quaternion[within] = poses
+
+    @property
+    def begin_s(self) -> float:
+        """Return the begin of the first period on the recording's clock [s]."""
+        return self._begin_s
 
     def __len__(self) -> int:
         return len(self._edges) - 1

@@ -120,6 +120,11 @@ class Windows:
         self._time_s = line(self._start + TURN_TICKS / 2)
         self._peer = _peer_poses(recording, self._time_s, station or recording.station(lighthouse))
 
+    @property
+    def begin_s(self) -> float:
+        """Return the first epoch on the recording's clock [s]."""
+        return float(self._time_s[0])
+
     def __len__(self) -> int:
         return len(self._start)
 

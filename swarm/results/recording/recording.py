@@ -159,10 +159,11 @@ class Plots:
         # Translucent, so that the lines of many craft do not hide each other.
         inks = [int.from_bytes(colour[:3].tobytes() + b"\xb4", "big") for colour in stage.colour]
         watching = {pair.craft for pair in scene.ccd}
-        self.swarm = swarm_plots(craft, inks, stage.crowd, scene.replay, scene.without_sensors)
+        untold = scene.replay and not scene.truth
+        self.swarm = swarm_plots(craft, inks, stage.crowd, untold, scene.without_sensors)
         self.single = {
             craft[i]: [
-                *craft_plots(craft[i], i, scene.replay, i in watching),
+                *craft_plots(craft[i], i, untold, i in watching),
                 *shown_plots(craft[i], i, shown.columns),
             ]
             for i in stage.detail

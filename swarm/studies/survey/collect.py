@@ -77,7 +77,10 @@ def collect(
     calibration: Path | None = None,
     start: PlacedStations | None = None,
     *,
-    seen_by: int = 2,
+    alone: bool = False,
+    most: int | None = None,
+    span: tuple[float, float] = (0.0, 1.0),
+    rest: bool = True,
 ) -> Collected:
     """Return the windows of recordings.
 
@@ -86,7 +89,10 @@ def collect(
         object_name: the only object to take, None for all.
         calibration: libsurvive's configuration, for recordings without one beside them.
         start: stations as a file of ours has them; they take the place of what the recordings say.
-        seen_by: stations that must see a window.
+        alone: whether one station by itself is enough, as it is where a truth goes with it.
+        most: moving windows of an object, None: as many as all files together may have.
+        span: the part of each recording that is taken, begin and end as shares of its duration.
+        rest: whether stretches at rest become one window each; else all is cut as if it moved.
 
     Raises:
         SwarmError: a file cannot be read, or no object saw enough light.
@@ -94,15 +100,20 @@ def collect(
     lights, notes = _lights(files, object_name, calibration)
     stations = _stations(lights, start)
     index = {station.number: i for i, station in enumerate(stations)}
-    most = max(LEAST_WINDOWS, MOST // max(len(lights), 1))
-    seen_by = min(seen_by, len(stations))
+    most = max(LEAST_WINDOWS, MOST // max(len(lights), 1)) if most is None else most
+    if len(stations) < 2 and not alone:
+        raise SwarmError(
+            f"{', '.join(map(str, files))}: only {stations[0].name} was seen, and how stations stand against each "
+            "other takes two; with --truth one station's place is found, too"
+        )
+    seen_by = min(2, len(stations))
     objects: list[ObjectWindows] = []
     parts: list[Rows] = []
     normals: list[Floats] = []
     times: list[Floats] = []
     windows = sweeps = 0
     for number, light in lights:
-        found = _cut(light, index, stations, seen_by, most)
+        found = _cut(light, index, stations, seen_by, most, span, rest=rest)
         count = len(found.moving)
         if not count:
             notes.append(f"{light.path}: {light.name!r}: no window that {seen_by} stations saw; it is left out")
@@ -209,13 +220,35 @@ def _known(light: ObjectLight, number: int, start: PlacedStations | None) -> Kno
     return Known(number, generation, name, identity, errors, calibrated, place, source)
 
 
-def _cut(light: ObjectLight, index: dict[int, int], stations: list[Known], seen_by: int, most: int) -> Cut:
-    """Return the windows of one object."""
+def _cut(
+    light: ObjectLight,
+    index: dict[int, int],
+    stations: list[Known],
+    seen_by: int,
+    most: int,
+    span: tuple[float, float],
+    *,
+    rest: bool,
+) -> Cut:
+    """Return the windows of one object.
+
+    Args:
+        light: of the object.
+        index: of each station's number.
+        stations: in order of their indices.
+        seen_by: stations that must see a window.
+        most: moving windows at most.
+        span: the part of the recording.
+        rest: whether stretches at rest are averaged.
+    """
     hits = light.light.hits
     station: Ints = np.array([index[number] for number in hits.station.tolist()], dtype=np.int64)
     seen = Seen(light.time_s(hits.tick), station, hits.fan, hits.photodiode, hits.angle)
-    order = np.argsort(seen.time_s, kind="stable")
+    seen = seen.of(np.argsort(seen.time_s, kind="stable"))
+    if span != (0.0, 1.0):
+        begin, end = (seen.time_s[0] + share * (seen.time_s[-1] - seen.time_s[0]) for share in span)
+        seen = seen.of((seen.time_s >= begin) & (seen.time_s <= end))
     turn = np.array([light.light.turn_s.get(known.number, FIRST_TURN_S) for known in stations])
     own = np.array([OWN_RAD[known.generation] for known in stations])
     point = light.photodiodes.point_m[0]
-    return cut(seen.of(order), point, turn, own, stations=seen_by, most=most)
+    return cut(seen, point, turn, own, stations=seen_by, most=most, rest=rest)

@@ -28,6 +28,8 @@ TRUTH_M = 1.5e-3
 FEWEST_PLACES = 3
 STILL_M = 2e-3
 """Spread of a truth that keeps to one place [m]."""
+SAMPLE_S = 0.1
+"""Distance of the samples in time that a stretch at rest gives for the alignment of the clocks [s]."""
 SHIFT_RAD = 1e-4
 """Median shift of a resting object's angles up to which their station has not moved [rad]."""
 
@@ -211,29 +213,33 @@ def _places(part: ObjectWindows, found: Surveyed, truth: Trajectory, notes: list
         return np.tile(truth.position.mean(axis=0), (count, 1))
     marks = part.light.marks_s
     position = np.where(found.used[own][:, None], found.room.window_position[own], np.nan)
-    middle = (part.cut.begin_s + part.cut.end_s) / 2
     still = float(np.linalg.norm(np.ptp(position[found.used[own]], axis=0))) < LEAST_SPREAD_M if count else True
     clock = clock_of_marks(marks, truth)
     if not still:
-        aligned = align(middle, position, found.room.window_rotation[own], truth, marks)
+        repeated = np.maximum(((part.cut.end_s - part.cut.begin_s) / SAMPLE_S).astype(np.int64), 1)
+        which = np.repeat(np.arange(count), repeated)
+        # A stretch at rest is many samples: it says when the object came and went.
+        within = np.concatenate([(np.arange(n) + 0.5) / n for n in repeated.tolist()])
+        times = part.cut.begin_s[which] + within * (part.cut.end_s - part.cut.begin_s)[which]
+        aligned = align(times, position[which], found.room.window_rotation[own][which], truth, marks)
         notes.extend(f"{part.light.path.name}: {text}" for text in _of_clock(aligned))
         clock = aligned.clock
     if clock is None:
         notes.append(f"{truth.path}: it moves and the object does not, and no marks tell its time; it is left aside")
         return np.full((count, 3), np.nan)
-    return np.array([_mean(truth, clock, b, e) for b, e in zip(part.cut.begin_s, part.cut.end_s, strict=True)])
+    return np.array([_place(truth, clock, b, e) for b, e in zip(part.cut.begin_s, part.cut.end_s, strict=True)])
 
 
 def _of_clock(aligned: Alignment) -> list[str]:
     return aligned.sentences()[:1]
 
 
-def _mean(truth: Trajectory, clock: Clock, begin_s: float, end_s: float) -> Floats:
-    """Return the mean place (3,) [m] within a window, NaN where the truth has a gap in it."""
+def _place(truth: Trajectory, clock: Clock, begin_s: float, end_s: float) -> Floats:
+    """Return the place (3,) [m] in a window, the median of a stretch at rest, NaN where the truth has a gap in it."""
     times = np.linspace(begin_s, end_s, 9) if end_s - begin_s > 0.2 else np.array([(begin_s + end_s) / 2])
     places = interpolated(truth, clock.of(times))
     seen = np.isfinite(places).all(axis=1)
-    return places[seen].mean(axis=0) if 2 * np.count_nonzero(seen) > len(times) else np.full(3, np.nan)
+    return np.median(places[seen], axis=0) if 2 * np.count_nonzero(seen) > len(times) else np.full(3, np.nan)
 
 
 def _moves(collected: Collected, found: Surveyed) -> list[Told]:
