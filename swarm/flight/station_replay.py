@@ -119,10 +119,10 @@ class StationPlayback:
     """Light that one object saw of several stations, through the same navigator as simulated craft.
 
     settings: the scenario, with the noise that was found. noise: of each station. found: noise and false photodiodes.
-    scene: description for telemetry and recording. duration_s: length of the recording [s]. begin_s: instant of time zero on
-    the recording's clock. marks_s: instants there that a motion capture system saw, too. notes: sentences about what
-    of the recording is lost, left out, or found. history: whether estimates carry the filter's prediction. believed:
-    None, for the angles of several stations are in no file.
+    scene: description for telemetry and recording. duration_s: length of the recording [s]. begin_s: instant of time
+    zero on the recording's clock. marks_s: instants there that a motion capture system saw, too. notes: sentences about
+    what of the recording is lost, left out, or found. history: whether estimates carry the filter's prediction.
+    believed: None, for the angles of several stations are in no file.
     """
 
     believed = None

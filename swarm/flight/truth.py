@@ -24,8 +24,6 @@ from swarm.results.records import Truth
 
 BASELINE_S = 0.05
 """Time over which a velocity is the difference of places [s]."""
-NEAR_S = 0.02
-"""A true attitude is at most so far in time from an epoch [s]."""
 
 
 class GivenTruth:
@@ -81,14 +79,17 @@ class GivenTruth:
         return out
 
     def _raw(self, time_s: Floats) -> Floats:
-        """Return the trajectory's attitudes (n, 3, 3) in its own frame nearest to instants of the recording."""
+        """Return the trajectory's attitudes (n, 3, 3) in its own frame at instants of the recording, NaN in gaps."""
         known, at = self._truth.time_s, self.alignment.clock.of(time_s)
-        after = np.clip(np.searchsorted(known, at), 1, max(len(known) - 1, 1))
-        nearest = np.where(np.abs(known[after - 1] - at) < np.abs(known[after] - at), after - 1, after)
-        quaternion = self._truth.quaternion[nearest]
         out = np.full((len(at), 3, 3), np.nan)
-        seen = np.isfinite(quaternion).all(axis=1) & (np.abs(known[nearest] - at) < NEAR_S)
-        out[seen] = rot.matrix_from_quaternion(quaternion[seen])
+        quaternion = self._truth.quaternion
+        after = np.clip(np.searchsorted(known, at), 1, len(known) - 1)
+        whole = np.isfinite(quaternion).all(axis=1)
+        seen = np.isfinite(interpolated(self._truth, at)).all(axis=1) & whole[after] & whole[after - 1]
+        after = after[seen]
+        first, second = (rot.matrix_from_quaternion(quaternion[i]) for i in (after - 1, after))
+        share = (at[seen] - known[after - 1]) / (known[after] - known[after - 1])
+        out[seen] = first @ rot.exp(share[:, None] * rot.log(np.swapaxes(first, 1, 2) @ second))
         return out
 
     def _attitude_offset(self, time_s: Floats, position: Floats, rotation: Floats) -> Floats | None:

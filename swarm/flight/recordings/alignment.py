@@ -43,13 +43,15 @@ SCALE_M = 0.005
 """Residual of half weight [m]: a good alignment of a real flight leaves 6 mm."""
 FAR_M = 0.15
 """Largest residual of a sample that agrees with a rigid transformation in RANSAC [m]."""
+LEAST_OVERLAP = 0.3
+"""Least overlap of a shift, relative to the largest of all shifts."""
 SAME_M = 1e-3
 """Difference of two median distances that says nothing about which shift is better [m]."""
 _LONG_S = 10.0
 _SEARCH_STEP_S = 0.08
 _MOST_SHIFTS = 6000
 _TRIALS = 200
-_PAIRS = 150
+_PAIRS = 300
 
 
 class Clock(NamedTuple):
@@ -188,26 +190,30 @@ def _searched(t: Floats, p: Floats, truth: Trajectory) -> Clock:
     """Return the shift at which distances between places agree best."""
     low, high = float(truth.time_s[0] - t[-1]), float(truth.time_s[-1] - t[0])
     count = int(min((high - low) / _SEARCH_STEP_S + 1, _MOST_SHIFTS))
+    # Pairs that are near in time, so that a short truth has many of them, too.
     rng = np.random.default_rng(1)
-    some = np.sort(rng.choice(len(t), min(len(t), _PAIRS), replace=False))
-    one, other = rng.permutation(some), rng.permutation(some)
+    reach = min(np.ptp(t), np.ptp(truth.time_s)) / 2
+    one = rng.integers(0, len(t), _PAIRS)
+    other = np.searchsorted(t, t[one] + rng.uniform(0.1, 1.0, _PAIRS) * reach)
+    inside = other < len(t)
+    one, other = one[inside], other[inside]
     apart = np.linalg.norm(p[one] - p[other], axis=1)
     shifts, score, overlap = np.linspace(low, high, count), np.full(count, np.inf), np.zeros(count)
     for i, shift in enumerate(shifts.tolist()):
         away = np.linalg.norm(interpolated(truth, t[one] + shift) - interpolated(truth, t[other] + shift), axis=1)
         both = np.isfinite(away)
-        share = float(np.mean(both))
-        if np.count_nonzero(both) < FEWEST or share < 0.1:
-            continue
-        # A short overlap fits by chance: it must be the better for it.
-        overlap[i], score[i] = share, float(np.median(np.abs(away[both] - apart[both]))) / np.sqrt(share)
+        overlap[i] = np.count_nonzero(both)
+        if overlap[i] >= FEWEST:
+            # A short overlap fits by chance: it must be the better for it.
+            score[i] = float(np.median(np.abs(away[both] - apart[both]))) / np.sqrt(overlap[i])
+    score[overlap < LEAST_OVERLAP * overlap.max()] = np.inf
     if not np.isfinite(score).any():
         raise SwarmError(
             f"{truth.path}: the truth, {truth.time_s[-1] - truth.time_s[0]:.1f} s long, overlaps nowhere with the "
             f"estimate, {t[-1] - t[0]:.1f} s long"
         )
     # Of an object that rests now and then, many neighbouring shifts are as good: the middle one.
-    good = score < 1.5 * float(score.min()) + SAME_M
+    good = score < 1.5 * float(score.min()) + SAME_M / np.sqrt(np.maximum(overlap, 1.0))
     first = last = int(np.argmax(np.where(good, overlap, -1.0)))
     good &= overlap > 0.9 * overlap[first]
     while first > 0 and good[first - 1]:
