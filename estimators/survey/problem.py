@@ -140,7 +140,7 @@ class Truth(NamedTuple):
 
 @dataclass(frozen=True)
 class Free:
-    """What is adjusted. stations: (S,), their poses. windows: whether the objects' poses are. parts: names of
+    """The unknowns that are adjusted. stations: (S,), their poses. windows: whether objects' poses are. parts: names of
     `estimators.survey.terms.PARTS`.
     """
 
@@ -215,9 +215,9 @@ class Problem:
     def take(self, room: Room, step: Floats) -> Room:
         """Return the room after a step of the unknowns, (size,)."""
         rotation, position, terms = room.rotation.copy(), room.position.copy(), room.terms.copy()
-        for s in np.flatnonzero(self._station_at >= 0):
-            d = step[self._station_at[s] : self._station_at[s] + 6]
-            rotation[s], position[s] = rot.exp(d[:3]) @ rotation[s], position[s] + d[3:]
+        for i in np.flatnonzero(self._station_at >= 0).tolist():
+            d = step[self._station_at[i] : self._station_at[i] + 6]
+            rotation[i], position[i] = rot.exp(d[:3]) @ rotation[i], position[i] + d[3:]
         for s, wanted in enumerate(self.term_columns):
             if len(wanted):
                 d = step[self._terms_at[s] : self._terms_at[s] + 2 * len(wanted)].reshape(2, -1)

@@ -1,4 +1,4 @@
-"""Where to start a survey from, without knowing anything but the objects' layouts.
+"""Start of a survey, from nothing but the objects' layouts.
 
 1. Every window gives every station that sees four photodiodes by both fans the object's poses before it, by PnP: one,
    or with its mirror two, of a plane most often two (`estimators.lighthouse.pnp_start`).

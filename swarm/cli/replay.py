@@ -95,8 +95,6 @@ def replay(
     swarm replay walk.rec.gz --object HMD --lighthouse 0 \\
         --calibration config.json
     swarm replay walk.rec.gz --object HMD --truth mocap.npy
-    swarm replay walk.rec.gz --object HMD --from angles \\
-        --set navigation.motion_compensation=false
     """
     with mistakes():
         from swarm.assets import find_recording
@@ -107,12 +105,10 @@ def replay(
             return
         notes: list[str] = []
         from swarm.results.owned_folder import folder_of
-        from swarm.results.run_folder import refuse_run
         from swarm.scenario import for_replay
 
         settings = for_replay(file, overrides or (), seed)
         folder = folder_of(settings.name, settings.seed, out)
-        refuse_run(settings.name, settings.seed, folder, force)
 
         def fly(progress: Callable[["Progress"], None]) -> "Run":
             from swarm.flight.replay import replay as fly_again

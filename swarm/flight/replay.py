@@ -25,7 +25,7 @@ from swarm.flight.recordings.receiver import Receiver
 from swarm.flight.recordings.station_calibration import StationCalibration, read_calibration
 from swarm.flight.recordings.windows import Source, Windows
 from swarm.flight.simulate import untold
-from swarm.flight.truth import GivenTruth
+from swarm.flight.truth import truth_for
 from swarm.hardware import Photodiodes
 from swarm.onboard.decoder import SweepAngles
 from swarm.onboard.navigation import Estimate, Navigator
@@ -91,36 +91,35 @@ def replay(
         The run, opened.
 
     Raises:
-        SwarmError: the recording, the calibration or the truth cannot be read, or the truth does not fit, or the
-            folder cannot be written.
+        SwarmError: a file cannot be read, or the truth does not fit, or the folder cannot be written.
     """
     settings, told = for_replay(Path(recording)) if scenario is None else checked(scenario), progress or untold
     refuse_run(settings.name, settings.seed, out, force)
-    command = _command(recording, settings, object_name, lighthouse, calibration, source)
-    command += f" --truth {shlex.quote(str(truth))}" if truth is not None else ""
+    command = _command(recording, settings, object_name, lighthouse, calibration, source, truth)
     playback = Playback(recording, settings, object_name, lighthouse, calibration, source)
-    settings = playback.settings
-    # Flown once for the truth to be aligned with, so that a truth that does not fit leaves no run behind.
-    given = GivenTruth(truth, playback.fly(), playback.begin_s, playback.marks_s) if truth is not None else None
-    if tell is not None:
-        for note in (*playback.notes, *(given.notes if given is not None else ())):
-            tell(note)
+    given = truth_for(truth, playback)
+    for note in (*playback.notes, *given.notes):
+        (tell or _untold)(note)
     with writing_run(
-        settings,
+        playback.settings,
         out,
-        playback.scene._replace(truth=given is not None),
+        playback.scene._replace(truth=given.known),
         force=force,
         duration_s=playback.duration_s,
         record=record,
-        angles=playback.believed if settings.recording.angles else None,
+        angles=playback.believed if playback.settings.recording.angles else None,
         history=playback.history,
         command=command,
-        found=given.summary() if given is not None else None,
+        found=given.summary(),
     ) as writer:
-        for period in playback.fly() if given is None else given.give(playback.fly()):
+        for period in given.give(playback.fly()):
             writer.append(period)
             told(writer.progress)
     return writer.run
+
+
+def _untold(note: str) -> None:
+    """Tell a sentence to nobody."""
 
 
 def _command(
@@ -130,6 +129,7 @@ def _command(
     lighthouse: int,
     calibration: str | Path | None,
     source: Source,
+    truth: str | Path | None,
 ) -> str:
     """Return the command that repeats a replay: its arguments, and every setting that is not the usual one.
 
@@ -140,6 +140,7 @@ def _command(
         lighthouse: number of the station.
         calibration: file of the station's known errors.
         source: raw pulses or angles.
+        truth: file of the truth, None without one.
     """
     own = own_recording(Path(recording))
     words = ["swarm", "replay", own.name if own is not None else str(recording)]
@@ -149,6 +150,7 @@ def _command(
     brought = own is not None and calibration is not None and Path(calibration) == own.calibration
     words += ["--calibration", str(calibration)] if calibration is not None and not brought else []
     words += ["--from", source] if source != "pulses" else []
+    words += ["--truth", str(truth)] if truth is not None else []
     usual = for_replay(Path(recording))
     words += ["--seed", str(settings.seed)] if settings.seed != usual.seed else []
     for key, value in changed(usual, settings):

@@ -7,14 +7,14 @@ turn between these and the object's is the mean over the recording, so what is l
 The true velocity is the trajectory's difference over 50 ms, turned into our frame; no true angular rate is known.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from estimators import rotation as rot
-from estimators.arrays import Floats
+from estimators.arrays import Bools, Floats
 from swarm.errors import SwarmError
 from swarm.flight.recordings.alignment import FAR_M, align, interpolated, true_positions
 from swarm.flight.recordings.trajectory import Trajectory, read_trajectory
@@ -26,8 +26,44 @@ BASELINE_S = 0.05
 """Time over which a velocity is the difference of places [s]."""
 
 
+class Flown(Protocol):
+    """A replay that can be flown. begin_s, marks_s: as in `GivenTruth`."""
+
+    begin_s: float
+    marks_s: Floats
+
+    def fly(self) -> Iterator[Period]:
+        """Yield its periods, the same each time."""
+
+
+class NoTruth:
+    """No truth."""
+
+    notes: Sequence[str] = ()
+    known = False
+
+    def summary(self) -> dict[str, Any]:
+        """Return nothing."""
+        return {}
+
+    def give(self, periods: Iterable[Period]) -> Iterable[Period]:
+        """Return periods as they are."""
+        return periods
+
+
+def truth_for(path: str | Path | None, flown: Flown) -> "GivenTruth | NoTruth":
+    """Return the truth of a file, aligned with a replay; it is flown for that. Without a file there is none.
+
+    Raises:
+        SwarmError: the file cannot be read, or does not fit.
+    """
+    return NoTruth() if path is None else GivenTruth(path, flown.fly(), flown.begin_s, flown.marks_s)
+
+
 class GivenTruth:
     """A trajectory, aligned with the estimates of a replay. alignment: how. notes: the same in sentences."""
+
+    known = True
 
     def __init__(self, path: str | Path, periods: Iterable[Period], begin_s: float, marks_s: Floats) -> None:
         """Align a trajectory.
@@ -84,8 +120,9 @@ class GivenTruth:
         out = np.full((len(at), 3, 3), np.nan)
         quaternion = self._truth.quaternion
         after = np.clip(np.searchsorted(known, at), 1, len(known) - 1)
-        whole = np.isfinite(quaternion).all(axis=1)
-        seen = np.isfinite(interpolated(self._truth, at)).all(axis=1) & whole[after] & whole[after - 1]
+        whole: Bools = np.asarray(np.isfinite(quaternion).all(axis=1))
+        there = np.asarray(np.isfinite(interpolated(self._truth, at)).all(axis=1) & whole[after] & whole[after - 1])
+        seen = np.flatnonzero(there)
         after = after[seen]
         first, second = (rot.matrix_from_quaternion(quaternion[i]) for i in (after - 1, after))
         share = (at[seen] - known[after - 1]) / (known[after] - known[after - 1])

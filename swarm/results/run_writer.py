@@ -130,7 +130,7 @@ def writing_run(
         duration_s: Length of the run [s].
         record: Write recording.rrd.
         live: Show the recording meanwhile.
-        angles: What the craft believe, for a run that writes their sweep angles.
+        angles: What the craft believe, where their sweep angles are written.
         history: Keep the history of the filters; their estimates carry the predictions.
         command: The command that repeats the run, where it is not `swarm run` of its scenario.
         found: What else the summary of a complete run has, by key.
@@ -154,17 +154,21 @@ def writing_run(
                 stack.enter_context(_closing(telemetry))
                 recording = _recorder(folder, scene, (record and scenario.recording.enabled) or live, live)
                 stack.enter_context(_closing(recording))
-                navigating = len(scene.craft) - len(scene.without_sensors)
-                writer = RunWriter(telemetry, recording, navigating, duration_s, beliefs, scans, past)
+                count = len(scene.craft) - len(scene.without_sensors)
+                writer = RunWriter(telemetry, recording, count, duration_s, beliefs, scans, past)
                 yield writer
         except BaseException as stop:
             _interrupt(folder, _reason(stop))
             raise
-        motions = {each.name: each.table.motion for each in craft(scenario)}
-        closing = {name: motion.closing_speed_m_s for name, motion in motions.items() if isinstance(motion, Dock)}
-        verdicts = judge(scenario.criteria, TelemetryTable.of_run(folder.path), closing)
-        folder.finish({**summarise_run(folder.path), **(found or {}), **summary_of(verdicts)})
+        folder.finish({**summarise_run(folder.path), **(found or {}), **_judged(scenario, folder.path)})
         writer.run = open_run(folder.path)
+
+
+def _judged(scenario: Scenario, folder: Path) -> dict[str, Any]:
+    """Return what the scenario's criteria say of a run, for its summary."""
+    motions = [(each.name, each.table.motion) for each in craft(scenario)]
+    closing = {name: motion.closing_speed_m_s for name, motion in motions if isinstance(motion, Dock)}
+    return summary_of(judge(scenario.criteria, TelemetryTable.of_run(folder), closing))
 
 
 def _interrupt(folder: RunFolder, reason: str) -> None:

@@ -27,7 +27,7 @@ _GAP_S = 1000.0
 
 
 class Known(NamedTuple):
-    """What is known of a station beforehand. place: its pose, None if not known. source: where that stands."""
+    """A station as it is known beforehand. place: its pose, None if not known. source: where that stands."""
 
     number: int
     generation: str
