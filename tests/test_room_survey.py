@@ -41,6 +41,7 @@ def test_stations_of_both_generations_are_found() -> None:
     assert np.nanmedian(turned) < 0.02
 
 
+@pytest.mark.long
 def test_sigmas_are_honest() -> None:
     where = room((SECOND, SECOND))
     nees = []
