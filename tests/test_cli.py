@@ -47,6 +47,8 @@ HEAVY = {
     "mcap",
     "av",
     "PIL",
+    "pettingzoo",
+    "gymnasium",
 }
 ROOT = Path(__file__).parent.parent
 COMMANDS = tuple(get_command(cli.app).commands)  # type: ignore[attr-defined]

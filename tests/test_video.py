@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from swarm.errors import SwarmError
 from swarm.exports.video import FAN_TURN_S, Options, fans, video, view_of
@@ -48,7 +49,7 @@ def test_each_fan_sweeps_its_half_of_the_turn_within_the_field() -> None:
 @pytest.mark.parametrize(
     ("file", "options", "message"),
     [
-        ("a.avi", Options(), "ends in .mp4"),
+        ("a.avi", Options(), "a video ends in .mp4"),
         ("a.mp4", Options(width=99), "the width 99 must be an even number"),
         ("a.mp4", Options(fps=0), "--fps"),
         ("a.mp4", Options(speed=float("nan")), "--speed"),
@@ -84,4 +85,8 @@ def test_a_video_plays(tmp_path: Path) -> None:
     assert len(pictures) == 2
     middle = pictures[0][40:130].astype(int)
     assert ((middle[..., 1] - middle[..., 0] > 15).sum()) > 20, "green beams"
+    words = [str(tmp_path / "run"), str(tmp_path / "run.png"), "--size", "320x180", "--at", "0.01"]
+    subprocess.run([sys.executable, "-m", "swarm", "video", *words], check=True, cwd=ROOT)
+    with Image.open(tmp_path / "run.png") as picture:
+        assert picture.size == (320, 180)
     assert [path.name for path in tmp_path.iterdir() if path.suffix in (".tmp", ".mp4")] == ["run.mp4"]

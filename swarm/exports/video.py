@@ -25,6 +25,7 @@ from swarm.assets import find_model
 from swarm.errors import SwarmError
 from swarm.exports.mp4 import Mp4, check_library
 from swarm.flight.builders.stations import standing
+from swarm.results.disk import writing
 from swarm.results.files import SCENARIO, TELEMETRY
 from swarm.results.run_folder import open_run
 from swarm.results.table import TelemetryTable
@@ -90,6 +91,49 @@ class Film:
         return out
 
 
+class Stage:
+    """A run as it is drawn, as a context manager."""
+
+    def __init__(self, path: str | Path, looks: Options) -> None:
+        """Read the run in the folder `path`. Raises SwarmError where it cannot be read, or this machine cannot draw."""
+        run = open_run(path)
+        if not (run.folder / SCENARIO).is_file():
+            raise SwarmError(f"{run.folder} was stopped before its {SCENARIO} was written")
+        scenario = load(run.folder / SCENARIO)
+        self.film = film = Film(run.folder)
+        if tuple(film.names) != tuple(scenario.craft_names):
+            raise SwarmError(f"{run.folder}: the craft in {SCENARIO} and in {TELEMETRY} are not the same")
+        passive = [table.passive for _, table in scenario.tables]
+        subjects = [Subject(one.name, one.model, dark) for one, dark in zip(craft(scenario), passive, strict=True)]
+        several = standing(scenario)
+        stations = [at_origin(find_model(scenario.lighthouse.model))] if several is None else several
+        self._lamps = [station.position for station in stations]
+        self._field_deg = scenario.lighthouse.field_deg if several is None else None
+        self._reach = float(np.linalg.norm(film.position, axis=2).max())
+        self._view = view_of(film.position, self._lamps, looks.width / looks.height)
+        away = float(np.linalg.norm(self._view.eye_m - self._view.target_m))
+        self._pixel_m = 2 * np.tan(np.radians(FIELD_DEG / 2)) * away / looks.height
+        self._caption = _Caption(scenario, looks)
+        most = len(film.names) * (TRACK_STEPS + 6 + len(stations)) + 8
+        self._picture = Picture(subjects, stations, looks.width, looks.height, most)
+
+    def shot(self, time_s: float) -> NDArray[np.uint8]:
+        """Return the picture of the period next to a time [s], (height, width, 3)."""
+        film = self.film
+        k = int(np.abs(film.time_s - time_s).argmin())
+        marks = list(_marks(film, k, self._lamps, self._pixel_m))
+        since_s = time_s - float(film.time_s[0])
+        plates = [] if self._field_deg is None else fans(self._field_deg, self._reach, since_s)
+        drawn = self._picture.draw(film.position[k], film.quaternion[k], self._view, marks, plates)
+        return self._caption.over(drawn, film, k)
+
+    def __enter__(self) -> "Stage":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._picture.close()
+
+
 def video(
     path: str | Path, file: Path, options: Options | None = None, progress: Callable[[int, int], None] | None = None
 ) -> Path:
@@ -105,43 +149,47 @@ def video(
         SwarmError: The run cannot be read, this machine cannot draw, a library is missing, or nothing can be written.
     """
     looks = options or Options()
-    _check(file, looks)
+    _check(file, ".mp4", looks)
     check_library()
-    run = open_run(path)
-    if not (run.folder / SCENARIO).is_file():
-        raise SwarmError(f"{run.folder} was stopped before its {SCENARIO} was written")
-    scenario = load(run.folder / SCENARIO)
-    film = Film(run.folder)
-    if tuple(film.names) != tuple(scenario.craft_names):
-        raise SwarmError(f"{run.folder}: the craft in {SCENARIO} and in {TELEMETRY} are not the same")
-    passive = [table.passive for _, table in scenario.tables]
-    subjects = [Subject(one.name, one.model, dark) for one, dark in zip(craft(scenario), passive, strict=True)]
-    several = standing(scenario)
-    stations = [at_origin(find_model(scenario.lighthouse.model))] if several is None else several
-    lamps = [station.position for station in stations]
-    times = np.arange(film.time_s[0], film.time_s[-1] + 1e-9, looks.speed / looks.fps)
-    view, caption = view_of(film.position, lamps, looks.width / looks.height), _Caption(scenario, looks)
-    reach = float(np.linalg.norm(film.position, axis=2).max())
-    pixel_m = 2 * np.tan(np.radians(FIELD_DEG / 2)) * float(np.linalg.norm(view.eye_m - view.target_m)) / looks.height
-    most = len(film.names) * (TRACK_STEPS + 6 + len(lamps)) + 8
-    with (
-        Picture(subjects, stations, looks.width, looks.height, most) as picture,
-        Mp4(file, looks.width, looks.height, looks.fps) as written,
-    ):
+    with Stage(path, looks) as stage, Mp4(file, looks.width, looks.height, looks.fps) as written:
+        times = np.arange(stage.film.time_s[0], stage.film.time_s[-1] + 1e-9, looks.speed / looks.fps)
         for number, time_s in enumerate(times.tolist()):
-            k = int(np.abs(film.time_s - time_s).argmin())
-            marks = list(_marks(film, k, lamps, pixel_m))
-            plates = fans(scenario.lighthouse.field_deg, reach, time_s - times[0]) if several is None else []
-            drawn = picture.draw(film.position[k], film.quaternion[k], view, marks, plates)
-            written.add(caption.over(drawn, film, k))
+            written.add(stage.shot(time_s))
             if progress is not None:
                 progress(number + 1, len(times))
     return file
 
 
-def _check(file: Path, looks: Options) -> None:
-    if file.suffix.lower() != ".mp4":
-        raise SwarmError(f"{file}: a video's name ends in .mp4")
+def still(path: str | Path, file: Path, at_s: float | None = None, options: Options | None = None) -> Path:
+    """Draw one picture of a run, and return its file.
+
+    Args:
+        path: The folder of the run.
+        file: The picture, whose name ends in .png.
+        at_s: The time [s]; None: the middle of the run.
+        options: Its width and height.
+
+    Raises:
+        SwarmError: As `video`, or the time is not of the run.
+    """
+    from PIL import Image
+
+    looks = options or Options()
+    _check(file, ".png", looks)
+    with Stage(path, looks) as stage:
+        first, last = float(stage.film.time_s[0]), float(stage.film.time_s[-1])
+        wanted = (first + last) / 2 if at_s is None else at_s
+        if not first - 0.1 <= wanted <= last + 0.1:
+            raise SwarmError(f"--at: {wanted:g} s is not in the run, which goes from {first:.2f} to {last:.2f} s")
+        with writing(file):
+            file.parent.mkdir(parents=True, exist_ok=True)
+            Image.fromarray(stage.shot(wanted)).save(file, optimize=True)
+    return file
+
+
+def _check(file: Path, ending: str, looks: Options) -> None:
+    if file.suffix.lower() != ending:
+        raise SwarmError(f"{file}: the name of a {'video' if ending == '.mp4' else 'picture'} ends in {ending}")
     for name, value in (("width", looks.width), ("height", looks.height)):
         if value % 2 or not SIZES[0] <= value <= SIZES[1]:
             raise SwarmError(f"--size: the {name} {value} must be an even number from {SIZES[0]} to {SIZES[1]}")

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from swarm.flight import builders
 from swarm.hardware import Closing
+from swarm.onboard.pilot import Pilot
 from swarm.results.period import Guided, Period
 from swarm.results.records import Truth
 from swarm.scenario import Scenario
@@ -30,12 +31,13 @@ class Flight:
     measure, for a calibration.
     """
 
-    def __init__(self, scenario: Scenario, *, history: bool = False) -> None:
+    def __init__(self, scenario: Scenario, *, history: bool = False, pilot: type[Pilot] = Pilot) -> None:
         """Build everything.
 
         Args:
             scenario: scenario to fly.
             history: whether estimates carry the filter's prediction, for a smoother.
+            pilot: the class that steers the craft.
 
         Raises:
             SwarmError: the scenario cannot fly.
@@ -51,7 +53,7 @@ class Flight:
         self.actuators = builders.actuators(scenario, self.world)
         layout = builders.own_layout(scenario, self.world)
         self.computer = builders.computer(scenario, self.world, self.motions, self.sensors, layout, history=history)
-        self.pilot = builders.pilot(scenario, self.world, self.motions, self.latches)
+        self.pilot = builders.pilot(scenario, self.world, self.motions, self.latches, pilot)
         self._told = builders.start_state(scenario, self.motions)
         self.command = builders.no_command(len(self.world.names))
         self.believed = builders.measured_by(scenario, self.world, layout, self.computer.navigator.settings)

@@ -115,7 +115,7 @@ def measured_by(scenario: Scenario, world: World, layout: Photodiodes, settings:
     return believed(world.names, layout, (settings.fan_x, settings.fan_y), angle_noise(scenario))
 
 
-def pilot(scenario: Scenario, world: World, motions: Fleet, latches: Latches) -> Pilot:
+def pilot(scenario: Scenario, world: World, motions: Fleet, latches: Latches, kind: type[Pilot] = Pilot) -> Pilot:
     """Return the guidance, control and actuator computers of all craft.
 
     Args:
@@ -123,12 +123,13 @@ def pilot(scenario: Scenario, world: World, motions: Fleet, latches: Latches) ->
         world: the world, for mass, inertia and actuators of the craft.
         motions: reference motions of the craft.
         latches: latches of all docking pairs.
+        kind: the pilot's class.
     """
     period_s, guides = scenario.period_s, guidance(scenario, latches.matings, motions.at(0.0))
     actuators = actuator_set(fitted(scenario, world), world.com_m)
     actuation = Actuation(actuators, world.mass, world.inertia, period_s)
     body, by_estimate = Body(world.mass, world.inertia), steers_by_estimate(scenario)
-    return Pilot(motions, guides, actuation, body, by_estimate, period_s, orbit(scenario))
+    return kind(motions, guides, actuation, body, by_estimate, period_s, orbit(scenario))
 
 
 def latches(scenario: Scenario, world: World) -> Latches:

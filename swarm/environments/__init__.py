@@ -1,0 +1,1 @@
+"""Environments for learning: craft that an agent steers, over the program's own physics, light and navigation."""
