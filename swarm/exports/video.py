@@ -41,6 +41,7 @@ MOST_OVERLAID = 64
 """Of more craft, only the beams are drawn."""
 COLOURS = {"tracking": (0.35, 0.9, 0.55), "single_sweeps": (0.55, 0.8, 0.95), "coasting": (0.95, 0.7, 0.25)}
 """Colours of beams and tracks by status; all others are red."""
+BY_LIGHT = ("tracking", "single_sweeps")
 LOST = (0.95, 0.3, 0.25)
 AXES = ((0.95, 0.25, 0.25), (0.3, 0.85, 0.35), (0.35, 0.55, 1.0))
 SIDE = np.array([0.62, -0.42, -0.66])
@@ -292,7 +293,8 @@ class _Caption:
         pen, height = ImageDraw.Draw(image), image.height
         lines = [self._title, f"{film.time_s[k]:.2f} s{self._speed}"]
         known = np.isfinite(film.error_m[k])
-        below = [f"{int((film.status[k] == 'tracking').sum())} of {film.shape[1]} craft tracking"]
+        by_light = int(np.isin(film.status[k], BY_LIGHT).sum())
+        below = [f"{by_light} of {film.shape[1]} craft navigate by light"]
         if known.any():
             rms = [np.sqrt(np.mean(each[k][known] ** 2)) for each in (film.error_m, film.error_deg)]
             below.append(f"error of the estimates, RMS: {1000 * rms[0]:.2f} mm, {rms[1]:.3f}°")

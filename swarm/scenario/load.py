@@ -69,7 +69,8 @@ def load(name_or_path: str | Path, overrides: Overrides = (), seed: int | None =
     Args:
         name_or_path: The name of a shipped scenario, or the path of a TOML file.
         overrides: "key=value" with a dotted key and a value as TOML writes it, quotes around plain words left out:
-            "swarm.count=16", "craft[1].motion.from_m=[0, 0, 8]"; or `Override`s; or a mapping, {"swarm.count": 16}.
+            "swarm.count=16", "craft[1].motion.from_m=[0, 0, 8]"; or `Override` records; or a mapping, such as
+            {"swarm.count": 16}.
         seed: Replaces the seed of the file.
 
     Raises:
