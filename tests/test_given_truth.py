@@ -90,6 +90,7 @@ def test_errors_are_those_that_were_put_in(flown: tuple[list[Period], float], tm
         assert np.degrees(np.median(away)) < 0.3  # 1 mm over the 0.3 m of its way
 
 
+@pytest.mark.long
 def test_a_replay_has_true_columns(flown: tuple[list[Period], float], short: Path, tmp_path: Path) -> None:
     periods, begin_s = flown
     file = truth_of(periods, begin_s, tmp_path, attitude=True)
@@ -108,6 +109,7 @@ def test_a_replay_has_true_columns(flown: tuple[list[Period], float], short: Pat
     assert "--truth" in (run.folder / "scenario.toml").read_text()
 
 
+@pytest.mark.long
 def test_a_truth_that_does_not_fit_leaves_no_run(short: Path, tmp_path: Path) -> None:
     file = tmp_path / "other.csv"
     t = np.arange(0, 40, 0.02)

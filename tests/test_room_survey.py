@@ -64,6 +64,7 @@ def test_a_crazyflies_deck_is_enough() -> None:
     assert np.linalg.norm(sigma[3:]) < 0.02
 
 
+@pytest.mark.long
 def test_systematic_errors_are_found_and_believed() -> None:
     where = room((SECOND, SECOND))
     rows, moving = light(where, np.random.default_rng(5), 8, own=1e-4, shared=0.0, moving=False)
@@ -119,6 +120,7 @@ def test_truth_fixes_frame_and_scale() -> None:
     assert 0 < np.max(joined.position_sigma(1)) < 0.02
 
 
+@pytest.mark.long
 def test_terms_are_adjusted_towards_the_truth() -> None:
     where = room((FIRST, FIRST))
     rows, moving = light(where, np.random.default_rng(6), 10, own=1e-5, shared=0.0, moving=False)

@@ -74,6 +74,8 @@ def solve_survey(collected: Collected, truths: Sequence[Path] = (), parts: Seque
     Raises:
         SwarmError: the light tells nothing, or a truth does not fit.
     """
+    # Read first: a mistake in them is said at once.
+    trajectories = [read_trajectory(path) for path in truths]
     try:
         found = survey(
             collected.rows,
@@ -96,7 +98,7 @@ def solve_survey(collected: Collected, truths: Sequence[Path] = (), parts: Seque
     before, apart_before = _before(collected, parts)
     frame, covariance = "", found.covariance
     if truths:
-        joined = _with_truths(collected, found, truths, notes)
+        joined = _with_truths(collected, found, trajectories, notes)
         if joined is not None:
             found, frame, covariance = joined, truths[0].name, joined.covariance
     if not frame:
@@ -166,11 +168,13 @@ def _in_known_frame(collected: Collected, found: Surveyed) -> tuple[Surveyed, Fl
     return (
         out,
         turned_covariance(found.covariance, turn),
-        f"that of {Path(collected.stations[known[0][0]].source).name}",
+        f"the stations' known poses of {Path(collected.stations[known[0][0]].source).name}",
     )
 
 
-def _with_truths(collected: Collected, found: Surveyed, truths: Sequence[Path], notes: list[str]) -> Surveyed | None:
+def _with_truths(
+    collected: Collected, found: Surveyed, truths: Sequence[Trajectory], notes: list[str]
+) -> Surveyed | None:
     """Return the survey in the truth's frame, None where it has too few places to tell its frame."""
     files = sorted({part.file for part in collected.objects})
     if len(truths) <= max(files):
@@ -182,7 +186,7 @@ def _with_truths(collected: Collected, found: Surveyed, truths: Sequence[Path], 
     names = list(dict.fromkeys(part.light.name for part in collected.objects))
     for part in collected.objects:
         marker[part.first : part.last] = names.index(part.light.name)
-        place[part.first : part.last] = _places(part, found, read_trajectory(truths[part.file]), notes)
+        place[part.first : part.last] = _places(part, found, truths[part.file], notes)
     known = np.isfinite(place).all(axis=1) & found.used
     spread = np.linalg.svd(place[known] - place[known].mean(axis=0), compute_uv=False) if np.any(known) else np.zeros(3)
     if np.count_nonzero(known) < FEWEST_PLACES or spread[1] < LEAST_SPREAD_M:
