@@ -73,6 +73,19 @@ class BeamHits(NamedTuple):
         )
 
 
+class Bearers(NamedTuple):
+    """Motion over a period of the B craft that stations ride on, one per such station, as these craft tell it.
+
+    offset_s: instants, in order, minus the epoch, (n + 1,) [s].
+    rotation: attitudes at these instants, R_w_b, (n + 1, B, 3, 3).
+    position: positions at these instants, (n + 1, B, 3) [m].
+    """
+
+    offset_s: Floats
+    rotation: Floats
+    position: Floats
+
+
 class LightImages(NamedTuple):
     """Images of lights that P camera pairs saw at one epoch, in the order of the scenario's `[craft.ccd]` tables.
 
@@ -124,6 +137,7 @@ class Signals(NamedTuple):
 
     pulses: pulses that the timing circuits logged.
     beams: hits of Lighthouse 2.0 stations; None without any.
+    bearers: motion of the craft that stations ride on; None without any.
     images: images of the cameras at the epoch; None where no craft has cameras.
     scans: for each LiDAR the scan that was completed in the period; None where none was.
     epoch_s: epoch on the LiDARs' clock [s].
@@ -134,6 +148,7 @@ class Signals(NamedTuple):
     scans: Sequence[LidarScan | None] = ()
     epoch_s: float = 0.0
     beams: BeamHits | None = None
+    bearers: Bearers | None = None
 
 
 class Command(NamedTuple):

@@ -160,6 +160,12 @@ class Station(Table):
         """True for Lighthouse 2.0."""
         return self.kind == "lighthouse-2"
 
+    @property
+    def known(self) -> bool:
+        """True if the craft know the station as it is."""
+        perfect = self.fan_x == self.fan_y == Fan() and self.plane_1 == self.plane_2 == Plane()
+        return (self.calibrated or perfect) and not self.position_error_mm and not self.attitude_error_deg
+
     def between_keys(self) -> Iterator[Mistake]:
         """Refuse what the other generation has, and a direction to the station's own place."""
         for key in ("fan_x", "fan_y") if self.second else ("plane_1", "plane_2", "channel"):

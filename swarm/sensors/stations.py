@@ -25,7 +25,7 @@ from estimators.kernel import kernel
 from estimators.lighthouse.rotor import CHANNEL_CLOCK_HZ, CHANNEL_TICKS, share_of
 from estimators.lighthouse.sweep import Fan, kernel_fans
 from estimators.rotation import matrix_from_quaternion, quaternion_from_matrix, quaternion_multiply
-from swarm.messages import SKIP_BIT, SYNC_WIDTH_S, SYNC_WIDTH_STEP_S, BeamHits, Pulses
+from swarm.messages import SKIP_BIT, SYNC_WIDTH_S, SYNC_WIDTH_STEP_S, BeamHits, Bearers, Pulses
 from swarm.sensors.draws import key_of, normal, uniform
 from swarm.sensors.lighthouse import STRAY_WIDTH_MAX_S, Lighthouse, Motion
 from swarm.sensors.passage import Passages, Sweeps, no_passages, pass_into
@@ -115,6 +115,14 @@ class Stations:
         each = sight.reshape(*sight.shape[:2], len(self.emitters), LOOKS).min(axis=-1)
         best: NDArray[np.int8] = each.max(axis=-1)
         return best
+
+    def bearers(self, truth: Motion) -> Bearers | None:
+        """Return the motion of the craft that stations ride on; None if none does."""
+        craft = [emitter.craft for emitter in self.emitters if emitter.craft >= 0]
+        if not craft:
+            return None
+        offset_s = truth.time_s - truth.time_s[len(truth.time_s) // 2]
+        return Bearers(offset_s, matrix_from_quaternion(truth.quaternion[:, craft]), truth.position[:, craft])
 
     def shine(self, truth: Motion, frame: int, lit: Bools) -> tuple[Pulses, BeamHits | None]:
         """Return what every craft logs in one period, of either generation.

@@ -76,6 +76,7 @@ class Sensors:
         return Signals(
             pulses=pulses,
             beams=beams,
+            bearers=None if self.stations is None else self.stations.bearers(truth),
             images=None if self.ccd is None else self.ccd.expose(truth, frame),
             scans=[scan for lidar in self.lidars for scan in lidar.sweep(truth)],
             epoch_s=float(truth.time_s[truth.epoch]),

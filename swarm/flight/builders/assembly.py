@@ -7,7 +7,6 @@ import numpy as np
 from estimators.rotation import matrix_from_quaternion
 from estimators.state import State
 from swarm import random
-from swarm.errors import SwarmError
 from swarm.flight.builders.cameras import cameras
 from swarm.flight.builders.craft import photodiodes, pushes, start, steers_by_estimate
 from swarm.flight.builders.dynamics import fitted, orbit
@@ -15,11 +14,11 @@ from swarm.flight.builders.guidance import guidance, matings
 from swarm.flight.builders.lidars import inspection, lidars
 from swarm.flight.builders.navigation import believed_layout, navigation
 from swarm.flight.builders.station import angle_noise, decoder
-from swarm.flight.builders.stations import stations
+from swarm.flight.builders.stations import station_computer, stations
 from swarm.hardware import Photodiodes, actuator_set
 from swarm.messages import Command
 from swarm.onboard.actuation.actuation import Actuation
-from swarm.onboard.computer import Computer
+from swarm.onboard.computer import Computer, StationComputer
 from swarm.onboard.navigation import Navigator
 from swarm.onboard.pilot import Body, Pilot
 from swarm.onboard.settings import NavigationSettings
@@ -76,7 +75,7 @@ def computer(
     layout: Photodiodes,
     *,
     history: bool = False,
-) -> Computer:
+) -> Computer | StationComputer:
     """Return the computers of all craft.
 
     Args:
@@ -90,15 +89,16 @@ def computer(
     Raises:
         SwarmError: a calibration does not fit the craft.
     """
-    if scenario.station:
-        raise SwarmError(f"scenario {scenario.name}: station: craft do not navigate by [[station]] tables yet")
     begin = motions.at(0.0)
     known = [known for _, known in cameras(scenario, world, begin)]
     # Who holds no attitude turns without torque.
     inertia = np.where(begin.holds_attitude[:, None, None], np.nan, world.inertia)
+    settings = replace(navigation(scenario), history=history)
+    if scenario.station:
+        return station_computer(scenario, settings, layout, known, inertia, inspection(scenario, suite.lidars))
     return Computer(
         decoder(scenario, layout.present),
-        Navigator(layout, replace(navigation(scenario), history=history), known, inertia),
+        Navigator(layout, settings, known, inertia),
         inspection(scenario, suite.lidars),
     )
 

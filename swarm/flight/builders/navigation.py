@@ -77,8 +77,10 @@ def _integrity(settings: Scenario, calibration: StationCalibration | None) -> In
 
 
 def _every_error_is_known(settings: Scenario, calibration: StationCalibration | None) -> bool:
-    """Tell whether fans and mountings are without errors, or a calibration takes off those of every craft."""
+    """Tell whether fans, stations and mountings are without errors or known, or a calibration takes off those of every craft."""
     drawn = settings.lighthouse
+    if settings.station:
+        return drawn.mounting_error_mm == 0 and all(table.known for table in settings.station)
     if calibration is None:
         return drawn.mounting_error_mm == 0 and drawn.fan_x == drawn.fan_y == scenario.Fan()
     placed = calibration.by_name

@@ -1,5 +1,6 @@
 """The lighthouse stations of a scenario: as they really are, and as the craft know them."""
 
+from collections.abc import Sequence
 from math import pi, sqrt
 
 import numpy as np
@@ -15,7 +16,15 @@ from estimators.lighthouse.sweep import Fan, FanErrors, lighthouse_1, lighthouse
 from estimators.lighthouse.tilted import TiltedErrors
 from swarm import random, scenario
 from swarm.assets import find_model
+from swarm.flight.builders.station import FAN_ERROR_MAX_RAD, WIDEST_HALF_FIELD_RAD
 from swarm.hardware import Photodiodes
+from swarm.onboard.beams import BeamDecoder
+from swarm.onboard.ccd import CcdCalibration
+from swarm.onboard.computer import Mount, StationComputer
+from swarm.onboard.inspection import Inspection
+from swarm.onboard.settings import NavigationSettings
+from swarm.onboard.stations import StationNavigator
+from swarm.onboard.turns import TurnDecoder
 from swarm.random import Purpose
 from swarm.scenario import Scenario
 from swarm.scenario.stations import channels
@@ -111,6 +120,41 @@ def station_noise(settings: Scenario) -> list[AngleNoise]:
         rho = correlation if assumed.rotor_correlation is None else assumed.rotor_correlation
         out.append(_with_ticks(settings, table, sigma, rho))
     return out
+
+
+def station_computer(
+    settings: Scenario,
+    navigation: NavigationSettings,
+    layout: Photodiodes,
+    cameras: Sequence[CcdCalibration],
+    inertia: Floats,
+    inspection: Inspection,
+) -> StationComputer:
+    """Return the computers of all craft before several stations.
+
+    Args:
+        settings: the scenario.
+        navigation: settings of their navigation.
+        layout: photodiodes at the positions that every craft assumes.
+        cameras: calibrations of the pairs of cameras.
+        inertia: of craft that turn freely, (C, 3, 3) [kg m^2]; NaN for the others.
+        inspection: their LiDARs.
+    """
+    light, known = si(settings.lighthouse), known_stations(settings)
+    circuits: BeamDecoder | TurnDecoder
+    if settings.station[0].second:
+        circuits = BeamDecoder(layout.present, light.tick_s, channels(settings.station), turn_s(settings))
+    else:
+        widest = max(light.field_rad if t.field_deg is None else si(t).field_rad for t in settings.station)
+        half = min(widest / 2 + FAN_ERROR_MAX_RAD, WIDEST_HALF_FIELD_RAD)
+        circuits = TurnDecoder(layout.present, light.tick_s, light.rate_hz, len(settings.station), half)
+    mounts = [
+        Mount(i, Frame(known[i].rotation, known[i].position))
+        for i, table in enumerate(settings.station)
+        if table.craft is not None
+    ]
+    navigator = StationNavigator(layout, navigation, known, station_noise(settings), cameras, inertia)
+    return StationComputer(circuits, navigator, inspection, known, layout.point_m, mounts)
 
 
 def turn_s(settings: Scenario) -> list[float]:

@@ -103,6 +103,21 @@ class Turned(Motion):
         return super().course(place)._replace(facing=a.facing, turn_rad=turn_rad, spin_rad_s=a.spin_rad_s)
 
 
+def on_grid(middle: tuple[float, float, float], spacing_m: float, place: Place) -> tuple[float, float, float]:
+    """Return the position [m] of one craft on a square grid perpendicular to z, row by row.
+
+    Args:
+        middle: middle of the grid [m].
+        spacing_m: distance between neighbours [m].
+        place: the craft.
+    """
+    side = ceil(sqrt(place.count))
+    rows = -(-place.count // side)
+    row, column = divmod(place.index, side)
+    x, y, z = middle
+    return x + (column - (side - 1) / 2) * spacing_m, y + (row - (rows - 1) / 2) * spacing_m, z
+
+
 class Grid(Turned):
     """A motion that starts at one position; a swarm spreads over a square grid about it, perpendicular to z."""
 
@@ -115,11 +130,7 @@ class Grid(Turned):
 
     def where(self, place: Place) -> tuple[float, float, float]:
         """Return the position of one craft at the start [m], row by row on the grid."""
-        side = ceil(sqrt(place.count))
-        rows = -(-place.count // side)
-        row, column = divmod(place.index, side)
-        x, y, z = self.position_m
-        return x + (column - (side - 1) / 2) * self.spacing_m, y + (row - (rows - 1) / 2) * self.spacing_m, z
+        return on_grid(self.position_m, self.spacing_m, place)
 
     def start_key(self, count: int) -> str:
         """Return the key that says where `count` craft start."""

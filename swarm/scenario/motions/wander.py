@@ -4,8 +4,8 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, Strict
 
-from swarm.scenario.limits import BANDWIDTH, SPEED_SIGMA, SPIN_SIGMA, SWAY
-from swarm.scenario.motions.base import Place, Turned
+from swarm.scenario.limits import BANDWIDTH, SPACING, SPEED_SIGMA, SPIN_SIGMA, SWAY
+from swarm.scenario.motions.base import Place, Turned, on_grid
 from swarm.scenario.motions.paths import Path, Wandering
 from swarm.scenario.table import Extent, Vector
 from swarm.units import si
@@ -20,6 +20,13 @@ class Wander(Turned):
     centre_m: Vector = Field(default=(0.0, 0.0, 3.0), description="Centre of the box that the craft never leaves.")
     size_m: Annotated[tuple[Extent, Extent, Extent], Strict(False)] = Field(
         default=(1.0, 1.0, 1.0), description="Edges of the box; the craft does not move along an edge of 0."
+    )
+    spacing_m: Annotated[float | None, SPACING] = Field(
+        default=None,
+        ge=1e-3,
+        le=1000,
+        description="Distance between the boxes of neighbours in a swarm, whose centres are a square grid about "
+        "centre_m, perpendicular to z. Unset: all craft are in one box.",
     )
     speed_m_s: Annotated[float, SPEED_SIGMA] = Field(
         default=0.3, ge=0, le=100, description="RMS speed, shared among the axes in proportion to the box's edges."
@@ -47,4 +54,5 @@ class Wander(Turned):
         offset = tones(size / 2, speed, self.bandwidth_hz, rng)
         rate = np.full(3, own.turn_rate_rad_s / np.sqrt(3))
         turn = tones(np.full(3, own.turn_rad), rate, self.bandwidth_hz, rng)
-        return Wandering(self.centre_m, offset, turn)
+        centre = self.centre_m if self.spacing_m is None else on_grid(self.centre_m, self.spacing_m, place)
+        return Wandering(centre, offset, turn)

@@ -23,6 +23,7 @@ from swarm.errors import SwarmError
 from swarm.random import Purpose
 from swarm.scenario.motions import Course
 from swarm.scenario.motions.paths import Wandering
+from swarm.scenario.motions.tones import Tones
 from swarm.world.motion import wander
 from swarm.world.motion.disturbance import Disturbance, Pushes
 from swarm.world.motion.paths import grouped
@@ -57,7 +58,9 @@ class Fleet:
         """
         every = [course.path for course in courses]
         self._paths = grouped(every)
-        self._turns = {i: path.turn for i, path in enumerate(every) if isinstance(path, Wandering)}
+        turns = {i: path.turn for i, path in enumerate(every) if isinstance(path, Wandering)}
+        self._turning = np.array(list(turns), dtype=np.int64)
+        self._turns = Tones._make(np.array(part) for part in zip(*turns.values(), strict=True)) if turns else None
         self._facing: Bools = np.array([course.facing for course in courses], dtype=np.bool_)
         angles = np.array([course.turn_rad for course in courses]).reshape(-1, 3, 1)
         x, y, z = (rot.exp(angles[:, i] * np.eye(3)[i]) for i in range(3))
@@ -147,14 +150,13 @@ class Fleet:
                 position[turned], velocity[turned], acceleration[turned]
             )
         offset = self._offset
-        if self._turns:
-            offset = offset.copy()
-            for craft, tones in self._turns.items():
-                own = wander.turn(self._offset_angle[craft], tones, time_s)
-                turning = frame[craft] @ own.rate
-                change[craft] += frame[craft] @ own.change + np.cross(rate[craft], turning)
-                rate[craft] += turning
-                offset[craft] = own.rotation
+        if self._turns is not None:
+            offset, who = offset.copy(), self._turning
+            own = wander.turn(self._offset_angle[who], self._turns, time_s)
+            turning = (frame[who] @ own.rate[..., None])[..., 0]
+            change[who] += (frame[who] @ own.change[..., None])[..., 0] + np.cross(rate[who], turning)
+            rate[who] += turning
+            offset[who] = own.rotation
         turned_into = out.rotation, out.angular_rate, out.angular_acceleration
         _turn_into(time_s, frame, rate, change, offset, self._spin, *turned_into)
         return out

@@ -1,0 +1,142 @@
+"""Sweep angles from hits of Lighthouse 2.0 stations: the circuits of C craft side by side.
+
+A hit whose bits were caught tells channel and offset from the rotor's zero, in ticks of the craft's own clock. One
+without them is the same sweep's as the hits around it, within `NEAR_S`, if these are of one sweep: then its offset
+follows from the time between them. Otherwise it is rejected. With the duration T of a turn, offset / T is the rotor's
+angle, and (2) of `estimators.lighthouse.rotor` the plane and its angle from boresight.
+
+The instants need no flash: the epoch is the middle of the computer's own period.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from estimators.arrays import Bools, Floats, Ints
+from estimators.kernel import kernel
+from estimators.lighthouse.innovation import gathered
+from estimators.lighthouse.rotor import Located, planes
+from estimators.lighthouse.rows import Rows
+from swarm.messages import BeamHits
+from swarm.onboard.stations import RowLight
+
+NEAR_S = 0.4e-3
+"""Largest time between a hit without bits and one of its sweep [s]: a sweep over a craft of 40 cm takes as long, 3 m
+away."""
+SAME_S = 50e-6
+"""Largest difference between zeros of one turn [s]; other turns are 18 ms away, other channels as a rule far more."""
+
+
+class BeamDecoder:
+    """The circuits of C craft before S stations: `decode` takes each one's hits of one period."""
+
+    def __init__(self, present: Bools, tick_s: float, channels: Sequence[int], turn_s: Sequence[float]) -> None:
+        """Take what the craft know of the stations.
+
+        Args:
+            present: photodiodes of each craft, (C, K).
+            tick_s: tick of the craft's clocks [s].
+            channels: channel of each station, from 1.
+            turn_s: duration of a turn of each station's rotor [s].
+        """
+        self._present, self._tick_s = np.ascontiguousarray(present, dtype=np.bool_), tick_s
+        self._turn_tick = np.array(turn_s) / tick_s
+        self._station = np.full(max(channels) + 1, -1, dtype=np.int64)
+        self._station[list(channels)] = np.arange(len(channels))
+
+    def forget(self, mask: Bools) -> None:
+        """Forget the craft of the mask (C,): the circuits keep nothing from one period to the next."""
+
+    def decode(self, hits: BeamHits) -> RowLight:
+        """Return the rows of every craft in one period.
+
+        Raises:
+            ValueError: the hits are of another number of craft.
+        """
+        craft, most = self._present.shape
+        if len(hits.total) != craft:
+            raise ValueError(f"hits of {len(hits.total)} craft, but the decoder has {craft}")
+        middle = hits.rise_tick + 0.5 * hits.width_tick
+        station, offset = np.full(middle.shape, -1, dtype=np.int64), np.full(middle.shape, np.nan)
+        _resolve(
+            hits, middle, self._station, self._present, (NEAR_S / self._tick_s, SAME_S / self._tick_s), station, offset
+        )
+        of, at = np.nonzero(station >= 0)
+        found, photodiode = station[of, at], hits.photodiode[of, at].astype(np.int64)
+        after = offset[of, at]
+        turn = _turns(of, found, middle[of, at] - after, self._turn_tick)
+        who = (of * len(self._turn_tick) + found) * most + photodiode
+        told = planes(Located(turn, after / self._turn_tick[found]), who)
+        good = told.plane >= 0
+        rows = Rows(
+            found[good],
+            told.plane[good],
+            photodiode[good],
+            turn[good],
+            (middle[of, at][good] - hits.epoch_tick[of[good]]) * self._tick_s,
+            told.angle[good],
+        )
+        used = np.bincount(of[good], minlength=craft)
+        return RowLight(gathered(of[good], rows, craft), hits.total - used, np.zeros(craft, dtype=np.int64))
+
+
+@kernel
+def _resolve(
+    hits: BeamHits,
+    middle: Floats,
+    station_of: Ints,
+    present: Bools,
+    limits: tuple[float, float],
+    station: Ints,
+    offset: Floats,
+) -> None:
+    """Write station (C, P), -1 where not known, and offset (C, P) [ticks] of every hit.
+
+    station_of: station of each channel, -1 for none. limits: NEAR_S and SAME_S in ticks.
+    """
+    near, same = limits
+    for c in range(len(hits.total)):
+        count = hits.total[c]
+        for i in range(count):
+            k, channel = hits.photodiode[c, i], hits.channel[c, i]
+            if k < 0 or k >= present.shape[1] or not present[c, k]:
+                continue
+            if channel > 0:
+                if channel < len(station_of):
+                    station[c, i], offset[c, i] = station_of[channel], float(hits.offset_tick[c, i])
+                continue
+            # A sweep meets a photodiode once: beside a hit of its own with bits, this one is of another sweep.
+            found, zero, nearest, one = -1, 0.0, np.inf, True
+            for step in (-1, 1):
+                j = i + step
+                while 0 <= j < count and abs(middle[c, j] - middle[c, i]) <= near:
+                    other = hits.channel[c, j]
+                    if other > 0:
+                        one = one and hits.photodiode[c, j] != k
+                        began = middle[c, j] - hits.offset_tick[c, j]
+                        if found >= 0 and (other != found or abs(began - zero) > same):
+                            one = False
+                        if abs(middle[c, j] - middle[c, i]) < nearest:
+                            nearest, zero = abs(middle[c, j] - middle[c, i]), began
+                        found = other
+                    j += step
+            if one and 0 < found < len(station_of):
+                station[c, i], offset[c, i] = station_of[found], middle[c, i] - zero
+
+
+@kernel
+def _turns(craft: Ints, station: Ints, zero: Floats, turn_tick: Floats) -> Ints:
+    """Return the number of every hit's turn, (N,), from that of the first hit of its craft and station.
+
+    craft: (N,), in order. zero: zero of the hit's turn, (N,) [ticks].
+    """
+    out = np.zeros(len(craft), np.int64)
+    first = np.full(len(turn_tick), np.nan)
+    for i in range(len(craft)):
+        if i == 0 or craft[i] != craft[i - 1]:
+            first[:] = np.nan
+        s = station[i]
+        if np.isnan(first[s]):
+            first[s] = zero[i]
+        out[i] = int(np.rint((zero[i] - first[s]) / turn_tick[s]))
+    return out
