@@ -170,8 +170,10 @@ def test_hits_without_bits_belong_to_the_sweep_around_them() -> None:
     turned = 2 * np.pi * tick / 0.02
     assert one.rows.angle[1] - one.rows.angle[0] == pytest.approx(5000 * turned)
     assert one.rows.offset_s.tolist() == pytest.approx([0.0, 1e-4, 1.6e-4])
-    far = decoder.decode(hits((0, 10_000_000, 7, 300_000), (1, 10_025_000, 0, -1)))
+    far = decoder.decode(hits((0, 10_000_000, 7, 300_000), (2, 10_008_000, 7, 308_000), (1, 10_017_000, 0, -1)))
     assert far.rejected.tolist() == [1]
+    own = decoder.decode(hits((0, 10_000_000, 7, 300_000), (0, 10_005_000, 0, -1), (2, 10_008_000, 7, 308_000)))
+    assert own.rejected.tolist() == [1]
     both = decoder.decode(hits((0, 10_000_000, 7, 300_000), (1, 10_005_000, 0, -1), (2, 10_008_000, 2, 308_000)))
     assert both.rejected.tolist() == [1]
     foreign = decoder.decode(hits((0, 10_000_000, 5, 300_000), (1, 10_005_000, 0, -1)))

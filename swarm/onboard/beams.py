@@ -1,8 +1,9 @@
 """Sweep angles from hits of Lighthouse 2.0 stations: the circuits of C craft side by side.
 
-A hit whose bits were caught tells channel and offset from the rotor's zero, in ticks of the craft's own clock. One
-without them is the same sweep's as the hits around it, within `NEAR_S`, if these are of one sweep: then its offset
-follows from the time between them. Otherwise it is rejected. With the duration T of a turn, offset / T is the rotor's
+A hit whose bits were caught tells channel and offset from the rotor's zero, in ticks of the craft's own clock. A hit
+that is too short for a word of bits is the same sweep's as those around it if all within `NEAR_S` are of one sweep,
+none of them its own photodiode's, and it is no farther from them than they are from each other: then its offset follows
+from the time between them. Otherwise it is rejected, as is a hit with a word that no other word of its sweep confirms. With the duration T of a turn, offset / T is the rotor's
 angle, and (2) of `estimators.lighthouse.rotor` the plane and its angle from boresight.
 
 The instants need no flash: the epoch is the middle of the computer's own period.
@@ -23,6 +24,8 @@ from swarm.onboard.stations import RowLight
 NEAR_S = 0.4e-3
 """Largest time between a hit without bits and one of its sweep [s]: a sweep over a craft of 40 cm takes as long, 3 m
 away."""
+WORD_S = 17 / 6e6
+"""Duration of a word of bits [s]."""
 SAME_S = 50e-6
 """Largest difference between zeros of one turn [s]; other turns are 18 ms away, other channels as a rule far more."""
 
@@ -59,7 +62,13 @@ class BeamDecoder:
         middle = hits.rise_tick + 0.5 * hits.width_tick
         station, offset = np.full(middle.shape, -1, dtype=np.int64), np.full(middle.shape, np.nan)
         _resolve(
-            hits, middle, self._station, self._present, (NEAR_S / self._tick_s, SAME_S / self._tick_s), station, offset
+            hits,
+            middle,
+            self._station,
+            self._present,
+            (NEAR_S / self._tick_s, SAME_S / self._tick_s, WORD_S / self._tick_s),
+            station,
+            offset,
         )
         of, at = np.nonzero(station >= 0)
         found, photodiode = station[of, at], hits.photodiode[of, at].astype(np.int64)
@@ -86,15 +95,15 @@ def _resolve(
     middle: Floats,
     station_of: Ints,
     present: Bools,
-    limits: tuple[float, float],
+    limits: tuple[float, float, float],
     station: Ints,
     offset: Floats,
 ) -> None:
     """Write station (C, P), -1 where not known, and offset (C, P) [ticks] of every hit.
 
-    station_of: station of each channel, -1 for none. limits: NEAR_S and SAME_S in ticks.
+    station_of: station of each channel, -1 for none. limits: NEAR_S, SAME_S and WORD_S in ticks.
     """
-    near, same = limits
+    near, same, word = limits
     for c in range(len(hits.total)):
         count = hits.total[c]
         for i in range(count):
@@ -105,8 +114,11 @@ def _resolve(
                 if channel < len(station_of):
                     station[c, i], offset[c, i] = station_of[channel], float(hits.offset_tick[c, i])
                 continue
+            if hits.width_tick[c, i] > word + 1:
+                continue
             # A sweep meets a photodiode once: beside a hit of its own with bits, this one is of another sweep.
             found, zero, nearest, one = -1, 0.0, np.inf, True
+            begin, end = np.inf, -np.inf
             for step in (-1, 1):
                 j = i + step
                 while 0 <= j < count and abs(middle[c, j] - middle[c, i]) <= near:
@@ -118,8 +130,9 @@ def _resolve(
                             one = False
                         if abs(middle[c, j] - middle[c, i]) < nearest:
                             nearest, zero = abs(middle[c, j] - middle[c, i]), began
-                        found = other
+                        found, begin, end = other, min(begin, middle[c, j]), max(end, middle[c, j])
                     j += step
+            one = one and 2 * begin - end <= middle[c, i] <= 2 * end - begin
             if one and 0 < found < len(station_of):
                 station[c, i], offset[c, i] = station_of[found], middle[c, i] - zero
 

@@ -163,6 +163,10 @@ STRAY = Why(
     "with more, every photodiode has stray pulses in every sweep, and hardly a pose is found",
 )
 FAN = Why(*["half a radian is eight times the largest error of a real lighthouse's fans"] * 2)
+LISTENING = Why(
+    "a photodiode is met within a millisecond once in twenty",
+    "no period of circuits that sleep in between is longer than a second",
+)
 CHANNEL = Why("channels are counted from 1, as on the stations", "there are 16 channels")
 BEAM = Why("a thickness is not negative", "a plane of light 5 cm thick would light a whole craft at once")
 SURVEY = Why(_NOT_NEGATIVE, "a station surveyed a metre off its place is a station elsewhere")

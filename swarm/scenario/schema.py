@@ -29,6 +29,7 @@ from swarm.scenario.limits import (
     GATE,
     INCIDENCE,
     JITTER,
+    LISTENING,
     MOUNTING,
     PHOTODIODE,
     POSITION_SIGMA,
@@ -211,6 +212,13 @@ class Lighthouse(Table):
     )
     photodiode_diameter_mm: Annotated[float, PHOTODIODE] = Field(
         default=3.0, ge=0.01, le=20, description="Diameter of a photodiode, which sets the width of the sweep pulses."
+    )
+    listening_ms: Annotated[float | None, LISTENING] = Field(
+        default=None,
+        ge=1,
+        le=1000,
+        description="Time in the middle of a period for which the circuits listen to [[station]] tables of Lighthouse "
+        "2.0; a turn takes 18.5 ms to 20 ms. Unset: always.",
     )
     mounting_error_mm: Annotated[float, MOUNTING] = Field(
         default=0.0,
@@ -480,8 +488,17 @@ class Scenario(Table):
     def _station_use(self) -> Iterator[Mistake]:
         """Refuse what has no effect, or is not possible, beside [[station]] tables."""
         if not self.station:
+            if self.lighthouse.listening_ms is not None:
+                yield "is of circuits of Lighthouse 2.0: there is no [[station]]", "lighthouse.listening_ms", "station"
             return
-        silent = ("sync_jitter_ns", "missed_sync_probability", "stray_pulse_rate_hz") if self.station[0].second else ()
+        second = self.station[0].second
+        silent = ("sync_jitter_ns", "missed_sync_probability", "stray_pulse_rate_hz") if second else ()
+        if not second and self.lighthouse.listening_ms is not None:
+            yield (
+                "circuits of Lighthouse 1.0 wait for flashes all the time",
+                "lighthouse.listening_ms",
+                "station[0].kind",
+            )
         for key in (*silent, "fan_x", "fan_y"):
             if getattr(self.lighthouse, key) != type(self.lighthouse).model_fields[key].default:
                 said = "Lighthouse 2.0 has no flash, and its receivers hear modulated light only"

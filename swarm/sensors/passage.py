@@ -25,9 +25,11 @@ from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
 from estimators.lighthouse.sweep import angle_gradient, measured_angle
 from estimators.rotation import turned
-from swarm.sensors.crossing import CONVERGED_S, SEGMENT, segment_into
+from swarm.sensors.crossing import SEGMENT, segment_into
 from swarm.sensors.draws import normal
 
+NEAR_S = 1e-11
+"""Convergence limit: the time in which the rotor turns by the angle that remains [s]; steps converge quadratically."""
 _ROUNDS = 12
 """Newton steps at most; three are usual."""
 
@@ -83,6 +85,7 @@ def pass_into(
     own: float,
     shared: float,
     extent: tuple[float, float],
+    window: tuple[float, float],
     count: int,
     out: Passages,
 ) -> int:
@@ -105,6 +108,7 @@ def pass_into(
         own: standard deviation of an angle by itself [rad].
         shared: standard deviation of what all angles of a sweep have in common [rad].
         extent: diameter of a photodiode, and thickness of the plane [m].
+        window: time within the period at which light is logged [s]; from its beginning to before its end.
         count: number of passages that are in `out` already.
         out: output; has room for all that are lit.
     """
@@ -113,7 +117,6 @@ def pass_into(
     for j in range(intervals):
         pose = station_quaternion[j], station_quaternion[j + 1], station_position[j], station_position[j + 1]
         segment_into(*pose, knot[j + 1] - knot[j], theirs[j])
-    end = knot[intervals]
     q, n = np.empty((2, 3)), np.empty(3)
     for c in range(lit.shape[1]):
         ready = False
@@ -139,14 +142,14 @@ def pass_into(
                     if not q[0, 2] > 0:
                         break
                     g = measured_angle(q[0, 0], q[0, 1], q[0, 2], fan) + error - turn_rate * (t - begin)
-                    if abs(g) <= turn_rate * CONVERGED_S:
+                    if abs(g) <= turn_rate * NEAR_S:
                         found = True
                         break
                     u = angle_gradient(q[0, 0], q[0, 1], q[0, 2], fan)
                     t -= g / (u[0] * q[1, 0] + u[1] * q[1, 1] + u[2] * q[1, 2] - turn_rate)
                 if found:
                     guess = t
-                if not found or not 0 <= t < end:
+                if not found or not window[0] <= t < window[1]:
                     continue
                 u = angle_gradient(q[0, 0], q[0, 1], q[0, 2], fan)
                 _turn_into(mine[j], theirs[j], t - knot[j], normal_of[c, k], n)

@@ -34,8 +34,11 @@ from swarm.sensors.visibility import Visibility
 
 SLOT_S = 20000 / 48e6
 """Delay of the second Lighthouse 1.0 station's flash after the first's [s]."""
-LOOKS = 2
-"""Looks at what is lit per period: in the middle of its first and of its second half."""
+
+
+ONE_LOOK_S = 0.025
+"""Longest time of Lighthouse 2.0 light for which one look at what is lit is enough: within half of it, a craft of 1 m/s
+moves by as little as 12 mm."""
 
 
 class Emitter(NamedTuple):
@@ -87,6 +90,9 @@ class Stations:
         self.settings, self.emitters, self._period_s = receiver.settings, tuple(emitters), period_s
         self.photodiodes, self.clock_offset_tick = receiver.photodiodes, receiver.clock_offset_tick
         self.second = emitters[0].channel > 0
+        self._open_s = receiver.settings.listening_s
+        # Lighthouse 2.0 sweeps at any time: the middle stands for a period of a turn or less, or of the listening.
+        self.looks = 1 if self.second and (self._open_s or period_s) <= ONE_LOOK_S else 2
         self._fans = [kernel_fans(emitter.fans) for emitter in emitters]
         self._rotor_keys = [[key_of(seed, e.key, plane) for plane in range(len(e.fans))] for e in emitters]
         self._keys = [
@@ -99,20 +105,25 @@ class Stations:
         self._own_keys = np.array([key_of(seed, key) for key in craft_keys], dtype=np.uint64)
         self._count = self.photodiodes.present.sum(axis=1)
 
+    def _knots(self, truth: Motion) -> tuple[int, ...]:
+        """Return the knots at which the rays are cast: in the middle of the period, or of both its halves."""
+        steps = len(truth.time_s) - 1
+        return (steps // 2,) if self.looks == 1 else (steps // 4, 3 * steps // 4)
+
     def sight(self, truth: Motion) -> NDArray[np.int8]:
-        """Return the `Sight` of every photodiode from every station at each look, (C, K, S * LOOKS)."""
-        out = np.empty((*self.photodiodes.present.shape, len(self.emitters) * LOOKS), dtype=np.int8)
+        """Return the `Sight` of every photodiode from every station at each look, (C, K, S * L)."""
+        out = np.empty((*self.photodiodes.present.shape, len(self.emitters) * self.looks), dtype=np.int8)
         for s, emitter in enumerate(self.emitters):
-            for look, knot in enumerate(_looks(truth)):
+            for look, knot in enumerate(self._knots(truth)):
                 pose = truth.position[knot], truth.quaternion[knot]
                 if emitter.craft >= 0:
                     emitter.visibility.move(_ridden(emitter, *pose))
-                out[..., LOOKS * s + look] = emitter.visibility.state(*pose)
+                out[..., self.looks * s + look] = emitter.visibility.state(*pose)
         return out
 
     def seen(self, sight: NDArray[np.int8]) -> NDArray[np.int8]:
         """Return the best `Sight` of every photodiode from any station, (C, K), from that of `sight`."""
-        each = sight.reshape(*sight.shape[:2], len(self.emitters), LOOKS).min(axis=-1)
+        each = sight.reshape(*sight.shape[:2], len(self.emitters), self.looks).min(axis=-1)
         best: NDArray[np.int8] = each.max(axis=-1)
         return best
 
@@ -130,12 +141,12 @@ class Stations:
         Args:
             truth: true motion over the period.
             frame: number of the period.
-            lit: photodiodes that the light reaches at each look, (C, K, S * LOOKS).
+            lit: photodiodes that the light reaches at each look, (C, K, S * L).
 
         Raises:
             ValueError: an array has a wrong shape.
         """
-        shape = (*self.photodiodes.present.shape, len(self.emitters) * LOOKS)
+        shape = (*self.photodiodes.present.shape, len(self.emitters) * self.looks)
         if lit.shape != shape:
             raise ValueError(f"lit must have shape {shape}, not {lit.shape}")
         passages, count = self._passages(truth, frame, lit)
@@ -145,15 +156,15 @@ class Stations:
 
     def _passages(self, truth: Motion, frame: int, lit: Bools) -> tuple[Passages, int]:
         """Return the passages of all planes in the period, in order of station and plane, and their number."""
-        settings = self.settings
+        settings, looks = self.settings, self.looks
         knot = np.ascontiguousarray(truth.time_s - truth.time_s[0])
-        looks = np.array([knot[k] for k in _looks(truth)])
+        look_s = np.array([knot[k] for k in self._knots(truth)])
         plan = [
-            (s, plane, self._sweeps(s, plane, frame, looks))
+            (s, plane, self._sweeps(s, plane, frame, look_s))
             for s in range(len(self.emitters))
             for plane in range(len(self.emitters[s].fans))
         ]
-        by_look = [np.count_nonzero(lit[..., LOOKS * s : LOOKS * (s + 1)], axis=(0, 1)) for s in range(len(self._fans))]
+        by_look = [np.count_nonzero(lit[..., looks * s : looks * (s + 1)], axis=(0, 1)) for s in range(len(self._fans))]
         out = no_passages(sum(int(by_look[s][sweeps.look].sum()) for s, _, sweeps in plan))
         motion = knot, np.ascontiguousarray(truth.position), np.ascontiguousarray(truth.quaternion)
         count = 0
@@ -165,7 +176,7 @@ class Stations:
                 *self._pose(emitter, truth),
                 self.photodiodes.point_m,
                 self.photodiodes.normal,
-                np.ascontiguousarray(np.moveaxis(lit[..., LOOKS * s : LOOKS * (s + 1)], -1, 0)),
+                np.ascontiguousarray(np.moveaxis(lit[..., looks * s : looks * (s + 1)], -1, 0)),
                 sweeps,
                 self._fans[s][plane],
                 2 * np.pi / self._turn_s(emitter),
@@ -174,6 +185,7 @@ class Stations:
                 noise * float(np.sqrt(1 - rho)),
                 noise * float(np.sqrt(rho)),
                 (settings.photodiode_diameter_m, emitter.beam_m),
+                self._window(),
                 count,
                 out,
             )
@@ -190,26 +202,32 @@ class Stations:
         arm = matrix_from_quaternion(quaternion) @ emitter.frame.position
         return position + arm, quaternion_multiply(quaternion, np.broadcast_to(turn, (knots, 4)))
 
+    def _window(self) -> tuple[float, float]:
+        """Return the time within a period at which light is logged [s]."""
+        middle, half = self._period_s / 2, (self._open_s or self._period_s) / 2
+        return max(0.0, middle - half), min(self._period_s, middle + half)
+
     def _turn_s(self, emitter: Emitter) -> float:
         """Return the duration of a turn of a station's rotor [s]."""
         if self.second:
             return CHANNEL_TICKS[emitter.channel - 1] / CHANNEL_CLOCK_HZ
         return float(1 / self.settings.rate_hz)
 
-    def _sweeps(self, station: int, plane: int, frame: int, looks: Floats) -> Sweeps:
+    def _sweeps(self, station: int, plane: int, frame: int, look_s: Floats) -> Sweeps:
         """Return the sweeps of one plane that may meet a photodiode in front of the station within the period."""
         emitter, start_s = self.emitters[station], frame * self._period_s
         turn_s = self._turn_s(emitter)
         if self.second:
             share = float(share_of(np.zeros(1), np.array([plane]))[0]) + emitter.phase
             # In front is a quarter of a turn to either side of the boresight.
-            first, last = (start_s / turn_s - share - 0.25, (start_s + self._period_s) / turn_s - share + 0.25)
+            begin, end = self._window()
+            first, last = ((start_s + begin) / turn_s - share - 0.25, (start_s + end) / turn_s - share + 0.25)
             number = np.arange(int(np.ceil(first)), int(np.floor(last)) + 1, dtype=np.int64)
             boresight_s = np.asarray((number + share) * turn_s - start_s, dtype=np.float64)
         else:
             number = np.array([frame], dtype=np.int64)
             boresight_s = np.array([(station + plane / 2 + 0.25) * turn_s + station * SLOT_S], dtype=np.float64)
-        near = np.argmin(np.abs(boresight_s[:, None] - looks), axis=1)
+        near = np.argmin(np.abs(boresight_s[:, None] - look_s), axis=1)
         return Sweeps(boresight_s, number, near.astype(np.int64))
 
     def _start_tick(self, frame: int) -> Floats:
@@ -258,7 +276,7 @@ class Stations:
 
     def _pulses(self, frame: int, lit: Bools, passages: Passages, count: int) -> Pulses:
         """Return what the circuits log of the sweeps and flashes of Lighthouse 1.0, and of stray light."""
-        settings, stations = self.settings, len(self.emitters)
+        settings, stations, looks = self.settings, len(self.emitters), self.looks
         half_s = 1 / settings.rate_hz / 2
         flashes = [(h, s) for h in range(2 * stations) for s in range(stations)]
         jitter = np.array([normal(self._rotor_keys[s][0], 2 * stations * frame + h, 1) for h, s in flashes])
@@ -266,7 +284,7 @@ class Stations:
         code = np.array([h % 2 + (0 if h // 2 == s else SKIP_BIT) for h, s in flashes])
         width = np.rint((SYNC_WIDTH_S + SYNC_WIDTH_STEP_S * code) / settings.tick_s).astype(np.int64)
         # A flash is seen at the look of its half of the period.
-        columns = [LOOKS * s + min(LOOKS * h // (2 * stations), LOOKS - 1) for h, s in flashes]
+        columns = [looks * s + min(looks * h // (2 * stations), looks - 1) for h, s in flashes]
         strays = settings.stray_pulse_rate_hz * self._period_s
         room = np.bincount(passages.craft[:count], minlength=len(lit)) + lit[..., columns].sum(axis=(1, 2))
         most = int(room.max(initial=0)) + (int(np.ceil(strays + 12 * np.sqrt(strays) + 12)) if strays else 0)
@@ -304,12 +322,6 @@ def no_pulses(craft: int) -> Pulses:
         np.empty((craft, 0), dtype=np.int32),
         np.zeros(craft, dtype=np.int32),
     )
-
-
-def _looks(truth: Motion) -> tuple[int, ...]:
-    """Return the knots at which the rays are cast."""
-    steps = len(truth.time_s) - 1
-    return steps // 4, 3 * steps // 4
 
 
 def _ridden(emitter: Emitter, position: Floats, quaternion: Floats) -> Frame:

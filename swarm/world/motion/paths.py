@@ -9,6 +9,7 @@ from estimators.arrays import Floats, Ints
 from estimators.kernel import kernel
 from estimators.state import Motion
 from swarm.scenario.motions.paths import DEGREE, Circle, Path, Pieces, Wandering
+from swarm.scenario.motions.tones import Tones
 
 
 class Paths(Protocol):
@@ -81,15 +82,14 @@ class Wanderings:
     """The wanderings of C craft."""
 
     def __init__(self, singles: Sequence[Wandering]) -> None:
-        self._singles = singles
+        self._centre = np.array([single.centre for single in singles])
+        offsets = [single.offset for single in singles]
+        self._offset = Tones._make(np.array(part) for part in zip(*offsets, strict=True))
 
     def at(self, time_s: float) -> Motion:
         """Return position, velocity and acceleration of the craft at `time_s` [s]."""
-        out = Motion(*np.empty((3, len(self._singles), 3)))
-        for i, single in enumerate(self._singles):
-            offset, out.velocity[i], out.acceleration[i] = single.offset.at(time_s)
-            out.position[i] = single.centre + offset
-        return out
+        offset, velocity, acceleration = self._offset.at(time_s)
+        return Motion(self._centre + offset, velocity, acceleration)
 
 
 def grouped(paths: Sequence[Path]) -> list[tuple[Ints, Paths]]:
