@@ -131,16 +131,17 @@ def locate(rotor: Rotor, tick: Floats, *, previous: bool = False) -> Located:
     return Located(rotor.turn[begin] + whole.astype(np.int64), share)
 
 
-def planes(located: Located, photodiode: Ints) -> Planes:
+def planes(located: Located, photodiode: Ints, uncertain: float = UNCERTAIN) -> Planes:
     """Return the plane and the angle of every hit (2).
 
     Args:
         located: N hits of one rotor.
         photodiode: which one was hit, (N,).
+        uncertain: distance of a share from one half within which only a pair of hits tells the plane [turns].
     """
     share = located.share
     plane = np.where(np.isfinite(share), (share > 0.5).astype(np.int64), -1)
-    unsure = np.abs(share - 0.5) < UNCERTAIN
+    unsure = np.abs(share - 0.5) < uncertain
     if np.any(unsure):
         first, last = _of_two(located, photodiode)
         plane[unsure] = np.where(first[unsure], 0, np.where(last[unsure], 1, -1))

@@ -3,29 +3,36 @@
 A hit whose bits were caught tells channel and offset from the rotor's zero, in ticks of the craft's own clock. A hit
 that is too short for a word of bits is the same sweep's as those around it if all within `NEAR_S` are of one sweep,
 none of them its own photodiode's, and it is no farther from them than they are from each other: then its offset follows
-from the time between them. Otherwise it is rejected, as is a hit with a word that no other word of its sweep confirms. With the duration T of a turn, offset / T is the rotor's
-angle, and (2) of `estimators.lighthouse.rotor` the plane and its angle from boresight.
+from the time between them. Otherwise it is rejected, as is a hit with a word that no other word of its sweep confirms.
+With the duration T of a turn, offset / T is the rotor's angle, and (2) of `estimators.lighthouse.rotor` the plane and
+its angle from boresight. Within 30 degrees of half a turn it may be either plane's: the photodiode's other hit of that
+turn tells, or where the craft expects the photodiode, or the hit is rejected.
 
 The instants need no flash: the epoch is the middle of the computer's own period.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
 from estimators.lighthouse.innovation import gathered
-from estimators.lighthouse.rotor import Located, planes
+from estimators.lighthouse.rotor import Located, Planes, planes
 from estimators.lighthouse.rows import Rows
 from swarm.messages import BeamHits
 from swarm.onboard.stations import RowLight
 
+Expect = Callable[[Ints, Ints, Ints, Floats], Floats]
 NEAR_S = 0.4e-3
 """Largest time between a hit without bits and one of its sweep [s]: a sweep over a craft of 40 cm takes as long, 3 m
 away."""
 WORD_S = 17 / 6e6
 """Duration of a word of bits [s]."""
+EITHER = 1 / 12
+"""Distance of a hit from half a turn within which a point in front of the station may meet either plane [turns]."""
+EXPECTED_RAD = 0.1
+"""Largest distance from where a craft expects a photodiode, by which it tells the plane of a hit [rad]."""
 SAME_S = 50e-6
 """Largest difference between zeros of one turn [s]; other turns are 18 ms away, other channels as a rule far more."""
 
@@ -50,8 +57,13 @@ class BeamDecoder:
     def forget(self, mask: Bools) -> None:
         """Forget the craft of the mask (C,): the circuits keep nothing from one period to the next."""
 
-    def decode(self, hits: BeamHits) -> RowLight:
+    def decode(self, hits: BeamHits, expect: Expect | None = None) -> RowLight:
         """Return the rows of every craft in one period.
+
+        Args:
+            hits: hits of every craft.
+            expect: angles from boresight (N, 2) [rad] at which hits (craft, station, photodiode, instants minus the
+                epoch [s]) are expected of either plane, NaN where they are not; None: craft expect nothing.
 
         Raises:
             ValueError: the hits are of another number of craft.
@@ -75,18 +87,40 @@ class BeamDecoder:
         after = offset[of, at]
         turn = _turns(of, found, middle[of, at] - after, self._turn_tick)
         who = (of * len(self._turn_tick) + found) * most + photodiode
-        told = planes(Located(turn, after / self._turn_tick[found]), who)
+        share = after / self._turn_tick[found]
+        told = planes(Located(turn, share), who, EITHER)
+        offset_s = (middle[of, at] - hits.epoch_tick[of]) * self._tick_s
+        if expect is not None and np.any(told.plane < 0):
+            told = _expected(told, share, np.flatnonzero(told.plane < 0), expect, (of, found, photodiode, offset_s))
         good = told.plane >= 0
         rows = Rows(
             found[good],
             told.plane[good],
             photodiode[good],
             turn[good],
-            (middle[of, at][good] - hits.epoch_tick[of[good]]) * self._tick_s,
+            offset_s[good],
             told.angle[good],
         )
         used = np.bincount(of[good], minlength=craft)
         return RowLight(gathered(of[good], rows, craft), hits.total - used, np.zeros(craft, dtype=np.int64))
+
+
+def _expected(
+    told: Planes, share: Floats, open_: Ints, expect: Expect, hits: tuple[Ints, Ints, Ints, Floats]
+) -> Planes:
+    """Return planes and angles with those of the hits `open_` that craft expect at one of the planes' angles.
+
+    hits: craft, station, photodiode and instant of all hits, as `expect` takes them.
+    """
+    plane, angle = told.plane.copy(), told.angle.copy()
+    both = 2 * np.pi * share[open_, None] - np.pi + np.array([1, -1]) * np.pi / 3
+    away = np.abs(both - expect(*(part[open_] for part in hits)))
+    away = np.where(np.isfinite(away), away, np.inf)
+    best = np.argmin(away, axis=1)
+    each = np.arange(len(open_))
+    sure = away[each, best] < EXPECTED_RAD
+    plane[open_[sure]], angle[open_[sure]] = best[sure], both[each, best][sure]
+    return Planes(plane, angle)
 
 
 @kernel

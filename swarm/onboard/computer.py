@@ -126,7 +126,7 @@ class StationComputer:
         if isinstance(self.decoder, BeamDecoder):
             if signals.beams is None:
                 raise ValueError("Lighthouse 2.0 stations need the signal `beams`")
-            light = self.decoder.decode(signals.beams)
+            light = self.decoder.decode(signals.beams, self._expect)
         else:
             light = self.decoder.decode(signals.pulses)
         if off is not None and off.any():
@@ -161,6 +161,15 @@ class StationComputer:
             angle[who] += np.where(np.isfinite(own), own, 0.0)
         self.navigator.stations = self._stations
         return rows._replace(angle=angle)
+
+    def _expect(self, craft: Ints, station: Ints, photodiode: Ints, offset_s: Floats) -> Floats:
+        """Return where hits are expected, as `BeamDecoder.decode` asks for: (N, 2) [rad]."""
+        out = np.full((len(craft), 2), np.nan)
+        there = self._places(craft, photodiode, offset_s)
+        for s in np.unique(station):
+            own, known = station == s, self._stations[s]
+            out[own] = measured_angles((there[own] - known.position) @ known.rotation, known.fans)
+        return out
 
     def _places(self, craft: Ints, photodiode: Ints, offset_s: Floats) -> Floats:
         """Return where photodiodes are expected at instants after the epoch to come, (N, 3) [m], in the world."""

@@ -71,24 +71,25 @@ class RowSearch:
         """
         self._point_m, self._stations, self._noise = point_m, stations, noise
         self._frame_s, self._place_m = frame_s, place_m
-        self._rows: list[list[Rows]] = [[] for _ in point_m]
+        self._batches: list[RowBatch] = []
+        self._known = np.zeros(len(point_m), dtype=np.int64)
         self._open: list[_Hypotheses | None] = [None] * len(point_m)
 
     def forget(self, mask: Bools) -> None:
         """Forget the craft of the mask (C,)."""
+        self._known[mask] = 0
         for c in np.flatnonzero(mask):
-            self._rows[c], self._open[c] = [], None
+            self._open[c] = None
 
     def gather(self, rows: RowBatch) -> None:
         """Keep this period's rows of every craft."""
-        for c, kept in enumerate(self._rows):
-            own = rows.of(c)
-            older = [part._replace(offset_s=part.offset_s - self._frame_s) for part in kept]
-            self._rows[c] = [part for part in [*older, own] if np.any(part.offset_s > -KEPT_S)]
+        most = int(np.ceil(KEPT_S / self._frame_s)) + 1
+        self._batches = [rows, *self._batches[: most - 1]]
+        self._known = np.minimum(self._known + 1, most)
 
     def search(self, craft: int) -> Found:
         """Return what the rows of the last periods tell of one craft's pose."""
-        rows = self._joined(craft) if self._rows[craft] else None
+        rows = self._joined(craft)
         if rows is None or not self._enough(rows):
             # Nothing new: a hypothesis waits.
             waiting = self._open[craft]
@@ -107,11 +108,15 @@ class RowSearch:
         """End one craft's search."""
         self._open[craft] = None
 
-    def _joined(self, craft: int) -> Rows:
-        parts = self._rows[craft]
-        # Sweeps of different periods are different sweeps.
-        numbered = [part._replace(sweep=part.sweep + 1000 * i) for i, part in enumerate(parts)]
-        return Rows._make(np.concatenate(column) for column in zip(*numbered, strict=True))
+    def _joined(self, craft: int) -> Rows | None:
+        """Return one craft's rows of the last periods, their sweeps told apart; None without any."""
+        parts = []
+        for age, batch in enumerate(self._batches[: self._known[craft]]):
+            own = batch.of(craft)
+            offset_s = own.offset_s - age * self._frame_s
+            if np.any(offset_s > -KEPT_S):
+                parts.append(own._replace(offset_s=offset_s, sweep=own.sweep + 1000 * age))
+        return Rows._make(np.concatenate(column) for column in zip(*parts, strict=True)) if parts else None
 
     def _enough(self, rows: Rows) -> bool:
         several = len(np.unique(rows.station)) > 1

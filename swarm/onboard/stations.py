@@ -25,9 +25,11 @@ from estimators import rotation as rot
 from estimators.arrays import Bools, Floats, Ints
 from estimators.filter.bank import gates
 from estimators.filter.smoother import Prediction, predicted
+from estimators.kernel import kernel
 from estimators.lighthouse.dop import Dilution
 from estimators.lighthouse.innovation import (
     RowBatch,
+    StationArrays,
     agreeing,
     innovations,
     light_of,
@@ -36,8 +38,8 @@ from estimators.lighthouse.integrity import AngleNoise, shown_to_gate
 from estimators.lighthouse.pnp import PoseSolution
 from estimators.lighthouse.row_faults import row_faults
 from estimators.lighthouse.row_pose import RowPose, solve_rows
-from estimators.lighthouse.rows import Rows, Station, linearise, packed
-from estimators.state import State
+from estimators.lighthouse.rows import Station, packed, row_into
+from estimators.state import STATES, State
 from swarm.hardware import Photodiodes
 from swarm.messages import Command, Signals
 from swarm.onboard.ccd import CameraFix, CcdCalibration, CcdFix
@@ -51,7 +53,7 @@ from swarm.onboard.tracks import PoseFix, Taken, TrackLimits, Tracks
 
 FEWEST_CROSSED = 3
 """Photodiodes whose rows decide a pose where several stations see them."""
-_SAME_NUMBER, _TABLE = 1 << 20, 32
+_TABLE = 32
 
 
 class RowLight(NamedTuple):
@@ -124,6 +126,17 @@ class StationNavigator:
         self._quantile = -float(ndtri(s.integrity.risk / 2))
         self._unit_rad = float(np.sqrt(np.mean([own**2 + shared**2 for own, shared in self._noise])))
 
+    @property
+    def stations(self) -> list[Station]:
+        """The stations as the craft know them; those that ride on craft are replaced in every period."""
+        return self._stations
+
+    @stations.setter
+    def stations(self, stations: Sequence[Station]) -> None:
+        self._stations[:] = stations
+        self._packed = packed(self._stations)
+        self._light = light_of(self._packed, self._noise)
+
     def forget(self, mask: Bools) -> None:
         """Forget all results of the craft of the mask (C,), as after a restart of their computers."""
         self.tracks.forget(mask)
@@ -187,34 +200,19 @@ class StationNavigator:
 
         Of several, the one that the track expects is kept, if it stands out as in `swarm.onboard.rivals`.
         """
-        craft = np.repeat(np.arange(len(self._point_m)), np.diff(rows.first))
-        out = np.zeros(len(self._point_m), dtype=np.int64)
-        key = np.stack([craft, rows.station, rows.fan, rows.sweep, rows.photodiode])
-        _, at, count = np.unique(key, axis=1, return_inverse=True, return_counts=True)
-        several = count[at] > 1
-        if not several.any():
-            return rows, out
-        kept = ~several
+        out, kept = np.zeros(len(self._point_m), dtype=np.int64), np.ones(len(rows.angle), dtype=np.bool_)
         bank = self.tracks.bank
-        for group in np.unique(at[several]):
-            mine = np.flatnonzero(at == group)
-            c = int(craft[mine[0]])
-            out[c] += len(mine)
-            if not bank.active[c]:
-                continue
-            some = Rows._make(part[mine] for part in rows[1:])
-            away = np.abs(linearise(some, self._packed, self._point_m[c], *bank.state.of(c)).residual)
-            order = np.argsort(away)
-            if away[order[0]] <= CHOICE_RAD and away[order[0]] < CHOICE_RATIO * away[order[1]]:
-                kept[mine[order[0]]] = True
-                out[c] -= 1
-        return rows.where(kept), out
+        _choose(rows, self._light, self._point_m, bank.active, bank.state, kept, out)
+        return (rows.where(kept) if out.any() else rows), out
 
     def _pose(self, rows: RowBatch) -> RowPose:
-        """Return the poses of this period's rows alone, from the predictions, of the craft with a filter."""
+        """Return the poses of this period's rows alone, from the predictions, of the craft with a filter.
+
+        With tight coupling none is asked for: a search alone solves poses.
+        """
         bank = self.tracks.bank
         numbers = _numbers(rows, np.ones(len(rows.angle), dtype=np.bool_), self._point_m.shape[1])
-        mask = bank.active & self._decides(*numbers)
+        mask = bank.active & self._decides(*numbers) & (self.settings.coupling != "tight")
         return solve_rows(rows, np.ones(len(rows.angle), dtype=np.bool_), mask, self._light, self._point_m, bank.state)
 
     def _found(self, tracks: Tracks) -> PoseFix:
@@ -391,13 +389,86 @@ def _missed(gate_probability: float, missed_detection: float, rows: int) -> floa
 
 def _numbers(rows: RowBatch, kept: Bools, photodiodes: int) -> tuple[Ints, Ints]:
     """Return the numbers of photodiodes and of stations that the kept rows of each craft come from, (C,) each."""
-    craft = len(rows.first) - 1
-    at = np.repeat(np.arange(craft), np.diff(rows.first))[kept]
-    out = []
-    for part in (rows.photodiode[kept], rows.station[kept]):
-        pairs = np.unique(at * _SAME_NUMBER + part)
-        out.append(np.bincount(pairs // _SAME_NUMBER, minlength=craft))
+    out = np.zeros((2, len(rows.first) - 1), dtype=np.int64)
+    most = int(rows.station.max(initial=0)) + 1
+    _count(rows, kept, np.empty(photodiodes, np.int64), np.empty(most, np.int64), out)
     return out[0], out[1]
+
+
+@kernel
+def _choose(
+    rows: RowBatch, light: StationArrays, point: Floats, active: Bools, state: State, kept: Bools, out: Ints
+) -> None:
+    """Take the rows that share photodiode and sweep off `kept` (N,), but for the one expected; write their numbers.
+
+    out: (C,), number of rows left out. The rows of one sweep stand together.
+    """
+    unused = np.empty(STATES)
+    for c in range(len(out)):
+        begin = rows.first[c]
+        while begin < rows.first[c + 1]:
+            end = begin + 1
+            while end < rows.first[c + 1] and (
+                rows.station[end] == rows.station[begin]
+                and rows.fan[end] == rows.fan[begin]
+                and rows.sweep[end] == rows.sweep[begin]
+            ):
+                end += 1
+            for r in range(begin, end):
+                k, rivals, best, nearest, second = rows.photodiode[r], 0, -1, np.inf, np.inf
+                for other in range(begin, end):
+                    if rows.photodiode[other] != k:
+                        continue
+                    if other < r:
+                        rivals = 0
+                        break
+                    rivals += 1
+                if rivals < 2:
+                    continue
+                for other in range(r, end):
+                    if rows.photodiode[other] != k:
+                        continue
+                    kept[other] = False
+                    if not active[c]:
+                        continue
+                    s = rows.station[other]
+                    away = abs(
+                        row_into(
+                            rows.offset_s[other],
+                            rows.angle[other],
+                            light.rotation[s],
+                            light.position[s],
+                            light.fans[light.first[s] + rows.fan[other]],
+                            point[c, k],
+                            state.rotation[c],
+                            state.position[c],
+                            state.velocity[c],
+                            state.angular_rate[c],
+                            unused,
+                        )
+                    )
+                    if away < nearest:
+                        best, nearest, second = other, away, nearest
+                    elif away < second:
+                        second = away
+                out[c] += rivals
+                if nearest <= CHOICE_RAD and nearest < CHOICE_RATIO * second:
+                    kept[best] = True
+                    out[c] -= 1
+            begin = end
+
+
+@kernel
+def _count(rows: RowBatch, kept: Bools, photodiode: Ints, station: Ints, out: Ints) -> None:
+    """Write the numbers of photodiodes and stations of each craft, (2, C); the others are workspace."""
+    photodiode[:], station[:] = -1, -1
+    for c in range(out.shape[1]):
+        for r in range(rows.first[c], rows.first[c + 1]):
+            if kept[r]:
+                k, s = rows.photodiode[r], rows.station[r]
+                out[0, c] += photodiode[k] != c
+                out[1, c] += station[s] != c
+                photodiode[k], station[s] = c, c
 
 
 def _as_solution(pose: RowPose) -> PoseSolution:
