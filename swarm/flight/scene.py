@@ -1,9 +1,9 @@
 """The description of a flight that telemetry and recording receive before its first period."""
 
 from swarm.assets import find_model
-from swarm.flight.builders import assumed_angle_noise, photodiodes
+from swarm.flight.builders import assumed_angle_noise, photodiodes, station_frames
 from swarm.flight.flight import Flight
-from swarm.results.scene import CcdScene, Scene
+from swarm.results.scene import CcdScene, Scene, StationScene
 from swarm.scenario import Scenario
 from swarm.world.craft import visuals
 
@@ -36,5 +36,10 @@ def scene(scenario: Scenario, flight: Flight) -> Scene:
         guided=flight.pilot.guidance is not None,
         docking=bool(flight.latches.matings),
         faults=faults,
+        stations=[
+            StationScene(table.name, at.rotation, at.position, "2.0" if table.second else "1.0")
+            for table, at in zip(scenario.station, station_frames(scenario, flight.motions), strict=True)
+        ],
+        up=scenario.recording.up,
         angle_noise_rad=assumed_angle_noise(scenario).sigma_rad,
     )

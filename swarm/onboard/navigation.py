@@ -44,7 +44,8 @@ class Estimate(NamedTuple):
     decoder, (C,). sensor: codes of `Sensor`, (C,). ccd: the cameras' results; None if no craft has any. integrity:
     integrity of the craft's own poses. coupling: codes of `Coupling`, (C,). rows: number of single sweeps in the
     filter, (C,). prediction: the filters before this period's measurements, where the settings ask for the history of
-    the filter. stations: number of stations whose light went into the filter, (C,); None with one station only.
+    the filter. stations: number of stations whose light went into the filter, (C,), station_rows: number of rows of
+    each of S stations, (C, S); None with one station only.
     """
 
     status: Ints
@@ -66,6 +67,7 @@ class Estimate(NamedTuple):
     rows: Ints
     prediction: Prediction | None = None
     stations: Ints | None = None
+    station_rows: Ints | None = None
 
     @property
     def state(self) -> State:

@@ -341,6 +341,7 @@ class StationNavigator:
             coupling=np.where(rowed.fresh & after.active, Coupling.TIGHT, coupling).astype(np.int64),
             rows=rowed.rows,
             stations=rowed.stations,
+            station_rows=_of_stations(rows, rowed, len(self._stations)),
         )
 
     def _dilution(self, pose: RowPose) -> Dilution:
@@ -469,6 +470,15 @@ def _count(rows: RowBatch, kept: Bools, photodiode: Ints, station: Ints, out: In
                 out[0, c] += photodiode[k] != c
                 out[1, c] += station[s] != c
                 photodiode[k], station[s] = c, c
+
+
+def _of_stations(rows: RowBatch, rowed: _Rowed, stations: int) -> Ints:
+    """Return the number of rows of each station that went into each filter, (C, S)."""
+    craft = np.repeat(np.arange(len(rowed.fresh)), np.diff(rows.first))
+    used = rowed.kept & rowed.fresh[craft]
+    count = np.bincount(craft[used] * stations + rows.station[used], minlength=len(rowed.fresh) * stations)
+    out: Ints = count.reshape(len(rowed.fresh), stations)
+    return out
 
 
 def _as_solution(pose: RowPose) -> PoseSolution:

@@ -386,6 +386,9 @@ class Recording(Table):
         description="Whether the history of the filters is kept in filter.history for `swarm smooth`. Unset: where a "
         "run has at most 100 000 rows of telemetry.",
     )
+    up: Literal["-y", "z"] = Field(
+        default="-y", description="Direction that the viewer shows as up: -y of the lighthouse frame, or z of a room."
+    )
     detail: Annotated[tuple[str, ...], Strict(False)] = Field(
         default=(), description="Names of the craft that are drawn in full detail in a large swarm. Empty: the first."
     )

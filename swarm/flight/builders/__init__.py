@@ -23,6 +23,7 @@ from swarm.flight.builders.guidance import guidance, matings
 from swarm.flight.builders.lidars import inspection, lidars
 from swarm.flight.builders.navigation import believed_layout, navigation
 from swarm.flight.builders.station import FAN_ERROR_MAX_RAD, angle_noise, assumed_angle_noise, decoder, timing_noise
+from swarm.flight.builders.stations import station_frames
 
 __all__ = [
     "FAN_ERROR_MAX_RAD",
@@ -52,6 +53,7 @@ __all__ = [
     "sensors",
     "start",
     "start_state",
+    "station_frames",
     "steers_by_estimate",
     "surroundings",
     "timing_noise",

@@ -77,7 +77,7 @@ def _integrity(settings: Scenario, calibration: StationCalibration | None) -> In
 
 
 def _every_error_is_known(settings: Scenario, calibration: StationCalibration | None) -> bool:
-    """Tell whether fans, stations and mountings are without errors or known, or a calibration takes off those of every craft."""
+    """Tell whether fans, stations and mountings are without errors or known, or all taken off by a calibration."""
     drawn = settings.lighthouse
     if settings.station:
         return drawn.mounting_error_mm == 0 and all(table.known for table in settings.station)

@@ -11,6 +11,7 @@ from swarm.results.columns.observer import observer
 from swarm.results.columns.peer import PEER
 from swarm.results.columns.smooth import COLUMNS as SMOOTH
 from swarm.results.columns.smooth import ONLY
+from swarm.results.columns.station_rows import station_rows
 from swarm.results.scene import Scene
 
 
@@ -22,6 +23,7 @@ def groups_of(scene: Scene) -> list[Group]:
         (bool(scene.ccd), CCD),
         (bool(scene.lidar), observer(scene.craft, scene.lidar)),
         (True, integrity(scene.watched)),
+        (bool(scene.stations), station_rows([station.name for station in scene.stations])),
         (simulated, ACTUATION if scene.actuated else IDEAL),
         (scene.guided, GUIDANCE),
         (scene.docking, DOCKING),
@@ -55,7 +57,17 @@ def column_reference() -> str:
         "| column | type | unit | meaning |",
         "|---|---|---|---|",
     ]
-    further = (PEER, CCD, observer((), ()), integrity(False), ACTUATION, GUIDANCE, DOCKING, faults(()))
+    further = (
+        PEER,
+        CCD,
+        observer((), ()),
+        integrity(False),
+        station_rows(()),
+        ACTUATION,
+        GUIDANCE,
+        DOCKING,
+        faults(()),
+    )
     for columns, where in (*((group.columns, group.only) for group in (core(()), *further)), (SMOOTH, ONLY)):
         for column in columns:
             kind = "string" if column.kind in ("state", "name") else str(column.field.type)
