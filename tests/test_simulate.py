@@ -48,6 +48,8 @@ ELSEWHERE = {
     "survey",
     "ccd-docking",
     "swarm1000",
+    "constellation16",
+    "dotbots1000",
     "fault-parade",
     "docking",
     "formation-reconfigure",
@@ -60,7 +62,7 @@ ELSEWHERE = {
 }
 OPEN = {"free-flight": "the quiet model expects more than nothing: NEES 4.4 (docs/single-sweeps.md)"}
 """Scenarios that miss the band, and why."""
-LONG = {"orbit", "free-flight"}
+LONG = {"orbit", "free-flight", "two-stations"}
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from swarm.flight.flight import Flight
 from swarm.messages import BeamHits
 from swarm.onboard.beams import BeamDecoder
 from swarm.onboard.settings import Status
+from swarm.onboard.turns import TurnDecoder
 from swarm.results.period import Period
 from swarm.scenario import Scenario, load
 
@@ -81,7 +82,12 @@ def test_rows_are_the_angles_that_the_planes_measure(stations: str, tmp_path: An
         truth, sight = flight.move(frame)
         signals = flight.sensors.signals(truth, frame, sight == 2)
         decoder = flight.computer.decoder
-        rows = decoder.decode(signals.beams if isinstance(decoder, BeamDecoder) else signals.pulses).rows
+        if isinstance(decoder, BeamDecoder):
+            assert signals.beams is not None
+            rows = decoder.decode(signals.beams).rows
+        else:
+            assert isinstance(decoder, TurnDecoder)
+            rows = decoder.decode(signals.pulses).rows
         knot = truth.time_s - truth.time_s[truth.epoch]
         turns = Rotation.from_quat(truth.quaternion[:, 0][:, [1, 2, 3, 0]])
         for s, f, k, _, offset, angle in zip(*rows[1:], strict=True):

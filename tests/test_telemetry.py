@@ -27,6 +27,7 @@ from swarm.results.columns.observer import observer
 from swarm.results.columns.peer import PEER
 from swarm.results.columns.schema import schema
 from swarm.results.columns.smooth import COLUMNS as SMOOTH
+from swarm.results.columns.station_rows import station_rows
 from swarm.results.files import PARTS
 from swarm.results.files import TELEMETRY as FILE
 from swarm.results.reading import read_telemetry
@@ -253,5 +254,15 @@ def test_the_column_reference_is_in_step():
     assert page.read_text(encoding="utf-8") == column_reference(), (
         "write swarm.results.columns.groups.column_reference() to docs/telemetry.md"
     )
-    further = [PEER, CCD, observer((), ()), integrity(False), ACTUATION, GUIDANCE, DOCKING, faults(())]
+    further = [
+        PEER,
+        CCD,
+        observer((), ()),
+        integrity(False),
+        station_rows(()),
+        ACTUATION,
+        GUIDANCE,
+        DOCKING,
+        faults(()),
+    ]
     assert column_reference().count("\n| `") == len(schema(further)) + len(SMOOTH)

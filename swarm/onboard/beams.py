@@ -12,6 +12,7 @@ The instants need no flash: the epoch is the middle of the computer's own period
 """
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from swarm.messages import BeamHits
 from swarm.onboard.stations import RowLight
 
 Expect = Callable[[Ints, Ints, Ints, Floats], Floats]
+"""Angles at which a craft expects hits: of craft, station, photodiode and instant after the epoch [s]."""
 NEAR_S = 0.4e-3
 """Largest time between a hit without bits and one of its sweep [s]: a sweep over a craft of 40 cm takes as long, 3 m
 away."""
@@ -89,7 +91,7 @@ class BeamDecoder:
         who = (of * len(self._turn_tick) + found) * most + photodiode
         share = after / self._turn_tick[found]
         told = planes(Located(turn, share), who, EITHER)
-        offset_s = (middle[of, at] - hits.epoch_tick[of]) * self._tick_s
+        offset_s: Floats = np.asarray((middle[of, at] - hits.epoch_tick[of]) * self._tick_s, dtype=np.float64)
         if expect is not None and np.any(told.plane < 0):
             told = _expected(told, share, np.flatnonzero(told.plane < 0), expect, (of, found, photodiode, offset_s))
         good = told.plane >= 0
@@ -105,16 +107,15 @@ class BeamDecoder:
         return RowLight(gathered(of[good], rows, craft), hits.total - used, np.zeros(craft, dtype=np.int64))
 
 
-def _expected(
-    told: Planes, share: Floats, open_: Ints, expect: Expect, hits: tuple[Ints, Ints, Ints, Floats]
-) -> Planes:
+def _expected(told: Planes, share: Floats, open_: Ints, expect: Expect, hits: Sequence[Any]) -> Planes:
     """Return planes and angles with those of the hits `open_` that craft expect at one of the planes' angles.
 
     hits: craft, station, photodiode and instant of all hits, as `expect` takes them.
     """
     plane, angle = told.plane.copy(), told.angle.copy()
     both = 2 * np.pi * share[open_, None] - np.pi + np.array([1, -1]) * np.pi / 3
-    away = np.abs(both - expect(*(part[open_] for part in hits)))
+    asked: list[Any] = [part[open_] for part in hits]
+    away = np.abs(both - expect(asked[0], asked[1], asked[2], asked[3]))
     away = np.where(np.isfinite(away), away, np.inf)
     best = np.argmin(away, axis=1)
     each = np.arange(len(open_))

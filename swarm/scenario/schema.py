@@ -491,8 +491,6 @@ class Scenario(Table):
     def _station_use(self) -> Iterator[Mistake]:
         """Refuse what has no effect, or is not possible, beside [[station]] tables."""
         if not self.station:
-            if self.lighthouse.listening_ms is not None:
-                yield "is of circuits of Lighthouse 2.0: there is no [[station]]", "lighthouse.listening_ms", "station"
             return
         second = self.station[0].second
         silent = ("sync_jitter_ns", "missed_sync_probability", "stray_pulse_rate_hz") if second else ()

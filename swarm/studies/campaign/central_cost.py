@@ -19,6 +19,7 @@ from estimators.lighthouse import central
 from estimators.lighthouse.dop import dilution
 from estimators.lighthouse.pnp import refine
 from estimators.lighthouse.sweep import correct
+from swarm.errors import SwarmError
 from swarm.flight import builders
 from swarm.hardware import Photodiodes
 from swarm.onboard.decoder import SweepAngles
@@ -52,6 +53,8 @@ class CentralCost:
 
     def __init__(self, scenario: Scenario, photodiodes: Photodiodes) -> None:
         """Prepare for a flight of `scenario`; photodiodes: as the craft believe them to be."""
+        if scenario.station:
+            raise SwarmError(f"scenario {scenario.name}: the central solver has the angles of the one lighthouse only")
         self._point_m = photodiodes.point_m
         self._settings = builders.navigation(scenario)
         self._rate_hz = scenario.lighthouse.rate_hz

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from estimators.arrays import Bools, Floats
+from swarm.errors import SwarmError
 from swarm.flight import builders
 from swarm.flight.flight import Flight
 from swarm.hardware import Photodiodes
@@ -30,6 +31,8 @@ class OnboardCost(Computer):
     def __init__(self, scenario: Scenario, flight: Flight) -> None:
         """Stand in the place of the flight's computers."""
         own, layout = flight.computer, flight.world.photodiodes
+        if not isinstance(own, Computer):
+            raise SwarmError(f"scenario {scenario.name}: the cost on board is measured with the one lighthouse only")
         super().__init__(own.decoder, own.navigator, own.inspection)
         self._craft, self._scenario = layout.craft_count, scenario
         self._inertia = own.navigator.tracks.inertia[:1]
