@@ -33,6 +33,7 @@ from estimators.lighthouse.sweep import measured_angles
 from estimators.state import State
 from swarm.flight import builders
 from swarm.flight.flight import Flight
+from swarm.onboard.turns import TurnDecoder
 from swarm.scenario import Scenario, load, validate
 from swarm.sensors.sight import Sight
 
@@ -112,6 +113,7 @@ def raw_error(settings: Scenario, periods: int) -> tuple[float, float]:
     for frame in range(periods):
         truth, sight = flight.move(frame)
         signals = flight.sensors.signals(truth, frame, sight == Sight.LIT)
+        assert isinstance(computer.decoder, TurnDecoder)
         rows: RowBatch = computer.decoder.decode(signals.pulses).rows
         state = truth.state(truth.epoch)
         mask = np.ones(1, dtype=np.bool_)
@@ -230,7 +232,7 @@ def overlaps(seconds: float) -> dict[str, Any]:
     turn = [light._turn_s(emitter) for emitter in light.emitters]
     expected, weight = 0.0, 0.0
     for (s, k), own in width.items():
-        kept = np.prod([1 - 2 * (own + width[j, k]) / turn[j] for j in range(16) if j != s and (j, k) in width])
+        kept = float(np.prod([1 - 2 * (own + width[j, k]) / turn[j] for j in range(16) if j != s and (j, k) in width]))
         expected, weight = expected + (1 - kept) / turn[s], weight + 1 / turn[s]
     share, theory = (met - logged) / met, expected / weight
     return {

@@ -102,8 +102,10 @@ def out_of_light(settings: Scenario, flight: Flight) -> list[str]:
     """Return a sentence about the craft that begin where the lighthouse cannot be seen, or whose whole path is there.
 
     A craft is out of range, or of the field, where all of the sphere about its photodiodes is. Turned away or shaded it
-    may be besides. Of a motion that guidance decides only the start is known.
+    may be besides. Of a motion that guidance decides only the start is known. With stations nothing is said.
     """
+    if settings.station:
+        return []
     layout, craft = flight.sensors.lighthouse.photodiodes, scenario.craft(settings)
     radius = np.max(np.linalg.norm(layout.point_m, axis=2) * layout.present, axis=1, initial=0.0)
     times = np.linspace(0.0, settings.duration_s, PATH_SAMPLES)

@@ -505,6 +505,8 @@ class Scenario(Table):
                 said = "Lighthouse 2.0 has no flash, and its receivers hear modulated light only"
                 told = "belongs to the one lighthouse; every [[station]] has errors of its own"
                 yield said if key in silent else told, f"lighthouse.{key}", "station"
+        if self.recording.angles:
+            yield "is for the calibration of the one lighthouse", "recording.angles", "station"
         if self.navigation.calibration is not None:
             yield "is of the one lighthouse; a [[station]] has `calibrated`", "navigation.calibration", "station"
         if self.navigation.coupling == "loose":
