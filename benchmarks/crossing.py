@@ -15,6 +15,7 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation, Slerp
 
 from estimators.rotation import xyzw_from_wxyz
+from swarm.onboard.decoder import PulseDecoder
 from swarm.sensors.crossing import cross_into
 
 
@@ -48,11 +49,14 @@ def main() -> None:
 
             solved[n] = brentq(left, f * period / 2, min((f + 1) * period / 2, knot[-1]), xtol=1e-15, rtol=1e-14)
 
+    decoder = c.flight.computer.decoder
+    if not isinstance(decoder, PulseDecoder):
+        raise TypeError("the period is that of one lighthouse")
     times = interleaved(
         {
             "crossing times": cross,
             "crossing times and pulses": lambda: lighthouse.sweep(motion, c.frame, c.lit),
-            "decode": lambda: c.flight.computer.decoder.decode(c.pulses),
+            "decode": lambda: decoder.decode(c.pulses),
         },
         chosen.repeats,
     )

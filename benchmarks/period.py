@@ -9,6 +9,7 @@ from estimators.arrays import Bools
 from swarm.flight.flight import Flight
 from swarm.messages import Pulses
 from swarm.onboard import lighthouse_fix
+from swarm.onboard.computer import Computer
 from swarm.onboard.decoder import SweepAngles
 from swarm.onboard.navigation import Estimate
 from swarm.results.records import Truth
@@ -44,7 +45,10 @@ def captured(craft: int, *overrides: str, periods: int = 60) -> Captured:
     motion, sight = flight.move(periods)
     lit = sight == Sight.LIT
     pulses = flight.sensors.lighthouse.sweep(motion, periods, lit)
-    angles = flight.computer.decoder.decode(pulses)
+    computer = flight.computer
+    if not isinstance(computer, Computer):
+        raise TypeError("the period is that of one lighthouse")
+    angles = computer.decoder.decode(pulses)
     arguments: dict[str, tuple[Any, ...]] = {}
     functions = {name: getattr(lighthouse_fix, name) for name in ("refine", "dilution")}
 
@@ -58,7 +62,7 @@ def captured(craft: int, *overrides: str, periods: int = 60) -> Captured:
     try:
         for name in functions:
             setattr(lighthouse_fix, name, noting(name))
-        estimate = flight.computer.navigator.step(angles, None, flight.command)
+        estimate = computer.navigator.step(angles, None, flight.command)
     finally:
         for name, function in functions.items():
             setattr(lighthouse_fix, name, function)

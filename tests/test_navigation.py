@@ -14,6 +14,7 @@ from swarm.flight.flight import Flight
 from swarm.hardware import Photodiodes, pad
 from swarm.messages import Pulses, Signals
 from swarm.onboard.acquisition import DECISIVE, Sighting, follow, search
+from swarm.onboard.computer import Computer
 from swarm.onboard.decoder import PulseDecoder, SweepAngles
 from swarm.onboard.navigation import Estimate, Navigator
 from swarm.onboard.settings import NavigationSettings, Status
@@ -109,6 +110,7 @@ def swarm_run() -> tuple[Flight, list[Pulses], list[Estimate]]:
     )
     flight = Flight(scenario)
     pulses: list[Pulses] = []
+    assert isinstance(flight.computer, Computer)
     decoder = flight.computer.decoder
     decode = decoder.decode
 
