@@ -541,7 +541,9 @@ def _replay(object_name: str, source: Any, folder: Path) -> Values:
         raise Absent(f"there is no {REAL}")
     settings = for_replay(REAL, ["recording.angles=true"])
     out = folder / "run"
-    run = swarm.replay(REAL, object_name=object_name, source=source, scenario=settings, out=out, record=False)
+    run = swarm.replay(
+        REAL, object_name=object_name, lighthouse=0, source=source, scenario=settings, out=out, record=False
+    )
     values = Values()
     values.run("", run)
     return values

@@ -10,6 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from swarm.assets import find_recording
 from swarm.errors import SwarmError
+from swarm.flight.recordings.contents import only_object
+from swarm.flight.recordings.libsurvive import read_libsurvive
 from swarm.flight.replay import Playback, replay
 from swarm.flight.truth import GivenTruth
 from swarm.results.period import Period
@@ -39,7 +41,9 @@ def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def flown(short: Path) -> tuple[list[Period], float]:
     """Its periods, navigated."""
-    playback = Playback(short, for_replay(short, QUICK), None, 0, short.with_name("short.json"))
+    playback = Playback(
+        read_libsurvive(short, only_object(short)), for_replay(short, QUICK), 0, short.with_name("short.json")
+    )
     return list(playback.fly()), playback.begin_s
 
 

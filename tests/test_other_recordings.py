@@ -121,7 +121,7 @@ def test_libsurvives_angles_alone_are_listed(tmp_path: Path) -> None:
         ("2.0", 3, 0, TURNS),
         ("2.0", 11, 0, TURNS),
     ]
-    assert first.remark == "replay of Lighthouse 2.0 is not possible yet"
+    assert first.remark == ""
     times = [float(line.split()[0]) for line in own[1:]]
     assert (first.begin_s, first.end_s) == (min(times), max(times))
 
@@ -442,17 +442,20 @@ def test_an_array_that_is_no_trajectory_says_why(tmp_path: Path, array: np.ndarr
         read_trajectory(tmp_path / "a.npy")
 
 
-def test_what_cannot_be_replayed_yet_is_one_message(tmp_path: Path) -> None:
+def test_what_cannot_be_replayed_is_one_message(tmp_path: Path) -> None:
     np.save(tmp_path / "mocap.npy", np.column_stack([TIME, WAY]))
-    for file, message in (
-        (write(tmp_path / "two.rec", lines()), "replay of Lighthouse 2.0 is not possible yet"),
-        (write(tmp_path / "log00", crazyflie_log()), "a Crazyflie event log, whose replay is not possible yet"),
-        (tmp_path / "mocap.npy", "a trajectory, which goes with a recording but is none"),
+    mocap, log = tmp_path / "mocap.npy", write(tmp_path / "log00", crazyflie_log())
+    recording = write(tmp_path / "two.rec", lines())
+    for file, extra, message in (
+        (mocap, [], "a trajectory, which goes with a recording but is none"),
+        (log, ["--object", "HMD"], "no object 'HMD' in this log: its only one is 'Crazyflie'"),
+        (log, ["--lighthouse", "9"], "saw no light of station 9; it saw stations 3, 11"),
+        (recording, ["--lighthouse", "4"], "saw no light of station 4; it saw stations 3, 11"),
+        (recording, ["--stations", str(tmp_path / "none.toml")], "none.toml"),
     ):
-        for extra in ([], ["--object", DEVICE]):
-            result = CliRunner().invoke(app, ["replay", str(file), "--out", str(tmp_path / "run"), *extra])
-            assert result.exit_code == 2
-            assert message in " ".join(result.output.split())
+        result = CliRunner().invoke(app, ["replay", str(file), "--out", str(tmp_path / "run"), *extra])
+        assert result.exit_code == 2
+        assert message in " ".join(result.output.split())
         assert not (tmp_path / "run").exists()
         assert CliRunner().invoke(app, ["replay", str(file), "--list"]).exit_code == 0
 

@@ -31,19 +31,33 @@ Recording = Annotated[
     typer.Argument(
         metavar="RECORDING",
         autocompletion=completion.recordings,
-        help="A recording of a real lighthouse: libsurvive's .rec or .rec.gz, or a name that `swarm list` shows. "
-        "With --list also a Crazyflie's event log, its system-config.yaml, or a trajectory.",
+        help="A recording of real light: libsurvive's .rec or .rec.gz, a Crazyflie's event log, or a name that "
+        "`swarm list` shows. With --list also a system-config.yaml, or a trajectory.",
     ),
 ]
 Object = Annotated[
     str | None,
     typer.Option("--object", metavar="NAME", help="Use this tracked object, such as HMD. Default: the only one."),
 ]
-Station = Annotated[int, typer.Option("--lighthouse", metavar="N", min=0, help="Use this station as the reference.")]
+Station = Annotated[
+    int | None,
+    typer.Option(
+        "--lighthouse", metavar="N", min=0, help="Use this station only. Default: all whose place is known, together."
+    ),
+]
+Stations = Annotated[
+    Path | None,
+    typer.Option(
+        "--stations", metavar="FILE", help="Take the stations' places and errors from this file of stations (TOML)."
+    ),
+]
 Calibration = Annotated[
     Path | None,
     typer.Option(
-        "--calibration", metavar="FILE", help="Remove the station's errors: libsurvive's config, or ours (TOML)."
+        "--calibration",
+        metavar="FILE",
+        help="Remove the stations' errors: libsurvive's config, or one station's of ours (TOML). Default: the config "
+        "beside the recording.",
     ),
 ]
 From = Annotated[
@@ -76,8 +90,9 @@ Folder = Annotated[
 def replay(
     recording: Recording,
     object_name: Object = None,
-    lighthouse: Station = 0,
+    lighthouse: Station = None,
     calibration: Calibration = None,
+    stations: Stations = None,
     source: From = Source.PULSES,
     truth: Truth = None,
     list_only: ListOnly = False,
@@ -92,9 +107,8 @@ def replay(
     \b
     swarm replay handheld
     swarm replay walk.rec.gz --list
-    swarm replay walk.rec.gz --object HMD --lighthouse 0 \\
-        --calibration config.json
-    swarm replay walk.rec.gz --object HMD --truth mocap.npy
+    swarm replay FLIGHT/log00 --stations stations.toml
+    swarm replay walk.rec.gz --lighthouse 0 --truth mocap.npy
     """
     with mistakes():
         from swarm.assets import find_recording
@@ -117,6 +131,7 @@ def replay(
                 file,
                 object_name=object_name,
                 lighthouse=lighthouse,
+                stations=stations,
                 calibration=calibration or _own_calibration(file, notes.append),
                 source=source.value,
                 truth=truth,

@@ -1,4 +1,7 @@
-"""Replay of a real Lighthouse 1.0 recording by the on-board code of simulated craft: one object, one station at a time.
+"""Replay of a recording of real light by the on-board code of simulated craft: one object.
+
+One station of Lighthouse 1.0 is replayed here, period by period as that code takes a single lighthouse; several
+stations and Lighthouse 2.0 by `station_replay`.
 
 A recording contains no truth: the true columns stay null, and the pose that the recording's own software found goes
 into the peer columns. The station's factory calibration is subtracted from the angles before any other step.
@@ -19,12 +22,15 @@ from swarm.errors import SwarmError
 from swarm.flight import builders
 from swarm.flight.recordings.consistency import Consistency, Sample, assess
 from swarm.flight.recordings.contents import only_object
-from swarm.flight.recordings.formats import refuse_others
+from swarm.flight.recordings.formats import Format, recording_format
 from swarm.flight.recordings.libsurvive import Recording, WorldPose, read_libsurvive
+from swarm.flight.recordings.object_light import configuration_beside, read_object
 from swarm.flight.recordings.receiver import Receiver
 from swarm.flight.recordings.station_calibration import StationCalibration, read_calibration
+from swarm.flight.recordings.stations_file import read_stations
 from swarm.flight.recordings.windows import Source, Windows
 from swarm.flight.simulate import untold
+from swarm.flight.station_replay import StationPlayback, choose_stations
 from swarm.flight.truth import truth_for
 from swarm.hardware import Photodiodes
 from swarm.onboard.decoder import SweepAngles
@@ -42,6 +48,7 @@ from swarm.scenario import Scenario, checked, for_replay
 from swarm.scenario.text import changed, toml_value
 from swarm.sensors.sight import Sight
 from swarm.units import ARCSEC
+from swarm.user_text import read_text, user_path
 from swarm.world.craft import visuals
 
 GUESSED_NOISE_ARCSEC = 20.0
@@ -60,8 +67,9 @@ def replay(
     recording: str | Path,
     *,
     object_name: str | None = None,
-    lighthouse: int = 0,
+    lighthouse: int | None = None,
     calibration: str | Path | None = None,
+    stations: str | Path | None = None,
     source: Source = "pulses",
     truth: str | Path | None = None,
     scenario: Scenario | None = None,
@@ -71,13 +79,14 @@ def replay(
     progress: Callable[[Progress], None] | None = None,
     tell: Callable[[str], None] | None = None,
 ) -> Run:
-    """Replay the light that an object of a recording saw from one station, and write the run.
+    """Replay the light that an object of a recording saw, write the run, and return it, opened.
 
     Args:
-        recording: file written by libsurvive.
+        recording: file written by libsurvive, or a Crazyflie's event log.
         object_name: name of the tracked object, such as HMD; None if only one saw light.
-        lighthouse: number of the station.
-        calibration: file of the station's known errors, in libsurvive's format or this project's.
+        lighthouse: number of the only station, of Lighthouse 2.0 its channel; None: all whose place is known.
+        calibration: file of the stations' known errors in libsurvive's format, or of one station's in this project's.
+        stations: file of stations, as `swarm survey` writes it; None: what the recording and files beside it know.
         source: raw "pulses", or the "angles" that the recording's own software derived from them.
         truth: trajectory of the object from another system, such as motion capture.
         scenario: other navigation settings, as `for_replay` makes them.
@@ -87,16 +96,13 @@ def replay(
         progress: function called after every period.
         tell: function called with every sentence about the recording: what of it is lost, or left out.
 
-    Returns:
-        The run, opened.
-
     Raises:
         SwarmError: a file cannot be read, or the truth does not fit, or the folder cannot be written.
     """
     settings, told = for_replay(Path(recording)) if scenario is None else checked(scenario), progress or untold
     refuse_run(settings.name, settings.seed, out, force)
-    command = _command(recording, settings, object_name, lighthouse, calibration, source, truth)
-    playback = Playback(recording, settings, object_name, lighthouse, calibration, source)
+    command = _command(recording, settings, object_name, lighthouse, calibration, stations, source, truth)
+    playback = _playback(recording, settings, object_name, lighthouse, calibration, stations, source)
     given = truth_for(truth, playback)
     for note in (*playback.notes, *given.notes):
         (tell or _untold)(note)
@@ -122,12 +128,64 @@ def _untold(note: str) -> None:
     """Tell a sentence to nobody."""
 
 
+def _playback(
+    recording: str | Path,
+    settings: Scenario,
+    object_name: str | None,
+    lighthouse: int | None,
+    calibration: str | Path | None,
+    stations: str | Path | None,
+    source: Source,
+) -> "Playback | StationPlayback":
+    """Return the playback of a recording: by poses for one station of Lighthouse 1.0, by rows for all else.
+
+    Args:
+        recording: file of the recording.
+        settings: scenario with the navigation settings.
+        object_name: name of the tracked object, None for the only one.
+        lighthouse: number of the only station, None for all.
+        calibration: file of the stations' known errors.
+        stations: file with the places of the stations.
+        source: raw pulses or angles.
+    """
+    crazyflie = recording_format(recording) is Format.CRAZYFLIE
+    name = object_name if crazyflie else object_name or only_object(recording)
+    if crazyflie and calibration is not None:
+        raise SwarmError(
+            f"--calibration: {recording} is a Crazyflie's log: its system-config.yaml is taken, or --stations"
+        )
+    file = None if stations is None else read_stations(stations)
+    log = None if crazyflie else read_libsurvive(recording, name or "")
+    if log is not None and file is None and (lighthouse is not None or _is_own_format(calibration)):
+        if not log.rotors.any():
+            return Playback(log, settings, lighthouse or 0, calibration, source)
+        if _is_own_format(calibration):
+            raise SwarmError(f"{calibration}: of Lighthouse 1.0, and {log.device!r} saw 2.0: give --stations")
+    light = read_object(recording, name, source, calibration, log)
+    chosen = choose_stations(light, file, lighthouse)
+    if log is not None and file is None and light.light.generation == "1.0" and len(chosen.placed) == 1:
+        beside = calibration or configuration_beside(log.path)
+        playback = Playback(log, settings, chosen.placed[0].number, beside, source)
+        if len(light.light.stations()) > 1:
+            playback.notes += chosen.notes
+        return playback
+    return StationPlayback(light, settings, chosen, given=file is not None)
+
+
+def _is_own_format(calibration: str | Path | None) -> bool:
+    """Return whether a calibration is of this project's format, which is one station's."""
+    return calibration is not None and not read_text(
+        user_path(calibration), str(calibration), "a calibration file"
+    ).lstrip().startswith(('"', "{"))
+
+
 def _command(
     recording: str | Path,
     settings: Scenario,
     object_name: str | None,
-    lighthouse: int,
+    lighthouse: int | None,
     calibration: str | Path | None,
+    stations: str | Path | None,
     source: Source,
     truth: str | Path | None,
 ) -> str:
@@ -137,15 +195,17 @@ def _command(
         recording: file written by libsurvive.
         settings: settings as the user gave them.
         object_name: name of the tracked object, None for the only one.
-        lighthouse: number of the station.
-        calibration: file of the station's known errors.
+        lighthouse: number of the only station, None for all.
+        calibration: file of the stations' known errors.
+        stations: file with the places of the stations.
         source: raw pulses or angles.
         truth: file of the truth, None without one.
     """
     own = own_recording(Path(recording))
     words = ["swarm", "replay", own.name if own is not None else str(recording)]
     words += ["--object", object_name] if object_name is not None else []
-    words += ["--lighthouse", str(lighthouse)] if lighthouse else []
+    words += ["--lighthouse", str(lighthouse)] if lighthouse is not None else []
+    words += ["--stations", str(stations)] if stations is not None else []
     # A recording that comes with the program brings its calibration, unless another one is given.
     brought = own is not None and calibration is not None and Path(calibration) == own.calibration
     words += ["--calibration", str(calibration)] if calibration is not None and not brought else []
@@ -170,19 +230,17 @@ class Playback:
 
     def __init__(
         self,
-        recording: str | Path,
+        log: Recording,
         settings: Scenario,
-        object_name: str | None,
         lighthouse: int,
         calibration: str | Path | None = None,
         source: Source = "pulses",
     ) -> None:
-        """Read the recording.
+        """Prepare the replay.
 
         Args:
-            recording: file written by libsurvive.
+            log: the recording of one object.
             settings: scenario with the navigation settings; the noise, if unset, is found in the recording.
-            object_name: name of the tracked object, such as HMD; None if only one saw light.
             lighthouse: number of the station.
             calibration: file of the station's known errors, in libsurvive's format or this project's.
             source: raw "pulses", or the "angles" that the recording's own software derived from them.
@@ -190,8 +248,7 @@ class Playback:
         Raises:
             SwarmError: the recording or the calibration cannot be read.
         """
-        refuse_others(recording)
-        self.log = read_libsurvive(recording, object_name or only_object(recording))
+        self.log = log
         self._known = read_calibration(calibration, lighthouse) if calibration is not None else None
         station = _station(self.log, lighthouse, self._known)
         self.windows = Windows(self.log, lighthouse, source, station)

@@ -18,7 +18,7 @@ from estimators.lighthouse.sweep import FanErrors
 from estimators.lighthouse.tilted import TiltedErrors
 from estimators.state import State
 from swarm.assets import find_model
-from swarm.errors import SwarmError, did_you_mean
+from swarm.errors import SwarmError
 from swarm.flight import builders
 from swarm.flight.recordings.libsurvive import WorldPose
 from swarm.flight.recordings.object_light import ObjectLight
@@ -40,12 +40,21 @@ from swarm.world.craft import visuals
 
 FRAME_S = {"1.0": 1 / 30, "2.0": 1 / 50}
 """Period of the filter [s] by generation, in which all stations sweep once."""
+HANDLED: dict[str, float] = {
+    "acceleration_noise_m_s2": 15.0,
+    "angular_acceleration_noise_deg_s2": 2000.0,
+    "coast_limit_s": 0.5,
+}
+"""Settings of navigation for an object that a hand moves, where the user gives no other: within half a second in the
+dark it may be anywhere."""
 PLACE_M = 1e-4
 """By how much photodiodes are off their places [m], 1 sigma: what a user's object is made to."""
 GUESSED_OWN_RAD, GUESSED_SHARED_RAD = 1e-4, 1e-3
 """Noise with which a recording is flown to find its own."""
 TRIALS, TRIAL_PERIODS = 4, 600
 """Stretches of a recording from which its noise is found, and their length."""
+DISAGREEMENT_RAD = 3e-4
+"""Noise of whole sweeps [rad] beyond which it is not the rotors', but of places or calibrations."""
 FEWEST_ROWS = 8
 """Rows that a period needs for its redundancy to count."""
 
@@ -73,10 +82,7 @@ def choose_stations(source: ObjectLight, file: PlacedStations | None, lighthouse
     """
     seen = source.light.stations()
     if lighthouse is not None and lighthouse not in seen:
-        raise SwarmError(
-            f"{source.path}: {source.name!r} saw no light of station {lighthouse}"
-            f"{did_you_mean(str(lighthouse), map(str, seen))}; it saw {_listed(seen)}"
-        )
+        raise SwarmError(f"{source.path}: {source.name!r} saw no light of station {lighthouse}; it saw {_listed(seen)}")
     wanted = seen if lighthouse is None else [lighthouse]
     placed = {n: source.placed[n] for n in wanted if n in source.placed}
     if file is not None:
@@ -115,6 +121,13 @@ def _at_origin(source: ObjectLight, number: int) -> PlacedStation:
     return PlacedStation(f"station {number}", number, generation, None, np.eye(3), np.zeros(3), errors)
 
 
+def _handled(settings: Scenario) -> Scenario:
+    """Return the settings for an object that a hand moves, but for those that the user gave."""
+    table = settings.navigation
+    changes = {key: value for key, value in HANDLED.items() if key not in table.model_fields_set}
+    return settings.model_copy(update={"navigation": table.model_copy(update=changes)})
+
+
 class StationPlayback:
     """Light that one object saw of several stations, through the same navigator as simulated craft.
 
@@ -131,29 +144,29 @@ class StationPlayback:
         self,
         source: ObjectLight,
         settings: Scenario,
-        stations: PlacedStations | None = None,
-        lighthouse: int | None = None,
+        chosen: Chosen,
+        *,
+        given: bool,
     ) -> None:
         """Prepare the replay of one object.
 
         Args:
             source: its light.
             settings: scenario with the navigation settings; the noise, if unset, is found in the recording.
-            stations: where the stations stand; None: what the recording and the files beside it know.
-            lighthouse: number of the only station; None: all.
-
-        Raises:
-            SwarmError: no station can be used.
+            chosen: the stations.
+            given: whether they are those of a file of stations, which has their calibrations as well.
         """
+        settings = _handled(settings)
         self.source, self.layout = source, source.photodiodes
-        chosen = choose_stations(source, stations, lighthouse)
         self.placed = chosen.placed
         self._stations = [placed.station for placed in chosen.placed]
         self.notes = [*source.notes, *chosen.notes]
+        if settings.recording.angles:
+            self.notes.append("angles.parquet holds the angles of one Lighthouse 1.0 station only: give --lighthouse")
         self.notes += [
             f"the calibration of station {placed.number} is not known: its fans are taken as perfect"
             for placed in chosen.placed
-            if stations is None and placed.number not in source.errors
+            if not given and placed.number not in source.errors
         ]
         peer = self._peer(chosen.world)
         numbers = [placed.number for placed in chosen.placed]
@@ -260,7 +273,7 @@ class StationPlayback:
         return settings.model_copy(update={"navigation": table})
 
     def _navigation_of(self, settings: Scenario, *, tested: bool) -> NavigationSettings:
-        navigation = builders.navigation(self._with_noise(settings) if hasattr(self, "noise") else settings)
+        navigation = builders.navigation(settings)
         test = tested and navigation.integrity.residual_test
         integrity = replace(navigation.integrity, residual_test=test, tick_s=None)
         return replace(navigation, frame_s=self.windows.frame_s, integrity=integrity, place_sigma_m=PLACE_M)
@@ -280,6 +293,12 @@ class StationPlayback:
             alone = len(self.placed) == 1
             text = f"{placed.name}: photodiodes of a sweep agree to {1e6 * noise.own_rad:.0f} urad, 1 sigma"
             out.append(text if alone else f"{text}, its sweeps with the others' to {1e6 * noise.shared_rad:.0f} urad")
+        shared = self.found.noise[0].shared_rad
+        if len(self.placed) > 1 and shared > DISAGREEMENT_RAD:
+            out.append(
+                f"the stations contradict each other by {1e3 * shared:.1f} mm per metre of distance: where they stand, "
+                "or their calibrations, are off by more than their light; swarm survey finds both"
+            )
         return out
 
 

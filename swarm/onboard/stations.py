@@ -5,7 +5,8 @@ its epoch:
 
     own orders and orbit -> prediction                         swarm.onboard.tracks
     rows of all stations -> filter, gated together             estimators.lighthouse.innovation
-    rows that contradict the prediction -> without a false photodiode or station, if the others agree with it
+    rows that contradict the prediction, not each other -> filter, with a wider prediction
+    rows that contradict each other -> without a false photodiode or station, if the others agree with it
     a craft without a filter -> search among all poses         swarm.onboard.row_search
     cameras -> pose with covariance                            swarm.onboard.ccd
 
@@ -24,6 +25,7 @@ from scipy.special import ndtri
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats, Ints
 from estimators.filter.bank import gates
+from estimators.filter.error_state import process_noise_into
 from estimators.filter.smoother import Prediction, predicted
 from estimators.kernel import kernel
 from estimators.lighthouse.dop import Dilution
@@ -53,6 +55,9 @@ from swarm.onboard.tracks import PoseFix, Taken, TrackLimits, Tracks
 
 FEWEST_CROSSED = 3
 """Photodiodes whose rows decide a pose where several stations see them."""
+HARDER = (4.0, 16.0, 64.0)
+"""Factors of the accelerations that a manoeuvre is taken to have, tried one after the other."""
+_POSE = 6
 _TABLE = 32
 
 
@@ -160,7 +165,7 @@ class StationNavigator:
         pose = self._pose(rows)
         fix = self._found(tracks)
         taken = tracks.take_in(fix)
-        rowed = self._take_in(rows, ~fix.known)
+        rowed = self._take_in(rows, ~fix.known, pose)
         fixes, fates, seen = [fix], [taken], None
         if signals is not None and signals.images is not None:
             seen, camera = self._cameras.find(signals.images, tracks)
@@ -248,8 +253,8 @@ class StationNavigator:
             return None
         return int(np.argmin(rot.angle_between(found.pose.rotation, state.rotation)))
 
-    def _take_in(self, rows: RowBatch, mask: Bools) -> _Rowed:
-        """Update the filters of the craft of the mask with their rows."""
+    def _take_in(self, rows: RowBatch, mask: Bools, pose: RowPose) -> _Rowed:
+        """Update the filters of the craft of the mask with their rows; `pose` of the rows alone."""
         bank, craft, most = self.tracks.bank, len(mask), self._point_m.shape[1]
         mask = mask & bank.active
         kept = np.repeat(mask, np.diff(rows.first))
@@ -265,6 +270,8 @@ class StationNavigator:
         )
         before, covariance = bank.state, bank.covariance
         self._update(rows, mask, out)
+        if out.refused.any():
+            self._manoeuvre(rows, pose, out)
         again = np.zeros(craft, dtype=np.bool_)
         for c in np.flatnonzero(out.refused & self.settings.integrity.residual_test).tolist():
             own = rows.of(c)
@@ -281,6 +288,25 @@ class StationNavigator:
         photodiodes, stations = _numbers(rows, kept & np.repeat(out.fresh, np.diff(rows.first)), most)
         out.photodiodes[:], out.stations[:] = photodiodes, stations
         return out
+
+    def _manoeuvre(self, rows: RowBatch, pose: RowPose, out: _Rowed) -> None:
+        """Try again with a wider prediction where the rows agree with each other and not with it: the craft is pushed
+        harder than its model has it. No photodiode is false then.
+        """
+        s, bank = self.settings, self.tracks.bank
+        gate = gates(s.gate_probability, int(np.diff(rows.first).max()))
+        agree = out.refused & pose.solved
+        agree[agree] &= pose.cost[agree] <= gate[np.maximum(pose.rows[agree] - _POSE, 0)]
+        noise = np.empty((STATES, STATES))
+        for factor in HARDER:
+            again = agree & out.refused
+            if not again.any():
+                return
+            process_noise_into(
+                s.frame_s, factor * s.acceleration_noise_m_s2, factor * s.angular_acceleration_noise_rad_s2, noise
+            )
+            bank.adopt(again, bank.state, bank.covariance + noise)
+            self._update(rows, again, out)
 
     def _update(self, rows: RowBatch, mask: Bools, out: _Rowed) -> None:
         """Give the kept rows of the craft of the mask to their filters, and write their fate."""

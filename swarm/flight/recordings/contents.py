@@ -11,7 +11,7 @@ from estimators.arrays import Floats
 from estimators.lighthouse.rotor import CHANNEL_CLOCK_HZ, CHANNEL_TICKS
 from swarm.errors import SwarmError
 from swarm.flight.recordings.crazyflie import POINT_M, CrazyflieLog, read_crazyflie
-from swarm.flight.recordings.formats import NOT_YET, Format, format_of
+from swarm.flight.recordings.formats import Format, format_of
 from swarm.flight.recordings.framing import frame_angles, frame_pulses
 from swarm.flight.recordings.hits import Hits, Light, Lost, joined
 from swarm.flight.recordings.libsurvive import MOST_DAMAGED, SECOND_GENERATION, Recording, read_libsurvive
@@ -97,7 +97,7 @@ def _of_libsurvive(file: Path) -> Contents:
     losses: list[str] = []
     for name in seen.objects():
         remark = _remark(seen, name)
-        if remark in ("", NOT_YET):
+        if not remark:
             try:
                 recording = read_libsurvive(file, name)
             except SwarmError as error:
@@ -182,7 +182,7 @@ def _remark(seen: _Seen, name: str) -> str:
         return "saw no light"
     if not seen.number_of(name, ("CONFIG",)):
         return "has no CONFIG line"
-    return "" if first else NOT_YET
+    return ""
 
 
 def _stations(recording: Recording) -> list[Listed]:
@@ -210,7 +210,7 @@ def _channels(recording: Recording, facts: list[str], losses: list[str]) -> list
     losses += [f"{recording.device}: {text}" for text in light.lost.sentences()]
     photodiodes = recording.photodiodes.present.shape[1]
     begin_s, end_s = _ends([log.hit_time_s if len(log.hit_time_s) else log.own_time_s])
-    row = Listed(recording.device, "2.0", photodiodes, None, 0, 0, begin_s, end_s, NOT_YET)
+    row = Listed(recording.device, "2.0", photodiodes, None, 0, 0, begin_s, end_s, "")
     return _per_station(row, light, theirs)
 
 
@@ -261,8 +261,7 @@ def _of_crazyflie(log: CrazyflieLog) -> Contents:
     light, decoded = log.light(generation), log.decoded(generation)
     has_rotors = log.has_rotors()
     raw = light if has_rotors else light._replace(hits=joined([]))
-    remark = "replay of Crazyflie logs is not possible yet"
-    row = Listed("Crazyflie", light.generation, len(POINT_M), None, 0, 0, log.begin_s, log.end_s, remark)
+    row = Listed("Crazyflie", light.generation, len(POINT_M), None, 0, 0, log.begin_s, log.end_s, "")
     rows = _per_station(row, raw, decoded)
     facts = [f"event log, version {log.version}: " + _numbers(log.counts)]
     facts += _turning(light)

@@ -10,8 +10,6 @@ from swarm.flight.recordings.system_config import TYPE
 from swarm.flight.recordings.text_lines import TextLines
 from swarm.flight.recordings.trajectory import NPY, begins_trajectory
 
-NOT_YET = "replay of Lighthouse 2.0 is not possible yet"
-"""Remark about an object that saw light of Lighthouse 2.0 only."""
 _LINES = 50
 """Lines of a text by which its format is told."""
 
@@ -49,15 +47,14 @@ def format_of(path: str | Path) -> Format:
     return Format.TRAJECTORY if begins_trajectory(lines) else Format.LIBSURVIVE
 
 
-def refuse_others(path: str | Path) -> None:
-    """Raise SwarmError for a file that is read, but of which no flight can be made yet."""
+def recording_format(path: str | Path, *others: Format) -> Format:
+    """Return the format of a recording; raise SwarmError for a file that is none, or of one of the `others`."""
     kind = format_of(path)
-    if kind is Format.CRAZYFLIE:
-        raise SwarmError(
-            f"{path}: a {kind}, whose replay is not possible yet; swarm replay {path} --list tells what is in it"
-        )
-    if kind is not Format.LIBSURVIVE:
+    if kind in others:
+        raise SwarmError(f"{path}: a {kind}, of which this makes nothing; swarm replay takes it")
+    if kind not in (Format.LIBSURVIVE, Format.CRAZYFLIE):
         raise SwarmError(f"{path}: a {kind}, which goes with a recording but is none")
+    return kind
 
 
 def _is_config(lines: list[str]) -> bool:

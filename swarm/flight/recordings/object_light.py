@@ -53,7 +53,7 @@ class ObjectLight(NamedTuple):
     number. errors: of the fans of stations whose calibration is known, by number. identities: ids of stations, by
     number. peer_time_s (N,), peer (N, ...): the recording's own poses of the object in the stations' world, on its
     clock. inertial: empty without. marks_s: marks on the recording's clock, which a motion capture system sees too.
-    notes: sentences about what is lost or taken.
+    notes: sentences about what is lost or taken. recording: libsurvive's, of which this is; None for another.
     """
 
     path: Path
@@ -70,6 +70,7 @@ class ObjectLight(NamedTuple):
     inertial: Inertial
     marks_s: Floats
     notes: list[str]
+    recording: Recording | None = None
 
     def time_s(self, tick: Floats) -> Floats:
         """Return instants on the recording's clock [s] of ticks, any shape."""
@@ -78,7 +79,11 @@ class ObjectLight(NamedTuple):
 
 
 def read_object(
-    path: str | Path, name: str | None, source: Source = "pulses", calibration: str | Path | None = None
+    path: str | Path,
+    name: str | None,
+    source: Source = "pulses",
+    calibration: str | Path | None = None,
+    recording: Recording | None = None,
 ) -> ObjectLight:
     """Return the light of one object.
 
@@ -88,6 +93,7 @@ def read_object(
         source: raw "pulses", or the "angles" that the recording's own software derived from them.
         calibration: libsurvive's configuration; None: that beside the recording, FILE.json, if it is there. A log's
             system-config.yaml beside it is always taken.
+        recording: libsurvive's recording of this object, where it has been read already.
 
     Raises:
         SwarmError: a file cannot be read, or the object is not in it.
@@ -99,14 +105,14 @@ def read_object(
         return _of_crazyflie(read_crazyflie(file), config_beside(file), source)
     if name is None:
         raise SwarmError(f"{file}: which object?")
-    recording = read_libsurvive(file, name)
+    recording = read_libsurvive(file, name) if recording is None else recording
     notes = recording.losses.sentences()
-    config = Path(calibration) if calibration is not None else file.with_name(f"{file.name}.json")
+    config = calibration if calibration is not None else configuration_beside(file)
     stations = []
-    if calibration is not None or config.is_file():
+    if config is not None:
         stations = read_factory_stations(config)
         notes.append(f"the stations' poses and calibrations are those of {config}")
-    second = len(recording.rotors.hit_tick) > 0 and not len(recording.pulses.rise_tick)
+    second = recording.rotors.any() and not (len(recording.pulses.rise_tick) or len(recording.angles.middle_tick))
     light = _second(recording, source) if second else _first(recording, source)
     notes += light.lost.sentences()
     line = _line(recording, second)
@@ -127,7 +133,14 @@ def read_object(
         inertial=_no_inertial(),
         marks_s=np.zeros(0),
         notes=notes,
+        recording=recording,
     )
+
+
+def configuration_beside(file: Path) -> Path | None:
+    """Return libsurvive's configuration beside a recording, None if it is not there."""
+    config = file.with_name(f"{file.name}.json")
+    return config if config.is_file() else None
 
 
 def _no_inertial() -> Inertial:
@@ -139,6 +152,8 @@ def _line(recording: Recording, second: bool) -> tuple[float, float]:
     pulses, angles, rotors = recording.pulses, recording.angles, recording.rotors
     if second:
         tick, time_s = rotors.hit_tick, rotors.hit_time_s
+        if not len(tick):
+            tick, time_s = rotors.own_tick, rotors.own_time_s
     else:
         tick = np.concatenate([pulses.rise_tick, angles.middle_tick])
         time_s = np.concatenate([pulses.time_s, angles.time_s])
@@ -152,9 +167,12 @@ def _second(recording: Recording, source: Source) -> Light:
     """Return light of Lighthouse 2.0."""
     log = recording.rotors
     decoded = decode_rotor_log(log)
-    if source == "pulses":
+    if source == "pulses" and len(decoded.hits.tick):
         return decoded
     own = joined([Hits(log.own_channel, log.own_plane, log.own_photodiode, log.own_tick, log.own_angle)])
+    if not len(own.tick):
+        what = "hit with its rotor's zero (W and Y lines)" if source == "pulses" else "angle (B lines)"
+        raise SwarmError(f"{recording.path}: no {what} of {recording.device!r}")
     return Light("2.0", TICK_S, own, Lost(), decoded.turn_s)
 
 

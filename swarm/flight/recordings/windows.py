@@ -23,7 +23,6 @@ import numpy as np
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats, Ints
 from swarm.errors import SwarmError, did_you_mean
-from swarm.flight.recordings.formats import NOT_YET
 from swarm.flight.recordings.framing import RATE_HZ, TURN_TICKS, Framing, frame_angles, frame_pulses, x_flash
 from swarm.flight.recordings.libsurvive import Recording, WorldPose
 from swarm.flight.recordings.object_clock import TICK_S
@@ -100,8 +99,8 @@ class Windows:
             first_generation = len(recording.pulses.rise_tick) or len(recording.angles.middle_tick)
             if recording.rotors.any() and not first_generation:
                 raise SwarmError(
-                    f"{recording.path}: {recording.device!r} saw Lighthouse 2.0 stations: {NOT_YET}; "
-                    f"swarm replay {recording.path} --list tells what is in it"
+                    f"{recording.path}: {recording.device!r} saw Lighthouse 2.0 stations, and here only the periods of "
+                    "Lighthouse 1.0 are read; swarm replay takes both"
                 )
             what = "raw pulses (C lines)" if source == "pulses" else "sweep angles (A lines)"
             other = len(_framing(recording, 1 - lighthouse, source).start)

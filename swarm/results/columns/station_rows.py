@@ -1,4 +1,4 @@
-"""The telemetry columns of several stations: whose light each craft uses."""
+"""The telemetry columns of several stations: how many, and whose light, each craft uses."""
 
 from collections.abc import Sequence
 
@@ -15,9 +15,11 @@ def station_rows(names: Sequence[str]) -> Group:
         Column(f"rows_{name}", "1", f"single sweep angles of station {name} that went into the filter", "small")
         for name in names or ("NAME",)
     ]
-    return Group(tuple(columns), _fill, "with [[station]] tables, for every station")
+    number = Column("stations", "1", "stations whose single sweep angles went into the filter", "small")
+    return Group((number, *columns), _fill, "with several stations")
 
 
 def _fill(period: Period, out: Floats) -> None:
-    used = period.estimate.station_rows
-    out[:] = np.nan if used is None else used.T
+    number, used = period.estimate.stations, period.estimate.station_rows
+    out[0] = np.nan if number is None else number
+    out[1:] = np.nan if used is None else used.T

@@ -35,22 +35,34 @@ def _column(plots: Sequence[Plot], name: str) -> rrb.Vertical:
     return rrb.Vertical(*views, row_shares=shares, name=name)
 
 
-def _eye(position: Floats) -> rrb.EyeControls3D:
-    """Look from the right, above and behind the lighthouse: it is on the left, the craft (n, 3) [m] on the right."""
-    points = np.concatenate([np.zeros((1, 3)), position])
+def _eye(position: Floats, up: str, lighthouse: bool) -> rrb.EyeControls3D:
+    """Look from the right, above and behind the lighthouse: it is on the left, the craft (n, 3) [m] on the right.
+
+    Args:
+        position: Places that are to be seen, (n, 3) [m].
+        up: Axis of the world that points up, "-y" or "z".
+        lighthouse: The one lighthouse stands at the origin, and is to be seen, too.
+    """
+    points = np.concatenate([np.zeros((1, 3)), position]) if lighthouse or not len(position) else position
     centre = (points.min(axis=0) + points.max(axis=0)) / 2
     radius = max(0.5, float(np.linalg.norm(points - centre, axis=1).max()))
-    direction = np.array([0.80, -0.42, -0.55])
+    direction = np.array([0.80, -0.42, -0.55]) if up == "-y" else np.array([0.60, -0.62, 0.50])
     return rrb.EyeControls3D(
         kind=rrb.Eye3DKind.Orbital,
         position=centre + 1.9 * radius * direction / np.linalg.norm(direction),
         look_target=centre,
-        eye_up=(0, -1, 0),
+        eye_up=(0, -1, 0) if up == "-y" else (0, 0, 1),
     )
 
 
 def blueprint(
-    swarm: Sequence[Plot], single: Mapping[str, Sequence[Plot]], position: Floats, lanes: int, live: bool
+    swarm: Sequence[Plot],
+    single: Mapping[str, Sequence[Plot]],
+    position: Floats,
+    lanes: int,
+    live: bool,
+    up: str = "-y",
+    lighthouse: bool = True,
 ) -> rrb.Blueprint:
     """Return the layout.
 
@@ -60,14 +72,19 @@ def blueprint(
         position: Places of the craft at the start, (n, 3) [m], at which the camera is aimed.
         lanes: Number of lanes of states.
         live: The viewer follows a run that goes on.
+        up: Axis of the world that points up, "-y" or "z".
+        lighthouse: The one lighthouse stands at the origin.
     """
     low = 1.0 + (float(position[:, 1].max()) if len(position) else 0.0)
+    floor = (0.0, 1.0, 0.0), low
+    if up == "z":
+        floor = (0.0, 0.0, 1.0), min(float(position[:, 2].min()) if len(position) else 0.0, 0.0)
     scene = rrb.Spatial3DView(
         origin="world",
         name="Lighthouse and craft",
-        eye_controls=_eye(position),
+        eye_controls=_eye(position, up, lighthouse),
         line_grid=rrb.LineGrid3D(
-            spacing=1.0, plane=rr.components.Plane3D((0, 1, 0), low), color=[120, 130, 150, 70], stroke_width=1.0
+            spacing=1.0, plane=rr.components.Plane3D(*floor), color=[120, 130, 150, 70], stroke_width=1.0
         ),
         background=[13, 17, 23],
         overrides={entity: rrb.EntityBehavior(interactive=False) for entity in NOT_TO_POINT_AT},

@@ -25,7 +25,7 @@ class Bodies:
 
     def __init__(self, stage: Stage) -> None:
         self._stage = stage
-        self._above_m = np.array([0.0, -self._size() - 0.02 * stage.reach_m, 0.0])
+        self._above_m = (self._size() + 0.02 * stage.reach_m) * stage.upwards
 
     def _size(self) -> float:
         """Radius [m] about the body's origin of the largest craft."""

@@ -43,7 +43,7 @@ class Crowd:
 
     def __init__(self, stage: Stage) -> None:
         self._scene = stage.scene
-        self._above_m = np.array([0.0, -ABOVE * stage.reach_m, 0.0])
+        self._above_m = ABOVE * stage.reach_m * stage.upwards
         names = list(STATES)
         self._by_status = np.array([names.index(s) if s in names else 0 for s in STATUS])
         self._dark = np.isin(self._scene.craft, self._scene.without_sensors)

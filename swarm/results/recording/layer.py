@@ -2,7 +2,9 @@
 
 from typing import NamedTuple, Protocol
 
-from estimators.arrays import Ints
+import numpy as np
+
+from estimators.arrays import Floats, Ints
 from swarm.results.recording.batch import Batch
 from swarm.results.recording.canvas import Canvas, Send
 from swarm.results.recording.drawing import Colours
@@ -30,6 +32,11 @@ class Stage(NamedTuple):
         """The near craft that have sensors."""
         still = set(self.scene.without_sensors)
         return [i for i in self.near.tolist() if self.scene.craft[i] not in still]
+
+    @property
+    def upwards(self) -> Floats:
+        """Unit vector that points up in the world, (3,)."""
+        return np.array([0.0, 0.0, 1.0]) if self.scene.up == "z" else np.array([0.0, -1.0, 0.0])
 
     def body(self, i: int) -> str:
         """Entity of a craft's body: at the truth, in a replay at the estimate."""

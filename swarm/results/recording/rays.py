@@ -42,5 +42,8 @@ class Rays:
         point = np.einsum("ncij,ckj->ncki", rotation, self._point_m)
         point += batch.body_position[:, near, None]
         drawable = self._present & np.isfinite(point).all(axis=-1)
+        if self._stage.scene.stations:
+            # What a photodiode saw does not say of which station.
+            drawable = np.zeros_like(drawable)
         for name, (state, _) in RAY_COLOURS.items():
             send_segments(send, f"world/rays/{name}", point, drawable & (sight == state))

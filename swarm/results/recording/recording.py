@@ -1,8 +1,9 @@
 """The recording of a run for the rerun viewer, readable at once.
 
-Everything is in the lighthouse frame (x right, y down, z forward), on the timelines `sim_time` and `frame`:
+Everything is in the lighthouse frame (x right, y down, z forward), or of several stations in the frame in which they
+stand, on the timelines `sim_time` and `frame`:
 
-    world/lighthouse     its body, field and axes
+    world/lighthouse     its body, field and axes; world/stations/NUMBER of several
     world/fans           its two fans, which turn as the real ones do, slowed down
     world/craft/NAME     the craft at its true pose, its photodiodes by what they see
     world/estimate/NAME  an outline at the filter's estimate; in a replay the craft itself
@@ -41,7 +42,7 @@ from swarm.results.recording.estimates import Estimates
 from swarm.results.recording.lanes import Lanes
 from swarm.results.recording.layer import Layer, Stage
 from swarm.results.recording.lidars import Lidars
-from swarm.results.recording.lighthouse import Lighthouse
+from swarm.results.recording.lighthouse import Lighthouse, Stations
 from swarm.results.recording.plots import Plot, craft_plots, shown_plots, swarm_plots
 from swarm.results.recording.rays import Rays
 from swarm.results.records import Errors
@@ -100,12 +101,19 @@ class Recording:
         crowd = len(craft) > MOST_SINGLE
         detail = [craft.index(name) for name in scene.detail] or list(range(min(1, len(craft))))
         near = np.array(detail if crowd else range(len(craft)), dtype=np.int64)
-        reach_m = 1.25 * float(np.linalg.norm(known, axis=1).max()) if len(known) else 3.0
+        places = np.array([station.position for station in scene.stations]).reshape(-1, 3)
+        shown = np.concatenate([known, places])
+        if scene.stations:
+            reach_m = 1.25 * float(np.linalg.norm(np.ptp(shown, axis=0)) or 3.0)
+        else:
+            reach_m = 1.25 * float(np.linalg.norm(known, axis=1).max()) if len(known) else 3.0
         stage = Stage(scene, near, crowd, detail, drawing.palette(len(craft)), reach_m, latest.time_s)
         lanes, plots = Lanes(stage, self._shown.columns, self._shown.values(latest)), Plots(stage, self._shown)
-        self._canvas.lay_out(blueprint(plots.swarm, plots.single, known, lanes.count, self._canvas.live))
+        self._canvas.lay_out(
+            blueprint(plots.swarm, plots.single, shown, lanes.count, self._canvas.live, scene.up, not scene.stations)
+        )
         self._layers = [
-            Lighthouse(stage),
+            Stations(stage) if scene.stations else Lighthouse(stage),
             Bodies(stage),
             Estimates(stage),
             Rays(stage),
@@ -116,7 +124,8 @@ class Recording:
             lanes,
             plots,
         ]
-        self._canvas.static("world", rr.ViewCoordinates.RDF)
+        axes = rr.ViewCoordinates.RIGHT_HAND_Z_UP if scene.up == "z" else rr.ViewCoordinates.RDF
+        self._canvas.static("world", axes)
         self._canvas.static("about", rr.TextDocument(about(scene, crowd), media_type="text/markdown"))
         for layer in self._layers:
             layer.begin(self._canvas)

@@ -7,6 +7,9 @@ import numpy as np
 
 from estimators import rotation as rot
 from estimators.arrays import Floats, Ints
+from swarm.flight.recordings.contents import only_object
+from swarm.flight.recordings.formats import Format, recording_format
+from swarm.flight.recordings.libsurvive import read_libsurvive
 from swarm.flight.replay import Playback
 from swarm.results.angles import Believed, read_angles
 from swarm.results.run_folder import open_run
@@ -86,7 +89,9 @@ def observe_recording(
     """
     # A photodiode that is not where it is believed to be is what a calibration is for: none is left out.
     settings = for_replay(Path(recording), ["navigation.integrity.residual_test=false"])
-    playback = Playback(recording, settings, object_name, lighthouse, start)
+    recording_format(recording, Format.CRAZYFLIE)
+    log = read_libsurvive(recording, object_name or only_object(recording))
+    playback = Playback(log, settings, lighthouse, start)
     times, theta, offset, rotation, position = [], [], [], [], []
     for period in playback.fly():
         times.append(period.time_s)

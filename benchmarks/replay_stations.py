@@ -1,0 +1,169 @@
+"""Replay by several stations on public recordings: residuals, disagreement, and errors against motion capture.
+
+    python benchmarks/replay_stations.py DATA [--only lh2_move] [--stations stations.toml]
+
+DATA is a folder with `lighthouse-v1/lh1_test_cal.rec.gz`, `lighthouse-v2/lh2_test_cal.rec.gz` and `crazyflie/lh1_move`,
+`crazyflie/lh2_move`; what is missing is left out. Per recording and choice of stations (all, and each alone):
+
+- share of the periods by status, noise as found, median residual of a period's own pose per station
+- of libsurvive's recordings: median offset from its own pose, and scatter about it
+- of the Crazyflie's: distance from motion capture after one rigid transformation, one time shift and the marker's place
+  on the craft (fitted, soft L1): median, 90 % and maximum over the periods with light in the filter
+"""
+
+import argparse
+import json
+import platform
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from estimators.arrays import Bools, Floats
+from swarm.errors import SwarmError
+from swarm.flight.recordings.object_light import ObjectLight, read_object
+from swarm.flight.recordings.stations_file import PlacedStations, read_stations
+from swarm.flight.recordings.trajectory import Trajectory, read_trajectory
+from swarm.flight.station_replay import StationPlayback, choose_stations
+from swarm.onboard.settings import BY_LIGHT, Status
+from swarm.scenario import for_replay
+
+CASES = {
+    "lh1_test_cal": ("lighthouse-v1/lh1_test_cal.rec.gz", "HMD", None),
+    "lh2_test_cal": ("lighthouse-v2/lh2_test_cal.rec.gz", "T20", None),
+    "lh1_move": ("crazyflie/lh1_move/log02", None, "mocap02.npy"),
+    "lh2_move": ("crazyflie/lh2_move/log00", None, "mocap00.npy"),
+}
+GAP_S, ROBUST_M = 0.03, 0.01
+"""Longest gap of the cameras that is bridged, and error beyond which a period counts less in the alignment."""
+
+
+def flown(source: ObjectLight, file: PlacedStations | None, lighthouse: int | None) -> dict[str, Any]:
+    """Figures of one replay, with its poses under keys that begin with an underscore."""
+    playback = StationPlayback(
+        source, for_replay(source.path), choose_stations(source, file, lighthouse), given=file is not None
+    )
+    status, time_s, position, rotation, residual, peer = [], [], [], [], [], []
+    for period in playback.fly():
+        estimate = period.estimate
+        status.append(int(estimate.status[0]))
+        time_s.append(period.time_s)
+        position.append(estimate.position[0])
+        rotation.append(estimate.rotation[0])
+        residual.append(estimate.pnp.residual_rad[0])
+        assert period.peer is not None
+        peer.append(period.peer.position[0])
+    codes, number = np.unique(status, return_counts=True)
+    out: dict[str, Any] = {
+        "stations": [placed.name for placed in playback.placed],
+        "status_percent": {
+            Status(c).name.lower(): 100 * n / len(status) for c, n in zip(codes.tolist(), number.tolist(), strict=True)
+        },
+        "own_urad": [1e6 * noise.own_rad for noise in playback.noise],
+        "shared_urad": [1e6 * noise.shared_rad for noise in playback.noise],
+        "residual_median_urad": 1e6 * float(np.nanmedian(residual)) if np.isfinite(residual).any() else None,
+        "_time_s": np.array(time_s),
+        "_position": np.array(position),
+        "_rotation": np.array(rotation),
+        "_light": np.isin(status, BY_LIGHT),
+    }
+    away = np.array(position) - np.array(peer)
+    known = np.isfinite(away).all(axis=1)
+    if np.count_nonzero(known) > 20:
+        middle = np.median(away[known], axis=0)
+        scatter = np.linalg.norm(away[known] - middle, axis=1)
+        out["peer"] = {"offset_mm": (1e3 * middle).tolist(), "scatter_mm": 1e3 * float(np.median(scatter))}
+    return out
+
+
+def against(truth: Trajectory, found: dict[str, Any]) -> dict[str, float] | None:
+    """Errors against motion capture; None where too few periods can be compared."""
+    time_s, light = found["_time_s"], found["_light"]
+    if np.count_nonzero(light) < 100:
+        return None
+    time_s, position, rotation = time_s[light], found["_position"][light], found["_rotation"][light]
+    known_s = truth.time_s - truth.time_s[0]
+
+    def marker(at: Floats) -> tuple[Floats, Bools]:
+        after = np.clip(np.searchsorted(known_s, at), 1, len(known_s) - 1)
+        seen = (at > known_s[0]) & (at < known_s[-1]) & (known_s[after] - known_s[after - 1] < GAP_S)
+        return np.stack([np.interp(at, known_s, column) for column in truth.position.T], axis=1), seen
+
+    def rigid(shift: float) -> tuple[float, Floats, Floats]:
+        place, seen = marker(time_s + shift)
+        if np.count_nonzero(seen) < max(0.3 * len(seen), 20):
+            return np.inf, np.zeros(3), np.zeros(3)
+        a, b = position[seen], place[seen]
+        turn = Rotation.align_vectors(b - b.mean(axis=0), a - a.mean(axis=0))[0]
+        rest = b - turn.apply(a)
+        middle = np.median(rest, axis=0)
+        cost = float(np.median(np.linalg.norm(rest - middle, axis=1)) / np.sqrt(np.mean(seen)))
+        return cost, turn.as_rotvec(), middle
+
+    shifts = np.arange(-time_s[-1] / 2, known_s[-1], 0.05)
+    shift = float(shifts[int(np.argmin([rigid(s)[0] for s in shifts]))])
+    _, turn, middle = rigid(shift)
+    seen = marker(time_s + shift)[1]
+
+    def residual(x: Floats) -> Floats:
+        place = Rotation.from_rotvec(x[:3]).apply(position + rotation @ x[6:9]) + x[3:6]
+        out: Floats = place - marker(time_s + x[9])[0]
+        return out
+
+    start = np.concatenate([turn, middle, np.zeros(3), [shift]])
+    scale = np.array([0.1] * 6 + [0.05] * 3 + [0.01])
+    fit = least_squares(lambda x: residual(x)[seen].ravel(), start, loss="soft_l1", f_scale=ROBUST_M, x_scale=scale)
+    error = 1e3 * np.linalg.norm(residual(fit.x)[seen], axis=1)
+    return {
+        "periods": int(np.count_nonzero(seen)),
+        "median_mm": float(np.median(error)),
+        "percentile_90_mm": float(np.quantile(error, 0.9)),
+        "largest_mm": float(error.max()),
+        "marker_mm": (1e3 * fit.x[6:9]).tolist(),
+    }
+
+
+def case(folder: Path, name: str, file: PlacedStations | None) -> dict[str, Any]:
+    """Figures of one recording, of all stations and of each alone."""
+    place, device, mocap = CASES[name]
+    source = read_object(folder / place, device)
+    truth = None if mocap is None else read_trajectory((folder / place).with_name(mocap))
+    out: dict[str, Any] = {"notes": source.notes}
+    for key, which in {"all": None, **{f"station {n}": n for n in source.light.stations()}}.items():
+        try:
+            found = flown(source, file, which)
+        except SwarmError as error:
+            out[key] = str(error)
+            continue
+        if truth is not None:
+            found["motion_capture"] = against(truth, found)
+        out[key] = {name: value for name, value in found.items() if not name.startswith("_")}
+    if name.endswith("test_cal"):
+        bare = {
+            n: placed._replace(errors=tuple(type(e)() for e in placed.errors)) for n, placed in source.placed.items()
+        }
+        found = flown(source._replace(placed=bare, errors={}), None, None)
+        out["all, without calibration"] = {name: value for name, value in found.items() if not name.startswith("_")}
+    return out
+
+
+def main() -> None:
+    """Print the figures as JSON."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("data", type=Path, help="folder with the recordings")
+    parser.add_argument("--only", choices=CASES, action="append", help="only this recording; repeatable")
+    parser.add_argument("--stations", type=Path, help="file of stations to take instead of the recordings' own")
+    given = parser.parse_args()
+    file = None if given.stations is None else read_stations(given.stations)
+    out: dict[str, Any] = {"machine": platform.platform(), "numpy": version("numpy"), "scipy": version("scipy")}
+    for name in given.only or CASES:
+        if (given.data / CASES[name][0]).exists():
+            out[name] = case(given.data, name, file)
+    print(json.dumps(out, indent=1))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,142 @@
+"""Replay by several stations: made recordings of both generations, geometry from files, stations that are left out."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import swarm
+from estimators.lighthouse.innovation import gathered
+from estimators.lighthouse.integrity import AngleNoise
+from estimators.rotation import exp
+from estimators.state import State
+from swarm.assets import recordings
+from swarm.flight.recordings.hits import Hits, Light, Lost
+from swarm.flight.recordings.libsurvive import WorldPose
+from swarm.flight.recordings.object_light import ObjectLight
+from swarm.flight.recordings.row_consistency import RowSample, assess_rows
+from swarm.flight.recordings.row_windows import RowWindows
+from swarm.flight.recordings.stations_file import PlacedStation
+from swarm.flight.station_replay import StationPlayback, choose_stations
+from swarm.hardware import pad
+from swarm.onboard.settings import Status
+from swarm.scenario import for_replay
+from tests import made_recording
+from tests.rows_made import BODY, room, seen, still
+
+FRAME_S, PERIODS = 1 / 50, 60
+NOISE = [AngleNoise(2e-5, 1e-5)] * 2
+
+
+def made(generations=(2, 2), falsified: float = 0.0) -> ObjectLight:
+    """Return the light of an object at rest before stations of channels 3 and 11, one sweep of each fan per period."""
+    rng, stations = np.random.default_rng(1), room(generations)
+    state = still(exp(np.array([[0.2, 0.1, -0.3]])), np.array([[0.1, -0.1, 0.2]]))
+    parts: list[Hits] = []
+    for period in range(PERIODS):
+        rows = seen(stations, BODY, state, NOISE, rng)
+        angle = rows.angle + falsified * ((rows.station == 0) & (rows.photodiode == 2) & (rows.fan == 1))
+        tick = (period + 0.2 + 0.1 * rows.station + 0.25 * rows.fan) * FRAME_S * 48e6 + rows.photodiode
+        parts.append(Hits(np.array([3, 11])[rows.station], rows.fan, rows.photodiode, tick, angle))
+    hits = Hits._make(np.concatenate(column) for column in zip(*parts, strict=True))
+    placed = {}
+    for number, station in zip((3, 11), stations, strict=True):
+        errors = tuple(fan.errors for fan in station.fans)
+        placed[number] = PlacedStation(
+            f"channel {number}", number, "2.0", str(number), station.rotation, station.position, errors
+        )
+    none = np.zeros(0)
+    return ObjectLight(
+        path=Path("made.rec"),
+        name="OBJ",
+        photodiodes=pad([BODY], [np.tile([0.0, 0.0, 1.0], (len(BODY), 1))]),
+        light=Light("2.0", 1 / 48e6, hits.of(np.argsort(hits.tick, kind="stable")), Lost(), {}),
+        time_0_s=0.0,
+        time_1=1 / 48e6,
+        placed=placed,
+        errors={number: station.errors for number, station in placed.items()},
+        identities={},
+        peer_time_s=none,
+        peer=WorldPose(np.zeros((0, 3)), np.zeros((0, 4))),
+        inertial=None,  # type: ignore[arg-type]
+        marks_s=none,
+        notes=[],
+    )
+
+
+def playback(source: ObjectLight, lighthouse: int | None = None) -> StationPlayback:
+    chosen = choose_stations(source, None, lighthouse)
+    return StationPlayback(source, for_replay(Path("made.rec")), chosen, given=False)
+
+
+def test_an_object_is_found_where_it_is_and_its_noise_is_told() -> None:
+    replayed = playback(made())
+    last = list(replayed.fly())[-1].estimate
+    assert last.status[0] == Status.TRACKING
+    assert last.stations[0] == 2
+    # Five sigma of its own covariance, which the process noise of a hand keeps above that of one period.
+    assert np.linalg.norm(last.position[0] - [0.1, -0.1, 0.2]) < 5 * np.sqrt(np.trace(last.covariance[0][6:9, 6:9]))
+    for noise in replayed.noise:
+        # Sixty periods of some 26 spare numbers each tell a to 3 %, b of two sweeps more to 30 %.
+        assert noise.own_rad == pytest.approx(2e-5, rel=0.15)
+        assert noise.shared_rad < 2.5e-5
+    assert not replayed.found.false.any()
+
+
+def test_a_constant_reflection_is_found_before_its_station_only() -> None:
+    replayed = playback(made(falsified=3e-3))
+    assert np.argwhere(replayed.found.false).tolist() == [[0, 2]]
+    assert any("photodiode 2 contradicts the others" in note and "channel 3" in note for note in replayed.notes)
+    last = list(replayed.fly())[-1].estimate
+    assert np.linalg.norm(last.position[0] - [0.1, -0.1, 0.2]) < 5 * np.sqrt(np.trace(last.covariance[0][6:9, 6:9]))
+
+
+def test_stations_without_a_place_are_left_out_in_a_sentence() -> None:
+    source = made()
+    only = source._replace(placed={3: source.placed[3]})
+    assert [placed.number for placed in choose_stations(only, None, None).placed] == [3]
+    assert "station 11 is left out" in choose_stations(only, None, None).notes[0]
+    nobody = choose_stations(source._replace(placed={}), None, None)
+    assert not nobody.world
+    assert len(nobody.placed) == 1
+    assert "its frame is the world, station" in nobody.notes[0]
+    # Alone at the origin, an object of eight photodiodes in space is found as well.
+    one = playback(source._replace(placed={}), 3)
+    assert list(one.fly())[-1].estimate.status[0] == Status.TRACKING
+    assert one.scene.up == "-y"
+
+
+def test_sweeps_are_not_divided_by_the_ends_of_periods() -> None:
+    source = made()
+    windows = RowWindows(source, [3, 11], 0.013, source.peer, np.zeros((2, len(BODY)), dtype=np.bool_))
+    counts = []
+    for window in windows:
+        rows = window.light.rows
+        for key in {*zip(rows.station.tolist(), rows.fan.tolist(), rows.sweep.tolist(), strict=True)}:
+            counts.append(np.count_nonzero([key == k for k in zip(rows.station, rows.fan, rows.sweep, strict=True)]))
+    assert set(counts) == {len(BODY)}
+    assert len(counts) == 4 * PERIODS
+
+
+def test_too_few_periods_tell_nothing() -> None:
+    stations = room((1, 2))
+    state = still(np.eye(3)[None], np.zeros((1, 3)))
+    rows = seen(stations, BODY, state, NOISE, np.random.default_rng(3)).of(0)
+    samples = [RowSample(rows, State._make(part[0] for part in state))] * 5
+    assert assess_rows(samples, stations, BODY, NOISE).noise is None
+    assert len(gathered(np.zeros(0, dtype=np.int64), type(rows)._make(part[:0] for part in rows), 1).angle) == 0
+
+
+def test_a_made_recording_is_replayed_by_both_stations(tmp_path: Path) -> None:
+    file = made_recording.write(tmp_path / "made.rec.gz", made_recording.lines(made_recording.Made(duration_s=3.0)))
+    # libsurvive's configuration of this name is taken without being asked for.
+    shutil.copy(recordings()["handheld"].with_name("handheld.json"), tmp_path / "made.rec.gz.json")
+    run = swarm.replay(file, out=tmp_path / "r")
+    figures = run.summary["swarm"]
+    assert figures["tracking_share"] > 0.95
+    # One station alone: 3 mm (tests/test_replay_consistency.py).
+    assert figures["peer_position_scatter_mm"] < 1.5
+    stations = np.array(run.telemetry["stations"])
+    assert np.mean(stations == 2) > 0.9
+    assert (run.folder / "recording.rrd").stat().st_size > 10_000
