@@ -100,6 +100,7 @@ def test_a_replay_has_true_columns(flown: tuple[list[Period], float], short: Pat
     file = truth_of(periods, begin_s, tmp_path, attitude=True)
     run = replay(
         short,
+        lighthouse=0,
         calibration=short.with_name("short.json"),
         scenario=for_replay(short, QUICK),
         truth=file,
