@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rows_made import BODY, room, seen, still
 
 import swarm
 from estimators.lighthouse.innovation import gathered
@@ -23,7 +24,6 @@ from swarm.hardware import pad
 from swarm.onboard.settings import Status
 from swarm.scenario import for_replay
 from tests import made_recording
-from tests.rows_made import BODY, room, seen, still
 
 FRAME_S, PERIODS = 1 / 50, 60
 NOISE = [AngleNoise(2e-5, 1e-5)] * 2
