@@ -105,4 +105,4 @@ def test_mistakes_name_what_is_there(tmp_path, synthetic):
 def test_the_command_of_a_run_keeps_a_calibration_that_was_given(given, said):
     file = recordings()["handheld"]
     calibration = file.with_name("handheld.json") if given == "the one beside it" else given
-    assert _command(file, for_replay(file), None, 0, calibration, "pulses", None) == said
+    assert _command(file, for_replay(file), None, None, calibration, None, "pulses", None) == said

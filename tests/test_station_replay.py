@@ -3,6 +3,7 @@
 import shutil
 from pathlib import Path
 
+import made_recording
 import numpy as np
 import pytest
 from rows_made import BODY, room, seen, still
@@ -23,7 +24,6 @@ from swarm.flight.station_replay import StationPlayback, choose_stations
 from swarm.hardware import pad
 from swarm.onboard.settings import Status
 from swarm.scenario import for_replay
-from tests import made_recording
 
 FRAME_S, PERIODS = 1 / 50, 60
 NOISE = [AngleNoise(2e-5, 1e-5)] * 2

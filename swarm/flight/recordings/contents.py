@@ -182,6 +182,8 @@ def _remark(seen: _Seen, name: str) -> str:
         return "saw no light"
     if not seen.number_of(name, ("CONFIG",)):
         return "has no CONFIG line"
+    if not first and not seen.number_of(name, ("Y", "B")):
+        return "no hit with its rotor's zero"
     return ""
 
 
