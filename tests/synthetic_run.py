@@ -52,6 +52,7 @@ class Estimate(NamedTuple):
     ccd: None = None
     coupling: Ints | int = 0
     rows: Ints | int = 0
+    symmetry: tuple[()] = ()
 
 
 def period_of(

@@ -32,6 +32,7 @@ class Own(NamedTuple):
     nis: Floats
     sensor: np.ndarray
     prediction: None = None
+    symmetry: Any = None
 
     @property
     def state(self) -> State:

@@ -1,4 +1,6 @@
-"""LiDAR targets that are open, inside out, flat or symmetric: acquired, or never believed; no traceback."""
+"""LiDAR targets that are open, inside out, flat, symmetric or round: acquired, modulo symmetry, or never believed."""
+
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -7,8 +9,10 @@ from lidar_target import DISTANCE, attitudes, box, brick, crooked, joined, scan_
 from estimators import rotation as rot
 from estimators.arrays import Floats, Ints
 from estimators.lidar.acquisition import Verdict, acquire
-from estimators.lidar.likeness import symmetries
+from estimators.lidar.likeness import likenesses
 from estimators.lidar.shape import Shape
+from estimators.lidar.symmetry import symmetry
+from estimators.lidar.tracking import track
 from swarm.report.findings import inspections
 
 RIGHT_DEG = 3.0
@@ -61,29 +65,107 @@ def test_a_flat_sheet_has_no_pose_and_says_so() -> None:
     assert Verdict.FOUND not in verdicts
 
 
+@lru_cache
 def corner() -> Shape:
     """The corner of a cube: a third of a turn about its diagonal changes nothing."""
     vertex = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]) * 1.0
     return shape_of(vertex, np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]))
 
 
-def test_symmetries_are_those_of_the_shape() -> None:
-    assert len(symmetries(crooked()).rotation) == 0
+@lru_cache
+def drum() -> Shape:
+    """A body of revolution with 40 sides, its ends of different size: an axis, and no way to turn it over."""
+    angle = 2 * np.pi * np.arange(40) / 40
+    ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    low, high = (np.column_stack([r * ring, np.full(40, z)]) for r, z in ((0.6, -0.5), (0.3, 0.7)))
+    after = (np.arange(40) + 1) % 40
+    i, bottom, top = np.arange(40), np.full(40, 80), np.full(40, 81)
+    sides = np.concatenate([np.stack([i, after, 40 + after], axis=1), np.stack([i, 40 + after, 40 + i], axis=1)])
+    ends = np.concatenate([np.stack([bottom, after, i], axis=1), np.stack([top, 40 + i, 40 + after], axis=1)])
+    vertex = np.concatenate([low, high, [[0, 0, -0.5], [0, 0, 0.7]]])
+    return shape_of(vertex, np.concatenate([sides, ends]))
+
+
+def test_symmetry_is_that_of_the_shape() -> None:
+    """The whole group, its products too, and to a hundredth of a degree."""
+    assert symmetry(crooked()).trivial
     third = rot.exp(2 * np.pi / 3 * np.ones(3) / np.sqrt(3))
-    for wanted, shape in (([third, third.T], corner()), ([np.diag([1.0, -1, -1]), np.diag([-1.0, 1, -1])], brick())):
-        turns = symmetries(shape).rotation
+    halves = rot.exp(np.pi * np.eye(3))
+    for shape, wanted in ((corner(), [third, third.T]), (brick(), list(halves))):
+        group = symmetry(shape)
+        assert len(group.turn) == 1 + len(wanted)
+        assert not len(group.axes)
         for turn in wanted:
-            assert np.degrees(rot.angle_between(turns, turn).min()) < 0.5
-        for turn, shift in zip(turns, symmetries(shape).position, strict=True):
-            far = shape.tree.query(shape.point @ turn.T + shift)[0]
-            assert far.max() < 3 * shape.spacing_m
+            assert np.degrees(rot.angle_between(group.turn, turn).min()) < 0.01
+        rotation, position = group.equivalents(np.eye(3), np.zeros(3))
+        for turn, shift in zip(rotation, position, strict=True):
+            assert shape.tree.query(shape.point @ turn.T + shift)[0].max() < 3 * shape.spacing_m
+        # What is mistaken for the shape is something else.
+        assert all(group.angle_between(group.turn, turn).min() > np.radians(20) for turn in likenesses(shape).rotation)
+
+
+def test_a_cube_has_all_its_24_turns() -> None:
+    group = symmetry(shape_of(*box((-0.5, -0.5, -0.5), (0.5, 0.5, 0.5))))
+    assert len(group.turn) == 24
+    # A signed permutation of the axes with determinant one.
+    assert np.abs(group.turn - np.round(group.turn)).max() < 1e-3
+    assert len(np.unique(np.round(group.turn).reshape(24, 9), axis=0)) == 24
+
+
+def test_a_body_of_revolution_has_an_axis_and_is_acquired_and_tracked_up_to_the_turn_about_it() -> None:
+    shape = drum()
+    group = symmetry(shape)
+    assert np.abs(group.axes) == pytest.approx(np.array([[0, 0, 1]]), abs=1e-3)
+    assert len(group.turn) == 1
+    rng, found_of = np.random.default_rng(5), 0
+    for attitude in attitudes(4, 6):
+        found = acquire(scan_of(shape, attitude, DISTANCE, rng), shape)
+        if not found.found:
+            continue
+        found_of += 1
+        true, there = group.nearest(attitude, DISTANCE, found.rotation)
+        error = np.concatenate([rot.log(true @ found.rotation.T), there - found.position])
+        assert np.degrees(np.linalg.norm(error[:3])) < RIGHT_DEG
+        assert np.linalg.norm(error[3:]) < 0.05
+        # What is promised of the axis is kept; of the turn about it, nothing is promised.
+        axis = found.rotation[:, 2]
+        assert axis @ found.covariance[:3, :3] @ axis > 1.0
+        assert error @ np.linalg.solve(found.covariance, error) < 30
+        turned = rot.exp(np.radians([2.0, -1.0, 1.0])) @ attitude
+        fit = track(scan_of(shape, turned, DISTANCE, rng), shape, found.rotation, found.position)
+        assert fit.tracked
+        assert np.degrees(group.angle_between(fit.rotation[None], turned)[0]) < RIGHT_DEG
+    assert found_of >= 2
 
 
 @pytest.mark.parametrize("seed", [3, 4])
-def test_a_symmetric_target_is_never_believed(seed: int) -> None:
-    shape, rng = corner(), np.random.default_rng(seed)
-    for attitude in attitudes(6, seed):
-        assert not acquire(scan_of(shape, attitude, DISTANCE, rng), shape).found
+def test_a_symmetric_target_is_acquired_as_a_class(seed: int) -> None:
+    shape, rng, found_of = corner(), np.random.default_rng(seed), 0
+    group = symmetry(shape)
+    for attitude in attitudes(4, seed):
+        found = acquire(scan_of(shape, attitude, DISTANCE, rng), shape)
+        if not found.found:
+            continue
+        error = np.degrees(group.angle_between(found.rotation[None], attitude)[0])
+        assert error < RIGHT_DEG
+        found_of += 1
+        # Any member of the class, with its own covariance, is the same answer.
+        there, place = group.equivalents(found.rotation, found.position)
+        other = found.nearest(shape, there[-1])
+        assert other.position == pytest.approx(place[-1], abs=1e-9)
+    assert found_of >= 2
+
+
+def test_a_small_part_that_tells_two_attitudes_decides_where_it_is_seen() -> None:
+    """A brick with one small knob: without it, four attitudes are one. Right, or ambiguous; never another."""
+    shape = shape_of(*joined(box((-0.6, -0.4, -0.3), (0.6, 0.4, 0.3)), box((0.35, 0.1, 0.3), (0.55, 0.3, 0.45))))
+    assert symmetry(shape).trivial
+    rng, verdicts = np.random.default_rng(7), []
+    for attitude in attitudes(4, 8):
+        found = acquire(scan_of(shape, attitude, DISTANCE / 2, rng), shape)
+        verdicts.append(found.verdict)
+        assert not found.found or np.degrees(rot.angle_between(attitude, found.rotation)) < RIGHT_DEG
+    assert verdicts.count(Verdict.FOUND) >= 2
 
 
 def test_the_table_says_why_a_target_was_never_acquired() -> None:

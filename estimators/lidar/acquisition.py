@@ -7,7 +7,8 @@
     4. every ray against what each of them predicts                   estimators.lidar.agreement
     5. the best of all, if enough rays agree with it and no other pose agrees nearly as well
 
-A scan that allows two poses is *ambiguous*: the better one is given, and that it is a guess is said.
+A scan that allows two poses is *ambiguous*: the better one is given, and that it is a guess is said. Poses that the
+shape's own symmetry makes equal (`estimators.lidar.symmetry`) are one: any of them is the answer, and means all.
 """
 
 from dataclasses import dataclass
@@ -17,13 +18,14 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators import rotation as rot
-from estimators.arrays import Floats
+from estimators.arrays import Bools, Floats
 from estimators.lidar.agreement import agreement
 from estimators.lidar.likeness import mistaken
 from estimators.lidar.pose_search import STARTS, Poses, distinct, rotations, search
 from estimators.lidar.registration import ITERATIONS, JUMP, Registration, register
 from estimators.lidar.scan import Scan, checked, clusters
 from estimators.lidar.shape import Shape
+from estimators.lidar.symmetry import symmetry
 
 ROUGH_ITERATIONS = 20
 """Iterations of a candidate's first registration; what is not there by then is not the best one."""
@@ -50,7 +52,10 @@ class AcquisitionSettings:
     nearer than this are one.
 
     fewest: returns without which nothing is tried. overlap_least: share of the rays that must agree. margin: cost that
-    the runner-up must have more, against the best's own. size_slack: an object may be this much larger than the shape.
+    the runner-up must have more, against the best's own; or else, with `overlap_sure` of the best, `rays_against` rays
+    must contradict it that do not contradict the best, and `unanimous` times as many as the other way round.
+    overlap_edges: with fewer rays that agree, the best is tried without edges. size_slack: an object may be this much
+    larger than the shape.
     """
 
     starts: int = STARTS
@@ -59,6 +64,10 @@ class AcquisitionSettings:
     fewest: int = 40
     overlap_least: float = 0.8
     margin: float = 1.0
+    overlap_sure: float = 0.9
+    overlap_edges: float = 0.97
+    rays_against: int = 8
+    unanimous: float = 4.0
     size_slack: float = 1.15
 
 
@@ -66,7 +75,7 @@ class Acquisition(NamedTuple):
     """The target in the scanner's frame: rotation (3, 3) R_s_t, position (3,) [m], NaN where there is none.
 
     covariance: (6, 6), ordered (attitude, position). verdict: whether to believe it. confidence: 0 to 1, above 0.5
-    exactly where `verdict` is FOUND. overlap: share of the rays that agree. margin: what the runner-up costs more.
+    exactly where `verdict` is FOUND. overlap: share of the rays that agree. margin: how much worse the runner-up is.
     runner_up: its attitude (3, 3), NaN where there is none. residual_m: RMS. points: returns of the target.
     """
 
@@ -83,14 +92,28 @@ class Acquisition(NamedTuple):
 
     @property
     def found(self) -> bool:
-        """True where the pose can be believed."""
+        """True where the pose can be believed, modulo the shape's symmetry."""
         return self.verdict is Verdict.FOUND
+
+    def nearest(self, shape: Shape, attitude: Floats) -> "Acquisition":
+        """Return the equivalent pose whose attitude is nearest to another; itself where the shape is not symmetric.
+
+        Args:
+            shape: of the target.
+            attitude: (3, 3), the other attitude.
+        """
+        rotation, position = symmetry(shape).nearest(self.rotation, self.position, attitude)
+        # The origin is elsewhere, and an error of the attitude moves it along.
+        moved = np.eye(6)
+        moved[3:, :3] = -rot.skew(position - self.position)
+        return self._replace(rotation=rotation, position=position, covariance=moved @ self.covariance @ moved.T)
 
 
 class _Candidate(NamedTuple):
     fit: Registration
     cost: float
     overlap: float
+    conflict: Bools
 
 
 def acquire(scan: Scan, shape: Shape, settings: AcquisitionSettings | None = None) -> Acquisition:
@@ -148,7 +171,8 @@ def _alone(scan: Scan, members: np.ndarray, own: Floats, shape: Shape) -> Scan:
 
 def _of_object(scan: Scan, everything: Scan, shape: Shape, s: AcquisitionSettings) -> Acquisition:
     point = scan.point
-    poses = distinct(search(scan, shape, rotations(s.starts)), s.apart_rad / 2, s.candidates)
+    group = symmetry(shape)
+    poses = distinct(search(scan, shape, rotations(s.starts)), s.apart_rad / 2, s.candidates, group.angle_between)
     some = point[:: max(1, len(point) // 300)]
     rough = _refined(scan, shape, poses, some, ROUGH_ITERATIONS)
     if rough:
@@ -162,9 +186,19 @@ def _of_object(scan: Scan, everything: Scan, shape: Shape, s: AcquisitionSetting
     if not fine:
         return nothing(len(point))._replace(verdict=Verdict.NOT_RECOGNISED)
     best = fine[0]
+    if best.overlap < s.overlap_edges:
+        # Perhaps edges were matched with others than their own.
+        one = Poses(best.fit.rotation[None], best.fit.position[None], np.zeros(1))
+        plain = [c for c in _refined(scan, shape, one, point, with_edges=False) if not c.fit.degenerate]
+        best = fine[0] = min([best, *plain], key=lambda c: c.cost)
     others = [c for c in fine[1:] + [rough[i] for i in order[4:]] if _differ(c.fit, best.fit, s, shape)]
     second = min(others, key=lambda c: c.cost, default=None)
-    margin = (second.cost - best.cost) / best.cost if second else np.inf
+    if second is not None and not any(second is c for c in fine):
+        # As far as the best: a rough one would lose for being rough.
+        one = Poses(second.fit.rotation[None], second.fit.position[None], np.zeros(1))
+        others += [c for c in _refined(scan, shape, one, point) if _differ(c.fit, best.fit, s, shape)]
+        second = min(others, key=lambda c: c.cost)
+    margin = _margin(best, second, s) if second else np.inf
     # What else returned from where the target is said to be must be explained, too: this may be but a part of it.
     whole = agreement(everything.around(best.fit.position, shape.radius_m), shape, best.fit.rotation, best.fit.position)
     best = best._replace(overlap=min(best.overlap, whole.overlap) if whole.rays else 0.0)
@@ -189,6 +223,20 @@ def _of_object(scan: Scan, everything: Scan, shape: Shape, s: AcquisitionSetting
     )
 
 
+def _margin(best: _Candidate, second: _Candidate, s: AcquisitionSettings) -> float:
+    """Return how much worse the runner-up is, in units of what is enough: by its cost, or by the rays that decide.
+
+    A small part may be all that tells two attitudes: of a thousand rays, the twenty that meet it. Where nearly all rays
+    agree with the best, those that contradict but one of the two are counted, and must be many, and nearly unanimous.
+    """
+    by_cost = (second.cost - best.cost) / best.cost
+    if best.overlap < s.overlap_sure:
+        return by_cost
+    against = int(np.count_nonzero(second.conflict & ~best.conflict))
+    opposed = int(np.count_nonzero(best.conflict & ~second.conflict))
+    return max(by_cost, s.margin * min(against / s.rays_against, against / (s.unanimous * max(opposed, 1))))
+
+
 def _confidence(best: _Candidate, margin: float, s: AcquisitionSettings) -> float:
     """The weaker of the two: how far overlap and margin are beyond their limits, a half at the limit itself."""
     if best.fit.degenerate:
@@ -200,9 +248,17 @@ def _confidence(best: _Candidate, margin: float, s: AcquisitionSettings) -> floa
     return float(min(overlap, unique))
 
 
-def _refined(scan: Scan, shape: Shape, poses: Poses, point: Floats, iterations: int = ITERATIONS) -> list[_Candidate]:
+def _refined(
+    scan: Scan,
+    shape: Shape,
+    poses: Poses,
+    point: Floats,
+    iterations: int = ITERATIONS,
+    *,
+    with_edges: bool = True,
+) -> list[_Candidate]:
     out = []
-    edges = scan.edges(JUMP * shape.radius_m)
+    edges = scan.edges(JUMP * shape.radius_m) if with_edges else None
     for rotation, position in zip(poses.rotation, poses.position, strict=True):
         reach_m = 0.12 * shape.radius_m
         fit = register(
@@ -210,10 +266,13 @@ def _refined(scan: Scan, shape: Shape, poses: Poses, point: Floats, iterations: 
         )
         seen = agreement(scan, shape, fit.rotation, fit.position)
         if seen.rays:
-            out.append(_Candidate(fit, seen.cost, seen.overlap))
+            out.append(_Candidate(fit, seen.cost, seen.overlap, seen.conflict))
     return out
 
 
 def _differ(a: Registration, b: Registration, s: AcquisitionSettings, shape: Shape) -> bool:
-    turned = float(rot.angle_between(a.rotation, b.rotation))
-    return turned > s.apart_rad or float(np.linalg.norm(a.position - b.position)) > s.apart_rad * shape.radius_m
+    """Return whether two poses are not one, and not equivalent by the shape's symmetry."""
+    group = symmetry(shape)
+    rotation, position = group.nearest(a.rotation, a.position, b.rotation)
+    turned = float(rot.angle_between(rotation, b.rotation))
+    return turned > s.apart_rad or float(np.linalg.norm(position - b.position)) > s.apart_rad * shape.radius_m

@@ -15,6 +15,7 @@ where a surface point seen from v is contradicted by the ray nearest to it if th
 behind. The second term is what tells a pose that hides surface from one that explains why it is not there.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -47,6 +48,10 @@ class Poses(NamedTuple):
     rotation: Floats
     position: Floats
     score: Floats
+
+
+Turned = Callable[[Floats, Floats], Floats]
+"""Angles [rad] (n,) between attitudes (n, 3, 3) and one (3, 3)."""
 
 
 class _RayImage(NamedTuple):
@@ -106,18 +111,19 @@ def search(scan: Scan, shape: Shape, starts: Floats) -> Poses:
     return Poses(rotation[order], position[order], score[order])
 
 
-def distinct(poses: Poses, apart_rad: float, most: int) -> Poses:
+def distinct(poses: Poses, apart_rad: float, most: int, turned: Turned = rot.angle_between) -> Poses:
     """Return the best poses that differ.
 
     Args:
         poses: best first.
         apart_rad: least turn between two of them.
         most: number at most.
+        turned: the angles between attitudes (n, 3, 3) and one (3, 3); of a symmetric shape, modulo its symmetry.
     """
     kept: list[int] = []
     for i in range(len(poses.score)):
         if np.isfinite(poses.score[i]) and (
-            not kept or rot.angle_between(poses.rotation[kept], poses.rotation[i]).min() >= apart_rad
+            not kept or turned(poses.rotation[kept], poses.rotation[i]).min() >= apart_rad
         ):
             kept.append(i)
             if len(kept) == most:

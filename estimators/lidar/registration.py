@@ -32,6 +32,7 @@ from estimators.arrays import Bools, Floats, Ints
 from estimators.lidar.ray_cast import cast
 from estimators.lidar.scan import Edges
 from estimators.lidar.shape import Shape
+from estimators.lidar.symmetry import FREE_RAD, symmetry
 
 FEWEST_POINTS = 12
 """Matched points without which there is no answer."""
@@ -51,11 +52,15 @@ EDGE_FLOOR = 0.7
 """Part of the noise better than which an edge is not known, however fine the steps."""
 CLEAR = 0.4
 """Sine of the least angle between an edge and the line of sight, and between it and the scan's line."""
+PINNED_RAD = 0.01
+"""How firmly a turn that has no meaning is kept where it is."""
 POLISH_RAD = 3e-3
 """Steps below this: from now on, matched along the rays."""
 STEP_RAD, STEP_M = 1e-5, 1e-5
 """Steps below these end the iteration (e_final and eps_final of the paper in one)."""
 ITERATIONS = 40
+PATIENCE, SHORTER = 20, 0.7
+"""Iterations with whole steps; every further step is shorter by this factor."""
 
 
 class Registration(NamedTuple):
@@ -149,7 +154,9 @@ def _iterated(
         used = weight > 0
         if np.count_nonzero(used) < FEWEST_POINTS:
             return failed(rotation, position)
-        step, _ = _solve(normal, right, 1.0, shape.radius_m)
+        step, _ = _solve(normal + _pinned(shape, rotation), right, 1.0, shape.radius_m)
+        # Two sets of matches may lead to each other: steps that become shorter end between them.
+        step = step * SHORTER ** max(0, number - PATIENCE)
         rotation, position = rot.exp(step[:3]) @ rotation, position + step[3:]
         small = np.linalg.norm(step[:3]) < STEP_RAD and np.linalg.norm(step[3:]) < STEP_M
         if small and polishing:
@@ -161,9 +168,22 @@ def _iterated(
         width = max(least, min(0.7 * width, 4.0 * rms + 0.3 * width))
     residual = float(np.sqrt(np.average(error**2, weights=bisquare)))
     sigma = np.sqrt(max(1.0, float(np.sum(weight * error**2) / np.sum(bisquare))))
-    _, covariance = _solve(normal, np.zeros(6), sigma, shape.radius_m)
+    _, covariance = _solve(normal + sigma**2 * _pinned(shape, rotation), np.zeros(6), sigma, shape.radius_m)
+    free = symmetry(shape).free(rotation)
+    covariance += FREE_RAD**2 * free.T @ free
     degenerate = not bool(np.isfinite(covariance).all())
     return Registration(rotation, position, covariance, converged, number, residual, float(np.mean(used)), degenerate)
+
+
+def _pinned(shape: Shape, rotation: Floats) -> Floats:
+    """Return the normal matrix (6, 6) that keeps a turn without meaning, of a body of revolution, in its place.
+
+    Any of these poses is as good as the others; their variance is added afterwards.
+    """
+    axis = symmetry(shape).axes @ rotation.T
+    out = np.zeros((6, 6))
+    out[:3, :3] = axis.T @ axis / PINNED_RAD**2
+    return out
 
 
 class _Visible(NamedTuple):

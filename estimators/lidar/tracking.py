@@ -28,6 +28,8 @@ from estimators.lidar.shape import Shape
 AROUND = rot.exp(np.concatenate([np.radians(angle) * axes for angle in (10, 20) for axes in (np.eye(3), -np.eye(3))]))
 """Turns of the prediction that are tried where it leads to no agreement."""
 TRIED = 3
+CLEARLY = 0.7
+"""Cost, against another's, below which a pose explains the rays better even if it is not determined."""
 
 
 class Outcome(Enum):
@@ -46,13 +48,14 @@ class TrackingSettings:
     """Settings of the tracking. fewest: returns. reach: how far from the surface returns may lie at the start, against
     the shape's radius.
 
-    overlap_sure: with fewer rays that agree, other starts near the prediction are tried. residual_most: RMS, against
-    the noise. overlap_least: share of the rays that must agree. walk_most_rad: how far the attitude may be from the
-    prediction.
+    overlap_sure, walk_sure_rad: with fewer rays that agree, or an attitude further from the prediction, other starts
+    near the prediction are tried, and registration without edges. residual_most: RMS, against the noise.
+    overlap_least: share of the rays that must agree. walk_most_rad: how far the attitude may be from the prediction.
     """
 
     fewest: int = 25
     overlap_sure: float = 0.93
+    walk_sure_rad: float = 0.05
     reach: float = 0.15
     residual_most: float = 3.0
     overlap_least: float = 0.7
@@ -103,13 +106,15 @@ def track(
     edges, reach_m = part.edges(JUMP * shape.radius_m), s.reach * shape.radius_m
     fit = register(point, shape, rotation, position, scan.noise_m, edges=edges, reach_m=reach_m)
     seen = agreement(part, shape, fit.rotation, fit.position)
-    if not seen.overlap >= s.overlap_sure:
-        # Perhaps a neighbouring minimum: whatever explains the rays best wins.
+    if not seen.overlap >= s.overlap_sure or float(rot.angle_between(fit.rotation, rotation)) > s.walk_sure_rad:
+        # Perhaps a neighbouring minimum, or edges that are matched with others: whatever explains the rays best wins.
         near = search(part, shape, AROUND @ rotation)
-        for start_rotation, start_position in zip(near.rotation[:TRIED], near.position[:TRIED], strict=True):
-            other = register(point, shape, start_rotation, start_position, scan.noise_m, edges=edges, reach_m=reach_m)
+        starts = [(rotation, position), *zip(near.rotation[:TRIED], near.position[:TRIED], strict=True)]
+        for (turn, place), known in ((start, known) for start in starts for known in (edges, None)):
+            other = register(point, shape, turn, place, scan.noise_m, edges=known, reach_m=reach_m)
             agrees = agreement(part, shape, other.rotation, other.position)
-            if agrees.cost < seen.cost:
+            # Where only false edges determined the pose, that it is not determined is the better answer.
+            if agrees.cost < (CLEARLY * seen.cost if other.degenerate else seen.cost):
                 fit, seen = other, agrees
     overlap = seen.overlap
     outcome = Outcome.TRACKED

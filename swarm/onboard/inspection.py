@@ -12,12 +12,11 @@ Per scan and observer, at the epoch of the lighthouse period in which the scan i
 All in the lighthouse frame. With the observer at (R_o, p_o), its scanner turned by R_l_s, the target found at
 (R_s_t, p_s) in the scanner's frame, and r = p - p_o,
 
-    R = R_l_s R_s_t,   p = p_l_s + R_l_s p_s,   P = A P_own A^T + B P_scan B^T
-    A = [[I, 0], [-[r]x, I]],   B = diag(R_l_s, R_l_s)
+    R = R_l_s R_s_t,   p = p_l_s + R_l_s p_s,   P = A O A^T + B P_scan B^T,   B = diag(R_l_s, R_l_s)
 
-The error of the observer's own fix persists: several scans share it. Its part of P is multiplied by
-`own_correlation_s * rate`, so that the filter does not treat it as independent noise. All rays of the target have an
-age tau; wrong rates of the target shift the pose by tau times their error, which is the filter's coupling B = tau I.
+with the covariance O of the observer's own filter and A of `swarm.onboard.own_error`: the error of the observer's own
+fix lasts longer than a scan, and is considered as what it is, correlated from scan to scan. All rays of the target have
+an age tau; wrong rates of the target shift the pose by tau times their error, which is the filter's coupling B = tau I.
 
 The observers' poses of one target also update one further filter, observer by observer: the target's fused estimate.
 """
@@ -29,25 +28,33 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators import rotation as rot
-from estimators.arrays import Floats
+from estimators.arrays import Bools, Floats
+from estimators.filter.error_state import (
+    DEFAULT_ACCELERATION_NOISE_M_S2,
+    DEFAULT_ANGULAR_ACCELERATION_NOISE_RAD_S2,
+    POSE_COLUMNS,
+    RATE_COLUMNS,
+)
 from estimators.filter.filterpy_bank import PoseFilterBank
 from estimators.filter.smoother import Prediction, predicted
 from estimators.lidar.acquisition import Verdict, acquire
 from estimators.lidar.scan import Scan
 from estimators.lidar.shape import Shape
+from estimators.lidar.symmetry import Symmetry, symmetry
 from estimators.lidar.tracking import track
 from estimators.state import State
 from swarm.messages import LidarPattern, LidarScan
 from swarm.onboard.lidar import at_epoch, scanner
 from swarm.onboard.navigation import Estimate
+from swarm.onboard.own_error import OwnErrors, own_part
 from swarm.onboard.settings import Status
 
 LIDAR_SENSOR = 6
 """Code of `swarm.results.columns.core.SENSORS`: no sum of `Sensor`s, as a pair of cameras is never one camera too."""
 UNKNOWN_RATE = (0.3, 0.3)
 """Standard deviation per axis of a target's rates before they are known: angular [rad/s], linear [m/s]."""
-POSE = np.array([0, 1, 2, 6, 7, 8])
-"""Indices of (attitude, position) in the filter's state."""
+POSE, RATES = POSE_COLUMNS, RATE_COLUMNS
+"""Indices of (attitude, position) and of their rates in the filter's state."""
 
 
 class Observer(NamedTuple):
@@ -70,16 +77,17 @@ class InspectionSettings:
     frame_s: length of a lighthouse period. acceleration_noise_m_s2, angular_acceleration_noise_rad_s2: process noise of
     the target's filter. gate_probability: of the filter's gate. coast_limit_s: time without a pose after which the
     filter is stopped. lost_after: number of successive scans that do not track after which the target is lost.
-    own_correlation_s: correlation time of the error of the observer's own fix.
+    own_acceleration_noise_m_s2, own_angular_acceleration_noise_rad_s2: process noise of the observers' own filters.
     """
 
     frame_s: float
-    acceleration_noise_m_s2: float = 0.02
-    angular_acceleration_noise_rad_s2: float = np.radians(3.0)
+    acceleration_noise_m_s2: float = 0.005
+    angular_acceleration_noise_rad_s2: float = np.radians(1.0)
     gate_probability: float = 0.99999
     coast_limit_s: float = 2.0
     lost_after: int = 3
-    own_correlation_s: float = 0.5
+    own_acceleration_noise_m_s2: float = DEFAULT_ACCELERATION_NOISE_M_S2
+    own_angular_acceleration_noise_rad_s2: float = DEFAULT_ANGULAR_ACCELERATION_NOISE_RAD_S2
 
 
 class LidarFix(NamedTuple):
@@ -90,9 +98,9 @@ class LidarFix(NamedTuple):
     overlap, confidence: quality of the registration.
 
     rotation (3, 3), position (3,) [m], covariance (6, 6): the pose found, lighthouse frame. accepted: whether the
-    filter accepted it. nis: its squared innovation, normalised. ekf_rotation, ekf_position, ekf_covariance (6, 6): the
-    observer's own filter afterwards. cloud: returns in the lighthouse frame, by the observer's own estimate, (n, 3)
-    [m].
+    filter accepted it. nis: its squared innovation, normalised. symmetry: the shape's own; a pose means its whole
+    class. ekf_rotation, ekf_position, ekf_covariance (6, 6): the observer's own filter afterwards. cloud: returns in
+    the lighthouse frame, by the observer's own estimate, (n, 3) [m].
     """
 
     craft: int
@@ -108,10 +116,24 @@ class LidarFix(NamedTuple):
     covariance: Floats
     accepted: bool
     nis: float
+    symmetry: Symmetry
     ekf_rotation: Floats
     ekf_position: Floats
     ekf_covariance: Floats
     cloud: Floats
+
+
+class _Measured(NamedTuple):
+    """A pose of the target in the lighthouse frame. of_own (6, 12), A, and own (12, 12), O, are of
+    `swarm.onboard.own_error`, and part of the covariance (6, 6). age_s: mean time of the rays, from the epoch [s].
+    """
+
+    rotation: Floats
+    position: Floats
+    covariance: Floats
+    of_own: Floats
+    own: Floats
+    age_s: float
 
 
 class _Pose(NamedTuple):
@@ -145,12 +167,22 @@ class Inspection:
             angular_acceleration_noise_rad_s2=settings.angular_acceleration_noise_rad_s2,
             gate_probability=settings.gate_probability,
         )
+        fused = [(self._fused(i), i) for i in range(len(self.observers))]
+        self._own = OwnErrors(
+            [(i, i) for i in range(len(self.observers))] + fused,
+            settings.own_acceleration_noise_m_s2,
+            settings.own_angular_acceleration_noise_rad_s2,
+        )
         self._since_s = np.full(rows, np.inf)
         self._failures = np.zeros(rows, dtype=np.int64)
         self._ambiguous = np.zeros(rows, dtype=np.bool_)
         self._nis = np.full(rows, np.nan)
         self._prediction: Prediction | None = None
         self._started = np.zeros(rows, dtype=np.bool_)
+
+    def _fused(self, i: int) -> int:
+        """Return the row of the fused filter of an observer's target."""
+        return len(self.observers) + self.targets.index(self.observers[i].target)
 
     def step(self, scans: Sequence[LidarScan | None], own: Estimate, epoch_s: float) -> list[LidarFix]:
         """Advance all tracks by one lighthouse period, to its epoch.
@@ -163,6 +195,9 @@ class Inspection:
         s, bank = self.settings, self._filter
         self._started[:] = False
         self._prediction = None
+        if self.observers:
+            mine = {i: (own.angular_rate[o.craft], own.covariance[o.craft]) for i, o in enumerate(self.observers)}
+            self._own.predict(s.frame_s, bank.transition(s.frame_s), mine)
         if own.prediction is None:
             bank.predict(s.frame_s, bank.active)
         else:
@@ -207,6 +242,7 @@ class Inspection:
             nis=nis,
             sensor=sensor,
             prediction=self._prediction_into(own.prediction),
+            symmetry={o.target: group for o in self.observers if not (group := symmetry(o.shape)).trivial},
         )
 
     def _prediction_into(self, own: Prediction | None) -> Prediction | None:
@@ -236,7 +272,6 @@ class Inspection:
 
     def _observe(self, i: int, scan: LidarScan, own: Estimate, epoch_s: float) -> LidarFix:
         o, bank = self.observers[i], self._filter
-        fused = len(self.observers) + self.targets.index(o.target)
         me = own.state.of(o.craft)
         if not np.isfinite(me.rotation).all():
             return self._fix(i, None, None, None, np.zeros((0, 3)), "no own fix")
@@ -248,12 +283,15 @@ class Inspection:
         if not found.good:
             return self._fix(i, found, None, None, cloud)
         rotation, position = turn @ found.rotation, place + turn @ found.position
-        covariance = self._covariance(own.covariance[o.craft], found.covariance, turn, position - me.position, o)
         # The rays that determine the pose: those that returned from the target's position.
         back = scan.time_s[seen.returned]
         age = float(back[np.linalg.norm(seen.point - found.position, axis=1) < o.shape.radius_m].mean()) - epoch_s
-        self._take_in(i, fused, found, rotation, position, covariance, age)
-        return self._fix(i, found, (rotation, position), covariance, cloud)
+        of_own, mine = own_part(position - me.position, age), own.covariance[o.craft]
+        both = np.kron(np.eye(2), turn)
+        covariance = of_own @ mine @ of_own.T + both @ found.covariance @ both.T
+        measured = _Measured(rotation, position, (covariance + covariance.T) / 2, of_own, mine, age)
+        self._take_in(i, measured, found.acquired)
+        return self._fix(i, found, (rotation, position), measured.covariance, cloud)
 
     def _found(self, i: int, seen: Scan, o: Observer, known: State | None, turn: Floats, place: Floats) -> _Pose:
         """Track from the prediction, or acquire."""
@@ -277,6 +315,9 @@ class Inspection:
                     confidence,
                 )
         a = acquire(seen, o.shape)
+        for row in (i, self._fused(i)):
+            if a.found and self._filter.active[row]:
+                a = a.nearest(o.shape, turn.T @ self._filter.rotation[row])
         self._ambiguous[i] = a.verdict is Verdict.AMBIGUOUS
         self._failures[i] = 0 if a.found else s.lost_after
         return _Pose(
@@ -292,21 +333,13 @@ class Inspection:
             a.confidence,
         )
 
-    def _take_in(
-        self, i: int, fused: int, found: _Pose, rotation: Floats, position: Floats, covariance: Floats, age: float
-    ) -> None:
+    def _take_in(self, i: int, m: _Measured, acquired: bool) -> None:
         """Start or update the observer's filter and the fused one."""
-        bank, s = self._filter, self.settings
-        coupling = age * np.eye(6)
+        bank, s, fused = self._filter, self.settings, self._fused(i)
         for row in (i, fused):
             only = np.arange(len(self._since_s)) == row
-            turns, places, covariances, couplings = (
-                np.broadcast_to(a, (len(only), *a.shape)) for a in (rotation, position, covariance, coupling)
-            )
             if bank.active[row]:
-                result = bank.update_pose(only, turns, places, covariances, couplings)
-                self._nis[row] = result.nis[row]
-                if result.accepted[row]:
+                if self._updated(row, i, only, m):
                     self._since_s[row] = 0.0
                     continue
                 if row == i:
@@ -314,18 +347,31 @@ class Inspection:
                 # A new acquisition contradicts the filter: the filter is wrong, not the acquisition, unless
                 # the other observers have just confirmed it.
                 lone = self._since_s[row] > s.lost_after * self.observers[i].pattern.period_s
-                if not found.acquired or (row == fused and not lone):
+                if not acquired or (row == fused and not lone):
                     continue
+            turns, places, covariances, couplings = (
+                np.broadcast_to(a, (len(only), *a.shape))
+                for a in (m.rotation, m.position, m.covariance, m.age_s * np.eye(6))
+            )
             bank.start(only, turns, places, covariances, UNKNOWN_RATE, couplings)
+            self._own.restart(row, i, m.of_own, m.own)
             self._since_s[row], self._started[row] = 0.0, True
 
-    def _covariance(self, own: Floats, of_scan: Floats, turn: Floats, arm: Floats, o: Observer) -> Floats:
-        a, b = np.eye(6), np.zeros((6, 6))
-        a[3:, :3] = -rot.skew(arm)
-        b[:3, :3] = b[3:, 3:] = turn
-        shared = max(1.0, self.settings.own_correlation_s / o.pattern.period_s)
-        out: Floats = shared * a @ own[np.ix_(POSE, POSE)] @ a.T + b @ of_scan @ b.T
-        return (out + out.T) / 2
+    def _updated(self, row: int, i: int, only: Bools, m: _Measured) -> bool:
+        """Update one filter with a pose; return whether it was accepted."""
+        bank = self._filter
+        y = np.concatenate([rot.log(m.rotation @ bank.rotation[row].T), m.position - bank.position[row]])
+        h = np.zeros((6, 12))
+        h[:, POSE], h[:, RATES] = np.eye(6), m.age_s * np.eye(6)
+        before = bank.covariance[row].copy()
+        known, noise = self._own.decorrelated(row, i, before, h, m.of_own, m.covariance)
+        result = bank.update(only, *(np.broadcast_to(a, (len(only), *a.shape)) for a in (y, known, noise)))
+        self._nis[row] = result.nis[row]
+        if not result.accepted[row]:
+            return False
+        gain = np.linalg.solve(known @ before @ known.T + noise, known @ before).T
+        self._own.update(row, i, gain, h, m.of_own, m.own)
+        return True
 
     def _fix(
         self,
@@ -353,6 +399,7 @@ class Inspection:
             nothing if covariance is None else covariance,
             bool(pose is not None and self._since_s[i] == 0.0),
             float(self._nis[i]),
+            symmetry(o.shape),
             bank.rotation[i],
             bank.position[i],
             bank.covariance[i][np.ix_(POSE, POSE)] if bank.active[i] else nothing,

@@ -11,13 +11,15 @@ Per lighthouse period and craft, all to the epoch:
 Every craft uses its own angles, layout and filter; no operation mixes rows of the craft axis.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.filter.smoother import Prediction, predicted
+from estimators.lidar.symmetry import Symmetry
 from estimators.lighthouse.dop import Dilution
 from estimators.lighthouse.pnp import PoseSolution
 from estimators.state import State
@@ -46,6 +48,7 @@ class Estimate(NamedTuple):
     filter, (C,). prediction: the filters before this period's measurements, where the settings ask for the history of
     the filter. stations: number of stations whose light went into the filter, (C,), station_rows: number of rows of
     each of S stations, (C, S); None with one station only.
+    symmetry: of inspected craft whose shape is symmetric, by index; their pose means its whole class.
     """
 
     status: Ints
@@ -68,6 +71,7 @@ class Estimate(NamedTuple):
     prediction: Prediction | None = None
     stations: Ints | None = None
     station_rows: Ints | None = None
+    symmetry: Mapping[int, Symmetry] = MappingProxyType({})
 
     @property
     def state(self) -> State:

@@ -2,7 +2,8 @@
 
 The pose is the target's in the lighthouse frame at the epoch of the row's lighthouse period. `measured` is what this
 one scan gave, through the observer's own fix; `ekf` the observer's own filter afterwards. The fused estimate of all
-observers is in telemetry.parquet, as the target's own row. What is not known is null.
+observers is in telemetry.parquet, as the target's own row. What is not known is null. Of a symmetric target, errors
+are those of the equivalent pose nearest to the truth.
 """
 
 from collections.abc import Sequence
@@ -13,6 +14,7 @@ import numpy as np
 import pyarrow as pa
 
 from estimators.arrays import Floats
+from estimators.lidar.symmetry import Symmetry
 from estimators.rotation import angle_between, log, matrix_from_quaternion, quaternion_from_matrix
 from swarm.onboard.inspection import LidarFix
 from swarm.results.columns.column import Column
@@ -100,23 +102,26 @@ def _row(time_s: float, frame: int, craft: Sequence[str], fix: LidarFix, truth: 
         "confidence": fix.confidence,
         **{f"measured_p{a}_m": float(v) for a, v in zip("xyz", fix.position, strict=True)},
         **{f"measured_q{a}": float(v) for a, v in zip("wxyz", turn, strict=True)},
-        **_errors("measured", rotation, true_position, fix.rotation, fix.position, fix.covariance),
+        **_errors("measured", fix.symmetry, (rotation, true_position), fix.rotation, fix.position, fix.covariance),
         "nis": fix.nis,
-        **_errors("ekf", rotation, true_position, fix.ekf_rotation, fix.ekf_position, fix.ekf_covariance),
+        **_errors(
+            "ekf", fix.symmetry, (rotation, true_position), fix.ekf_rotation, fix.ekf_position, fix.ekf_covariance
+        ),
     }
     return {key: None if isinstance(value, float) and not np.isfinite(value) else value for key, value in row.items()}
 
 
 def _errors(
     prefix: str,
-    true_rotation: Floats,
-    true_position: Floats,
+    symmetry: Symmetry,
+    true: tuple[Floats, Floats],
     rotation: Floats,
     position: Floats,
     covariance: Floats,
 ) -> dict[str, float]:
     if not (np.isfinite(rotation).all() and np.isfinite(position).all() and np.isfinite(covariance).all()):
         return {}
+    true_rotation, true_position = symmetry.nearest(*true, rotation)
     error = np.concatenate([log(true_rotation @ rotation.T), true_position - position])
     return {
         f"{prefix}_position_error_m": float(np.linalg.norm(error[3:])),

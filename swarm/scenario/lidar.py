@@ -57,12 +57,12 @@ class Lidar(Table):
     )
     dropout_probability: Probability = Field(default=0.01, description="Probability that a ray is lost for no reason.")
     target_acceleration_m_s2: ProcessNoise = Field(
-        default=0.02,
+        default=0.005,
         description="Process noise of the filter of the target's motion: white acceleration, standard deviation per "
         "axis and period.",
     )
     target_angular_acceleration_deg_s2: TurningNoise = Field(
-        default=3.0,
+        default=1.0,
         description="Process noise of the filter of the target's motion: white angular acceleration, standard "
         "deviation per axis and period.",
     )

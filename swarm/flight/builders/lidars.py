@@ -56,5 +56,7 @@ def inspection(settings: Scenario, sensors: Sequence[Lidar]) -> Inspection:
             angular_acceleration_noise_rad_s2=max(si(t).target_angular_acceleration_rad_s2 for t in tables),
             gate_probability=settings.navigation.gate_probability,
             coast_limit_s=settings.navigation.coast_limit_s,
+            own_acceleration_noise_m_s2=settings.navigation.acceleration_noise_m_s2,
+            own_angular_acceleration_noise_rad_s2=si(settings.navigation).angular_acceleration_noise_rad_s2,
         ),
     )

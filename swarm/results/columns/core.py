@@ -6,7 +6,9 @@ from functools import partial
 import numpy as np
 
 from estimators.arrays import Floats, Ints
+from estimators.rotation import matrix_from_quaternion, quaternion_from_matrix
 from swarm.onboard.inspection import LIDAR_SENSOR
+from swarm.onboard.navigation import Estimate
 from swarm.onboard.settings import Coupling, Sensor, Status
 from swarm.results.columns.column import Column, Group, fill_pose, pose_columns, rate_columns
 from swarm.results.period import Period
@@ -84,6 +86,19 @@ def errors_in(block: Floats) -> Errors:
     return Errors(*(block[_ROW[name]].copy() for name in Errors._fields))
 
 
+def _nearest(place: Floats, turn: Floats, estimate: Estimate) -> tuple[Floats, Floats]:
+    """Return the true positions (C, 3) [m] and quaternions (C, 4); of symmetric targets, those nearest to what is
+    estimated.
+    """
+    place, turn = place.copy(), turn.copy()
+    for i, group in estimate.symmetry.items():
+        true, estimated = matrix_from_quaternion(turn[i]), estimate.rotation[i]
+        if np.isfinite(true).all() and np.isfinite(estimated).all():
+            rotation, place[i] = group.nearest(true, place[i], estimated)
+            turn[i] = quaternion_from_matrix(rotation)
+    return place, turn
+
+
 def _rows(first: str, count: int) -> slice:
     return slice(_ROW[first], _ROW[first] + count)
 
@@ -99,6 +114,8 @@ def _fill(craft: Ints, no_truth: Truth, period: Period, out: Floats) -> None:
     position, quaternion = _pose(estimate.rotation, estimate.position)
     fill_pose(position, quaternion, out[_rows("ekf_px_m", 7)])
     covariance = flat(estimate.covariance)
+    if estimate.symmetry:
+        place, turn = _nearest(place, turn, estimate)
     estimate_errors_into(place, turn, position, quaternion, covariance, out[_rows("position_error_m", 5)])
     out[_rows("true_vx_m_s", 3)], out[_rows("true_wx_rad_s", 3)] = truth.velocity.T, truth.angular_rate.T
     out[_rows("ekf_vx_m_s", 3)], out[_rows("ekf_wx_rad_s", 3)] = estimate.velocity.T, estimate.angular_rate.T
