@@ -143,7 +143,8 @@ def case(folder: Path, name: str, file: PlacedStations | None) -> dict[str, Any]
         out[key] = {name: value for name, value in found.items() if not name.startswith("_")}
     if name.endswith("test_cal"):
         bare = {
-            n: placed._replace(errors=tuple(type(e)() for e in placed.errors)) for n, placed in source.placed.items()
+            n: placed._replace(errors=(type(placed.errors[0])(), type(placed.errors[1])()))
+            for n, placed in source.placed.items()
         }
         found = flown(source._replace(placed=bare, errors={}), None, None)
         out["all, without calibration"] = {name: value for name, value in found.items() if not name.startswith("_")}

@@ -11,12 +11,13 @@ from rows_made import BODY, room, seen, still
 import swarm
 from estimators.lighthouse.innovation import gathered
 from estimators.lighthouse.integrity import AngleNoise
+from estimators.lighthouse.tilted import TiltedErrors
 from estimators.rotation import exp
 from estimators.state import State
 from swarm.assets import recordings
 from swarm.flight.recordings.hits import Hits, Light, Lost
 from swarm.flight.recordings.libsurvive import WorldPose
-from swarm.flight.recordings.object_light import ObjectLight
+from swarm.flight.recordings.object_light import ObjectLight, Pair
 from swarm.flight.recordings.row_consistency import RowSample, assess_rows
 from swarm.flight.recordings.row_windows import RowWindows
 from swarm.flight.recordings.stations_file import PlacedStation
@@ -40,12 +41,16 @@ def made(generations=(2, 2), falsified: float = 0.0) -> ObjectLight:
         tick = (period + 0.2 + 0.1 * rows.station + 0.25 * rows.fan) * FRAME_S * 48e6 + rows.photodiode
         parts.append(Hits(np.array([3, 11])[rows.station], rows.fan, rows.photodiode, tick, angle))
     hits = Hits._make(np.concatenate(column) for column in zip(*parts, strict=True))
-    placed = {}
+    placed: dict[int, PlacedStation] = {}
+    errors: dict[int, Pair] = {}
     for number, station in zip((3, 11), stations, strict=True):
-        errors = tuple(fan.errors for fan in station.fans)
+        first, second = (fan.errors for fan in station.fans)
+        assert isinstance(first, TiltedErrors)
+        assert isinstance(second, TiltedErrors)
         placed[number] = PlacedStation(
-            f"channel {number}", number, "2.0", str(number), station.rotation, station.position, errors
+            f"channel {number}", number, "2.0", str(number), station.rotation, station.position, (first, second)
         )
+        errors[number] = first, second
     none = np.zeros(0)
     return ObjectLight(
         path=Path("made.rec"),
@@ -55,7 +60,7 @@ def made(generations=(2, 2), falsified: float = 0.0) -> ObjectLight:
         time_0_s=0.0,
         time_1=1 / 48e6,
         placed=placed,
-        errors={number: station.errors for number, station in placed.items()},
+        errors=errors,
         identities={},
         peer_time_s=none,
         peer=WorldPose(np.zeros((0, 3)), np.zeros((0, 4))),
@@ -74,6 +79,7 @@ def test_an_object_is_found_where_it_is_and_its_noise_is_told() -> None:
     replayed = playback(made())
     last = list(replayed.fly())[-1].estimate
     assert last.status[0] == Status.TRACKING
+    assert last.stations is not None
     assert last.stations[0] == 2
     # Five sigma of its own covariance, which the process noise of a hand keeps above that of one period.
     assert np.linalg.norm(last.position[0] - [0.1, -0.1, 0.2]) < 5 * np.sqrt(np.trace(last.covariance[0][6:9, 6:9]))
