@@ -50,7 +50,9 @@ At = Annotated[
     list[str] | None, typer.Option("--at", metavar="x,y,z", help="They may stand at this point. Repeatable.")
 ]
 Up = Annotated[str, typer.Option("--up", metavar="AXIS", help="The axis that is up: z, -y, ...")]
-KeepOut = Annotated[list[str] | None, typer.Option("--keep-out", metavar=BOX, help="None may stand here. Repeatable.")]
+KeepOut = Annotated[
+    list[str] | None, typer.Option("--keep-out", metavar=BOX, help="No station may stand here. Repeatable.")
+]
 NearM = Annotated[
     float | None,
     typer.Option("--near-m", metavar="M", help="Least distance from the volume. Default: the light's least range."),
@@ -140,8 +142,8 @@ def place(
     \b
     swarm place mockup --stations 4 --volume=-1,1,-1,1,0,2 \\
         --tilt-deg 30 --room=-3,3,-3,3,0,3
-    swarm place mockup --position-mm 2 --volume=-1,1,-1,1,0,2 \\
-        --losses 1
+    swarm place mockup --position-mm 2 \\
+        --volume=-1,1,-1,1,0,2 --losses 1
     swarm place my/docking.toml --stations 2 --shell-m 3
     """
     given: dict[str, Any] = {key: value for key, value in locals().items() if value is not None}
