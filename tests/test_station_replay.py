@@ -20,7 +20,7 @@ from swarm.flight.recordings.libsurvive import WorldPose
 from swarm.flight.recordings.object_light import ObjectLight, Pair
 from swarm.flight.recordings.row_consistency import RowSample, assess_rows
 from swarm.flight.recordings.row_windows import RowWindows
-from swarm.flight.recordings.stations_file import PlacedStation
+from swarm.flight.recordings.stations_file import PlacedStation, PlacedStations
 from swarm.flight.station_replay import StationPlayback, choose_stations
 from swarm.hardware import pad
 from swarm.onboard.settings import Status
@@ -111,6 +111,15 @@ def test_stations_without_a_place_are_left_out_in_a_sentence() -> None:
     one = playback(source._replace(placed={}), 3)
     assert list(one.fly())[-1].estimate.status[0] == Status.TRACKING
     assert one.scene.up == "-y"
+
+
+def test_a_file_of_stations_takes_the_place_of_what_the_recording_tells() -> None:
+    source = made()
+    moved = source.placed[3]._replace(position=np.array([9.0, 0.0, 0.0]))
+    chosen = choose_stations(source, PlacedStations("world", (moved,)), None)
+    assert [placed.position[0] for placed in chosen.placed] == [9.0]
+    assert chosen.notes[0] == "the file of stations takes the place of those poses and calibrations"
+    assert chosen.notes[1] == "station 11 is left out: the file of stations does not tell where it stands"
 
 
 def test_sweeps_are_not_divided_by_the_ends_of_periods() -> None:

@@ -88,8 +88,10 @@ def choose_stations(source: ObjectLight, file: PlacedStations | None, lighthouse
     if file is not None:
         placed = {n: found for n in wanted if (found := _in_file(file, n, source)) is not None}
     if placed:
-        where = "the file of stations" if file is not None else "the recording and what is beside it"
-        notes = [f"station {n} is left out: {where} do not tell where it stands" for n in wanted if n not in placed]
+        where = "the file of stations does" if file is not None else "the recording and what is beside it do"
+        notes = [f"station {n} is left out: {where} not tell where it stands" for n in wanted if n not in placed]
+        if file is not None and source.placed:
+            notes.insert(0, "the file of stations takes the place of those poses and calibrations")
         return Chosen([placed[n] for n in wanted if n in placed], notes, True)
     # Nobody knows where anything stands: the station that was seen most is the world.
     most = max(wanted, key=lambda n: int(np.count_nonzero(source.light.hits.station == n)))
