@@ -2,6 +2,8 @@
 
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import made_recording
 import numpy as np
@@ -24,6 +26,7 @@ from swarm.flight.recordings.stations_file import PlacedStation, PlacedStations
 from swarm.flight.station_replay import StationPlayback, choose_stations
 from swarm.hardware import pad
 from swarm.onboard.settings import Status
+from swarm.results.recording.lighthouse import Stations
 from swarm.scenario import for_replay
 
 FRAME_S, PERIODS = 1 / 50, 60
@@ -155,3 +158,20 @@ def test_a_made_recording_is_replayed_by_both_stations(tmp_path: Path) -> None:
     stations = np.array(run.telemetry["stations"])
     assert np.mean(stations == 2) > 0.9
     assert (run.folder / "recording.rrd").stat().st_size > 10_000
+
+
+def test_stations_are_drawn_where_they_stand() -> None:
+    """Coordinates of the world: the viewer leaves what has a static transform at the origin."""
+    placed = made().placed
+    scene = SimpleNamespace(lighthouse=(), field_deg=120.0, stations=list(placed.values()))
+    drawn: dict[str, Any] = {}
+    Stations(cast(Any, SimpleNamespace(scene=scene, reach_m=1.0))).begin(
+        cast(Any, SimpleNamespace(static=drawn.__setitem__))
+    )
+    for number, station in enumerate(placed.values()):
+        entity = f"world/stations/{number}"
+        name = np.array(drawn[f"{entity}/name"].positions.as_arrow_array().to_pylist())
+        np.testing.assert_allclose(name, [station.position], atol=1e-6)
+        axes = drawn[f"{entity}/axes"]
+        np.testing.assert_allclose(axes.origins.as_arrow_array().to_pylist(), [station.position] * 3, atol=1e-6)
+        np.testing.assert_allclose(axes.vectors.as_arrow_array().to_pylist(), 0.08 * station.rotation.T, atol=1e-6)

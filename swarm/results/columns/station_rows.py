@@ -12,7 +12,12 @@ from swarm.results.period import Period
 def station_rows(names: Sequence[str]) -> Group:
     """Return the group of a run with these stations; without any, of one for the reference."""
     columns = [
-        Column(f"rows_{name}", "1", f"single sweep angles of station {name} that went into the filter", "small")
+        Column(
+            f"rows_{name.replace(' ', '_')}",
+            "1",
+            f"single sweep angles of station {name} that went into the filter",
+            "small",
+        )
         for name in names or ("NAME",)
     ]
     number = Column("stations", "1", "stations whose single sweep angles went into the filter", "small")

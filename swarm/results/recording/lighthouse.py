@@ -13,8 +13,6 @@ from swarm.results.recording.canvas import Canvas, Send, ink, mesh
 from swarm.results.recording.layer import Stage
 
 FAN_TURN_S, REAL_FAN_TURN_S = 4.0, 1 / 60
-
-
 SPOKES = 8
 """One of so many corners of a fan's rim is joined with the lighthouse."""
 
@@ -26,20 +24,23 @@ class Stations:
         self._stage, self._field_rad = stage, float(np.radians(stage.scene.field_deg))
 
     def begin(self, canvas: Canvas) -> None:
-        """Draw the stations where they stand."""
-        scene, reach_m = self._stage.scene, self._stage.reach_m
+        """Draw the stations where they stand, with coordinates of the world."""
+        scene, reach = self._stage.scene, self._stage.reach_m
         body = drawing.solid(scene.lighthouse)
         inks = ink(0xEF5350FF, 0x66BB6AFF, 0x42A5F5FF)
         for number, station in enumerate(scene.stations):
-            entity = f"world/stations/{number}"
-            canvas.static(entity, rr.Transform3D(translation=station.position, mat3x3=station.rotation))
+            entity, turn, place = f"world/stations/{number}", station.rotation, station.position
             if body is not None:
-                canvas.static(f"{entity}/body", mesh(body))
-            strips = drawing.field(self._field_rad, 0.06 * reach_m)
+                there = body._replace(
+                    vertex=(body.vertex @ turn.T + place).astype(np.float32),
+                    normal=(body.normal @ turn.T).astype(np.float32),
+                )
+                canvas.static(f"{entity}/body", mesh(there))
+            strips = [strip @ turn.T + place for strip in drawing.field(self._field_rad, 0.06 * reach)]
             canvas.static(f"{entity}/field", rr.LineStrips3D(strips, colors=[0xB0BEC560], radii=-0.6))
-            axes = rr.Arrows3D(vectors=0.08 * reach_m * np.eye(3), colors=inks, radii=0.003 * reach_m)
+            axes = rr.Arrows3D(vectors=0.08 * reach * turn.T, origins=[place] * 3, colors=inks, radii=0.003 * reach)
             canvas.static(f"{entity}/axes", axes)
-            canvas.static(f"{entity}/name", rr.Points3D([[0.0, 0.0, 0.0]], labels=[station.name], radii=-1.0))
+            canvas.static(f"{entity}/name", rr.Points3D([place], labels=[station.name], radii=-1.0))
 
     def send(self, send: Send, batch: Batch) -> None:
         """Do nothing: stations stand still."""
