@@ -162,7 +162,8 @@ class StationNavigator:
         if not self.settings.motion_compensation:
             rows = rows._replace(offset_s=np.zeros_like(rows.offset_s))
         self._search.gather(rows)
-        pose = self._pose(rows)
+        lit = _numbers(rows, np.ones(len(rows.angle), dtype=np.bool_), self._point_m.shape[1])
+        pose = self._pose(rows, self._decides(*lit))
         fix = self._found(tracks)
         taken = tracks.take_in(fix)
         rowed = self._take_in(rows, ~fix.known, pose)
@@ -174,14 +175,20 @@ class StationNavigator:
             seen = seen._replace(nis=fates[-1].nis)
         decided = self._decides(rowed.photodiodes, rowed.stations)
         fresh, refused = (np.any([part[i] for part in fates], axis=0) for i in (0, 1))
-        lit = _numbers(rows, np.ones(len(rows.angle), dtype=np.bool_), self._point_m.shape[1])
         tracks.count(
             fresh | (rowed.fresh & decided),
             rowed.fresh & ~decided,
             # A few photodiodes that contradict the filter do not prove it wrong: it coasts.
             refused | (rowed.refused & self._decides(*lit)),
         )
-        estimate = self._estimate(light, rows, rivals, pose, seen, list(zip(fixes, fates, strict=True)), rowed)
+        estimate = self._estimate(
+            light._replace(rows=rows, rejected=light.rejected + rivals),
+            lit[0],
+            pose,
+            seen,
+            list(zip(fixes, fates, strict=True)),
+            rowed,
+        )
         if prediction is None:
             return estimate
         return estimate._replace(prediction=prediction.continuing(tracks.bank.active))
@@ -210,14 +217,17 @@ class StationNavigator:
         _choose(rows, self._light, self._point_m, bank.active, bank.state, kept, out)
         return (rows.where(kept) if out.any() else rows), out
 
-    def _pose(self, rows: RowBatch) -> RowPose:
+    def _pose(self, rows: RowBatch, decided: Bools) -> RowPose:
         """Return the poses of this period's rows alone, from the predictions, of the craft with a filter.
 
         With tight coupling none is asked for: a search alone solves poses.
+
+        Args:
+            rows: as used.
+            decided: (C,), whether the rows decide a pose.
         """
         bank = self.tracks.bank
-        numbers = _numbers(rows, np.ones(len(rows.angle), dtype=np.bool_), self._point_m.shape[1])
-        mask = bank.active & self._decides(*numbers) & (self.settings.coupling != "tight")
+        mask = bank.active & decided & (self.settings.coupling != "tight")
         return solve_rows(rows, np.ones(len(rows.angle), dtype=np.bool_), mask, self._light, self._point_m, bank.state)
 
     def _found(self, tracks: Tracks) -> PoseFix:
@@ -268,9 +278,10 @@ class StationNavigator:
             dropped=np.zeros(craft, dtype=np.int64),
             kept=kept,
         )
-        before, covariance = bank.state, bank.covariance
         self._update(rows, mask, out)
         if out.refused.any():
+            # The filters of refused rows are still at their predictions.
+            before, covariance = bank.state, bank.covariance
             self._manoeuvre(rows, pose, out)
         again = np.zeros(craft, dtype=np.bool_)
         for c in np.flatnonzero(out.refused & self.settings.integrity.residual_test).tolist():
@@ -321,8 +332,7 @@ class StationNavigator:
     def _estimate(
         self,
         light: RowLight,
-        rows: RowBatch,
-        rivals: Ints,
+        visible: Ints,
         pose: RowPose,
         seen: CcdFix | None,
         fixes: Sequence[tuple[PoseFix, Taken]],
@@ -331,9 +341,8 @@ class StationNavigator:
         """Return the estimate of the period.
 
         Args:
-            light: as received.
-            rows: as used.
-            rivals: number of rows that shared photodiode and sweep, (C,).
+            light: with the rows as used, and those that shared photodiode and sweep among the rejected.
+            visible: number of photodiodes that were seen, (C,).
             pose: of the rows alone.
             seen: results of the cameras.
             fixes: poses of all sensors and their fates, those of searches first.
@@ -350,7 +359,7 @@ class StationNavigator:
         fresh = np.where(self.tracks.since_pose_s == 0.0, Status.TRACKING, fresh)
         return Estimate(
             status=np.where(after.active, fresh, status).astype(np.int64),
-            visible=_numbers(rows, np.ones(len(rows.angle), dtype=np.bool_), self._point_m.shape[1])[0],
+            visible=visible,
             pnp=_as_solution(pose),
             dilution=self._dilution(pose),
             rotation=after.state.rotation,
@@ -360,14 +369,14 @@ class StationNavigator:
             covariance=after.covariance,
             nis=np.where(np.isfinite(rowed.nis), rowed.nis, fixes[0][1].nis),
             missed_sync=light.missed_sync,
-            rejected=light.rejected + rivals,
+            rejected=light.rejected,
             sensor=sensor.astype(np.int64),
             ccd=seen,
-            integrity=self._integrity(rows, pose, rowed),
+            integrity=self._integrity(light.rows, pose, rowed),
             coupling=np.where(rowed.fresh & after.active, Coupling.TIGHT, coupling).astype(np.int64),
             rows=rowed.rows,
             stations=rowed.stations,
-            station_rows=_of_stations(rows, rowed, len(self._stations)),
+            station_rows=_of_stations(light.rows, rowed, len(self._stations)),
         )
 
     def _dilution(self, pose: RowPose) -> Dilution:
