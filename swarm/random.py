@@ -30,6 +30,8 @@ class Purpose(Enum):
     THRUST = (0x746872757374,)
     LIDAR = (0x6C69646172,)
     FAULT = (0x6661756C74,)
+    PLUG_IN = (0x706C7567696E,)
+    """Draws of a navigator or a controller of the user."""
     MOUNTING = (_LIGHTHOUSE, 0)
     CLOCK = (_LIGHTHOUSE, 1)
     ROTOR = (_LIGHTHOUSE, 2)

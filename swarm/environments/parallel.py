@@ -90,6 +90,8 @@ class SwarmEnv(ParallelEnv[str, Rows, Rows]):
             SwarmError: the scenario cannot fly, or a value is out of its range.
         """
         self.scenario = checked(scenario) if isinstance(scenario, Scenario) else load(scenario, overrides)
+        if any(table.controller is not None for _, table in self.scenario.tables):
+            raise SwarmError("controller: an agent steers every craft here: leave the scenario's own controllers out")
         count = len(self.scenario.craft_names)
         others = max(count - 1, 0)
         if neighbours is None:

@@ -53,7 +53,7 @@ class Flight:
         self.actuators = builders.actuators(scenario, self.world)
         layout = builders.own_layout(scenario, self.world)
         self.computer = builders.computer(scenario, self.world, self.motions, self.sensors, layout, history=history)
-        self.pilot = builders.pilot(scenario, self.world, self.motions, self.latches, pilot)
+        self.pilot = builders.pilot(scenario, self.world, self.motions, self.latches, layout, pilot)
         self._told = builders.start_state(scenario, self.motions)
         self.command = builders.no_command(len(self.world.names))
         self.believed = builders.measured_by(scenario, self.world, layout, self.computer.navigator.settings)

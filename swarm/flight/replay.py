@@ -10,6 +10,7 @@ into the peer columns. The station's factory calibration is subtracted from the 
 import shlex
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +36,7 @@ from swarm.flight.truth import truth_for
 from swarm.hardware import Photodiodes
 from swarm.onboard.decoder import SweepAngles
 from swarm.onboard.navigation import Estimate, Navigator
+from swarm.onboard.own_navigators import rows_of
 from swarm.onboard.settings import NavigationSettings, Status
 from swarm.results.angles import believed
 from swarm.results.filter_history import keeps_history
@@ -264,7 +266,7 @@ class Playback:
         self.found = self._assess(settings) if settings.navigation.integrity.residual_test is not False else UNTESTED
         self.settings = _with_noise(settings, self.found)
         self.notes += _findings(self.found, settings, self.settings)
-        self.history = keeps_history(settings.recording.filter, len(self.windows))
+        self.history = settings.swarm.navigator is None and keeps_history(settings.recording.filter, len(self.windows))
         navigation = self._navigation_of(self.settings, tested=self.found.noise_rad is not None)
         self._navigation = replace(navigation, history=self.history)
         fans = self._navigation.fan_x, self._navigation.fan_y
@@ -281,16 +283,19 @@ class Playback:
     def fly(self) -> Iterator[Period]:
         """Play one lighthouse period after the other, to the end of the recording; times count from the first one."""
         first_s: float | None = None
-        navigator, receiver = self._begin(self._navigation, self.found.false)
+        settings = self._navigation
+        navigator, receiver = self._begin(settings, self.found.false)
+        own = builders.own_navigators(self.settings, settings, builders.of_one_lighthouse(self.layout, settings))
         for frame, window in enumerate(self.windows):
             first_s = window.time_s if first_s is None else first_s
             angles, left_out = receiver.receive(window, navigator.expected_angles(receiver.turn_s))
-            estimate = navigator.step(angles)
+            time_s, light = window.time_s - first_s, partial(rows_of, angles, settings)
+            estimate = own.step(navigator.step(angles), light, navigator.tracks, None, time_s)
             integrity = estimate.integrity
             dropped = np.where(integrity.dropped < 0, integrity.dropped, integrity.dropped + left_out)
             yield Period(
                 frame=frame,
-                time_s=window.time_s - first_s,
+                time_s=time_s,
                 truth=None,
                 sight=np.where(angles.lit, Sight.LIT, Sight.OUTSIDE),
                 angles=angles,

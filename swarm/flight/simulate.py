@@ -69,7 +69,8 @@ def simulate(
     scenario = checked(scenario)
     refuse_run(scenario.name, scenario.seed, out, force)
     rows = len(scenario.craft_names) * periods_of(scenario)
-    history = keeps_history(scenario.recording.filter, rows)
+    own = any(table.navigator is not None for _, table in scenario.tables)
+    history = not own and keeps_history(scenario.recording.filter, rows)
     flight, watch, tell = Flight(scenario, history=history), observer or Nobody(), progress or untold
     watch.begin(flight)
     with writing_run(

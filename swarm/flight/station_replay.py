@@ -7,6 +7,7 @@ out; with one station alone, its frame is the world.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +28,7 @@ from swarm.flight.recordings.row_windows import RowWindows
 from swarm.flight.recordings.stations_file import PlacedStation, PlacedStations
 from swarm.hardware import Photodiodes
 from swarm.onboard.decoder import SweepAngles
+from swarm.onboard.own_navigators import Rowed
 from swarm.onboard.settings import NavigationSettings
 from swarm.onboard.stations import StationNavigator
 from swarm.results.filter_history import keeps_history
@@ -186,7 +188,7 @@ class StationPlayback:
         self.noise = self._noise(settings)
         self.settings = self._with_noise(settings)
         self.notes += self._findings(settings)
-        self.history = keeps_history(settings.recording.filter, len(self.windows))
+        self.history = settings.swarm.navigator is None and keeps_history(settings.recording.filter, len(self.windows))
         tested = self.found.noise is not None
         self._navigation = replace(self._navigation_of(self.settings, tested=tested), history=self.history)
         self.scene = Scene(
@@ -203,8 +205,11 @@ class StationPlayback:
     def fly(self) -> Iterator[Period]:
         """Play one period of the filter after the other, to the end of the recording."""
         navigator = StationNavigator(self.layout, self._navigation, self._stations, self.noise)
+        known = builders.of_stations(self.layout, self._stations, self.noise)
+        own = builders.own_navigators(self.settings, self._navigation, known)
         for frame, window in enumerate(self.windows):
-            estimate = navigator.step(window.light)
+            light = partial(Rowed, window.light.rows, tuple(self._stations))
+            estimate = own.step(navigator.step(window.light), light, navigator.tracks, None, window.time_s)
             integrity = estimate.integrity
             dropped = np.where(integrity.dropped < 0, integrity.dropped, integrity.dropped + window.left_out)
             lit = np.zeros(self.layout.present.shape, dtype=np.bool_)

@@ -25,6 +25,7 @@ from swarm.onboard.beams import BeamDecoder
 from swarm.onboard.decoder import PulseDecoder, SweepAngles
 from swarm.onboard.inspection import Inspection, LidarFix
 from swarm.onboard.navigation import Estimate, Navigator
+from swarm.onboard.own_navigators import NO_NAVIGATORS, Navigators, Rowed, rows_of
 from swarm.onboard.stations import RowLight, StationNavigator
 from swarm.onboard.turns import TurnDecoder
 
@@ -40,15 +41,18 @@ class Known(NamedTuple):
 class Computer:
     """Decoder, navigation and inspection of C craft: `step` takes one period's signals."""
 
-    def __init__(self, decoder: PulseDecoder, navigator: Navigator, inspection: Inspection) -> None:
+    def __init__(
+        self, decoder: PulseDecoder, navigator: Navigator, inspection: Inspection, own: Navigators = NO_NAVIGATORS
+    ) -> None:
         """Assemble the parts.
 
         Args:
             decoder: timing circuits of the craft.
             navigator: navigation of the craft.
             inspection: LiDAR inspection; without observers it does nothing.
+            own: navigators of the user, in the place of the filter of some craft.
         """
-        self.decoder, self.navigator, self.inspection = decoder, navigator, inspection
+        self.decoder, self.navigator, self.inspection, self._own = decoder, navigator, inspection, own
 
     def step(self, signals: Signals, command: Command | None = None, off: Bools | None = None) -> Known:
         """Advance every craft by one lighthouse period.
@@ -61,6 +65,7 @@ class Computer:
         if off is not None and off.any():
             self.decoder.forget(off)
             self.navigator.forget(off)
+            self._own.forget(off)
         expected = self.navigator.expected_angles(self.decoder.turn_s)
         angles = self.decoder.decode(signals.pulses, expected)
         if off is not None:
@@ -75,7 +80,10 @@ class Computer:
             signals: all signals that the craft receive; the pulses are not used.
             command: orders of the craft to their actuators for the period.
         """
-        estimate = self.navigator.step(angles, signals, command)
+        found = self.navigator.step(angles, signals, command)
+        estimate = self._own.step(
+            found, lambda: rows_of(angles, self.navigator.settings), self.navigator.tracks, command, signals.epoch_s
+        )
         scans = self.inspection.step(signals.scans, estimate, signals.epoch_s)
         return Known(angles, self.inspection.into(estimate), scans)
 
@@ -98,6 +106,7 @@ class StationComputer:
         stations: Sequence[Station],
         point_m: Floats,
         mounts: Sequence[Mount] = (),
+        own: Navigators = NO_NAVIGATORS,
     ) -> None:
         """Assemble the parts.
 
@@ -108,8 +117,9 @@ class StationComputer:
             stations: the stations as the craft know them.
             point_m: photodiodes as the craft assume them, (C, K, 3) [m].
             mounts: those that ride on craft, in the order of `Signals.bearers`.
+            own: navigators of the user, in the place of the filter of some craft.
         """
-        self.decoder, self.navigator, self.inspection = decoder, navigator, inspection
+        self.decoder, self.navigator, self.inspection, self._own = decoder, navigator, inspection, own
         self._stations, self._mounts, self._point_m = list(stations), tuple(mounts), point_m
 
     def step(self, signals: Signals, command: Command | None = None, off: Bools | None = None) -> Known:
@@ -123,6 +133,7 @@ class StationComputer:
         if off is not None and off.any():
             self.decoder.forget(off)
             self.navigator.forget(off)
+            self._own.forget(off)
         if isinstance(self.decoder, BeamDecoder):
             if signals.beams is None:
                 raise ValueError("Lighthouse 2.0 stations need the signal `beams`")
@@ -133,7 +144,10 @@ class StationComputer:
             light = light._replace(rows=light.rows.where(~np.repeat(off, np.diff(light.rows.first))))
         if self._mounts:
             light = light._replace(rows=self._ridden(light.rows, signals.bearers))
-        estimate = self.navigator.step(light, signals, command)
+        found = self.navigator.step(light, signals, command)
+        estimate = self._own.step(
+            found, lambda: Rowed(light.rows, tuple(self._stations)), self.navigator.tracks, command, signals.epoch_s
+        )
         scans = self.inspection.step(signals.scans, estimate, signals.epoch_s)
         return Known(_as_angles(light, self._point_m.shape[1]), self.inspection.into(estimate), scans)
 

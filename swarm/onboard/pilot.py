@@ -12,12 +12,13 @@ import numpy as np
 
 from estimators.arrays import Bools, Floats
 from estimators.relative_orbit import RelativeOrbit
-from estimators.state import Reference, State, Steered, unknown
+from estimators.state import STATES, Reference, State, Steered, unknown
 from swarm.messages import Command, Order
 from swarm.onboard import control
 from swarm.onboard.actuation.actuation import Actuation
 from swarm.onboard.guidance.guidance import Guidance, Knowledge
 from swarm.onboard.navigation import Estimate
+from swarm.onboard.own_controllers import NO_CONTROLLERS, Controllers, Steering
 from swarm.onboard.settings import BY_LIGHT
 
 
@@ -50,6 +51,7 @@ class Pilot:
         by_estimate: Bools,
         period_s: float,
         orbit: RelativeOrbit | None = None,
+        controllers: Controllers = NO_CONTROLLERS,
     ) -> None:
         """Start with craft whose own states are unknown.
 
@@ -61,7 +63,9 @@ class Pilot:
             by_estimate: craft that steer by their own estimate, (C,); the others steer by the true state.
             period_s: length of a lighthouse period [s].
             orbit: the lighthouse's orbit; None in weightless space.
+            controllers: controllers of the user, in the place of the feedback of some craft.
         """
+        self._controllers, self._covariance = controllers, np.full((len(by_estimate), STATES, STATES), np.nan)
         self.guidance, self.by_estimate = guidance, by_estimate
         self._motions, self._actuation, self._body, self._orbit = motions, actuation, body, orbit
         self._period_s, self._craft = period_s, len(by_estimate)
@@ -82,14 +86,16 @@ class Pilot:
         steered = None if self.guidance is None else self.guidance.steer(time_s, believed, self._known)
         reference = self._reference = self._motions.at(time_s, steered)
         command = self._command(reference, believed)
-        force, torque = control.wrench(command, reference, believed, self._body.mass, self._body.inertia)
-        return self._actuation.order(force, torque, believed, command)
+        wrench = control.wrench(command, reference, believed, self._body.mass, self._body.inertia)
+        steering = self._controllers.steer(time_s, believed, self._covariance, reference, Steering(command, *wrench))
+        return self._actuation.order(steering.force, steering.torque, believed, steering.command)
 
     def learn(self, estimate: Estimate, latched: Bools) -> None:
         """Take in the results of the period that has ended; `latched` (C,) is the state of the ports' switches."""
         if self.by_estimate.any():
             # The estimate is of the epoch; the next order begins half a period later.
             self._estimated = estimate.state.ahead(self._period_s / 2)
+            self._covariance = estimate.covariance
         if self.guidance is not None:
             sigma = np.sqrt(np.trace(estimate.covariance[:, 6:9, 6:9], axis1=1, axis2=2))
             tracking = np.isin(estimate.status, BY_LIGHT) & ~estimate.integrity.alert

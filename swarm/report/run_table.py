@@ -197,7 +197,7 @@ def written(folder: Path) -> list[tuple[str, str]]:
         ("smooth.parquet", "what they believe with all that came later"),
         ("summary.json", "these figures, and more"),
         ("scenario.toml", "all that was set; run it again"),
-        ("inputs/", "the models that it names"),
+        ("inputs/", "the models and other files that it names"),
         (RECORDING, "for the viewer"),
         ("smooth.rrd", "its smoothed lines"),
     )

@@ -11,23 +11,43 @@ from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
 from swarm.assets import find_model
-from swarm.scenario import Lighthouse, Scenario
+from swarm.plugin_files import PLUG_INS, of_file, provenance
+from swarm.scenario import Scenario
 from swarm.scenario.schema import Craft
 from swarm.world.model_copy import Copies
 
 FOLDER = "inputs"
 PATTERNS = tuple(
     f"*.{ending}"
-    for ending in ("xml", "obj", "stl", "msh", "png", "ktx", "skn", "bin", "raw", "toml", "json", "gmsh", "vtk", "tmp")
+    for ending in (
+        "xml",
+        "obj",
+        "stl",
+        "msh",
+        "png",
+        "ktx",
+        "skn",
+        "bin",
+        "raw",
+        "toml",
+        "json",
+        "py",
+        "gmsh",
+        "vtk",
+        "tmp",
+    )
 )
 """Files that the folder usually holds; `summary.json` lists those of a run, whatever they are called."""
 
 
 class Inputs(NamedTuple):
-    """A scenario whose paths begin at the run's folder. files: the contents of the files that it names, by path."""
+    """A scenario whose paths begin at the run's folder. files: the contents of the files that it names, by path.
+    plug_ins: what its plug-ins were, a line each.
+    """
 
     scenario: Scenario
     files: dict[PurePosixPath, bytes]
+    plug_ins: list[str]
 
 
 def inputs_of(scenario: Scenario, models: bool = True) -> Inputs:
@@ -45,14 +65,24 @@ def inputs_of(scenario: Scenario, models: bool = True) -> Inputs:
     def model(name: str) -> str:
         return f"{FOLDER}/{copies.add_model(find_model(name, Path()))}"
 
-    def named(table: Craft | Lighthouse) -> Craft | Lighthouse:
-        return table.model_copy(update={"model": model(table.model)})
+    plug_ins: dict[str, None] = {}
 
-    changed: dict[str, object] = {"lighthouse": named(scenario.lighthouse)}
-    if models:
-        changed["swarm"] = named(scenario.swarm) if scenario.swarm.count else scenario.swarm
-        changed["craft"] = tuple(named(single) for single in scenario.craft)
+    def flown(table: Craft) -> Craft:
+        update: dict[str, object] = {"model": model(table.model)} if models else {}
+        for key in PLUG_INS:
+            if (value := getattr(table, key)) is not None:
+                plug_ins[provenance(key, value)] = None
+                if (named := of_file(value)) is not None:
+                    update[key] = f"{FOLDER}/{copies.add(named[0])}:{named[1]}"
+        return table.model_copy(update=update)
+
+    lighthouse = scenario.lighthouse.model_copy(update={"model": model(scenario.lighthouse.model)})
+    changed: dict[str, object] = {"lighthouse": lighthouse}
+    if scenario.swarm.count:
+        changed["swarm"] = flown(scenario.swarm)
+    changed["craft"] = tuple(flown(single) for single in scenario.craft)
     if scenario.navigation.calibration is not None:
         file = f"{FOLDER}/{copies.add(Path(scenario.navigation.calibration))}"
         changed["navigation"] = scenario.navigation.model_copy(update={"calibration": file})
-    return Inputs(scenario.model_copy(update=changed), {PurePosixPath(FOLDER, k): v for k, v in copies.files.items()})
+    files = {PurePosixPath(FOLDER, k): v for k, v in copies.files.items()}
+    return Inputs(scenario.model_copy(update=changed), files, list(plug_ins))

@@ -142,7 +142,7 @@ def writing_run(
     # Read before the folder is emptied: they may be in it, in a run that is flown again in its own place.
     inputs = inputs_of(scenario, models=not scene.replay)
     with RunFolder.create(scenario.name, scenario.seed, out, force) as folder:
-        head = [*versions(), *([command] if command else [])]
+        head = [*versions(), *inputs.plug_ins, *([command] if command else [])]
         folder.write_scenario(to_toml(inputs.scenario, head), inputs.files)
         try:
             with ExitStack() as stack:

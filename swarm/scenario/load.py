@@ -3,6 +3,7 @@
 All mistakes are reported together, in one `SwarmError`: one line each with file, key, value and limit.
 """
 
+import itertools
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -12,7 +13,8 @@ from typing import Any, NamedTuple
 from pydantic import ValidationError
 
 from swarm.assets import find_model, find_scenario, lighthouses, models
-from swarm.errors import SwarmError
+from swarm.errors import SwarmError, surely_meant
+from swarm.plugin_files import PLUG_INS
 from swarm.scenario import mistakes
 from swarm.scenario.cameras import Ccd
 from swarm.scenario.lidar import Lidar
@@ -21,6 +23,8 @@ from swarm.scenario.schema import Scenario, SingleCraft, Swarm
 from swarm.scenario.table import Table
 from swarm.scenario.text import toml_value
 from swarm.user_text import NotToml, check_text, parse_toml, read_text, short, user_path
+
+OWN_NAVIGATOR = ("swarm", "navigator")
 
 
 @dataclass(frozen=True)
@@ -144,9 +148,10 @@ def for_replay(recording: Path, overrides: Iterable[str] = (), seed: int | None 
     """
     overrides = list(overrides)
     for override in overrides:
-        table = parse_path(override.partition("=")[0].strip())[:1]
-        if table not in (("navigation",), ("recording",), ("name",), ("description",)):
-            raise SwarmError(f"--set: {override}: a replay takes only navigation.*, recording.*, name and description")
+        path = parse_path(override.partition("=")[0].strip())
+        if path[:1] not in (("navigation",), ("recording",), ("name",), ("description",)) and path != OWN_NAVIGATOR:
+            taken = "navigation.*, recording.*, swarm.navigator, name and description"
+            raise SwarmError(f"--set: {override}: a replay takes only {taken}")
     name = safe_name(recording.name.partition(".")[0])
     data = {
         "name": name,
@@ -289,6 +294,7 @@ def _resolve_paths(data: dict[str, Any], folder: Path, sources: Mapping[mistakes
                 yield Problem(2, (path,), str(error))
             else:
                 table["model"] = str(found.resolve())
+    yield from _resolve_plug_ins(data, folder, sources)
     path, table = ("navigation", "calibration"), data.get("navigation")
     value = table.get("calibration") if isinstance(table, dict) else None
     if isinstance(table, dict) and isinstance(value, str):
@@ -301,6 +307,35 @@ def _resolve_paths(data: dict[str, Any], folder: Path, sources: Mapping[mistakes
             data["navigation"] = {**table, "calibration": str(file)}
         else:
             yield Problem(2, (path,), f"there is no file {file}")
+
+
+def _resolve_plug_ins(data: dict[str, Any], folder: Path, sources: Mapping[mistakes.Path, str]) -> Iterator[Problem]:
+    """Make the paths of plug-ins absolute, as those of other files; the names of entry points stay as they are."""
+    single = data.get("craft")
+    indices = range(len(single)) if isinstance(single, list) else ()
+    places: list[mistakes.Path] = [("swarm",), *(("craft", i) for i in indices)]
+    for place, key in itertools.product(places, PLUG_INS):
+        path, table = (*place, key), mistakes.value_at(data, place)
+        value = table.get(key) if isinstance(table, dict) else None
+        if not isinstance(table, dict) or not isinstance(value, str):
+            continue
+        file, colon, name = value.rpartition(":")
+        if not colon and "/" not in value and not value.endswith(".py"):
+            continue
+        if not colon or not name.isidentifier():
+            example = f"{file or value}:{key.title()}"
+            yield Problem(2, (path,), f"which class of the file? FILE.py:CLASS, such as {example}")
+            continue
+        try:
+            found = user_path((Path.cwd() if path in sources else folder) / user_path(file)).resolve()
+        except SwarmError as error:
+            yield Problem(2, (path,), str(error))
+            continue
+        if not found.is_file():
+            near = surely_meant(found.name, [other.name for other in found.parent.glob("*.py")])
+            yield Problem(2, (path,), f"there is no file {found}{near}")
+            continue
+        table[key] = f"{found}:{name}"
 
 
 def safe_name(stem: str) -> str:

@@ -94,6 +94,15 @@ class Craft(Table):
     feedback: Literal["truth", "estimate"] = Field(
         default="truth", description="Pose that the controller steers by: the true one, or the craft's own estimate."
     )
+    controller: str | None = Field(
+        default=None,
+        description="Controller of your own in the place of the program's feedback (docs/plug-ins.md): FILE.py:CLASS, "
+        "with a path relative to this file, or the name of an entry point. The file is executed. Unset: none.",
+    )
+    navigator: str | None = Field(
+        default=None,
+        description="Navigator of your own in the place of the program's filter, likewise. Unset: none.",
+    )
     motion: AnyMotion = Field(default=Hold(kind="hold"), description="Motion of the craft: a table with a `kind`.")
     lighthouse: bool = Field(default=True, description="Whether the photodiodes for the lighthouse are on board.")
     passive: bool = Field(
@@ -112,6 +121,10 @@ class Craft(Table):
         """Require that a craft that steers by its estimate computes one."""
         if self.passive and self.feedback == "estimate":
             yield "a passive craft has no estimate", "feedback", "passive"
+        if self.passive and self.navigator is not None:
+            yield "a passive craft computes nothing", "navigator", "passive"
+        if not self.lighthouse and self.navigator is not None:
+            yield "a navigator needs the photodiodes' light", "navigator", "lighthouse"
 
 
 class Swarm(Craft):
@@ -150,6 +163,8 @@ class SingleCraft(Craft):
             yield "a passive craft has no LiDAR", "lidar", "passive"
         if self.passive and self.ccd is not None:
             yield "a passive craft has no cameras", "ccd", "passive"
+        if self.navigator is not None and self.ccd is not None:
+            yield "poses of cameras go into the program's filter only", "navigator", "ccd"
 
 
 class Physics(Table):
@@ -487,6 +502,19 @@ class Scenario(Table):
                 yield from self._station_mistakes(i, table.motion.target, f"{key}.motion.target")
         yield from self._criteria_mistakes()
         yield from self._waypoint_mistakes()
+        yield from self._plug_in_mistakes()
+
+    def _plug_in_mistakes(self) -> Iterator[Mistake]:
+        """Refuse what the program's filter alone can give, where a craft has a navigator of its own."""
+        integrity = self.navigation.integrity
+        for key in dict.fromkeys(key for key, table in self.tables if table.navigator is not None):
+            if self.recording.filter:
+                told = "a navigator of your own has no history to smooth: leave recording.filter out"
+                yield told, f"{key}.navigator", "recording.filter"
+            for limit in ("alert_position_mm", "alert_attitude_deg"):
+                if getattr(integrity, limit) is not None:
+                    told = f"protection levels are of the program's filter: leave navigation.integrity.{limit} out"
+                    yield told, f"{key}.navigator", f"navigation.integrity.{limit}"
 
     def _station_use(self) -> Iterator[Mistake]:
         """Refuse what has no effect, or is not possible, beside [[station]] tables."""

@@ -13,8 +13,16 @@ from swarm.flight.builders.dynamics import fitted, orbit
 from swarm.flight.builders.guidance import guidance, matings
 from swarm.flight.builders.lidars import inspection, lidars
 from swarm.flight.builders.navigation import believed_layout, navigation
+from swarm.flight.builders.plug_ins import (
+    Bodies,
+    Light,
+    of_one_lighthouse,
+    of_stations,
+    own_controllers,
+    own_navigators,
+)
 from swarm.flight.builders.station import angle_noise, decoder
-from swarm.flight.builders.stations import station_computer, stations
+from swarm.flight.builders.stations import known_stations, station_computer, station_noise, stations
 from swarm.hardware import Photodiodes, actuator_set
 from swarm.messages import Command
 from swarm.onboard.actuation.actuation import Actuation
@@ -94,13 +102,26 @@ def computer(
     # Who holds no attitude turns without torque.
     inertia = np.where(begin.holds_attitude[:, None, None], np.nan, world.inertia)
     settings = replace(navigation(scenario), history=history)
+    own = own_navigators(scenario, settings, _light(scenario, layout, settings), _bodies(world))
     if scenario.station:
-        return station_computer(scenario, settings, layout, known, inertia, inspection(scenario, suite.lidars))
+        return station_computer(scenario, settings, layout, known, inertia, inspection(scenario, suite.lidars), own)
     return Computer(
         decoder(scenario, layout.present),
         Navigator(layout, settings, known, inertia),
         inspection(scenario, suite.lidars),
+        own,
     )
+
+
+def _light(scenario: Scenario, layout: Photodiodes, settings: NavigationSettings) -> Light:
+    """Return what the craft know of light, for plug-ins."""
+    if scenario.station:
+        return of_stations(layout, known_stations(scenario), station_noise(scenario))
+    return of_one_lighthouse(layout, settings)
+
+
+def _bodies(world: World) -> Bodies:
+    return Bodies(world.mass, world.inertia, world.com_m)
 
 
 def measured_by(scenario: Scenario, world: World, layout: Photodiodes, settings: NavigationSettings) -> Believed:
@@ -115,7 +136,14 @@ def measured_by(scenario: Scenario, world: World, layout: Photodiodes, settings:
     return believed(world.names, layout, (settings.fan_x, settings.fan_y), angle_noise(scenario))
 
 
-def pilot(scenario: Scenario, world: World, motions: Fleet, latches: Latches, kind: type[Pilot] = Pilot) -> Pilot:
+def pilot(
+    scenario: Scenario,
+    world: World,
+    motions: Fleet,
+    latches: Latches,
+    layout: Photodiodes,
+    kind: type[Pilot] = Pilot,
+) -> Pilot:
     """Return the guidance, control and actuator computers of all craft.
 
     Args:
@@ -123,13 +151,16 @@ def pilot(scenario: Scenario, world: World, motions: Fleet, latches: Latches, ki
         world: the world, for mass, inertia and actuators of the craft.
         motions: reference motions of the craft.
         latches: latches of all docking pairs.
+        layout: the photodiodes at the positions that every craft assumes, for controllers of the user.
         kind: the pilot's class.
     """
     period_s, guides = scenario.period_s, guidance(scenario, latches.matings, motions.at(0.0))
     actuators = actuator_set(fitted(scenario, world), world.com_m)
     actuation = Actuation(actuators, world.mass, world.inertia, period_s)
     body, by_estimate = Body(world.mass, world.inertia), steers_by_estimate(scenario)
-    return kind(motions, guides, actuation, body, by_estimate, period_s, orbit(scenario))
+    settings = navigation(scenario)
+    own = own_controllers(scenario, settings, _light(scenario, layout, settings), _bodies(world))
+    return kind(motions, guides, actuation, body, by_estimate, period_s, orbit(scenario), own)
 
 
 def latches(scenario: Scenario, world: World) -> Latches:

@@ -22,6 +22,7 @@ from swarm.onboard.beams import BeamDecoder
 from swarm.onboard.ccd import CcdCalibration
 from swarm.onboard.computer import Mount, StationComputer
 from swarm.onboard.inspection import Inspection
+from swarm.onboard.own_navigators import Navigators
 from swarm.onboard.settings import NavigationSettings
 from swarm.onboard.stations import StationNavigator
 from swarm.onboard.turns import TurnDecoder
@@ -143,6 +144,7 @@ def station_computer(
     cameras: Sequence[CcdCalibration],
     inertia: Floats,
     inspection: Inspection,
+    own: Navigators,
 ) -> StationComputer:
     """Return the computers of all craft before several stations.
 
@@ -153,6 +155,7 @@ def station_computer(
         cameras: calibrations of the pairs of cameras.
         inertia: of craft that turn freely, (C, 3, 3) [kg m^2]; NaN for the others.
         inspection: their LiDARs.
+        own: navigators of the user.
     """
     light, known = si(settings.lighthouse), known_stations(settings)
     circuits: BeamDecoder | TurnDecoder
@@ -168,7 +171,7 @@ def station_computer(
         if table.craft is not None
     ]
     navigator = StationNavigator(layout, navigation, known, station_noise(settings), cameras, inertia)
-    return StationComputer(circuits, navigator, inspection, known, layout.point_m, mounts)
+    return StationComputer(circuits, navigator, inspection, known, layout.point_m, mounts, own)
 
 
 def turn_s(settings: Scenario) -> list[float]:
