@@ -76,9 +76,10 @@ class Light(NamedTuple):
     """All that a craft has learned in a period.
 
     time_s: the epoch, the middle of the period [s]. rows: every sweep angle, M of them (none where it is dark), each
-    with its own instant. pose: what four or more photodiodes decide, solved with the rates that the navigator returned
-    last; None where they do not. acceleration, angular_acceleration: (3,) [m/s^2, rad/s^2], what the craft has ordered
-    from its actuators, mean since the last epoch. stations: the stations that the rows name.
+    with its own instant. pose: what four or more photodiodes decide, or a search before the first belief, solved with
+    the rates that the navigator returned last; None where they do not. acceleration, angular_acceleration: (3,) [m/s^2,
+    rad/s^2], what the craft has ordered from its actuators, mean since the last epoch. stations: the stations that the
+    rows name.
     """
 
     time_s: float

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple, NoReturn, Protocol
 import numpy as np
 
 from estimators.arrays import Bools, Floats
+from estimators.filter.error_state import POSE_COLUMNS
 from estimators.frame import Frame
 from estimators.lighthouse.innovation import RowBatch, rows_of_sweeps
 from estimators.lighthouse.rows import Station
@@ -116,6 +117,7 @@ class OwnNavigators:
         self._last: Command | None = None
         self._own: dict[int, Navigator | None] = {i: self._made(i) for i in plug_ins}
         self._off: set[int] = set()
+        self._known: Bools = np.zeros(len(crafts), dtype=np.bool_)
 
     def _made(self, craft: int) -> Navigator:
         plug_in, known = self._plug_ins[craft], self._crafts[craft]
@@ -168,10 +170,14 @@ class OwnNavigators:
         return out._replace(integrity=self._without_levels(out.integrity))
 
     def _light(self, craft: int, estimate: Estimate, rowed: Rowed, command: Command | None, time_s: float) -> Light:
-        pose = None
-        if estimate.pnp.solved[craft]:
+        pose, begun = None, bool(np.isfinite(estimate.position[craft]).all())
+        # Before there is a belief, a pose may be one of several: only what starts the program's filter is certain.
+        if estimate.pnp.solved[craft] and (begun or self._known[craft]):
             covariance = self._frame.matrix_out(self._unit_rad**2 * estimate.dilution.covariance[craft])
             pose = Pose(estimate.pnp.rotation[craft].copy(), estimate.pnp.position[craft].copy(), covariance)
+        elif begun and not self._known[craft]:
+            covariance = estimate.covariance[craft][np.ix_(POSE_COLUMNS, POSE_COLUMNS)]
+            pose = Pose(estimate.rotation[craft].copy(), estimate.position[craft].copy(), covariance)
         push, turn = np.zeros(3), np.zeros(3)
         if command is not None:
             # Epochs are in the middle of periods: half of the time between them belongs to the last one.
@@ -184,7 +190,7 @@ class OwnNavigators:
         """Make the beliefs the states of the program's filters."""
         craft = len(out.status)
         own: Bools = np.isin(np.arange(craft), list(self._own))
-        known = own & np.isfinite(out.position).all(axis=1)
+        known = self._known = own & np.isfinite(out.position).all(axis=1)
         tracks.bank.stop(own & ~known)
         tracks.bank.adopt(known, out.state, out.covariance)
         lit = known & (out.status != Status.COASTING)
