@@ -240,6 +240,7 @@ def _of_the_rest(name: str, values: dict[str, Any], said: str) -> str:
         "Lighthouse": "lighthouse",
         "Fan": "lighthouse.fan_x",
         "Navigation": "navigation",
+        "FanSigma": "navigation.fan_sigma",
         "Integrity": "navigation.integrity",
         "Quiet": "navigation.quiet",
     }[name]

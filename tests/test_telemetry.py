@@ -24,6 +24,7 @@ from swarm.results.columns.groups import column_reference
 from swarm.results.columns.guidance import DOCKING, GUIDANCE
 from swarm.results.columns.integrity import integrity
 from swarm.results.columns.observer import observer
+from swarm.results.columns.pairs import pairs
 from swarm.results.columns.peer import PEER
 from swarm.results.columns.schema import schema
 from swarm.results.columns.smooth import COLUMNS as SMOOTH
@@ -260,6 +261,7 @@ def test_the_column_reference_is_in_step():
         observer((), ()),
         integrity(False),
         station_rows(()),
+        pairs((), ()),
         ACTUATION,
         GUIDANCE,
         DOCKING,

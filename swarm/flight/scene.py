@@ -41,5 +41,6 @@ def scene(scenario: Scenario, flight: Flight) -> Scene:
             for table, at in zip(scenario.station, station_frames(scenario, flight.motions), strict=True)
         ],
         up=scenario.recording.up,
+        pairs=flight.computer.navigator.settings.relations.pairs,
         angle_noise_rad=assumed_angle_noise(scenario).sigma_rad,
     )

@@ -21,7 +21,10 @@ from estimators.arrays import Bools, Floats, Ints
 from estimators.filter.smoother import Prediction, predicted
 from estimators.lidar.symmetry import Symmetry
 from estimators.lighthouse.dop import Dilution
+from estimators.lighthouse.innovation import RowBatch, rows_of_sweeps
 from estimators.lighthouse.pnp import PoseSolution
+from estimators.lighthouse.rows import Station
+from estimators.lighthouse.sweep import lighthouse_1
 from estimators.state import State
 from swarm.hardware import Photodiodes
 from swarm.messages import Command, Signals
@@ -30,7 +33,9 @@ from swarm.onboard.decoder import SweepAngles
 from swarm.onboard.filters import filters
 from swarm.onboard.integrity import Integrity
 from swarm.onboard.lighthouse_fix import Light, LighthouseFix
+from swarm.onboard.relative import RelativeNavigation, RelativePoses
 from swarm.onboard.settings import MIN_LIT, Coupling, NavigationSettings, Sensor, Status
+from swarm.onboard.shared_errors import SharedErrors
 from swarm.onboard.single_sweeps import SingleSweeps, SweepsTaken
 from swarm.onboard.tracks import Filtered, PoseFix, Taken, TrackLimits, Tracks
 
@@ -49,6 +54,7 @@ class Estimate(NamedTuple):
     the filter. stations: number of stations whose light went into the filter, (C,), station_rows: number of rows of
     each of S stations, (C, S); None with one station only.
     symmetry: of inspected craft whose shape is symmetric, by index; their pose means its whole class.
+    relative: where named craft are to others; None without pairs.
     """
 
     status: Ints
@@ -72,6 +78,7 @@ class Estimate(NamedTuple):
     stations: Ints | None = None
     station_rows: Ints | None = None
     symmetry: Mapping[int, Symmetry] = MappingProxyType({})
+    relative: RelativePoses | None = None
 
     @property
     def state(self) -> State:
@@ -107,6 +114,9 @@ class Navigator:
         self._light = LighthouseFix(photodiodes.point_m, s)
         self._sweeps = SingleSweeps(photodiodes.point_m, s)
         self._cameras = CameraFix(cameras)
+        station = Station(s.station.rotation, s.station.position, lighthouse_1(s.fan_x, s.fan_y))
+        self._shared = SharedErrors(s.relations, [station], [s.noise], photodiodes.point_m)
+        self._relative = RelativeNavigation(s.relations.pairs, self._shared)
 
     def forget(self, mask: Bools) -> None:
         """Forget all results of the craft of the mask (C,), as after a restart of their computers."""
@@ -128,16 +138,21 @@ class Navigator:
             signals: the other signals that the craft receive; required if any craft has cameras.
             command: orders of the craft to their actuators for this period, from its beginning to its end.
         """
-        tracks = self.tracks
+        tracks, shared = self.tracks, self._shared
+        shared.begin(tracks.bank, self.settings.frame_s)
         prediction = self._predict(command)
+        shared.predicted(tracks.bank)
         light, fix = self._light.find(angles, tracks)
         fixes, taken = [fix], [tracks.take_in(fix)]
+        shared.poses(lambda: self._solved_from(angles, light), fix, taken[0], tracks.bank)
         sweeps = self._single(angles, light, fix, tracks)
+        shared.rows(sweeps.batch, sweeps.kept, sweeps.fresh, tracks.bank)
         seen = None
         if signals is not None and signals.images is not None:
             seen, fix = self._cameras.find(signals.images, tracks)
             fixes.append(fix)
             taken.append(tracks.take_in(fix))
+            shared.poses(None, fix, taken[-1], tracks.bank)
             seen = seen._replace(nis=taken[-1].nis)
         pose = np.any([part.fresh for part in taken], axis=0)
         refused = np.any([part.refused for part in taken], axis=0)
@@ -147,6 +162,7 @@ class Navigator:
             # Three photodiodes that contradict the filter do not prove it wrong: it coasts.
             refused | (sweeps.refused & (light.visible >= MIN_LIT)),
         )
+        shared.end(tracks.bank)
         estimate = self._estimate(angles, light, seen, fixes, taken, sweeps)
         if prediction is None:
             return estimate
@@ -160,6 +176,11 @@ class Navigator:
             tracks.predict(command)
             return None
         return predicted(tracks.bank, self.settings.frame_s, lambda: tracks.predict(command))
+
+    def _solved_from(self, angles: SweepAngles, light: Light) -> RowBatch:
+        """Return the sweep angles that this period's poses were solved from, as rows."""
+        instants = angles.offset_s if self.settings.motion_compensation else np.zeros_like(angles.offset_s)
+        return rows_of_sweeps(light.theta, instants, light.screened.lit[..., None] & np.isfinite(light.theta))
 
     def _single(self, angles: SweepAngles, light: Light, fix: PoseFix, tracks: Tracks) -> SweepsTaken:
         """Update the filters whose craft use single sweeps in this period."""
@@ -182,6 +203,8 @@ class Navigator:
         sweeps: SweepsTaken,
     ) -> Estimate:
         after = self.tracks.filtered()
+        relative = self._relative.step(after.active, after.state, after.covariance)
+        after = after._replace(covariance=self._shared.widened(after.covariance))
         sensor = np.full(len(light.visible), Sensor.NONE, dtype=np.int64)
         for fix, became in zip(fixes, taken, strict=True):
             sensor = np.where(became.fresh, sensor | fix.sensor, sensor)
@@ -209,4 +232,5 @@ class Navigator:
             integrity=self._integrity(light, taken[0], sweeps, after),
             coupling=coupling,
             rows=sweeps.rows,
+            relative=relative,
         )

@@ -13,6 +13,7 @@ from estimators.lighthouse.integrity import AngleNoise
 from estimators.lighthouse.sweep import FanErrors
 from estimators.relative_orbit import RelativeOrbit
 from swarm.onboard.integrity import IntegritySettings
+from swarm.onboard.shared_errors import Relations
 
 MIN_LIT = 4
 """Least number of photodiodes for a pose (source 1, section 2)."""
@@ -88,7 +89,8 @@ class NavigationSettings:
     known errors of the fans. integrity: settings of the integrity monitor. orbit: the lighthouse's orbit, None in
     weightless space. station: the lighthouse's frame in the world. history: whether estimates carry the filter's
     prediction, for a smoother. place_sigma_m: by how much photodiodes may be off their places on the craft all the
-    time [m], which limits what several stations' rows tell of mirror images.
+    time [m], which limits what several stations' rows tell of mirror images. relations: errors that craft share, and
+    who navigates relative to whom.
     """
 
     frame_s: float
@@ -112,6 +114,7 @@ class NavigationSettings:
     station: Frame = WORLD
     history: bool = False
     place_sigma_m: float = 0.0
+    relations: Relations = field(default_factory=Relations)
 
     @property
     def noise(self) -> AngleNoise:

@@ -31,7 +31,8 @@ class SweepsTaken(NamedTuple):
     fresh: whether rows were accepted. refused: whether they were refused, all of them. nis: squared innovation
     normalised by its covariance, NaN without rows. rows: number of rows in the filter. photodiodes: number of
     photodiodes that they come from. dropped: number of photodiodes left out as false; -1: none agreed. fault: what a
-    false one among fewer than MIN_LIT may do to position [m] and attitude [deg], (2, C); zero elsewhere.
+    false one among fewer than MIN_LIT may do to position [m] and attitude [deg], (2, C); zero elsewhere. batch: all
+    rows, None without any; kept: (N,), those of them that were used.
     """
 
     fresh: Bools
@@ -41,6 +42,8 @@ class SweepsTaken(NamedTuple):
     photodiodes: Ints
     dropped: Ints
     fault: Floats
+    batch: RowBatch | None
+    kept: Bools
 
     @property
     def decided(self) -> Bools:
@@ -48,7 +51,7 @@ class SweepsTaken(NamedTuple):
         return self.fresh & (self.photodiodes >= MIN_LIT)
 
 
-def _none(craft: int) -> SweepsTaken:
+def _none(craft: int, batch: RowBatch | None = None) -> SweepsTaken:
     return SweepsTaken(
         fresh=np.zeros(craft, dtype=np.bool_),
         refused=np.zeros(craft, dtype=np.bool_),
@@ -57,6 +60,8 @@ def _none(craft: int) -> SweepsTaken:
         photodiodes=np.zeros(craft, dtype=np.int64),
         dropped=np.zeros(craft, dtype=np.int64),
         fault=np.zeros((2, craft)),
+        batch=batch,
+        kept=np.ones(0 if batch is None else len(batch.angle), dtype=np.bool_),
     )
 
 
@@ -89,8 +94,8 @@ class SingleSweeps:
             return _none(len(mask))
         instants = offset_s if self._compensated else np.zeros_like(offset_s)
         rows = rows_of_sweeps(theta, instants, np.isfinite(theta) & mask[:, None, None])
-        kept = np.ones(len(rows.angle), dtype=np.bool_)
-        out, predicted = _none(len(mask)), tracks.filtered() if self._screens else None
+        out, predicted = _none(len(mask), rows), tracks.filtered() if self._screens else None
+        kept = out.kept
         self._update(rows, kept, mask, tracks, out)
         if predicted is not None:
             self._without_false(rows, kept, predicted, tracks, out)

@@ -48,10 +48,12 @@ from swarm.onboard.ccd import CameraFix, CcdCalibration, CcdFix
 from swarm.onboard.filters import filters
 from swarm.onboard.integrity import Integrity
 from swarm.onboard.navigation import Estimate
+from swarm.onboard.relative import RelativeNavigation
 from swarm.onboard.rivals import CHOICE_RAD, CHOICE_RATIO
 from swarm.onboard.row_search import Found, RowSearch, scatter
 from swarm.onboard.settings import MIN_LIT, Coupling, NavigationSettings, Sensor, Status
-from swarm.onboard.tracks import PoseFix, Taken, TrackLimits, Tracks
+from swarm.onboard.shared_errors import SharedErrors
+from swarm.onboard.tracks import Filtered, PoseFix, Taken, TrackLimits, Tracks
 
 FEWEST_CROSSED = 3
 """Photodiodes whose rows decide a pose where several stations see them."""
@@ -126,6 +128,8 @@ class StationNavigator:
         )
         self._search = RowSearch(self._point_m, self._stations, self._noise, s.frame_s, s.place_sigma_m)
         self._cameras = CameraFix(cameras)
+        self._shared = SharedErrors(s.relations, self._stations, self._noise, self._point_m)
+        self._relative = RelativeNavigation(s.relations.pairs, self._shared)
         self._undecided = np.zeros(craft, dtype=np.bool_)
         self._held = np.zeros((2, craft))
         self._quantile = -float(ndtri(s.integrity.risk / 2))
@@ -141,6 +145,7 @@ class StationNavigator:
         self._stations[:] = stations
         self._packed = packed(self._stations)
         self._light = light_of(self._packed, self._noise)
+        self._shared.place(self._stations)
 
     def forget(self, mask: Bools) -> None:
         """Forget all results of the craft of the mask (C,), as after a restart of their computers."""
@@ -156,8 +161,10 @@ class StationNavigator:
             signals: the other signals that the craft receive; required if any craft has cameras.
             command: orders of the craft to their actuators for this period.
         """
-        tracks = self.tracks
+        tracks, shared = self.tracks, self._shared
+        shared.begin(tracks.bank, self.settings.frame_s)
         prediction = self._predict(command)
+        shared.predicted(tracks.bank)
         rows, rivals = self._chosen(light.rows)
         if not self.settings.motion_compensation:
             rows = rows._replace(offset_s=np.zeros_like(rows.offset_s))
@@ -166,12 +173,15 @@ class StationNavigator:
         pose = self._pose(rows, self._decides(*lit))
         fix = self._found(tracks)
         taken = tracks.take_in(fix)
+        shared.poses(lambda: rows, fix, taken, tracks.bank, alone=False)
         rowed = self._take_in(rows, ~fix.known, pose)
+        shared.rows(rows, rowed.kept, rowed.fresh, tracks.bank)
         fixes, fates, seen = [fix], [taken], None
         if signals is not None and signals.images is not None:
             seen, camera = self._cameras.find(signals.images, tracks)
             fixes.append(camera)
             fates.append(tracks.take_in(camera))
+            shared.poses(None, camera, fates[-1], tracks.bank)
             seen = seen._replace(nis=fates[-1].nis)
         decided = self._decides(rowed.photodiodes, rowed.stations)
         fresh, refused = (np.any([part[i] for part in fates], axis=0) for i in (0, 1))
@@ -181,6 +191,7 @@ class StationNavigator:
             # A few photodiodes that contradict the filter do not prove it wrong: it coasts.
             refused | (rowed.refused & self._decides(*lit)),
         )
+        shared.end(tracks.bank)
         estimate = self._estimate(
             light._replace(rows=rows, rejected=light.rejected + rivals),
             lit[0],
@@ -349,6 +360,8 @@ class StationNavigator:
             rowed: fate of the rows.
         """
         after, limit = self.tracks.filtered(), self.settings.residual_limit_rad
+        relative = self._relative.step(after.active, after.state, after.covariance)
+        after = after._replace(covariance=self._shared.widened(after.covariance))
         pose = pose._replace(solved=pose.solved & (pose.residual_rad < limit))
         sensor = np.where(rowed.fresh, Sensor.LIGHTHOUSE, Sensor.NONE)
         for fix, became in fixes:
@@ -372,11 +385,12 @@ class StationNavigator:
             rejected=light.rejected,
             sensor=sensor.astype(np.int64),
             ccd=seen,
-            integrity=self._integrity(light.rows, pose, rowed),
+            integrity=self._integrity(light.rows, pose, rowed, after),
             coupling=np.where(rowed.fresh & after.active, Coupling.TIGHT, coupling).astype(np.int64),
             rows=rowed.rows,
             stations=rowed.stations,
             station_rows=_of_stations(light.rows, rowed, len(self._stations)),
+            relative=relative,
         )
 
     def _dilution(self, pose: RowPose) -> Dilution:
@@ -387,10 +401,10 @@ class StationNavigator:
         none = np.full(craft, np.nan)
         return Dilution(covariance, np.degrees(np.sqrt(turn)), np.sqrt(place), pose.coupling, none, none)
 
-    def _integrity(self, rows: RowBatch, pose: RowPose, rowed: _Rowed) -> Integrity:
+    def _integrity(self, rows: RowBatch, pose: RowPose, rowed: _Rowed, after: Filtered) -> Integrity:
         """Return protection levels: of the noise, and of a false photodiode that the gate would have missed."""
-        s, bank, craft = self.settings.integrity, self.tracks.bank, len(pose.solved)
-        active, covariance, state = bank.active, bank.covariance, bank.state
+        s, craft = self.settings.integrity, len(pose.solved)
+        active, state, covariance = after
         self._held[:, ~active] = 0.0
         fresh = rowed.fresh & active
         if s.residual_test and fresh.any():

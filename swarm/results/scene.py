@@ -52,7 +52,8 @@ class Scene(NamedTuple):
     of what may fail, in the order of the codes in `Period.fault`; empty without faults. angle_noise_rad: standard
     deviation of a sweep angle that the craft assume; None: unknown. stations: all of several stations; none: there is
     one, whose frame is the world. up: axis of the world that points up, "-y" or "z".
-    truth: a truth of another system goes with a replay.
+    truth: a truth of another system goes with a replay. pairs: (who knows, of whom), craft that navigate relative to
+    others.
     """
 
     craft: Sequence[str]
@@ -73,6 +74,7 @@ class Scene(NamedTuple):
     stations: Sequence[StationScene] = ()
     up: str = "-y"
     truth: bool = False
+    pairs: Sequence[tuple[int, int]] = ()
 
     @property
     def without_sensors(self) -> list[str]:

@@ -21,6 +21,7 @@ from swarm.scenario.motions import (
     Waypoints,
 )
 from swarm.scenario.reference import json_schema, markdown_reference
+from swarm.scenario.relative import FanSigma, Pair
 from swarm.scenario.schema import Lighthouse, Navigation, Scatter, Scenario, Swarm
 from swarm.scenario.stations import Fan, Plane, Pointing, Station
 from swarm.scenario.text import to_toml
@@ -36,6 +37,7 @@ __all__ = [
     "Dock",
     "Drift",
     "Fan",
+    "FanSigma",
     "Figure",
     "Formation",
     "Hold",
@@ -45,6 +47,7 @@ __all__ = [
     "Navigation",
     "Orbit",
     "Outage",
+    "Pair",
     "Plane",
     "Pointing",
     "Ring",

@@ -163,6 +163,7 @@ STRAY = Why(
     "with more, every photodiode has stray pulses in every sweep, and hardly a pose is found",
 )
 FAN = Why(*["half a radian is eight times the largest error of a real lighthouse's fans"] * 2)
+FAN_LEFT = Why("a standard deviation is not negative", FAN.high)
 LISTENING = Why(
     "a photodiode is met within a millisecond once in twenty",
     "no period of circuits that sleep in between is longer than a second",

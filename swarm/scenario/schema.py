@@ -50,6 +50,7 @@ from swarm.scenario.limits import (
     TURNING_PUSH,
 )
 from swarm.scenario.motions import AnyMotion, Hold
+from swarm.scenario.relative import FanSigma, Pair
 from swarm.scenario.stations import NAME_PATTERN, Fan, Station, mistakes
 from swarm.scenario.table import Mistake, Probability, ProcessNoise, Table, TurningNoise
 
@@ -386,6 +387,9 @@ class Navigation(Table):
         description="File with the systematic errors of the fans and the positions of the photodiodes that the craft "
         "use, as `swarm calibrate` writes it; its path is relative to this file. Unset: none.",
     )
+    fan_sigma: FanSigma = Field(
+        default=FanSigma(), description="Errors of the fans that are left over, in every covariance."
+    )
     integrity: Integrity = Field(default=Integrity(), description="Integrity of the pose.")
 
 
@@ -431,6 +435,9 @@ class Scenario(Table):
     swarm: Swarm = Field(default=Swarm(), description="Equal craft that share one motion.")
     craft: Annotated[tuple[SingleCraft, ...], Strict(False)] = Field(
         default=(), description="Single craft beside the swarm, one [[craft]] each."
+    )
+    pair: Annotated[tuple[Pair, ...], Strict(False)] = Field(
+        default=(), description="Craft that navigate relative to another, one [[pair]] each."
     )
     fault: Annotated[tuple[AnyFault, ...], Strict(False)] = Field(default=(), description="Faults, one [[fault]] each.")
     criteria: Annotated[tuple[Criterion, ...], Strict(False)] = Field(
@@ -500,6 +507,7 @@ class Scenario(Table):
                 yield from self._lidar_mistakes(table.lidar, f"{key}.lidar")
             if table.motion.kind == "dock":
                 yield from self._station_mistakes(i, table.motion.target, f"{key}.motion.target")
+        yield from self._pair_mistakes()
         yield from self._criteria_mistakes()
         yield from self._waypoint_mistakes()
         yield from self._plug_in_mistakes()
@@ -552,6 +560,9 @@ class Scenario(Table):
         for i, criterion in enumerate(self.criteria):
             yield from _entries(criterion.craft, f"criteria[{i}].craft")
         yield from _entries(self.recording.detail, "recording.detail")
+        for i, pair in enumerate(self.pair):
+            yield pair.craft, f"pair[{i}].craft"
+            yield pair.to, f"pair[{i}].to"
         for key, table in dict(self.tables).items():
             for inner in ("ccd", "lidar", "motion"):
                 target = getattr(getattr(table, inner, None), "target", None)
@@ -581,6 +592,20 @@ class Scenario(Table):
             yield told, f"{key}.target", f"{table}.passive"
         if lidar.rate_hz > self.period_hz:
             yield f"at most one scan per lighthouse period, {self.period_hz:g} Hz", f"{key}.rate_hz"
+
+    def _pair_mistakes(self) -> Iterator[Mistake]:
+        """Require pairs of two craft that have estimates, each pair once."""
+        told = [(pair.craft, pair.to) for pair in self.pair]
+        tables = dict(zip(self.craft_names, self.tables, strict=True))
+        for i, pair in enumerate(self.pair):
+            if pair.craft == pair.to:
+                yield "a craft has no pose relative to itself", f"pair[{i}].to", f"pair[{i}].craft"
+            if told[i] in told[:i]:
+                yield "another pair is of the same two craft", f"pair[{i}].to"
+            for key in ("craft", "to"):
+                table = tables.get(getattr(pair, key))
+                if table is not None and table[1].passive:
+                    yield "a passive craft has no estimate to broadcast", f"pair[{i}].{key}", f"{table[0]}.passive"
 
     def _criteria_mistakes(self) -> Iterator[Mistake]:
         """Require one name per criterion."""

@@ -6,11 +6,12 @@ from math import inf, sqrt
 from swarm import scenario
 from swarm.errors import SwarmError, did_you_mean
 from swarm.flight.builders.dynamics import orbit
-from swarm.flight.builders.station import assumed_angle_noise
+from swarm.flight.builders.station import assumed_angle_noise, common_noise
 from swarm.flight.recordings.station_calibration import StationCalibration, read_calibration
 from swarm.hardware import Photodiodes
 from swarm.onboard.integrity import IntegritySettings
 from swarm.onboard.settings import NavigationSettings, QuietModel
+from swarm.onboard.shared_errors import Relations
 from swarm.scenario import Scenario
 from swarm.units import si
 
@@ -40,10 +41,29 @@ def navigation(settings: Scenario) -> NavigationSettings:
         coupling=table.coupling,
         integrity=_integrity(settings, calibration),
         orbit=orbit(settings),
+        relations=_relations(settings),
     )
     if calibration is None:
         return made
     return replace(made, fan_x=calibration.fan_x, fan_y=calibration.fan_y)
+
+
+def _relations(settings: Scenario) -> Relations:
+    """Return what craft share by the light of the one lighthouse, and who navigates relative to whom."""
+    names, left = settings.craft_names, si(settings.navigation.fan_sigma)
+    terms = (
+        ("phase", left.phase_rad),
+        ("tilt", left.tilt_rad),
+        ("curve", left.curve),
+        ("gibbous", left.gibbous_magnitude),
+        ("ogee", left.ogee_magnitude),
+    )
+    return Relations(
+        tuple((names.index(pair.craft), names.index(pair.to)) for pair in settings.pair),
+        (common_noise(settings),),
+        (1 / settings.lighthouse.rate_hz,),
+        terms if any(sigma for _, sigma in terms) else (),
+    )
 
 
 def _quiet(settings: Scenario) -> QuietModel | None:

@@ -43,6 +43,16 @@ def assumed_angle_noise(settings: Scenario) -> Noise:
     )
 
 
+def common_noise(settings: Scenario) -> float:
+    """Return the standard deviation [rad] of the error of a sweep that craft assume to be one for all of them.
+
+    It is the rotor's and the jitter's; the flash is rounded to a tick of every craft's own clock.
+    """
+    station, shared = si(settings.lighthouse), assumed_angle_noise(settings).rotor_rad
+    own = (2 * pi * station.rate_hz * station.tick_s) ** 2 / 12
+    return sqrt(max(shared**2 - own, 0.0))
+
+
 def _with_timing(station: SI, sigma_rad: float, rho: float) -> Noise:
     """Add the variances of rounding and jitter to an angle noise (19) of standard deviation sigma and correlation rho.
 

@@ -1,6 +1,7 @@
 """The lighthouse stations of a scenario: as they really are, and as the craft know them."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from math import pi, sqrt
 
 import numpy as np
@@ -137,6 +138,18 @@ def station_noise(settings: Scenario) -> list[AngleNoise]:
     return out
 
 
+def _common_noise(settings: Scenario) -> list[float]:
+    """Return the standard deviation [rad] of the error of a sweep of every station that is one for all craft.
+
+    A flash of Lighthouse 1.0 is rounded to a tick of every craft's own clock.
+    """
+    out = []
+    for table, noise, turn in zip(settings.station, station_noise(settings), turn_s(settings), strict=True):
+        own = 0.0 if table.second else (2 * pi / turn * si(settings.lighthouse).tick_s) ** 2 / 12
+        out.append(sqrt(max(noise.shared_rad**2 - own, 0.0)))
+    return out
+
+
 def station_computer(
     settings: Scenario,
     navigation: NavigationSettings,
@@ -170,6 +183,8 @@ def station_computer(
         for i, table in enumerate(settings.station)
         if table.craft is not None
     ]
+    relations = replace(navigation.relations, common_rad=tuple(_common_noise(settings)), turn_s=tuple(turn_s(settings)))
+    navigation = replace(navigation, relations=relations)
     navigator = StationNavigator(layout, navigation, known, station_noise(settings), cameras, inertia)
     return StationComputer(circuits, navigator, inspection, known, layout.point_m, mounts, own)
 

@@ -8,6 +8,7 @@ from swarm.results.columns.faults import faults
 from swarm.results.columns.guidance import DOCKING, GUIDANCE
 from swarm.results.columns.integrity import integrity
 from swarm.results.columns.observer import observer
+from swarm.results.columns.pairs import pairs
 from swarm.results.columns.peer import PEER
 from swarm.results.columns.smooth import COLUMNS as SMOOTH
 from swarm.results.columns.smooth import ONLY
@@ -24,6 +25,7 @@ def groups_of(scene: Scene) -> list[Group]:
         (bool(scene.lidar), observer(scene.craft, scene.lidar)),
         (True, integrity(scene.watched)),
         (bool(scene.stations), station_rows([station.name for station in scene.stations])),
+        (bool(scene.pairs), pairs(scene.craft, scene.pairs)),
         (simulated, ACTUATION if scene.actuated else IDEAL),
         (scene.guided, GUIDANCE),
         (scene.docking, DOCKING),
@@ -64,6 +66,7 @@ def column_reference() -> str:
         observer((), ()),
         integrity(False),
         station_rows(()),
+        pairs((), ()),
         ACTUATION,
         GUIDANCE,
         DOCKING,
