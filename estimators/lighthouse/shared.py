@@ -98,8 +98,8 @@ class Shared(NamedTuple):
 
 
 class Common(NamedTuple):
-    """Errors of S stations' rows that are the same for all craft: sigma_rad (S,), standard deviation of the rotor's error
-    with all that shifts a sweep for everybody; turn_s (S,), duration of a rotor's turn [s].
+    """Errors of S stations' rows that are the same for all craft: sigma_rad (S,), standard deviation of the rotor's
+    error with all that shifts a sweep for everybody; turn_s (S,), duration of a rotor's turn [s].
     """
 
     sigma_rad: Floats
