@@ -606,6 +606,9 @@ class Scenario(Table):
                 table = tables.get(getattr(pair, key))
                 if table is not None and table[1].passive:
                     yield "a passive craft has no estimate to broadcast", f"pair[{i}].{key}", f"{table[0]}.passive"
+                if table is not None and table[1].navigator is not None:
+                    reason = "a navigator of your own does not tell what it shares with others"
+                    yield reason, f"pair[{i}].{key}", f"{table[0]}.navigator"
 
     def _criteria_mistakes(self) -> Iterator[Mistake]:
         """Require one name per criterion."""
