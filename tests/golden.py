@@ -473,6 +473,7 @@ SMALLEST = {
     "lidar-acquisition": {"poses": 1, "draws": 1},
     "lidar-tracking": {"runs": 1, "frames": 3},
     "lidar-turn": {"poses": 3},
+    "beside": {"draws": 50},
 }
 
 

@@ -15,7 +15,9 @@ from rich.console import Console
 
 from estimators import rotation as rot
 from estimators.lighthouse.dop import dilution, image_dilution
-from estimators.lighthouse.sweep import FanErrors, ideal_theta, measured_theta
+from estimators.lighthouse.integrity import AngleNoise
+from estimators.lighthouse.rows import AT_ORIGIN, Station
+from estimators.lighthouse.sweep import LIGHTHOUSE_1, FanErrors, ideal_theta, measured_theta
 from swarm import random
 from swarm.errors import SwarmError
 from swarm.figures import Figure
@@ -23,7 +25,7 @@ from swarm.hardware import Photodiodes
 from swarm.results.owned_folder import refuse_taken
 from swarm.scenario import Scenario
 from swarm.sensors.lighthouse import Lighthouse
-from swarm.studies.papers import find, reproduce, rungs
+from swarm.studies.papers import beside, find, reproduce, rungs
 from swarm.studies.papers import lighthouse_dynamic as dynamic
 from swarm.studies.papers import lighthouse_error_budget as budget
 from swarm.studies.papers.alignment import NONE, align
@@ -404,3 +406,42 @@ def test_the_noise_experiment_in_numbers_of_its_own(tmp_path):
     table = pq.read_table(tmp_path / "b" / "data.parquet").to_pydict()
     for b, f, sigma in zip(table["baseline_m"], table["focal_length_m"], table["plane_measured_z_m"], strict=True):
         assert sigma == pytest.approx(np.sqrt(2) * 12.0**2 * 1e-6 / 3 / (f * b), rel=0.05)
+
+
+def test_the_bound_beside_other_flights_is_the_dilution_of_precision() -> None:
+    """Rows of any station and (18) are written independently; for one station with straight fans they are one thing."""
+    rng, sigma, rho = np.random.default_rng(5), 4e-5, 0.87
+    for _ in range(4):
+        point_m = rng.uniform(-0.3, 0.3, (6, 3))
+        rotation, position = rot.exp(rng.uniform(-1, 1, 3)), np.array([*rng.uniform(-1, 1, 2), rng.uniform(2, 9)])
+        noise = AngleNoise(sigma * np.sqrt(1 - rho), sigma * np.sqrt(rho))
+        found = beside.pose_covariance(point_m, rotation, position, [AT_ORIGIN], noise)
+        # (18) is of least squares without weights: with noise that no two angles share, both are the best there is.
+        alone = beside.pose_covariance(point_m, rotation, position, [AT_ORIGIN], AngleNoise(sigma, 0.0))
+        zero, every = np.zeros((1, 3)), np.ones((1, 6), dtype=np.bool_)
+        plain, shared = (
+            sigma**2
+            * dilution(
+                rotation[None],
+                position[None],
+                every,
+                point_m[None],
+                np.zeros((1, 6, 2)),
+                zero,
+                zero,
+                share,
+                every[:, 0],
+            ).covariance[0]
+            for share in (0.0, rho)
+        )
+        assert alone == pytest.approx(plain, rel=1e-6, abs=1e-9 * np.abs(plain).max())
+        assert np.linalg.eigvalsh(shared - found).min() > -1e-6 * np.abs(shared).max()  # no estimator is better
+
+
+def test_a_deck_between_two_stations_is_known_by_their_directions() -> None:
+    """Two stations at right angles, of noise without a shared part: along x by one, along z by the other, y by both."""
+    noise, point_m = AngleNoise(1e-5, 0.0), 0.01 * np.concatenate([np.eye(3), -np.eye(3)])
+    side = Station(np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]), np.array([-2.0, 0.0, 2.0]), LIGHTHOUSE_1)
+    found = beside.pose_covariance(point_m, np.eye(3), np.array([0.0, 0.0, 2.0]), [AT_ORIGIN, side], noise)
+    # Six photodiodes about the origin, 2 m away: 2e-5 m / root 6 per axis and station.
+    assert np.sqrt(np.diagonal(found)[3:]) == pytest.approx(2e-5 / np.sqrt([6, 12, 6]), rel=0.01)

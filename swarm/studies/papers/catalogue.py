@@ -10,6 +10,7 @@ from typing import NamedTuple
 LIGHTHOUSE = "Chen et al., lighthouse"
 STEREO = "Zhang et al., binocular CCD"
 LIDAR = "Feng et al., LiDAR"
+BESIDE = "Flight and papers"
 
 
 class Experiment(NamedTuple):
@@ -137,6 +138,15 @@ EXPERIMENTS: dict[str, Experiment] = {
         {"poses": 24},
         takes_s=50,
         quick_takes_s=25,
+    ),
+    "beside": Experiment(
+        BESIDE,
+        "docs/beside.md",
+        "precision at the ranges of StarFOX, Proba-3 and Vive, beside theirs",
+        {"draws": 2000},
+        {"draws": 200},
+        takes_s=10,
+        quick_takes_s=6,
     ),
 }
 """Every experiment by its name, in the order of the papers."""
