@@ -1,7 +1,8 @@
-"""The one door to numba: `kernel` compiles a plain loop, cached on disk, without the GIL.
+"""The door to numba: `kernel` compiles a plain loop, cached on disk, without the GIL.
 
 Kernels are written per craft, as loops that read like the equations, and mapped over the craft axis by
-their caller; `np.linalg` stays out of them (it costs many seconds of compile time).
+their caller; `np.linalg` stays out of them (it costs many seconds of compile time). Some take four craft at once
+(`estimators.lanes`).
 
 Machine code is kept in `estimators.kernel_cache`, where an edit of a kernel or of a constant compiles anew whatever
 rests on it, and nothing else.
@@ -21,13 +22,15 @@ from estimators.kernel_cache import KernelCache
 
 P = ParamSpec("P")
 R = TypeVar("R")
+OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": False, "no_cfunc_wrapper": True}
+"""No kernel is called from C."""
 _KERNELS: list[Dispatcher] = []
 """Every kernel of the modules that have been imported."""
 
 
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
     """Compile `function` with numba: cached, NumPy's division by zero (inf, nan), strict IEEE order."""
-    compiled: Callable[P, R] = numba.njit(nogil=True, error_model="numpy", fastmath=False)(function)
+    compiled: Callable[P, R] = numba.njit(**OPTIONS)(function)
     if isinstance(compiled, Dispatcher):  # not where NUMBA_DISABLE_JIT is set
         compiled._cache = KernelCache(function)  # type: ignore[arg-type,attr-defined]
         compiled.get_call_template = _of_any_value(compiled)  # type: ignore[assignment,method-assign]

@@ -62,6 +62,8 @@ class KernelDigest:
         self._say("function", self._seen.setdefault(function, len(self._seen)))
         if known:  # a recursion, or one that is called from two places
             return
+        # A file that extends numba says what stands for it: machine code follows from more than bytecode there.
+        self._add(function.__globals__.get("KERNEL_SOURCE"))
         names = self._add_code(function.__code__)
         self._add(function.__defaults__ or ())
         for cell in function.__closure__ or ():

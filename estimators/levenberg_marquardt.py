@@ -9,6 +9,7 @@ less than `FIRST_DAMPING`.
 import numpy as np
 
 from estimators.kernel import kernel
+from estimators.lanes import select
 
 FIRST_DAMPING = 1e-3
 """Damping after the first failed step, relative to the diagonal of the normal matrix."""
@@ -22,21 +23,39 @@ STEP_SMALL = 1e-7
 
 @kernel
 def raised(damping: float) -> float:
-    """Return the damping after a step that failed or could not be solved."""
+    """Return the damping after a step that failed or could not be solved, of numbers or of lanes."""
     return max(10 * damping, FIRST_DAMPING)
 
 
 @kernel
-def judged(cost: float, next_cost: float, damping: float) -> tuple[bool, float]:
-    """Return whether a step from `cost` to `next_cost` is accepted, and the damping of the next step.
+def fallen(damping: float) -> float:
+    """Return the damping after a step that was accepted, of numbers or of lanes."""
+    return select(damping > FIRST_DAMPING**2, 0.1 * damping, 0.0)
+
+
+@kernel
+def lowered(cost: float, next_cost: float) -> bool:
+    """Return whether a step is accepted, of numbers or of lanes.
 
     Near the minimum the gain of a step drowns in the rounding of the residuals: the step is accepted none the less.
 
     Args:
         cost: sum of squared residuals before the step.
         next_cost: the same after it; inf where the step leaves the domain.
+    """
+    out: bool = next_cost <= cost + ROUNDING * np.sqrt(cost)
+    return out
+
+
+@kernel
+def judged(cost: float, next_cost: float, damping: float) -> tuple[bool, float]:
+    """Return whether a step from `cost` to `next_cost` is accepted (`lowered`), and the damping of the next step.
+
+    Args:
+        cost: sum of squared residuals before the step.
+        next_cost: the same after it; inf where the step leaves the domain.
         damping: the step's.
     """
-    if next_cost <= cost + ROUNDING * np.sqrt(cost):
-        return True, 0.1 * damping if damping > FIRST_DAMPING**2 else 0.0
+    if lowered(cost, next_cost):
+        return True, fallen(damping)
     return False, raised(damping)

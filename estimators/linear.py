@@ -1,7 +1,8 @@
 """Small symmetric positive definite systems by Cholesky, as kernels: A = L L^T.
 
 A normal matrix that is not positive definite means that the geometry does not determine the answer: the kernels say
-so with False instead of returning numbers.
+so with False. `cholesky_into`, `invert_factor_into` and `solve_spd` take matrices of numbers, or of lanes, and then
+return a mask.
 """
 
 import numpy as np
@@ -12,15 +13,16 @@ from estimators.kernel import kernel
 
 @kernel
 def cholesky_into(a: Floats, out: Floats) -> bool:
-    """Write the lower factor L of `a` (n, n) into `out` (n, n); False where a pivot is not safely positive."""
-    n = a.shape[0]
+    """Write the lower factor L of `a` (n, n) into `out` (n, n); False, with `out` spoilt, where a pivot is not safely
+    positive.
+    """
+    n, regular = a.shape[0], True
     for j in range(n):
         pivot = a[j, j]
         for k in range(j):
             pivot -= out[j, k] * out[j, k]
         # A pivot that lost 14 digits to cancellation is rounding noise: the matrix is singular.
-        if not (pivot > 1e-14 * a[j, j]):
-            return False
+        regular = regular & (pivot > 1e-14 * a[j, j])
         out[j, j] = np.sqrt(pivot)
         for i in range(j + 1, n):
             s = a[i, j]
@@ -29,7 +31,7 @@ def cholesky_into(a: Floats, out: Floats) -> bool:
             out[i, j] = s / out[j, j]
         for i in range(j):
             out[i, j] = 0.0
-    return True
+    return regular
 
 
 @kernel
@@ -44,13 +46,12 @@ def solve_spd(a: Floats, lower: Floats, b: Floats) -> bool:
         lower: (n, n), workspace.
         b: (n,), becomes x.
     """
-    n = a.shape[0]
+    n, regular = a.shape[0], True
     for j in range(n):
         pivot = a[j, j]
         for k in range(j):
             pivot -= lower[j, k] * lower[j, k]
-        if not (pivot > 1e-14 * a[j, j]):
-            return False
+        regular = regular & (pivot > 1e-14 * a[j, j])
         over = 1 / np.sqrt(pivot)
         lower[j, j] = over
         value = b[j]
@@ -67,7 +68,7 @@ def solve_spd(a: Floats, lower: Floats, b: Floats) -> bool:
         for k in range(i + 1, n):
             s -= lower[k, i] * b[k]
         b[i] = s * lower[i, i]
-    return True
+    return regular
 
 
 @kernel
@@ -93,6 +94,14 @@ def invert_spd_into(a: Floats, out: Floats) -> bool:
     lower = np.empty((n, n))
     if not cholesky_into(a, lower):
         return False
+    invert_factor_into(lower, out)
+    return True
+
+
+@kernel
+def invert_factor_into(lower: Floats, out: Floats) -> None:
+    """Write (L L^T)^-1 of a lower factor (n, n), which is spoilt, into `out` (n, n)."""
+    n = lower.shape[0]
     # L^-1 in the place of L, column by column; then A^-1 = L^-T L^-1.
     for j in range(n):
         lower[j, j] = 1 / lower[j, j]
@@ -107,7 +116,6 @@ def invert_spd_into(a: Floats, out: Floats) -> bool:
             for k in range(i, n):
                 s += lower[k, i] * lower[k, j]
             out[i, j] = out[j, i] = s
-    return True
 
 
 @kernel

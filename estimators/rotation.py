@@ -12,6 +12,7 @@ import numpy as np
 
 from estimators.arrays import Floats
 from estimators.kernel import kernel
+from estimators.lanes import all_of, lane, width, with_lane
 
 Row = tuple[float, float, float]
 Rows = tuple[Row, Row, Row]
@@ -146,22 +147,29 @@ def passive_jacobian(phi: Floats) -> Floats:
     return left_jacobian(-phi)
 
 
+SMALL_TURN = 1e-2
+"""Below this angle^2 [rad^2] a longer series serves: its first neglected terms are below 1e-17, and no sine has to be
+called for a turn within a period."""
+
+
 @kernel
 def sine_cosine(square: float) -> tuple[float, float]:
-    """Return sin(a)/a and (1 - cos a)/a^2 of Rodrigues' formula, from a^2."""
-    if square < 1e-2:
-        # Taylor: the first neglected terms are below 1e-17, and no sine has to be called for a turn within a period.
-        s = 1 - square * (1 / 6) * (1 - square * (1 / 20) * (1 - square * (1 / 42) * (1 - square * (1 / 72))))
-        c = 0.5 - square * (1 / 24) * (1 - square * (1 / 30) * (1 - square * (1 / 56) * (1 - square * (1 / 90))))
-        return s, c
-    angle = np.sqrt(square)
-    half = np.sin(angle / 2)
-    return np.sin(angle) / angle, 2 * half * half / square
+    """Return sin(a)/a and (1 - cos a)/a^2 of Rodrigues' formula, from a^2, numbers or lanes."""
+    s = 1 - square * (1 / 6) * (1 - square * (1 / 20) * (1 - square * (1 / 42) * (1 - square * (1 / 72))))
+    c = 0.5 - square * (1 / 24) * (1 - square * (1 / 30) * (1 - square * (1 / 56) * (1 - square * (1 / 90))))
+    if not all_of(square < SMALL_TURN):
+        for i in range(width(square)):
+            one = lane(square, i)
+            if not one < SMALL_TURN:
+                angle = np.sqrt(one)
+                half = np.sin(angle / 2)
+                s, c = with_lane(s, i, np.sin(angle) / angle), with_lane(c, i, 2 * half * half / one)
+    return s, c
 
 
 @kernel
 def exp_rows(x: float, y: float, z: float) -> Rows:
-    """Return the rows of Exp([v]x) as tuples: nothing is allocated.
+    """Return the rows of Exp([v]x) as tuples, of numbers or lanes: nothing is allocated.
 
     Args:
         x: v_x [rad].

@@ -30,9 +30,11 @@ import numpy as np
 
 from estimators.arrays import Bools, Floats
 from estimators.kernel import kernel
-from estimators.lighthouse.projection import COLUMNS, TAU, WEIGHT, checked, checked_lit, gather, project, spans_plane
+from estimators.lanes import LANES, lane, lanes_in
+from estimators.lighthouse.four_craft import four, gather_four, gather_weights_four, in_order, numbers, seen_by
+from estimators.lighthouse.projection import COLUMNS, TAU, WEIGHT, checked, checked_lit, project, table_spans_plane
 from estimators.lighthouse.slope import worst_slopes
-from estimators.linear import invert_spd_into
+from estimators.linear import cholesky_into, invert_factor_into
 
 
 class Dilution(NamedTuple):
@@ -65,25 +67,29 @@ def _sums_into(
     fan_sum: Floats,
     rows: Floats,
 ) -> bool:
-    """Write the lower triangles of J^T J and sum tau J^T J (6, 6), and the fans' sums of rows (2, 6), of one craft.
+    """Write the lower triangles of J^T J and sum tau J^T J (6, 6), and the fans' sums of rows (2, 6), of one craft, of
+    numbers or of lanes.
 
     rows (2, 5, K): the rows themselves, without the derivative by the other fan's coordinate.
 
-    angles: of equal noise; else the table's weights stand for (13). False where a photodiode is behind. A row has no
-    derivative by the other fan's coordinate: it is not added up. Columns 0 to 2 are the attitude, p the fan's own
-    coordinate, z the third one; sums named n belong to J^T J, m to the moved ones, s to the fan's rows.
+    angles: of equal noise; else the table's weights stand for (13), which otherwise are 1, or 0 of rows that do not
+    count. False where a photodiode is behind. A row has no derivative by the other fan's coordinate: it is not added
+    up. Columns 0 to 2 are the attitude, p the fan's own coordinate, z the third one; sums named n belong to J^T J, m to
+    the moved ones, s to the fan's rows.
     """
     # In registers, not in the matrices: a sum in memory waits for the one before.
     n00 = n10 = n11 = n20 = n21 = n22 = nz0 = nz1 = nz2 = nzz = 0.0
     m00 = m10 = m11 = m20 = m21 = m22 = mz0 = mz1 = mz2 = mzz = 0.0
+    front = True
     for fan in range(2):
         s0 = s1 = s2 = sp = sz = 0.0
         np0 = np1 = np2 = npp = nzp = mp0 = mp1 = mp2 = mpp = mzp = 0.0
         for i in range(fan * n, fan * n + n):
             value, ahead, r0, r1, r2, g, gz = project(table, i, rotation, position[fan], position[2])
-            if not ahead > 0:
-                return False
-            slope = -1 / (1 + value * value) if angles else table[i, WEIGHT]
+            front = front & (ahead > 0)
+            slope = table[i, WEIGHT]
+            if angles:
+                slope = slope * (-1 / (1 + value * value))
             a0, a1, a2, ap, az = slope * r0, slope * r1, slope * r2, slope * g, slope * gz
             tau = table[i, TAU]
             k = i - fan * n
@@ -136,7 +142,68 @@ def _sums_into(
     moved[2, 0], moved[2, 1], moved[2, 2] = m20, m21, m22
     moved[4, 3] = 0.0
     moved[5, 0], moved[5, 1], moved[5, 2], moved[5, 5] = mz0, mz1, mz2, mzz
-    return True
+    return front
+
+
+@kernel
+def dilution_one(
+    table: Floats,
+    n: int,
+    number: float,
+    rotation: Floats,
+    position: Floats,
+    angles: bool,
+    rho: float,
+    work: Floats,
+    rows: Floats,
+    covariance: Floats,
+    coupling: Floats,
+) -> tuple[bool, float, float]:
+    """Compute (13) to (18) of one craft, of numbers or of lanes; return whether the pose is determined, and the slopes.
+
+    Args:
+        table: (., COLUMNS), angles.
+        n: rows of each fan.
+        number: number of photodiodes; rows after them have weight zero.
+        rotation: (3, 3).
+        position: (3,) [m].
+        angles: of equal noise, as in `_sums_into`.
+        rho: of (19).
+        work: scratch (28, 6).
+        rows: scratch (2, 5, K).
+        covariance: (6, 6), receives H.
+        coupling: (6, 6), receives B.
+    """
+    normal, moved, inverse, lower, fan_sum, spread = (
+        work[:6],
+        work[6:12],
+        work[12:18],
+        work[18:24],
+        work[24:26],
+        work[26:28],
+    )
+    determined = _sums_into(table, n, rotation, position, angles, normal, moved, fan_sum, rows)
+    determined = determined & cholesky_into(normal, lower)
+    invert_factor_into(lower, inverse)
+    for a in range(6):
+        for b in range(a):
+            moved[b, a] = moved[a, b]
+    for fan in range(2):
+        for a in range(6):
+            value = 0.0
+            for b in range(6):
+                value += inverse[a, b] * fan_sum[fan, b]
+            spread[fan, a] = value
+    for a in range(6):
+        for b in range(6):
+            shared = spread[0, a] * spread[0, b] + spread[1, a] * spread[1, b]
+            covariance[a, b] = (1 - rho) * inverse[a, b] + rho * shared
+            value = 0.0
+            for k in range(6):
+                value += inverse[a, k] * moved[k, b]
+            coupling[a, b] = value
+    attitude_slope, position_slope = worst_slopes(rows, n, number, inverse, fan_sum, spread, rho)
+    return determined, attitude_slope, position_slope
 
 
 @kernel
@@ -161,53 +228,47 @@ def _dilution_all(
 
     weight: (C, K, 2), inverse noise of each projection, or empty where the angles have equal noise.
     """
+    craft, photodiodes = lit.shape
     angles = weight.size == 0
-    table, row = np.empty((2 * lit.shape[1], COLUMNS)), np.empty(6)
-    normal, moved, inverse = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
-    fan_sum, spread = np.empty((2, 6)), np.empty((2, 6))
-    rows, square = np.empty((2, 5, lit.shape[1])), np.empty((2, lit.shape[1]))
-    for c in range(lit.shape[0]):
-        adop[c] = pdop[c] = np.nan
-        for a in range(6):
-            for b in range(6):
-                covariance[c, a, b] = coupling[c, a, b] = np.nan
-        if not (mask[c] and spans_plane(lit[c], point[c])):
-            continue
-        n = gather(lit[c], point[c], offset[c], angular_rate[c], velocity[c], table)
-        if not angles:
-            i = 0
-            for k in range(lit.shape[1]):
-                if lit[c, k]:
-                    table[i, WEIGHT], table[n + i, WEIGHT] = weight[c, k, 0], weight[c, k, 1]
-                    i += 1
-        if not _sums_into(table, n, rotation[c], position[c], angles, normal, moved, fan_sum, rows):
-            continue
-        if not invert_spd_into(normal, inverse):
-            continue
-        for a in range(6):
-            for b in range(a):
-                moved[b, a] = moved[a, b]
-        for fan in range(2):
+    count, order = np.empty(craft, np.int64), np.empty(craft + LANES, np.int64)
+    many = in_order(lit, mask, 1, count, order)
+    table, work = lanes_in(np.empty((2 * photodiodes, COLUMNS, LANES))), lanes_in(np.empty((28, 6, LANES)))
+    seen, pose = np.empty((photodiodes, LANES), np.uint64), lanes_in(np.empty((18, LANES)))
+    turn, place, rate, speed = pose[:9].reshape(3, 3), pose[9:12], pose[12:15], pose[15:18]
+    rows, both = lanes_in(np.empty((2, 5, photodiodes, LANES))), lanes_in(np.empty((2, 6, 6, LANES)))
+    points, offsets, weights = point.reshape(-1, 3), offset.reshape(-1, 2), weight.reshape(-1, 2)
+    for c in range(craft):
+        adop[c] = np.nan
+    for first in range(0, many, LANES):
+        who = order[first : first + LANES]
+        n, number = count[who[LANES - 1]], numbers(count, who)
+        seen_by(who, lit, n, seen)
+        four(rotation.reshape(craft, 9), who, pose[:9])
+        four(position, who, place)
+        four(angular_rate, who, rate)
+        four(velocity, who, speed)
+        gather_four(seen, n, points, offsets, rate, speed, table)
+        gather_weights_four(seen, n, number, angles, weights, table)
+        determined, turned, moved = dilution_one(
+            table, n, number, turn, place, angles, rho, work, rows, both[0], both[1]
+        )
+        determined = determined & table_spans_plane(table, n)
+        for i in range(LANES):
+            c = who[i]
+            if lane(determined, i):
+                for a in range(6):
+                    for b in range(6):
+                        covariance[c, a, b], coupling[c, a, b] = lane(both[0, a, b], i), lane(both[1, a, b], i)
+                h = covariance[c]
+                adop[c] = np.rad2deg(np.sqrt(h[0, 0] + h[1, 1] + h[2, 2]))
+                pdop[c] = np.sqrt(h[3, 3] + h[4, 4] + h[5, 5])
+                slope[0, c], slope[1, c] = lane(turned, i), lane(moved, i)
+    for c in range(craft):
+        if np.isnan(adop[c]):
+            pdop[c] = slope[0, c] = slope[1, c] = np.nan
             for a in range(6):
-                value = 0.0
                 for b in range(6):
-                    value += inverse[a, b] * fan_sum[fan, b]
-                spread[fan, a] = value
-        for a in range(6):
-            for b in range(6):
-                shared = spread[0, a] * spread[0, b] + spread[1, a] * spread[1, b]
-                covariance[c, a, b] = (1 - rho) * inverse[a, b] + rho * shared
-                row[b] = 0.0
-            for k in range(6):
-                factor = inverse[a, k]
-                for b in range(6):
-                    row[b] += factor * moved[k, b]
-            for b in range(6):
-                coupling[c, a, b] = row[b]
-        h = covariance[c]
-        adop[c] = np.rad2deg(np.sqrt(h[0, 0] + h[1, 1] + h[2, 2]))
-        pdop[c] = np.sqrt(h[3, 3] + h[4, 4] + h[5, 5])
-        slope[0, c], slope[1, c] = worst_slopes(rows, n, inverse, fan_sum, spread, rho, square)
+                    covariance[c, a, b] = coupling[c, a, b] = np.nan
 
 
 def factors(covariance: Floats) -> tuple[Floats, Floats]:
@@ -299,7 +360,7 @@ def _checked_dilution(
     offset_s, angular_rate, velocity = motion
     covariance, coupling = np.empty((2, craft, 6, 6))
     adop, pdop = np.empty((2, craft))
-    slope = np.full((2, craft), np.nan)
+    slope = np.empty((2, craft))
     _dilution_all(
         checked("rotation", rotation, (craft, 3, 3)),
         checked("position", position, (craft, 3)),

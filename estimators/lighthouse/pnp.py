@@ -16,7 +16,9 @@ the photodiode: p_i(tau) = Exp([w]x tau) R w_p_i + t + v tau, w and v in the lig
 The attitude is updated from the left, R <- Exp([d]x) R, so that dp_i/dd = -[p_i - t]x at tau = 0. Source 1 writes the
 same derivative as (8), dp_i/dphi = [p_i - t]x J_r(phi), in its passive vector phi, R = exp(-[phi]x): a change dphi
 turns the craft by d = -J_r(phi) dphi (9, 21), and the chain rule makes the two equal (tested). The local form has
-no singular attitude. Where first derivatives converge too slowly, second ones join in (`_refine_one`).
+no singular attitude. Where first derivatives converge too slowly, second ones join in (`refine_one`).
+
+Four craft are solved side by side, with the bits that each would have alone (`estimators.lanes`).
 """
 
 from typing import NamedTuple
@@ -26,6 +28,8 @@ import numpy as np
 from estimators import levenberg_marquardt as lm
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
+from estimators.lanes import LANES, all_of, any_of, lane, lanes_in, opposite, select
+from estimators.lighthouse.four_craft import four, gather_four, gather_measured_four, in_order, numbers, seen_by
 from estimators.lighthouse.projection import (
     COLUMNS,
     VALUE,
@@ -34,10 +38,9 @@ from estimators.lighthouse.projection import (
     angle_weights,
     checked,
     checked_lit,
-    gather_measured,
     project,
     projections,
-    spans_plane,
+    table_spans_plane,
 )
 from estimators.linear import solve_spd
 from estimators.rotation import exp_into, multiply_into
@@ -71,17 +74,17 @@ GRADIENT, SCALE = 6, 7
 
 
 @kernel
-def _evaluate(table: Floats, n: int, rotation: Floats, position: Floats, curved: bool, out: Floats, at: int) -> float:
+def _evaluate(table: Floats, n: int, rotation: Floats, position: Floats, out: Floats, at: int) -> float:
     """Return F of (6), or inf if a photodiode is behind; write 8 rows of `out` (., 6) from `at` on: the lower
-    triangle of a matrix, and two rows.
+    triangle of a matrix, and two rows. Of numbers or of lanes.
 
-    The matrix is J^T W^2 J of (11, 12), or where `curved` the Hessian of F / 2, which adds sum W^2 f d2f. A row of J
-    has no derivative by the other fan's coordinate: what is zero is not added up.
+    The matrix is J^T W^2 J of (11, 12). A row of J has no derivative by the other fan's coordinate: what is zero is not
+    added up.
     """
     for k in range(8):
         for m in range(6):
             out[at + k, m] = 0.0
-    cost = 0.0
+    cost, front = 0.0, True
     for fan in range(2):
         m00 = m10 = m11 = m20 = m21 = m22 = 0.0
         across0 = across1 = across2 = ahead0 = ahead1 = ahead2 = 0.0
@@ -89,8 +92,7 @@ def _evaluate(table: Floats, n: int, rotation: Floats, position: Floats, curved:
         b0 = b1 = b2 = b_across = b_ahead = 0.0
         for row in range(fan * n, fan * n + n):
             value, ahead, r0, r1, r2, g, gz = project(table, row, rotation, position[fan], position[2])
-            if not ahead > 0:
-                return np.inf
+            front = front & (ahead > 0)
             w = table[row, WEIGHT]
             f = value - table[row, VALUE]
             w0, w1, w2, wg, wz, wf = w * r0, w * r1, w * r2, w * g, w * gz, w * f
@@ -138,76 +140,114 @@ def _evaluate(table: Floats, n: int, rotation: Floats, position: Floats, curved:
         out[at + GRADIENT, 5] += b_ahead
     for k in range(6):
         out[at + SCALE, k] = out[at + k, k]
-    if curved:
-        for fan in range(2):
-            for row in range(fan * n, fan * n + n):
-                pose = rotation, position[fan], position[2]
-                residual = project(table, row, *pose)[0] - table[row, VALUE]
-                add_curvature(table, row, fan, *pose, table[row, WEIGHT] * residual, out[at : at + 6])
-    return cost
+    return select(front, cost, np.inf)
 
 
 @kernel
-def _take(next_rotation: Floats, next_position: Floats, rotation: Floats, position: Floats) -> None:
-    """Overwrite a pose by the next one."""
+def _add_curvatures(table: Floats, n: int, rotation: Floats, position: Floats, mask: bool, out: Floats) -> None:
+    """Add sum W^2 f d2f to the lower triangle of a matrix (6, 6) where the mask says so: it becomes F's Hessian / 2."""
+    for fan in range(2):
+        for row in range(fan * n, fan * n + n):
+            pose = rotation, position[fan], position[2]
+            residual = project(table, row, *pose)[0] - table[row, VALUE]
+            add_curvature(table, row, fan, *pose, select(mask, table[row, WEIGHT] * residual, 0.0), out)
+
+
+@kernel
+def _take(mask: bool, next_rotation: Floats, next_position: Floats, rotation: Floats, position: Floats) -> None:
+    """Overwrite a pose by the next one where the mask says so."""
     for i in range(3):
-        position[i] = next_position[i]
+        position[i] = select(mask, next_position[i], position[i])
         for j in range(3):
-            rotation[i, j] = next_rotation[i, j]
+            rotation[i, j] = select(mask, next_rotation[i, j], rotation[i, j])
 
 
 @kernel
-def _refine_one(
-    table: Floats, n: int, rotation: Floats, position: Floats, iterations_max: int, work: Floats
-) -> tuple[bool, int, float]:
-    """Levenberg-Marquardt from `rotation` (3, 3), `position` (3,), overwritten; (converged, linear solves, F).
+def _is_small(step: Floats) -> bool:
+    """Return whether a step (6,) is one of convergence in attitude and in position."""
+    turn = step[0] * step[0] + step[1] * step[1] + step[2] * step[2]
+    way = step[3] * step[3] + step[4] * step[4] + step[5] * step[5]
+    out: bool = (turn < lm.STEP_SMALL**2) & (way < lm.STEP_SMALL**2)
+    return out
+
+
+@kernel
+def refine_one(
+    table: Floats, n: int, rotation: Floats, position: Floats, open_: bool, iterations_max: int, work: Floats
+) -> tuple[bool, float, float]:
+    """Levenberg-Marquardt from `rotation` (3, 3), `position` (3,), overwritten; (converged, linear solves, F). Of
+    numbers, or of lanes: a lane that has come to an end stays as it is.
 
     The first steps are Gauss-Newton without damping: warm starts need no more. Once one fails to lower the cost or puts
     a photodiode behind the lighthouse, steps are damped; from then on, or after STEPS_PLAIN, the residuals' curvature
     is used too (Newton): a plane that faces the lighthouse has its mirror minima so near to their ridge that J alone
-    takes hundreds of steps. work: scratch (34, 6).
+    takes hundreds of steps.
+
+    Args:
+        table: (., COLUMNS), angles.
+        n: rows of each fan.
+        rotation: (3, 3), the start.
+        position: (3,) [m], the start.
+        open_: whether there is a pose to solve.
+        iterations_max: linear solves at most.
+        work: scratch (34, 6).
     """
     damped, lower, step = work[16:22], work[22:28], work[33]
     # Both contiguous, as `rotation` is: then what is called with them is compiled once.
     scratch = work[28:31].reshape(2, 3, 3)
     turned, next_rotation, next_position = scratch[0], scratch[1], work[31, :3]
-    here, damping, curved = 0, 0.0, False
-    cost = _evaluate(table, n, rotation, position, curved, work, 0)
-    if not np.isfinite(cost):
-        return False, 0, np.nan
+    cost = _evaluate(table, n, rotation, position, work, 0)
+    open_ = open_ & (cost < np.inf)
+    here, damping, curved = 0, 0.0, open_ & opposite(open_)
+    solves = select(open_, iterations_max, 0)
+    converged = curved
     for iteration in range(1, iterations_max + 1):
+        if not any_of(open_):
+            break
         for a in range(6):
             for b in range(a + 1):
                 damped[a, b] = work[here + a, b]
             damped[a, a] += damping * work[here + SCALE, a]
             step[a] = -work[here + GRADIENT, a]
-        if not solve_spd(damped, lower, step):
-            damping = lm.raised(damping)
-            continue
+        regular = open_ & solve_spd(damped, lower, step)
         exp_into(step[:3], turned)
         multiply_into(turned, rotation, next_rotation)
         for k in range(3):
             next_position[k] = position[k] + step[3 + k]
-        small = (
-            step[0] ** 2 + step[1] ** 2 + step[2] ** 2 < lm.STEP_SMALL**2
-            and step[3] ** 2 + step[4] ** 2 + step[5] ** 2 < lm.STEP_SMALL**2
-        )
-        if small and damping < lm.FIRST_DAMPING:
-            _take(next_rotation, next_position, rotation, position)
+        last = regular & _is_small(step) & (damping < lm.FIRST_DAMPING)
+        if any_of(last):
+            _take(last, next_rotation, next_position, rotation, position)
             # To second order in the step F changes by the product of gradient and step.
+            after = cost
             for a in range(6):
-                cost += work[here + GRADIENT, a] * step[a]
-            return True, iteration, max(cost, 0.0)
-        next_cost = _evaluate(table, n, next_rotation, next_position, curved, work, 8 - here)
-        accepted, damping = lm.judged(cost, next_cost, damping)
-        if accepted:
-            cost = next_cost
-            _take(next_rotation, next_position, rotation, position)
-            here = 8 - here
-        if not curved and (damping > 0 or iteration == STEPS_PLAIN):
-            curved = True
-            _evaluate(table, n, rotation, position, curved, work, here)
-    return False, iterations_max, np.nan
+                after = after + work[here + GRADIENT, a] * step[a]
+            cost, solves = select(last, max(after, 0.0), cost), select(last, iteration, solves)
+            converged, open_ = converged | last, open_ & opposite(last)
+            if not any_of(open_):
+                break
+            regular = regular & open_
+        there = 8 - here
+        next_cost = _evaluate(table, n, next_rotation, next_position, work, there)
+        bent = regular & curved & (next_cost < np.inf)
+        if any_of(bent):
+            _add_curvatures(table, n, next_rotation, next_position, bent, work[there : there + 6])
+        accepted = regular & lm.lowered(cost, next_cost)
+        damping = select(accepted, lm.fallen(damping), select(open_, lm.raised(damping), damping))
+        cost = select(accepted, next_cost, cost)
+        _take(accepted, next_rotation, next_position, rotation, position)
+        if all_of(accepted | opposite(open_)):
+            here = there
+        else:
+            for k in range(8):
+                for m in range(6):
+                    work[here + k, m] = select(accepted, work[there + k, m], work[here + k, m])
+        bends = regular & opposite(curved)
+        if iteration != STEPS_PLAIN:
+            bends = bends & (damping > 0)
+        if any_of(bends):
+            _add_curvatures(table, n, rotation, position, bends, work[here : here + 6])
+            curved = curved | bends
+    return converged, solves, cost
 
 
 @kernel
@@ -227,21 +267,43 @@ def _refine_all(
     residual: Floats,
     cost: Floats,
 ) -> None:
-    """`_refine_one` for every craft: `rotation` and `position` hold the starts, then the answers or NaN."""
-    table, work = np.empty((2 * uv.shape[1], COLUMNS)), np.zeros((34, 6))
-    for c in range(uv.shape[0]):
+    """`refine_one` for every craft: `rotation` and `position` hold the starts, then the answers or NaN."""
+    craft, photodiodes = lit.shape
+    count, order = np.empty(craft, np.int64), np.empty(craft + LANES, np.int64)
+    many = in_order(lit, solved, FEWEST_LIT, count, order)
+    table, work = lanes_in(np.empty((2 * photodiodes, COLUMNS, LANES))), lanes_in(np.zeros((34, 6, LANES)))
+    seen, pose = np.empty((photodiodes, LANES), np.uint64), lanes_in(np.empty((18, LANES)))
+    turn, place, rate, speed = pose[:9].reshape(3, 3), pose[9:12], pose[12:15], pose[15:18]
+    flat, points, offsets = rotation.reshape(craft, 9), point.reshape(-1, 3), offset.reshape(-1, 2)
+    values, weights = uv.reshape(-1, 2), weight.reshape(-1, 2)
+    for c in range(craft):
         solved[c], iterations[c], cost[c], residual[c] = False, 0, np.nan, np.nan
-        n = 0
-        if spans_plane(lit[c], point[c]):
-            n = gather_measured(uv[c], weight[c], lit[c], point[c], offset[c], angular_rate[c], velocity[c], table)
-        if n >= FEWEST_LIT:
-            solved[c], iterations[c], cost[c] = _refine_one(table, n, rotation[c], position[c], iterations_max, work)
-        if solved[c]:
-            residual[c] = np.sqrt(cost[c] / (2 * n))
-        else:
+    for first in range(0, many, LANES):
+        who = order[first : first + LANES]
+        n = count[who[LANES - 1]]
+        seen_by(who, lit, n, seen)
+        four(flat, who, pose[:9])
+        four(position, who, place)
+        four(angular_rate, who, rate)
+        four(velocity, who, speed)
+        gather_four(seen, n, points, offsets, rate, speed, table)
+        finite = gather_measured_four(seen, n, numbers(count, who), values, weights, table)
+        open_ = finite & table_spans_plane(table, n)
+        converged, solves, squares = refine_one(table, n, turn, place, open_, iterations_max, work)
+        for i in range(LANES):
+            c = who[i]
+            solved[c], iterations[c] = lane(converged, i), int(lane(solves, i))
+            if solved[c]:
+                cost[c] = lane(squares, i)
+                residual[c] = np.sqrt(cost[c] / (2 * count[c]))
+                for k in range(9):
+                    flat[c, k] = lane(pose[k], i)
+                for k in range(3):
+                    position[c, k] = lane(place[k], i)
+    for c in range(craft):
+        if not solved[c]:
             rotation[c] = np.nan
             position[c] = np.nan
-            cost[c] = np.nan
 
 
 def refine_projections(
@@ -281,7 +343,7 @@ def refine_projections(
     # Copies: the kernel works in place, and the starts belong to the caller.
     rotation = checked("rotation", rotation, (craft, 3, 3)).copy()
     position = checked("position", position, (craft, 3)).copy()
-    solved, iterations = np.zeros(craft, dtype=np.bool_), np.zeros(craft, dtype=np.int64)
+    solved, iterations = np.ones(craft, dtype=np.bool_), np.zeros(craft, dtype=np.int64)
     residual, cost = np.empty(craft), np.empty(craft)
     _refine_all(
         checked("uv", uv, angles),

@@ -9,7 +9,8 @@ import numpy as np
 
 from estimators.arrays import Bools, Floats
 from estimators.kernel import kernel
-from estimators.rotation import exp_rows
+from estimators.lanes import select
+from estimators.rotation import Row, exp_rows
 
 COLLINEAR = 1e-6
 """Photodiodes that all lie nearer to one line than this share of its length are on it: micrometres per metre, far below
@@ -85,11 +86,27 @@ def gather(lit: Bools, point: Floats, offset: Floats, angular_rate: Floats, velo
             tau = offset[i, fan]
             turn = exp_rows(angular_rate[0] * tau, angular_rate[1] * tau, angular_rate[2] * tau)
             out[row, 0], out[row, 1], out[row, 2] = point[i, 0], point[i, 1], point[i, 2]
-            out[row, 3], out[row, 4], out[row, 5] = turn[0] if fan == 0 else turn[1]
-            out[row, 6], out[row, 7], out[row, 8] = turn[2]
-            out[row, 9], out[row, 10], out[row, 11] = velocity[fan] * tau, velocity[2] * tau, tau
+            write_motion(out, row, turn[0] if fan == 0 else turn[1], turn[2], velocity[fan], velocity[2], tau)
             row += 1
     return n
+
+
+@kernel
+def write_motion(out: Floats, row: int, own: Row, third: Row, across: float, along: float, tau: float) -> None:
+    """Write the columns 3 to 11 of an angle, of numbers or of lanes.
+
+    Args:
+        out: (., COLUMNS).
+        row: the angle's.
+        own: the fan's own row of Exp([w]x tau).
+        third: its third row.
+        across: velocity along the fan's coordinate [m/s].
+        along: velocity along z [m/s].
+        tau: [s].
+    """
+    out[row, 3], out[row, 4], out[row, 5] = own
+    out[row, 6], out[row, 7], out[row, 8] = third
+    out[row, 9], out[row, 10], out[row, 11] = across * tau, along * tau, tau
 
 
 @kernel
@@ -187,9 +204,10 @@ def add_curvature(
         rotation[2, 0] * a + rotation[2, 1] * b + rotation[2, 2] * c,
     )
     value, _, r0, r1, r2, g, gz = project(table, row, rotation, place, depth)
-    first = (r0, r1, r2, g if fan == 0 else 0.0, g if fan == 1 else 0.0, gz)
+    zero = g - g  # of the type of the others
+    first = (r0, r1, r2, g if fan == 0 else zero, g if fan == 1 else zero, gz)
     x, y, z = table[row, 6], table[row, 7], table[row, 8]
-    ahead = (arm[1] * z - arm[2] * y, arm[2] * x - arm[0] * z, arm[0] * y - arm[1] * x, 0.0, 0.0, 1.0)
+    ahead = (arm[1] * z - arm[2] * y, arm[2] * x - arm[0] * z, arm[0] * y - arm[1] * x, zero, zero, zero + 1)
     pull = ((table[row, 3] - value * x) * g, (table[row, 4] - value * y) * g, (table[row, 5] - value * z) * g)
     along = pull[0] * arm[0] + pull[1] * arm[1] + pull[2] * arm[2]
     for i in range(6):
@@ -199,6 +217,26 @@ def add_curvature(
         normal[i, i] -= scale * along
         for j in range(i + 1):
             normal[i, j] += scale * (pull[i] * arm[j] + arm[i] * pull[j]) / 2
+
+
+@kernel
+def table_spans_plane(table: Floats, n: int) -> bool:
+    """Return `spans_plane` of the photodiodes of a table's first `n` rows, of numbers or of lanes; some may be there
+    twice.
+    """
+    x, y, z, longest, widest = 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(n):
+        a, b, c = table[i, 0] - table[0, 0], table[i, 1] - table[0, 1], table[i, 2] - table[0, 2]
+        square = a * a + b * b + c * c
+        farther = square > longest
+        x, y, z = select(farther, a, x), select(farther, b, y), select(farther, c, z)
+        longest = select(farther, square, longest)
+    for i in range(n):
+        a, b, c = table[i, 0] - table[0, 0], table[i, 1] - table[0, 1], table[i, 2] - table[0, 2]
+        p, q, r = y * c - z * b, z * a - x * c, x * b - y * a
+        widest = max(widest, p * p + q * q + r * r)
+    out: bool = np.sqrt(widest) > COLLINEAR * longest
+    return out
 
 
 @kernel

@@ -20,6 +20,7 @@ import numpy as np
 
 from estimators.arrays import Floats
 from estimators.kernel import kernel
+from estimators.lanes import select
 
 SHOWN = 1e-8
 """A fault of which the residuals show less than this share, against rounding, they do not show at all."""
@@ -38,22 +39,24 @@ def _greater_eigenvalue(
 
 @kernel
 def worst_slopes(
-    rows: Floats, n: int, inverse: Floats, fan_sum: Floats, spread: Floats, rho: float, square: Floats
+    rows: Floats, n: int, number: float, inverse: Floats, fan_sum: Floats, spread: Floats, rho: float
 ) -> tuple[float, float]:
     """Return the slopes of attitude [rad/rad] and position [m/rad]; infinite where a photodiode's fault shows nowhere.
 
+    Of numbers or of lanes.
+
     Args:
         rows: (2, 5, K), derivatives of each fan's angles by the attitude, the fan's own coordinate and z.
-        n: number of angles of each fan.
+        n: number of rows of each fan.
+        number: number of photodiodes: rows after them are zero.
         inverse: (6, 6), N^-1.
         fan_sum: (2, 6), sum of each fan's rows.
         spread: (2, 6), N^-1 times it.
         rho: of (19).
-        square: (2, K), workspace.
     """
     s, t = fan_sum, spread
     # U^T U, and W = ((1 - rho) / rho I + U^T U)^-1 written so that rho may be zero.
-    u00, u01, u11 = float(n), 0.0, float(n)
+    u00, u01, u11 = number, 0.0, number
     for a in range(6):
         u00 -= s[0, a] * t[0, a]
         u01 -= s[0, a] * t[1, a]
@@ -62,20 +65,14 @@ def worst_slopes(
     scale = rho / (d00 * d11 - d01 * d01)
     w00, w01, w11 = scale * d11, -scale * d01, scale * d00
 
-    i00, i01, i02, i03, i04, i05 = inverse[0]
-    i11, i12, i13, i14, i15 = inverse[1, 1], inverse[1, 2], inverse[1, 3], inverse[1, 4], inverse[1, 5]
-    i22, i23, i24, i25 = inverse[2, 2], inverse[2, 3], inverse[2, 4], inverse[2, 5]
-    i33, i34, i35, i44, i45, i55 = (
-        inverse[3, 3],
-        inverse[3, 4],
-        inverse[3, 5],
-        inverse[4, 4],
-        inverse[4, 5],
-        inverse[5, 5],
-    )
-    t00, t01, t02, t03, t04, t05 = t[0]
-    t10, t11, t12, t13, t14, t15 = t[1]
-    # Straight through, without a branch, so that several photodiodes go through side by side.
+    i00, i01, i02, i03 = inverse[0, 0], inverse[0, 1], inverse[0, 2], inverse[0, 3]
+    i04, i05, i11, i12 = inverse[0, 4], inverse[0, 5], inverse[1, 1], inverse[1, 2]
+    i13, i14, i15, i22 = inverse[1, 3], inverse[1, 4], inverse[1, 5], inverse[2, 2]
+    i23, i24, i25, i33 = inverse[2, 3], inverse[2, 4], inverse[2, 5], inverse[3, 3]
+    i34, i35, i44, i45, i55 = inverse[3, 4], inverse[3, 5], inverse[4, 4], inverse[4, 5], inverse[5, 5]
+    t00, t01, t02, t03, t05 = t[0, 0], t[0, 1], t[0, 2], t[0, 3], t[0, 5]
+    t04, t10, t11, t12, t13 = t[0, 4], t[1, 0], t[1, 1], t[1, 2], t[1, 3]
+    t14, t15, attitude, position = t[1, 4], t[1, 5], 0.0, 0.0
     for k in range(n):
         x0, x1, x2, x3, x5 = rows[0, 0, k], rows[0, 1, k], rows[0, 2, k], rows[0, 3, k], rows[0, 4, k]
         y0, y1, y2, y4, y5 = rows[1, 0, k], rows[1, 1, k], rows[1, 2, k], rows[1, 3, k], rows[1, 4, k]
@@ -105,12 +102,12 @@ def worst_slopes(
         ayy = 1 - (y0 * q0 + y1 * q1 + y2 * q2 + y4 * q4 + y5 * q5)
         ayy -= w00 * uy0 * uy0 + 2 * w01 * uy0 * uy1 + w11 * uy1 * uy1
         determinant = axx * ayy - axy * axy
-        over = 1 / determinant if determinant > SHOWN else np.inf
-        square[0, k] = _greater_eigenvalue(axx, axy, ayy, over, p0, p1, p2, q0, q1, q2)
-        square[1, k] = _greater_eigenvalue(axx, axy, ayy, over, p3, p4, p5, q3, q4, q5)
-    attitude = position = 0.0
-    for k in range(n):
+        over = select(determinant > SHOWN, 1 / determinant, np.inf)
+        turned = _greater_eigenvalue(axx, axy, ayy, over, p0, p1, p2, q0, q1, q2)
+        moved = _greater_eigenvalue(axx, axy, ayy, over, p3, p4, p5, q3, q4, q5)
         # Infinity less infinity: as infinite as either.
-        attitude = np.inf if np.isnan(square[0, k]) else max(attitude, square[0, k])
-        position = np.inf if np.isnan(square[1, k]) else max(position, square[1, k])
+        turned, moved = select(turned == turned, turned, np.inf), select(moved == moved, moved, np.inf)
+        own = number > k
+        attitude = max(attitude, select(own, turned, 0.0))
+        position = max(position, select(own, moved, 0.0))
     return np.sqrt(attitude), np.sqrt(position)

@@ -1,0 +1,368 @@
+"""Four numbers side by side: a type of numba that is one vector of four doubles of LLVM, <4 x double>.
+
+A kernel that is written with operators, `select` and the functions here takes a number, or four numbers of four craft
+at once: lane by lane the same operations in the same order, so that the bits are those of four calls with numbers.
+Nothing is fused or reassociated. On a processor without AVX, LLVM makes two operations with two lanes of each.
+
+A comparison of lanes is a mask, which `&`, `|`, `opposite`, `select`, `all_of` and `any_of` take; there is no branch by
+a mask. Numbers become four equal lanes where they meet lanes. An array of doubles (..., 4) becomes an array of lanes
+(...) by `lanes_in`: its elements are read and written by index, as those of any array.
+
+Types are told to Python as `float` and `bool`. In Python the functions do what they do for one number.
+"""
+
+import hashlib
+import operator
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba.core import cgutils, types
+from numba.core.imputils import impl_ret_borrowed
+from numba.core.typeconv.castgraph import Conversion
+from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+from numba.extending import lower_builtin, lower_cast, models, register_model, type_callable
+from numba.np.arrayobj import make_array, populate_array
+
+from estimators.arrays import Floats
+
+LANES = 4
+"""Numbers side by side."""
+
+KERNEL_SOURCE = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()[:16]
+"""Stands for this file in the digests of kernels: what it makes of an operator is not in their bytecode."""
+
+_DOUBLE, _WORD = ir.DoubleType(), ir.IntType(64)
+_DOUBLES, _WORDS, _BITS = (ir.VectorType(one, LANES) for one in (_DOUBLE, _WORD, ir.IntType(1)))
+_Make = Callable[..., Any]
+
+
+class _Lanes(types.Type):
+    """Four doubles."""
+
+    def __init__(self) -> None:
+        super().__init__(name=f"Lanes({KERNEL_SOURCE})")
+
+    def can_convert_from(self, typingctx: Any, other: Any) -> Any:
+        """Numbers become lanes."""
+        return Conversion.safe if _is_number(other) else None
+
+    def unify(self, typingctx: Any, other: Any) -> Any:
+        """A variable that is a number first, and lanes then, is lanes."""
+        return self if _is_number(other) else None
+
+
+class _Mask(types.Type):
+    """Four truth values, words of ones or zeros."""
+
+    def __init__(self) -> None:
+        super().__init__(name=f"Mask({KERNEL_SOURCE})")
+
+    def can_convert_from(self, typingctx: Any, other: Any) -> Any:
+        """A truth value becomes a mask."""
+        return Conversion.safe if isinstance(other, types.Boolean) else None
+
+    def unify(self, typingctx: Any, other: Any) -> Any:
+        """A variable that is a truth value first, and a mask then, is a mask."""
+        return self if isinstance(other, types.Boolean) else None
+
+
+def _is_number(kind: Any) -> bool:
+    return isinstance(kind, types.Float | types.Integer)
+
+
+_lanes, _mask = _Lanes(), _Mask()
+
+
+@register_model(_Lanes)
+class _LanesModel(models.PrimitiveModel):
+    def __init__(self, dmm: Any, fe_type: Any) -> None:
+        super().__init__(dmm, fe_type, _DOUBLES)
+
+
+@register_model(_Mask)
+class _MaskModel(models.PrimitiveModel):
+    def __init__(self, dmm: Any, fe_type: Any) -> None:
+        super().__init__(dmm, fe_type, _WORDS)
+
+
+def _vector(builder: Any, kind: Any, parts: Sequence[Any]) -> Any:
+    out = ir.Constant(kind, ir.Undefined)
+    for at, part in enumerate(parts):
+        out = builder.insert_element(out, part, ir.Constant(ir.IntType(32), at))
+    return out
+
+
+def _splat(builder: Any, kind: Any, one: Any) -> Any:
+    first = builder.insert_element(ir.Constant(kind, ir.Undefined), one, ir.Constant(ir.IntType(32), 0))
+    places = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
+    return builder.shuffle_vector(first, ir.Constant(kind, ir.Undefined), places)
+
+
+def _bits(builder: Any, mask: Any) -> Any:
+    return builder.icmp_signed("<", mask, ir.Constant(_WORDS, [0] * LANES))
+
+
+@lower_cast(types.Float, _Lanes)
+@lower_cast(types.Integer, _Lanes)
+def _lanes_of_number(context: Any, builder: Any, given: Any, wanted: Any, value: Any) -> Any:
+    return _splat(builder, _DOUBLES, context.cast(builder, value, given, types.float64))
+
+
+@lower_cast(types.Boolean, _Mask)
+def _mask_of_truth(context: Any, builder: Any, given: Any, wanted: Any, value: Any) -> Any:
+    return _splat(builder, _WORDS, builder.sext(value, _WORD))
+
+
+def _define(function: Any, *cases: tuple[Any, tuple[Any, ...], _Make]) -> None:
+    """Let kernels call `function`.
+
+    Args:
+        function: an operator, a function of Python's or NumPy's, or one of this file.
+        cases: the type of the result, those of the arguments, and what makes LLVM's value of the builder and LLVM's
+            arguments. The first case fits to whose types the arguments convert, one of them being lanes or a mask
+            where any of the case is.
+    """
+    vectors = any(_lanes in wanted or _mask in wanted for _, wanted, _ in cases)
+
+    class Typed(AbstractTemplate):
+        key = function
+        # Asked before numba's own: of numbers it declines at once, and of lanes all those would decline.
+        metadata = {"target": "cpu"}  # noqa: RUF012
+
+        def apply(self, args: Any, kws: Any) -> Any:
+            if kws or (vectors and len(cases) == 1 and _lanes not in args and _mask not in args):
+                return None
+            for result, wanted, _ in cases:
+                vector = {_lanes, _mask} & set(wanted)
+                if len(wanted) == len(args) and all(map(_fits, wanted, args)) and (not vector or vector & set(args)):
+                    return signature(result, *wanted)
+            return None
+
+        def generic(self, args: Any, kws: Any) -> Any:
+            return self.apply(args, kws)
+
+    infer_global(function, types.Function(Typed))
+    for _, wanted, make in cases:
+        lower_builtin(function, *wanted)(lambda context, builder, sig, args, make=make: make(builder, *args))
+
+
+def _fits(wanted: Any, given: Any) -> bool:
+    if wanted in (_lanes, _mask):
+        return bool(given == wanted or wanted.can_convert_from(None, given) is not None)
+    return isinstance(given, types.Boolean) if wanted == types.boolean else _is_number(given)
+
+
+def _compare(sign: str) -> _Make:
+    def make(builder: Any, a: Any, b: Any) -> Any:
+        # As numba compares numbers: NaN is unequal to everything, and nothing else of it.
+        compare = builder.fcmp_unordered if sign == "!=" else builder.fcmp_ordered
+        return builder.sext(compare(sign, a, b), _WORDS)
+
+    return make
+
+
+def _intrinsic(name: str) -> _Make:
+    kind = ir.FunctionType(_DOUBLES, [_DOUBLES])
+    return lambda builder, a: builder.call(
+        cgutils.get_or_insert_function(builder.module, kind, f"{name}.v{LANES}f64"), [a]
+    )
+
+
+_TWO = _lanes, _lanes
+_PLACE = types.intp, types.float64
+_CHOICE = types.boolean, types.float64, types.float64
+for _operators, _name in (
+    ((operator.add, operator.iadd), "fadd"),
+    ((operator.sub, operator.isub), "fsub"),
+    ((operator.mul, operator.imul), "fmul"),
+    ((operator.truediv, operator.itruediv), "fdiv"),
+):
+    for _operator in _operators:
+        _define(_operator, (_lanes, _TWO, lambda builder, a, b, name=_name: getattr(builder, name)(a, b)))
+_define(operator.neg, (_lanes, (_lanes,), lambda builder, a: builder.fsub(ir.Constant(_DOUBLES, [-0.0] * LANES), a)))
+_define(abs, (_lanes, (_lanes,), _intrinsic("llvm.fabs")))
+_define(np.sqrt, (_lanes, (_lanes,), _intrinsic("llvm.sqrt")))
+# numba's max(a, b) is b where b > a, else a: a NaN in the first place stays.
+_define(max, (_lanes, _TWO, lambda builder, a, b: builder.select(builder.fcmp_ordered(">", b, a), b, a)))
+_define(min, (_lanes, _TWO, lambda builder, a, b: builder.select(builder.fcmp_ordered("<", b, a), b, a)))
+_define(operator.lt, (_mask, _TWO, _compare("<")))
+_define(operator.le, (_mask, _TWO, _compare("<=")))
+_define(operator.gt, (_mask, _TWO, _compare(">")))
+_define(operator.ge, (_mask, _TWO, _compare(">=")))
+_define(operator.eq, (_mask, _TWO, _compare("==")))
+_define(operator.ne, (_mask, _TWO, _compare("!=")))
+_define(operator.and_, (_mask, (_mask, _mask), lambda builder, a, b: builder.and_(a, b)))
+_define(operator.or_, (_mask, (_mask, _mask), lambda builder, a, b: builder.or_(a, b)))
+
+
+T = TypeVar("T", bool, float)
+
+
+def select(mask: bool, a: T, b: T) -> T:
+    """Choose lane by lane.
+
+    Args:
+        mask: the choice.
+        a: numbers or truth values that are taken where the mask is true.
+        b: those that are taken elsewhere.
+    """
+    return a if mask else b
+
+
+def opposite(mask: bool) -> bool:
+    """Return the mask that is true where `mask` is not."""
+    return not mask
+
+
+def all_of(mask: bool) -> bool:
+    """Return whether all lanes of the mask are true."""
+    return mask
+
+
+def any_of(mask: bool) -> bool:
+    """Return whether any lane of the mask is true."""
+    return mask
+
+
+def pack(a: T, b: T, c: T, d: T) -> T:
+    """Return lanes of four numbers, or a mask of four truth values; in Python, the first.
+
+    Args:
+        a: the first lane.
+        b: the second.
+        c: the third.
+        d: the fourth.
+    """
+    return a
+
+
+def lane(value: T, at: int) -> T:
+    """Return one lane, a number, or a truth value of a mask."""
+    return value
+
+
+def with_lane(value: float, at: int, one: float) -> float:
+    """Return lanes with another number in one of them; of a number, the other number.
+
+    Args:
+        value: lanes, or a number.
+        at: the lane.
+        one: the number.
+    """
+    return one
+
+
+def width(value: float) -> int:
+    """Return the number of lanes: 1 of a number."""
+    return 1
+
+
+def lanes_in(array: Floats) -> Floats:
+    """Return an array (..., 4) of doubles, contiguous, as one (...) of lanes that shares its memory."""
+    return array
+
+
+def _number_of_bits(builder: Any, mask: Any) -> Any:
+    return builder.bitcast(_bits(builder, mask), ir.IntType(LANES))
+
+
+_define(
+    select,
+    (_mask, (_mask,) * 3, lambda builder, mask, a, b: builder.select(_bits(builder, mask), a, b)),
+    (_lanes, (_mask, *_TWO), lambda builder, mask, a, b: builder.select(_bits(builder, mask), a, b)),
+    (types.boolean, (types.boolean,) * 3, lambda builder, mask, a, b: builder.select(mask, a, b)),
+    (
+        types.float64,
+        (types.boolean, types.float64, types.float64),
+        lambda builder, mask, a, b: builder.select(mask, a, b),
+    ),
+)
+_define(
+    opposite,
+    (_mask, (_mask,), lambda builder, mask: builder.not_(mask)),
+    (types.boolean, (types.boolean,), lambda builder, mask: builder.not_(mask)),
+)
+_define(
+    all_of,
+    (
+        types.boolean,
+        (_mask,),
+        lambda builder, mask: builder.icmp_signed(
+            "==", _number_of_bits(builder, mask), ir.Constant(ir.IntType(LANES), -1)
+        ),
+    ),
+    (types.boolean, (types.boolean,), lambda builder, mask: mask),
+)
+_define(
+    any_of,
+    (
+        types.boolean,
+        (_mask,),
+        lambda builder, mask: builder.icmp_signed(
+            "!=", _number_of_bits(builder, mask), ir.Constant(ir.IntType(LANES), 0)
+        ),
+    ),
+    (types.boolean, (types.boolean,), lambda builder, mask: mask),
+)
+_define(
+    pack,
+    (
+        _mask,
+        (types.boolean,) * LANES,
+        lambda builder, *parts: _vector(builder, _WORDS, [builder.sext(one, _WORD) for one in parts]),
+    ),
+    (_lanes, (types.float64,) * LANES, lambda builder, *parts: _vector(builder, _DOUBLES, parts)),
+)
+_define(
+    lane,
+    (types.float64, (_lanes, types.intp), lambda builder, value, at: builder.extract_element(value, at)),
+    (
+        types.boolean,
+        (_mask, types.intp),
+        lambda builder, value, at: builder.trunc(builder.extract_element(value, at), ir.IntType(1)),
+    ),
+    (types.boolean, (types.boolean, types.intp), lambda builder, value, at: value),
+    (types.float64, (types.float64, types.intp), lambda builder, value, at: value),
+)
+_define(
+    with_lane,
+    (
+        _lanes,
+        (_lanes, types.intp, types.float64),
+        lambda builder, value, at, one: builder.insert_element(value, one, at),
+    ),
+    (types.float64, (types.float64, types.intp, types.float64), lambda builder, value, at, one: one),
+)
+_define(
+    width,
+    (types.intp, (_lanes,), lambda builder, value: ir.Constant(_WORD, LANES)),
+    (types.intp, (types.float64,), lambda builder, value: ir.Constant(_WORD, 1)),
+)
+
+
+@type_callable(lanes_in)
+def _type_lanes_in(context: Any) -> _Make:
+    def typer(array: Any) -> Any:
+        if isinstance(array, types.Array) and array.dtype == types.float64 and array.layout == "C" and array.ndim > 1:
+            return types.Array(_lanes, array.ndim - 1, "C", aligned=False)
+        return None
+
+    return typer
+
+
+@lower_builtin(lanes_in, types.Array)
+def _view(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    source, view = make_array(sig.args[0])(context, builder, args[0]), make_array(sig.return_type)(context, builder)
+    populate_array(
+        view,
+        data=builder.bitcast(source.data, view.data.type),
+        shape=cgutils.unpack_tuple(builder, source.shape)[:-1],
+        strides=cgutils.unpack_tuple(builder, source.strides)[:-1],
+        itemsize=context.get_constant(types.intp, 8 * LANES),
+        meminfo=source.meminfo,
+        parent=source.parent,
+    )
+    return impl_ret_borrowed(context, builder, sig.return_type, view._getvalue())

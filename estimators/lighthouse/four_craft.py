@@ -1,0 +1,171 @@
+"""Tables of the sweep angles of four craft side by side, whose kernels take lanes (`estimators.lanes`).
+
+A table of `projection` with lanes for numbers. A craft has as many rows as the one of the four that sees most: those
+that it does not see repeat its first photodiode with weight zero, after its own, so that no sum of its own rows changes
+by a bit. Craft are taken in the order of the number of photodiodes that they see.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.arrays import Bools, Floats, Ints
+from estimators.kernel import kernel
+from estimators.lanes import LANES, pack, select
+from estimators.lighthouse.projection import VALUE, WEIGHT, write_motion
+from estimators.rotation import exp_rows
+
+Places = NDArray[np.uint64]
+
+
+@kernel
+def in_order(lit: Bools, mask: Bools, fewest: int, count: Ints, order: Ints) -> int:
+    """Write the craft that see at least `fewest` photodiodes into `order`, by their number; return how many they are.
+
+    Args:
+        lit: (C, K).
+        mask: (C,), the craft to take.
+        fewest: photodiodes at least.
+        count: (C,), receives the number of each craft's lit photodiodes.
+        order: (C + LANES,), receives the craft, and the last one once more for every lane that is left over.
+    """
+    craft, photodiodes = lit.shape
+    begin = np.zeros(photodiodes + 2, np.int64)
+    for c in range(craft):
+        n = 0
+        for k in range(photodiodes):
+            n += lit[c, k]
+        count[c] = n
+        if mask[c] and n >= fewest:
+            begin[n + 1] += 1
+    for n in range(photodiodes + 1):
+        begin[n + 1] += begin[n]
+    for c in range(craft):
+        n = count[c]
+        if mask[c] and n >= fewest:
+            order[begin[n]] = c
+            begin[n] += 1
+    taken = begin[photodiodes]
+    for i in range(LANES if taken else 0):
+        order[taken + i] = order[taken - 1]
+    return int(taken)
+
+
+@kernel
+def seen_by(who: Ints, lit: Bools, most: int, seen: Places) -> None:
+    """Write each craft's lit photodiodes, then its first one again up to `most` of them, into `seen` (K, LANES).
+
+    Args:
+        who: (LANES,), craft.
+        lit: (C, K).
+        most: number to write.
+        seen: receives c K + k for photodiode k of craft c. Unsigned: an index that may be negative takes longer.
+    """
+    for i in range(LANES):
+        c = who[i]
+        n, first = 0, c * lit.shape[1]
+        for k in range(lit.shape[1]):
+            seen[n, i] = first + k
+            n += lit[c, k]
+            if n == most:
+                break
+        for j in range(n, most):
+            seen[j, i] = seen[0, i]
+
+
+@kernel
+def numbers(source: Ints, who: Ints) -> float:
+    """Return the values of four craft of `source` (C,) as lanes."""
+    return pack(float(source[who[0]]), float(source[who[1]]), float(source[who[2]]), float(source[who[3]]))
+
+
+@kernel
+def four(source: Floats, who: Ints, out: Floats) -> None:
+    """Write the rows of four craft into lanes.
+
+    Args:
+        source: (C, m).
+        who: (LANES,), craft.
+        out: (m,), lanes.
+    """
+    a, b, c, d = who[0], who[1], who[2], who[3]
+    for m in range(source.shape[1]):
+        out[m] = pack(source[a, m], source[b, m], source[c, m], source[d, m])
+
+
+@kernel
+def gather_four(
+    seen: Places,
+    n: int,
+    point: Floats,
+    offset: Floats,
+    angular_rate: Floats,
+    velocity: Floats,
+    out: Floats,
+) -> None:
+    """Write the angles of four craft into a table, n rows of fan X and n of fan Y, as `projection.gather`.
+
+    Args:
+        seen: of `seen_by`.
+        n: rows of each fan.
+        point: (C K, 3) [m].
+        offset: (C K, 2) [s].
+        angular_rate: (3,), lanes [rad/s].
+        velocity: (3,), lanes [m/s].
+        out: (2 K, COLUMNS), lanes, receives the rows.
+    """
+    for row in range(n):
+        a, b, c, d = seen[row, 0], seen[row, 1], seen[row, 2], seen[row, 3]
+        for axis in range(3):
+            place = pack(point[a, axis], point[b, axis], point[c, axis], point[d, axis])
+            out[row, axis] = place
+            out[n + row, axis] = place
+        for fan in range(2):
+            tau = pack(offset[a, fan], offset[b, fan], offset[c, fan], offset[d, fan])
+            turn = exp_rows(angular_rate[0] * tau, angular_rate[1] * tau, angular_rate[2] * tau)
+            own = turn[0] if fan == 0 else turn[1]
+            write_motion(out, fan * n + row, own, turn[2], velocity[fan], velocity[2], tau)
+
+
+@kernel
+def gather_measured_four(seen: Places, n: int, number: float, uv: Floats, weight: Floats, out: Floats) -> bool:
+    """Write the value and the squared weight of each angle into a table; return where all of them are finite.
+
+    Args:
+        seen: of `seen_by`.
+        n: rows of each fan.
+        number: lanes, photodiodes that each craft sees.
+        uv: (C K, 2), values.
+        weight: (C K, 2), inverse noise.
+        out: (2 K, COLUMNS), lanes, receives the columns.
+    """
+    finite = True
+    for row in range(n):
+        a, b, c, d = seen[row, 0], seen[row, 1], seen[row, 2], seen[row, 3]
+        for fan in range(2):
+            value = pack(uv[a, fan], uv[b, fan], uv[c, fan], uv[d, fan])
+            w = pack(weight[a, fan], weight[b, fan], weight[c, fan], weight[d, fan])
+            finite = finite & (abs(w * value) < np.inf)
+            out[fan * n + row, VALUE] = value
+            out[fan * n + row, WEIGHT] = select(number > row, w * w, 0.0)
+    return finite
+
+
+@kernel
+def gather_weights_four(seen: Places, n: int, number: float, equal: bool, weight: Floats, out: Floats) -> None:
+    """Write the weight of each angle into a table, for `dop`.
+
+    Args:
+        seen: of `seen_by`.
+        n: rows of each fan.
+        number: lanes, photodiodes that each craft sees.
+        equal: whether all angles have the weight 1.
+        weight: (C K, 2), inverse noise, or empty where all are equal.
+        out: (2 K, COLUMNS), lanes, receives the column.
+    """
+    for row in range(n):
+        a, b, c, d = seen[row, 0], seen[row, 1], seen[row, 2], seen[row, 3]
+        own = select(number > row, 1.0, 0.0)
+        for fan in range(2):
+            out[fan * n + row, WEIGHT] = own
+            if not equal:
+                out[fan * n + row, WEIGHT] = own * pack(weight[a, fan], weight[b, fan], weight[c, fan], weight[d, fan])

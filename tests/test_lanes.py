@@ -1,0 +1,183 @@
+"""Lanes: every operation against NumPy bit for bit, and PnP and dilution of four craft at once against one alone."""
+
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from convex_target import draw, sweep_offsets
+
+from estimators import lanes
+from estimators import rotation as rot
+from estimators.arrays import Bools, Floats
+from estimators.kernel import kernel
+from estimators.kernel_digest import KernelDigest
+from estimators.lanes import all_of, any_of, lane, lanes_in, opposite, pack, select, width, with_lane
+from estimators.lighthouse.dop import dilution, dilution_one
+from estimators.lighthouse.pnp import FEWEST_LIT, ITERATIONS_MAX, refine_one, refine_projections
+from estimators.lighthouse.projection import COLUMNS, VALUE, WEIGHT, gather, table_spans_plane
+
+ODD = [0.0, -0.0, 1.0, -2.5, np.inf, -np.inf, np.nan, 5e-324, 1e308, -1e-310]
+
+
+def bits(array: Floats) -> Any:
+    """The bytes of doubles, all NaN alike: which NaN an operation makes is the processor's affair."""
+    return np.where(np.isnan(array), np.nan, array).tobytes()
+
+
+@kernel
+def everything(given: Floats, out: Floats) -> None:
+    values, into = lanes_in(given), lanes_in(out)
+    for k in range(values.shape[1]):
+        a, b = values[0, k], values[1, k]
+        total = 0.0
+        total += a
+        into[0, k], into[1, k], into[2, k], into[3, k] = a + b, a - b, a * b, a / b
+        into[4, k], into[5, k], into[6, k], into[7, k] = -a, abs(a), np.sqrt(a), total
+        into[8, k], into[9, k], into[10, k] = max(a, b), min(a, b), select(a < b, a, 2)
+        into[11, k], into[12, k] = select(a <= b, 1, 0.0), select((a > b) | (a >= 1) & opposite(b == 1), a, b)
+        into[13, k], into[14, k] = select(a != b, 1 - a, 3 / b), select(select(a < 0, b < 0, True), a, b)
+        into[15, k] = pack(lane(a, 3), lane(b, 0), 1, lane(a, 1))
+        into[16, k] = with_lane(with_lane(a, 0, lane(b, 2)), 2, width(a))
+        into[17, k] = select(pack(True, False, lane(a < b, 2), all_of(a == a)), 1.0, 0.0)
+        into[18, k] = select(any_of(a < 0) & (a == a), 1.0, 0.0)
+
+
+def test_every_operation_is_numpys_bit_for_bit() -> None:
+    pairs = np.array(np.meshgrid(ODD, ODD)).reshape(2, -1)
+    rng = np.random.default_rng(1)
+    given = np.concatenate([pairs, rng.standard_normal((2, 100))], axis=1).reshape(2, -1, 4)
+    out = np.full((19, given.shape[1], 4), 7.0)
+    everything(given, out)
+    a, b = given
+    swapped = a.copy()
+    swapped[:, 0], swapped[:, 2] = b[:, 2], 4
+    with np.errstate(all="ignore"):
+        wanted = [
+            *(a + b, a - b, a * b, a / b, -a, abs(a), np.sqrt(a), 0.0 + a),
+            *(np.where(b > a, b, a), np.where(b < a, b, a), np.where(a < b, a, 2)),
+            *(np.where(a <= b, 1, 0), np.where((a > b) | (a >= 1) & ~(b == 1), a, b)),
+            *(np.where(a != b, 1 - a, 3 / b), np.where(np.where(a < 0, b < 0, True), a, b)),
+            *(np.stack([a[:, 3], b[:, 0], np.ones(len(a)), a[:, 1]], axis=-1), swapped),
+            np.stack([np.ones(len(a)), np.zeros(len(a)), a[:, 2] < b[:, 2], (a == a).all(axis=1)], axis=-1),
+            np.any(a < 0, axis=1, keepdims=True) & (a == a),
+        ]
+    for number, (mine, theirs) in enumerate(zip(out, wanted, strict=True)):
+        assert bits(mine) == bits(np.asarray(theirs, dtype=np.float64)), number
+
+
+@kernel
+def in_place(array: Floats) -> None:
+    rows = lanes_in(array)
+    rows[1:][0] = 3
+    middle = rows[2:6].reshape(2, 2)
+    for k in range(2):
+        middle[1, k] += rows[0]
+
+
+def test_an_array_of_lanes_shares_the_memory_of_its_numbers() -> None:
+    array = np.arange(24.0).reshape(6, 4)
+    wanted = array.copy()
+    wanted[1] = 3
+    wanted[4:] += array[0]
+    in_place(array)
+    np.testing.assert_array_equal(array, wanted)
+
+
+@kernel
+def names_lanes(x: float) -> float:
+    return select(x > 0, x, 0.0)
+
+
+def test_machine_code_follows_from_the_file_of_lanes(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = KernelDigest().of(cast(Any, names_lanes))
+    assert KernelDigest().of(cast(Any, names_lanes)) == before
+    monkeypatch.setattr(lanes, "KERNEL_SOURCE", "another")
+    assert KernelDigest().of(cast(Any, names_lanes)) != before
+
+
+class Company:
+    """Craft with all sorts of light and starts, side by side: near, far, behind, odd, and none at all."""
+
+    def __init__(self, count: int = 61) -> None:
+        rng = np.random.default_rng(3)
+        self.truth = draw(rng, count, 1.0, 5.0)
+        d = self.truth
+        self.lit = d.lit & (rng.random((count, 12)) < rng.choice([0.4, 1.0], (count, 1)))
+        self.point = d.point.copy()
+        self.offset = sweep_offsets(rng, count, 12)
+        self.rate, self.velocity = 0.5 * rng.standard_normal((count, 3)), 0.3 * rng.standard_normal((count, 3))
+        self.rate[5] = 40, -20, 10  # beyond the series of sine and cosine
+        self.rotation = rot.exp(rng.choice([0.01, 0.3, 2.0], (count, 1)) * rng.standard_normal((count, 3))) @ d.rotation
+        self.position = d.position + rng.choice([0.003, 0.3], (count, 1)) * rng.standard_normal((count, 3))
+        place = np.einsum("cij,ckj->cki", d.rotation, d.point) + d.position[:, None]
+        self.uv = place[..., :2] / place[..., 2:] + 1e-4 * rng.standard_normal((count, 12, 2))
+        self.weight = 1 / (1 + self.uv**2)
+        self.position[7], self.rotation[8], self.position[9] = (0, 0, -2), np.nan, (0, 0, 0.01)
+        self.uv[10], self.weight[11], self.lit[12] = np.nan, np.inf, False
+        self.point[13] = np.linspace(-1, 1, 12)[:, None] * [0.05, 0.02, 0.01]
+        self.uv[~self.lit], self.point[~self.lit] = np.nan, np.nan
+        self.lit[14:16] = True
+        self.uv[14:16], self.point[14:16] = self.uv[20], self.point[20]
+
+    def motion(self) -> tuple[Floats, Floats, Floats]:
+        return self.offset, self.rate, self.velocity
+
+    def table(self, c: int) -> tuple[Floats, int]:
+        """The angles of one craft, numbers."""
+        out, lit = np.empty((24, COLUMNS)), self.lit[c]
+        n = gather(lit, self.point[c], self.offset[c], self.rate[c], self.velocity[c], out)
+        out[: 2 * n, VALUE] = self.uv[c, lit].T.reshape(-1)
+        out[: 2 * n, WEIGHT] = (self.weight[c, lit] ** 2).T.reshape(-1)
+        return out, n
+
+
+def test_four_poses_at_once_are_those_of_one_alone_bit_for_bit() -> None:
+    company = Company()
+    solution = refine_projections(
+        company.uv, company.weight, company.lit, company.point, company.rotation, company.position, *company.motion()
+    )
+    hard = 0
+    for c in range(len(company.lit)):
+        table, n = company.table(c)
+        rotation, position = company.rotation[c].copy(), company.position[c].copy()
+        rows = table[: 2 * n]
+        sound = n >= FEWEST_LIT and bool(np.isfinite(rows[:, VALUE] * rows[:, WEIGHT]).all())
+        sound = sound and table_spans_plane(table, n)
+        found = (
+            refine_one(table, n, rotation, position, sound, ITERATIONS_MAX, np.zeros((34, 6))) if n else (False, 0, 0)
+        )
+        assert (solution.solved[c], solution.iterations[c]) == found[:2], c
+        if solution.solved[c]:
+            hard += solution.iterations[c] > 5
+            assert bits(solution.rotation[c]) == bits(rotation), c
+            assert bits(solution.position[c]) == bits(position), c
+            assert solution.cost[c] == found[2], c
+        else:
+            assert np.isnan(solution.position[c]).all()
+    assert 20 <= np.count_nonzero(solution.solved) < len(company.lit) - 5
+    assert hard >= 3, "damped steps, with curvature"
+
+
+def test_four_dilutions_at_once_are_those_of_one_alone_bit_for_bit() -> None:
+    company = Company()
+    d, rho = company.truth, 0.1
+    mask: Bools = np.arange(len(company.lit)) % 9 > 0
+    rotation, position = d.rotation.copy(), d.position.copy()
+    position[20], rotation[21] = (0, 0, -2), np.nan
+    ours = dilution(rotation, position, company.lit, company.point, *company.motion(), rho, mask)
+    for c in range(len(company.lit)):
+        table, n = company.table(c)
+        table[:, WEIGHT] = 1
+        out, rows = np.empty((2, 6, 6)), np.empty((2, 5, 12))
+        pose = rotation[c], position[c]
+        alone = mask[c] and n > 0
+        if alone:
+            found = dilution_one(table, n, float(n), *pose, True, rho, np.empty((28, 6)), rows, out[0], out[1])
+            alone = found[0] and table_spans_plane(table, n)
+        assert alone == np.isfinite(ours.pdop_m_per_rad[c]), c
+        if alone:
+            assert bits(ours.covariance[c]) == bits(out[0]), c
+            assert bits(ours.rate_coupling[c]) == bits(out[1]), c
+            assert ours.attitude_slope_deg_per_rad[c] == np.rad2deg(found[1]), c
+            assert ours.position_slope_m_per_rad[c] == found[2], c
+    assert 20 <= np.count_nonzero(np.isfinite(ours.pdop_m_per_rad)) < len(company.lit) - 5
