@@ -58,6 +58,8 @@ PARTNERS = {
     "image_noise_um": {"believed_noise_um": 1.0},
     "from_s": {"to_s": 86400.0},
     "to_s": {"from_s": 0.0},
+    "sun_phase_deg": {"altitude_km": 400.0},
+    "sun_beta_deg": {"altitude_km": 400.0},
     "from_m": {"to_m": 0.0},
     "to_m": {"from_m": 10000.0},
 }
@@ -244,7 +246,7 @@ def _of_the_rest(name: str, values: dict[str, Any], said: str) -> str:
         "Integrity": "navigation.integrity",
         "Quiet": "navigation.quiet",
     }[name]
-    if name == "Lighthouse":
+    if name in ("Lighthouse", "Orbit"):
         partner = PARTNERS.get(next(iter(values)), {})
         lines += "".join(f"\n{key} = {min(value, 1000.0)}" for key, value in partner.items())
     quiet = "\n[lighthouse]\nangle_noise_arcsec = 0.0\n" if name == "Navigation" else ""

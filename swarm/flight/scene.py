@@ -1,10 +1,11 @@
 """The description of a flight that telemetry and recording receive before its first period."""
 
 from swarm.assets import find_model
-from swarm.flight.builders import assumed_angle_noise, photodiodes, station_frames
+from swarm.flight.builders import assumed_angle_noise, orbit, photodiodes, station_frames
 from swarm.flight.flight import Flight
-from swarm.results.scene import CcdScene, Scene, StationScene
+from swarm.results.scene import CcdScene, OrbitScene, Scene, StationScene
 from swarm.scenario import Scenario
+from swarm.units import si
 from swarm.world.craft import visuals
 
 
@@ -42,5 +43,14 @@ def scene(scenario: Scenario, flight: Flight) -> Scene:
         ],
         up=scenario.recording.up,
         pairs=flight.computer.navigator.settings.relations.pairs,
+        orbit=_orbit(scenario),
         angle_noise_rad=assumed_angle_noise(scenario).sigma_rad,
     )
+
+
+def _orbit(scenario: Scenario) -> OrbitScene | None:
+    table, relative = scenario.orbit, orbit(scenario)
+    if table is None or relative is None:
+        return None
+    own = si(table)
+    return OrbitScene(own.altitude_m, relative.mean_motion_rad_s, relative.axes, own.sun_beta_rad, own.sun_phase_rad)

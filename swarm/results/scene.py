@@ -40,6 +40,19 @@ class StationScene(NamedTuple):
     generation: str
 
 
+class OrbitScene(NamedTuple):
+    """The lighthouse's orbit, as drawn: altitude_m, mean_motion_rad_s, and axes (3, 3), V-bar, H-bar, R-bar as rows in
+    the lighthouse frame. sun_beta_rad: the sun above the orbit's plane; sun_phase_rad: in the plane, along the flight
+    from the lighthouse at the start; None: not said.
+    """
+
+    altitude_m: float
+    mean_motion_rad_s: float
+    axes: Floats
+    sun_beta_rad: float = 0.0
+    sun_phase_rad: float | None = None
+
+
 class Scene(NamedTuple):
     """Everything of a run that does not change.
 
@@ -53,7 +66,7 @@ class Scene(NamedTuple):
     deviation of a sweep angle that the craft assume; None: unknown. stations: all of several stations; none: there is
     one, whose frame is the world. up: axis of the world that points up, "-y" or "z".
     truth: a truth of another system goes with a replay. pairs: (who knows, of whom), craft that navigate relative to
-    others.
+    others. orbit: of the lighthouse; None in weightless space.
     """
 
     craft: Sequence[str]
@@ -75,6 +88,7 @@ class Scene(NamedTuple):
     up: str = "-y"
     truth: bool = False
     pairs: Sequence[tuple[int, int]] = ()
+    orbit: OrbitScene | None = None
 
     @property
     def without_sensors(self) -> list[str]:

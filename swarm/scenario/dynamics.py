@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from swarm.scenario.limits import ALTITUDE, THRUST, THRUST_TILT
+from swarm.scenario.limits import ALTITUDE, ANGLE, ELEVATION, THRUST, THRUST_TILT
 from swarm.scenario.table import Table
 
 
@@ -21,6 +21,19 @@ class Orbit(Table):
         description="Direction in which the lighthouse looks: v-bar is along its velocity, r-bar points to the Earth, "
         "h-bar is against the orbit's angular momentum. The y axis (down) of the lighthouse is r-bar, or -v-bar where "
         "it looks along r-bar.",
+    )
+    sun_phase_deg: Annotated[float | None, ANGLE] = Field(
+        default=None,
+        ge=-360,
+        le=360,
+        description="Direction of the sun that recordings draw, in the orbit's plane: along the flight from the "
+        "lighthouse at the start. Nothing else depends on it. Unset: no sun is drawn.",
+    )
+    sun_beta_deg: Annotated[float, ELEVATION] = Field(
+        default=0.0,
+        ge=-90,
+        le=90,
+        description="Elevation of that sun above the orbit's plane, to its angular momentum.",
     )
 
 

@@ -10,6 +10,9 @@ LIDARS = """| yellow points | the last scan of a LiDAR, where its craft believes
 CAMERAS = """| blue, yellow line | from the main and the backup camera to a light that it sees |
 | pyramids on a craft | the fields of its cameras |
 """
+ORBIT = """| arrows at the lighthouse | to the Earth, along the flight, and to the sun if that is said |
+| view *Orbit* | the Earth in true size, its night side dark, and the lighthouse on its orbit, in 1000 km |
+"""
 CROWD = """| colour of a craft | its position error: blue within 1 mm, teal 3 mm, green 10 mm, yellow 30 mm, orange \
 beyond; red: searching, dark orange: coasting, purple: ambiguous, grey: without sensors |
 | white label | the worst craft of the last second: the longest without tracking, or the largest error |
@@ -49,5 +52,5 @@ def about(scene: Scene, crowd: bool) -> str:
         slowed=FAN_TURN_S / REAL_FAN_TURN_S,
         crowd=CROWD if crowd else "",
         trail=TRAIL_POINTS * TRAIL_STEP_S,
-        cameras=(CAMERAS if scene.ccd else "") + (LIDARS if scene.lidar else ""),
+        cameras=(CAMERAS if scene.ccd else "") + (LIDARS if scene.lidar else "") + (ORBIT if scene.orbit else ""),
     )

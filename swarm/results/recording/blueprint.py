@@ -7,7 +7,10 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from estimators.arrays import Floats
+from estimators.relative_orbit import EARTH_RADIUS_M
+from swarm.results.recording.orbit import UNIT_M
 from swarm.results.recording.plots import Plot
+from swarm.results.scene import OrbitScene
 
 MOST_LANES = 6
 """Lanes of states that have room below the scene; of more, the others are scrolled to."""
@@ -55,6 +58,30 @@ def _eye(position: Floats, up: str, lighthouse: bool) -> rrb.EyeControls3D:
     )
 
 
+def _orbit(orbit: OrbitScene) -> rrb.Spatial3DView:
+    """Return the view of the orbit: from above its plane, the lighthouse in front, and the night to be seen."""
+    reach = 2.5 * (EARTH_RADIUS_M + orbit.altitude_m) / UNIT_M
+    azimuth = np.radians(30.0)
+    if orbit.sun_phase_rad is not None:
+        around = np.radians(np.arange(-50.0, 51.0, 5.0))
+        away = np.abs((around - orbit.sun_phase_rad + np.pi) % (2 * np.pi) - np.pi)
+        azimuth = around[np.argmin(np.abs(away - np.radians(80.0)))]
+    direction = np.array([np.cos(azimuth), np.sin(azimuth), 0.55])
+    return rrb.Spatial3DView(
+        origin="orbit",
+        name="Orbit, 1000 km",
+        eye_controls=rrb.EyeControls3D(
+            kind=rrb.Eye3DKind.Orbital,
+            position=reach * direction / np.linalg.norm(direction),
+            look_target=np.zeros(3),
+            eye_up=(0, 0, 1),
+        ),
+        line_grid=rrb.LineGrid3D(visible=False),
+        background=[13, 17, 23],
+        overrides={"orbit/earth": rrb.EntityBehavior(interactive=False)},
+    )
+
+
 def blueprint(
     swarm: Sequence[Plot],
     single: Mapping[str, Sequence[Plot]],
@@ -63,6 +90,7 @@ def blueprint(
     live: bool,
     up: str = "-y",
     lighthouse: bool = True,
+    orbit: OrbitScene | None = None,
 ) -> rrb.Blueprint:
     """Return the layout.
 
@@ -74,6 +102,7 @@ def blueprint(
         live: The viewer follows a run that goes on.
         up: Axis of the world that points up, "-y" or "z".
         lighthouse: The one lighthouse stands at the origin.
+        orbit: The lighthouse's orbit, which has a view of its own; None in weightless space.
     """
     low = 1.0 + (float(position[:, 1].max()) if len(position) else 0.0)
     floor = (0.0, 1.0, 0.0), low
@@ -93,10 +122,11 @@ def blueprint(
     status = rrb.StateTimelineView(origin="status", name="Status")
     about = rrb.TextDocumentView(origin="about", name="What is what")
     columns = [_column(swarm, "Swarm"), *(_column(plots, name) for name, plots in single.items())]
+    plots = rrb.Tabs(*columns, about, active_tab=0)
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(scene, status, row_shares=[SCREEN_PX - panel_px, panel_px]) if lanes else scene,
-            rrb.Tabs(*columns, about, active_tab=0),
+            plots if orbit is None else rrb.Vertical(_orbit(orbit), plots, row_shares=[1, 2]),
             column_shares=[3, 2],
         ),
         rrb.TimePanel(timeline="sim_time", state="collapsed", play_state="following" if live else "playing"),

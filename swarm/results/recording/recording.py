@@ -12,6 +12,8 @@ stand, on the timelines `sim_time` and `frame`:
     world/rays           from the lighthouse to every photodiode in reach: lit or blocked
     world/trails         where the craft have been in the last seconds
     world/lidar/NAME     the last scan of a LiDAR, where its craft believes the returns to be
+    world/directions     at the lighthouse of a scenario with an orbit: to the Earth, along the flight, to the sun
+    orbit                the Earth, the orbit and the lighthouse on it, in a view of its own
     world/cameras        lines of sight from cameras to the lights that they see; world/craft/NAME/ccd their fields
     status/NAME/sensor   whose pose went into the filter, of craft with cameras
     status/NAME/COLUMN   the columns of states to be shown: what a craft is doing, or what has failed
@@ -43,6 +45,7 @@ from swarm.results.recording.lanes import Lanes
 from swarm.results.recording.layer import Layer, Stage
 from swarm.results.recording.lidars import Lidars
 from swarm.results.recording.lighthouse import Lighthouse, Stations
+from swarm.results.recording.orbit import Orbit, tips
 from swarm.results.recording.plots import Plot, craft_plots, shown_plots, swarm_plots
 from swarm.results.recording.rays import Rays
 from swarm.results.records import Errors
@@ -107,10 +110,21 @@ class Recording:
             reach_m = 1.25 * float(np.linalg.norm(np.ptp(shown, axis=0)) or 3.0)
         else:
             reach_m = 1.25 * float(np.linalg.norm(known, axis=1).max()) if len(known) else 3.0
+        if scene.orbit is not None:
+            shown = np.concatenate([shown, tips(scene.orbit, reach_m)])
         stage = Stage(scene, near, crowd, detail, drawing.palette(len(craft)), reach_m, latest.time_s)
         lanes, plots = Lanes(stage, self._shown.columns, self._shown.values(latest)), Plots(stage, self._shown)
         self._canvas.lay_out(
-            blueprint(plots.swarm, plots.single, shown, lanes.count, self._canvas.live, scene.up, not scene.stations)
+            blueprint(
+                plots.swarm,
+                plots.single,
+                shown,
+                lanes.count,
+                self._canvas.live,
+                scene.up,
+                not scene.stations,
+                scene.orbit,
+            )
         )
         self._layers = [
             Stations(stage) if scene.stations else Lighthouse(stage),
@@ -120,6 +134,7 @@ class Recording:
             *([Cameras(stage)] if scene.ccd else []),
             *([Lidars(stage)] if scene.lidar else []),
             Trails(stage),
+            *([Orbit(stage, scene.orbit)] if scene.orbit is not None else []),
             *([Crowd(stage)] if crowd else []),
             lanes,
             plots,
