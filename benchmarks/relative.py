@@ -195,7 +195,7 @@ class Pairs:
             np.ones(len(rows.angle), dtype=np.bool_),
             every,
             light_of(packed([Station(np.eye(3), np.zeros(3), LIGHTHOUSE_1)]), [self.noise]),
-            Common(np.array([self.noise.shared_rad]), np.array([self.settings.frame_s])),
+            Common(np.array([self.noise.shared_rad]), np.array([self.settings.frame_s]), np.zeros((2, 0))),
             considered_errors(()),
             self.layout.point_m,
             self.truth,

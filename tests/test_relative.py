@@ -1,4 +1,4 @@
-"""Relative navigation: shared errors step by step, the message, gaps, and what a pair knows in a flight."""
+"""Relative navigation: shared errors step by step, the message, gaps, a pair in flight, and a reference craft."""
 
 from dataclasses import replace
 
@@ -11,7 +11,7 @@ from estimators.lighthouse.innovation import gathered, light_of
 from estimators.lighthouse.integrity import AngleNoise
 from estimators.lighthouse.rows import Rows, Station, linearise, packed
 from estimators.lighthouse.shared import Common, considered_errors, pose_sensitivity, shared_sums
-from estimators.lighthouse.sweep import FanErrors, lighthouse_1, lighthouse_2
+from estimators.lighthouse.sweep import FanErrors, lighthouse_1, lighthouse_2, measured_theta
 from estimators.lighthouse.tilted import TiltedErrors
 from estimators.relative.cross import cross_covariance
 from estimators.relative.error_step import ErrorStep, predicted, started, sums_of_pose, updated
@@ -19,7 +19,9 @@ from estimators.relative.pose import covariance_between, covariance_bound, relat
 from estimators.state import State
 from swarm.errors import SwarmError
 from swarm.flight.flight import Flight
+from swarm.onboard.decoder import SweepAngles
 from swarm.onboard.pose_message import PoseMessage, bytes_per_second, decoded, encoded
+from swarm.onboard.reference_craft import ReferenceCraft, ReferencePlace
 from swarm.onboard.relative import FORGOTTEN, RelativeNavigation
 from swarm.onboard.shared_errors import Relations, SharedErrors
 from swarm.results.columns.pairs import pairs, relative_error
@@ -89,7 +91,10 @@ def test_sums_are_those_of_the_whole_noise_and_of_fans_that_are_off(generation):
     rows = Rows(zero, index[:, 0], index[:, 1], zero, rng.uniform(-4e-3, 4e-3, count), rng.uniform(-0.2, 0.2, count))
     batch = gathered(zero, rows, 1)
     errors = considered_errors([station])
-    common, light = Common(np.array([3e-5]), np.array([1 / 60])), light_of(packed([station]), [NOISE])
+    common, light = (
+        Common(np.array([3e-5]), np.array([1 / 60]), np.zeros((2, len(errors.terms)))),
+        light_of(packed([station]), [NOISE]),
+    )
     state_of = State._make(part[None] for part in at)
     kept, mask = np.ones(count, dtype=np.bool_), np.ones(1, dtype=np.bool_)
     args = (batch, kept, mask, light, common, errors, POINT[None], state_of)
@@ -339,3 +344,76 @@ def test_settings_without_pairs_cost_nothing():
     assert not flight.computer.navigator._shared.wanted
     assert flight.period(0).estimate.relative is None
     assert not replace(flight.computer.navigator.settings).relations.any
+
+
+def reference_of(rng, errors):
+    """A reference craft and the angles of three craft, of which it is the second, with these errors of the sweeps."""
+    place = ReferencePlace(1, rot.exp(np.array([0.1, 0.2, -0.3])), np.array([0.4, -0.2, 3.0]))
+    fans = FanErrors(0.02, 0.001, 0.002, 0.3, 0.004), FanErrors(-0.01, 0.002, 0.001, 1.3, 0.004)
+    craft = ReferenceCraft(place, POINT, fans, NOISE, 3.9e-5)
+    theta = np.full((3, 8, 2), 1.5)
+    there = POINT @ place.rotation.T + place.position
+    theta[1] = measured_theta(there, fans) + errors + NOISE.own_rad * rng.standard_normal((8, 2))
+    none = np.zeros(3, dtype=np.int64)
+    return craft, SweepAngles(theta, np.zeros_like(theta), np.isfinite(theta).all(axis=2), none, none, none)
+
+
+def test_a_reference_craft_finds_what_all_angles_of_a_sweep_are_off_by():
+    rng, errors = np.random.default_rng(9), np.array([1.2e-4, -4e-5])
+    craft, angles = reference_of(rng, errors)
+    angles.theta[1, 2, 0] += 2e-3  # a reflection
+    angles.theta[1, 5] = np.nan
+    found = craft.observe(angles)
+    assert found.used.sum(axis=1).tolist() == [6, 7]
+    assert found.error == pytest.approx(errors, abs=4 * NOISE.own_rad / np.sqrt(6))
+    rounding = NOISE.shared_rad**2 - 3.9e-5**2
+    assert found.common_rad**2 == pytest.approx(rounding + NOISE.own_rad**2 / 6)
+    assert found.noise.shared_rad**2 == pytest.approx(found.common_rad**2 + rounding)
+    assert found.taken_off(angles).theta[0, 0] == pytest.approx(1.5 - found.error)
+    angles.theta[1, :, 1] = np.nan
+    assert craft.observe(angles) is None
+
+
+REFERRED = [
+    "duration_s=2",
+    "swarm.count=0",
+    "recording.enabled=false",
+    'craft=[{name="probe",motion={kind="drift",position_m=[0.0,0.0,3.0]}},'
+    '{name="base",motion={kind="hold",position_m=[-0.5,0.0,3.0]}}]',
+]
+
+
+def test_with_a_reference_craft_errors_across_the_light_are_a_third_and_promised():
+    lateral, along, sigma = {}, {}, {}
+    for name, more in (("without", []), ("with", ['navigation.reference="base"'])):
+        _, run = flown([*REFERRED, *more], 100)
+        error = np.array([p.truth.position[0] - p.estimate.position[0] for p in run[40:]])
+        covariance = np.mean([p.estimate.covariance[0, 6:9, 6:9] for p in run[40:]], axis=0)
+        lateral[name], along[name] = np.sqrt(np.mean(error[:, :2] ** 2)), np.sqrt(np.mean(error[:, 2] ** 2))
+        sigma[name] = np.sqrt(np.trace(covariance[:2, :2]) / 2)
+    assert lateral["with"] < 0.4 * lateral["without"]
+    assert along["with"] == pytest.approx(along["without"], rel=0.05)
+    assert sigma["with"] < 0.35 * sigma["without"]
+    assert lateral["with"] == pytest.approx(sigma["with"], rel=0.3)
+
+
+def test_what_a_reference_takes_off_is_not_considered_any_more():
+    """A constant error of a fan is the same at the reference: it leaves next to nothing in a covariance."""
+    considered = [*PAIR, "navigation.fan_sigma={phase_rad=1e-3}"]
+    _, run = flown(considered, 30)
+    _, referred = flown([*considered, 'navigation.reference="b"'], 30)
+    own = [np.sqrt(np.trace(p[-1].estimate.covariance[0, 6:9, 6:9])) for p in (run, referred)]
+    assert own[0] > 4e-3
+    assert own[1] < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ('navigation.reference="nobody"', "no craft has this name"),
+        ('navigation.reference="probe"', "must hold its position without spin"),
+    ],
+)
+def test_references_that_are_none(change, message):
+    with pytest.raises(SwarmError, match=message):
+        load("static", [*REFERRED, change])

@@ -99,11 +99,13 @@ class Shared(NamedTuple):
 
 class Common(NamedTuple):
     """Errors of S stations' rows that are the same for all craft: sigma_rad (S,), standard deviation of the rotor's
-    error with all that shifts a sweep for everybody; turn_s (S,), duration of a rotor's turn [s].
+    error with all that shifts a sweep for everybody; turn_s (S,), duration of a rotor's turn [s]; taken (F, Q), part
+    of each considered error that somebody has taken off all rows of a fan.
     """
 
     sigma_rad: Floats
     turn_s: Floats
+    taken: Floats
 
 
 def shared_sums(
@@ -142,6 +144,24 @@ def shared_sums(
     _sums_into(
         mask, rows, kept, light, common, fans, considered.owner, np.ascontiguousarray(point_m), state, weighted, out
     )
+    return out
+
+
+def mean_derivatives(light: StationArrays, considered: Considered, point_m: Floats, used: Bools) -> Floats:
+    """Return the means of D over points before one station, (F, Q).
+
+    Args:
+        light: the station.
+        considered: errors of the fans.
+        point_m: (K, 3) [m], in the world.
+        used: (F, K), points that the mean of each fan is over.
+    """
+    out = np.zeros((len(light.fans), len(considered.owner)))
+    there = (point_m - light.position[0]) @ light.rotation[0]
+    for column, fan in enumerate(considered.owner.tolist()):
+        larger, known = considered.fans[column], light.fans[fan]
+        part = [measured_angle(*q, larger) - measured_angle(*q, known) for q in there[used[fan]]]
+        out[fan, column] = np.mean(part) / _STEP
     return out
 
 
@@ -248,7 +268,7 @@ def _sums_into(
                     for j in range(len(owner)):
                         d[j] = 0.0
                         if owner[j] == fan:
-                            d[j] = (measured_angle(q[0], q[1], q[2], fans[j]) - angle) / _STEP
+                            d[j] = (measured_angle(q[0], q[1], q[2], fans[j]) - angle) / _STEP - common.taken[fan, j]
                             d_total[j] += d[j]
                 for i in range(STATES):
                     total[i] += h[i]

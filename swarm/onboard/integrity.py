@@ -125,6 +125,10 @@ class Monitor:
         self._held = np.zeros((2, craft))
         self._turn = RotorWatch(craft)
 
+    def assume(self, noise: AngleNoise) -> None:
+        """Take angles to have this noise from now on."""
+        self._noise, self._sigma_rad = noise, float(np.hypot(*noise))
+
     def forget(self, mask: Bools) -> None:
         """Forget the fault terms and flashes of the craft of the mask (C,)."""
         self._held[:, mask] = 0.0

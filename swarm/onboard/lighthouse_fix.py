@@ -16,7 +16,7 @@ from estimators import rotation as rot
 from estimators.arrays import Bools, Floats, Ints
 from estimators.filter.error_state import POSE_COLUMNS
 from estimators.lighthouse.dop import Dilution, dilution
-from estimators.lighthouse.integrity import Sweeps
+from estimators.lighthouse.integrity import AngleNoise, Sweeps
 from estimators.lighthouse.planar import Rows, Side, Spread, bends, is_flat, pose_rows, spread
 from estimators.lighthouse.pnp import refine
 from estimators.lighthouse.sweep import HALF_PI, correct, lighthouse_1, measured_angles
@@ -77,7 +77,14 @@ class LighthouseFix:
         self._period = 0
         self._noise = settings.noise
         self._size_m = np.linalg.norm(np.nan_to_num(point_m), axis=2).max(axis=1, initial=0.0)
+        self._sigma_rad, self._rho = settings.angle_noise_rad, settings.rotor_correlation
         self._monitor = Monitor(settings.integrity, self._noise, settings.angle_noise_rad, (craft, most))
+
+    def assume(self, noise: AngleNoise) -> None:
+        """Take angles to have this noise from now on."""
+        self._noise, self._sigma_rad = noise, float(np.hypot(*noise))
+        self._rho = (noise.shared_rad / self._sigma_rad) ** 2
+        self._monitor.assume(noise)
 
     def forget(self, mask: Bools) -> None:
         """Forget the results of the craft of the mask (C,)."""
@@ -142,7 +149,7 @@ class LighthouseFix:
             sweeps.offset_s,
             sweeps.angular_rate,
             sweeps.velocity,
-            s.rotor_correlation,
+            self._rho,
             screened.solution.solved | unsolved,
         )
         rotation, position = s.station.pose_out(screened.solution.rotation, screened.solution.position)
@@ -194,7 +201,7 @@ class LighthouseFix:
             known=pnp.solved & np.isfinite(precision.pdop_m_per_rad),
             rotation=pnp.rotation,
             position=pnp.position,
-            covariance=s.station.matrix_out(s.angle_noise_rad**2 * precision.covariance),
+            covariance=s.station.matrix_out(self._sigma_rad**2 * precision.covariance),
             coupling=coupling if s.motion_compensation else np.zeros_like(coupling),
             start_coupling=coupling,
             sensor=np.full(len(pnp.solved), Sensor.LIGHTHOUSE, dtype=np.int64),
@@ -206,7 +213,7 @@ class LighthouseFix:
         """Return the rows of tracked craft whose light is of one plane nearly face-on; None if there are none."""
         s, bank, pnp = self.settings, tracks.bank, screened.solution
         sigma, distance = (
-            np.deg2rad(precision.adop_deg_per_rad) * s.angle_noise_rad,
+            np.deg2rad(precision.adop_deg_per_rad) * self._sigma_rad,
             np.linalg.norm(pnp.position, axis=1),
         )
         mask = bends(sigma, self._size_m, distance, self._noise) & bank.active & pnp.solved

@@ -33,6 +33,7 @@ from swarm.onboard.decoder import SweepAngles
 from swarm.onboard.filters import filters
 from swarm.onboard.integrity import Integrity
 from swarm.onboard.lighthouse_fix import Light, LighthouseFix
+from swarm.onboard.reference_craft import ReferenceCraft
 from swarm.onboard.relative import RelativeNavigation, RelativePoses
 from swarm.onboard.settings import MIN_LIT, Coupling, NavigationSettings, Sensor, Status
 from swarm.onboard.shared_errors import SharedErrors
@@ -115,6 +116,10 @@ class Navigator:
         self._sweeps = SingleSweeps(photodiodes.point_m, s)
         self._cameras = CameraFix(cameras)
         station = Station(s.station.rotation, s.station.position, lighthouse_1(s.fan_x, s.fan_y))
+        self._reference: ReferenceCraft | None = None
+        if (place := s.reference) is not None:
+            point_m, common = photodiodes.point_m[place.craft], s.relations.common_rad[0]
+            self._reference = ReferenceCraft(place, point_m, (s.fan_x, s.fan_y), s.noise, common)
         self._shared = SharedErrors(s.relations, [station], [s.noise], photodiodes.point_m)
         self._relative = RelativeNavigation(s.relations.pairs, self._shared)
 
@@ -139,6 +144,7 @@ class Navigator:
             command: orders of the craft to their actuators for this period, from its beginning to its end.
         """
         tracks, shared = self.tracks, self._shared
+        angles = self._referred(angles)
         shared.begin(tracks.bank, self.settings.frame_s)
         prediction = self._predict(command)
         shared.predicted(tracks.bank)
@@ -176,6 +182,21 @@ class Navigator:
             tracks.predict(command)
             return None
         return predicted(tracks.bank, self.settings.frame_s, lambda: tracks.predict(command))
+
+    def _referred(self, angles: SweepAngles) -> SweepAngles:
+        """Return the angles without the errors of their sweeps that a reference craft has found, if there is one."""
+        if self._reference is None:
+            return angles
+        found = self._reference.observe(angles)
+        s = self.settings
+        noise = s.noise if found is None else found.noise
+        self._light.assume(noise)
+        self._sweeps.assume(noise)
+        if found is None:
+            self._shared.assume(noise, s.relations.common_rad[0])
+            return angles
+        self._shared.assume(noise, found.common_rad, self._reference.point_m, found.used)
+        return found.taken_off(angles)
 
     def _solved_from(self, angles: SweepAngles, light: Light) -> RowBatch:
         """Return the sweep angles that this period's poses were solved from, as rows."""

@@ -13,6 +13,7 @@ from estimators.lighthouse.integrity import AngleNoise
 from estimators.lighthouse.sweep import FanErrors
 from estimators.relative_orbit import RelativeOrbit
 from swarm.onboard.integrity import IntegritySettings
+from swarm.onboard.reference_craft import ReferencePlace
 from swarm.onboard.shared_errors import Relations
 
 MIN_LIT = 4
@@ -90,7 +91,7 @@ class NavigationSettings:
     weightless space. station: the lighthouse's frame in the world. history: whether estimates carry the filter's
     prediction, for a smoother. place_sigma_m: by how much photodiodes may be off their places on the craft all the
     time [m], which limits what several stations' rows tell of mirror images. relations: errors that craft share, and
-    who navigates relative to whom.
+    who navigates relative to whom. reference: craft at a known place that takes each sweep's error off all angles.
     """
 
     frame_s: float
@@ -114,6 +115,7 @@ class NavigationSettings:
     station: Frame = WORLD
     history: bool = False
     place_sigma_m: float = 0.0
+    reference: ReferencePlace | None = None
     relations: Relations = field(default_factory=Relations)
 
     @property

@@ -20,6 +20,7 @@ from estimators.lighthouse.shared import (
     Common,
     Shared,
     considered_errors,
+    mean_derivatives,
     pose_sensitivity,
     shared_sums,
 )
@@ -69,8 +70,10 @@ class SharedErrors:
         """
         self.wanted = relations.any
         self._noise, self._point_m = list(noise), point_m
-        self._common = Common(np.array(relations.common_rad), np.array(relations.turn_s))
         self._errors = considered_errors(stations if relations.fan_sigma else ())
+        nothing = np.zeros((sum(len(station.fans) for station in stations), len(self._errors.terms)))
+        self._common = Common(np.array(relations.common_rad), np.array(relations.turn_s), nothing)
+        self._taken: dict[bytes, Floats] = {}
         sigma = dict(relations.fan_sigma)
         self.variance = np.array([sigma[term] ** 2 for term in self._errors.terms])
         self.draws = SWEEPS_PER_FAN * sum(len(station.fans) for station in stations)
@@ -85,6 +88,34 @@ class SharedErrors:
     def place(self, stations: Sequence[Station]) -> None:
         """Take stations to be where they are now."""
         self._light = light_of(packed(stations), self._noise)
+
+    def assume(
+        self, noise: AngleNoise, common_rad: float, reference_m: Floats | None = None, used: Bools | None = None
+    ) -> None:
+        """Take the rows of the only station to have this noise from now on.
+
+        Args:
+            noise: that each craft counts for itself.
+            common_rad: the part that is the same for all craft.
+            reference_m: (K, 3) [m], photodiodes of a reference craft that takes the mean of its errors off all rows;
+                None: without.
+            used: (F, K), those that the mean of every fan's sweep is of.
+        """
+        if not self.wanted:
+            return
+        own, shared = (np.array([part]) for part in noise)
+        self._light = self._light._replace(own=own, shared=shared)
+        self._common = self._common._replace(sigma_rad=np.array([common_rad]))
+        if not len(self.variance):
+            return
+        key = b"" if used is None else used.tobytes()
+        if reference_m is None or used is None:
+            taken = np.zeros((len(self._light.fans), len(self.variance)))
+        elif key in self._taken:
+            taken = self._taken[key]
+        else:
+            taken = self._taken[key] = mean_derivatives(self._light, self._errors, reference_m, used)
+        self._common = self._common._replace(taken=taken)
 
     def begin(self, bank: FilterBank, frame_s: float) -> None:
         """Begin a period of so many seconds, before the filters are predicted."""

@@ -18,7 +18,7 @@ from estimators.arrays import Bools, Floats, Ints
 from estimators.filter.bank import gates
 from estimators.kernel import kernel
 from estimators.lighthouse.innovation import RowBatch, agreeing, fault_slopes, innovations, rows_of_sweeps
-from estimators.lighthouse.integrity import shown_to_gate
+from estimators.lighthouse.integrity import AngleNoise, shown_to_gate
 from estimators.lighthouse.rows import Rows, Station, packed
 from estimators.lighthouse.sweep import lighthouse_1
 from swarm.onboard.settings import MIN_LIT, NavigationSettings
@@ -79,6 +79,10 @@ class SingleSweeps:
         self._gate = gates(s.gate_probability, 2 * point_m.shape[1])
         self._screens = s.integrity.residual_test
         self._missed = np.sqrt(shown_to_gate(self._gate, s.integrity.missed_detection))
+
+    def assume(self, noise: AngleNoise) -> None:
+        """Take angles to have this noise from now on."""
+        self._noise = [noise]
 
     def take_in(self, theta: Floats, offset_s: Floats, mask: Bools, tracks: Tracks) -> SweepsTaken:
         """Update the filters of the craft of the mask with their rows.

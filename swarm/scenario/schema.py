@@ -387,6 +387,11 @@ class Navigation(Table):
         description="File with the systematic errors of the fans and the positions of the photodiodes that the craft "
         "use, as `swarm calibrate` writes it; its path is relative to this file. Unset: none.",
     )
+    reference: str | None = Field(
+        default=None,
+        description="Craft that stands still at a known place and tells the others by how much each sweep is off "
+        "there, which they take off theirs (docs/relative.md). Unset: none.",
+    )
     fan_sigma: FanSigma = Field(
         default=FanSigma(), description="Errors of the fans that are left over, in every covariance."
     )
@@ -508,6 +513,8 @@ class Scenario(Table):
             if table.motion.kind == "dock":
                 yield from self._station_mistakes(i, table.motion.target, f"{key}.motion.target")
         yield from self._pair_mistakes()
+        if self.navigation.reference is not None:
+            yield from self._station_mistakes(-1, self.navigation.reference, "navigation.reference")
         yield from self._criteria_mistakes()
         yield from self._waypoint_mistakes()
         yield from self._plug_in_mistakes()
@@ -545,6 +552,8 @@ class Scenario(Table):
             yield "is for the calibration of the one lighthouse", "recording.angles", "station"
         if self.navigation.calibration is not None:
             yield "is of the one lighthouse; a [[station]] has `calibrated`", "navigation.calibration", "station"
+        if self.navigation.reference is not None:
+            yield "is for the sweeps of the one lighthouse", "navigation.reference", "station"
         if self.navigation.coupling == "loose":
             said = "stations are navigated by rows: their poses do not come one by one"
             yield said, "navigation.coupling", "station"
@@ -560,6 +569,8 @@ class Scenario(Table):
         for i, criterion in enumerate(self.criteria):
             yield from _entries(criterion.craft, f"criteria[{i}].craft")
         yield from _entries(self.recording.detail, "recording.detail")
+        if self.navigation.reference is not None:
+            yield self.navigation.reference, "navigation.reference"
         for i, pair in enumerate(self.pair):
             yield pair.craft, f"pair[{i}].craft"
             yield pair.to, f"pair[{i}].to"

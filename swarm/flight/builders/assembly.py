@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.rotation import matrix_from_quaternion
-from estimators.state import State
+from estimators.state import Reference, State
 from swarm import random
 from swarm.flight.builders.cameras import cameras
 from swarm.flight.builders.craft import photodiodes, pushes, start, steers_by_estimate
@@ -29,6 +29,7 @@ from swarm.onboard.actuation.actuation import Actuation
 from swarm.onboard.computer import Computer, StationComputer
 from swarm.onboard.navigation import Navigator
 from swarm.onboard.pilot import Body, Pilot
+from swarm.onboard.reference_craft import ReferencePlace
 from swarm.onboard.settings import NavigationSettings
 from swarm.results.angles import Believed, believed
 from swarm.scenario import Scenario
@@ -101,7 +102,7 @@ def computer(
     known = [known for _, known in cameras(scenario, world, begin)]
     # Who holds no attitude turns without torque.
     inertia = np.where(begin.holds_attitude[:, None, None], np.nan, world.inertia)
-    settings = replace(navigation(scenario), history=history)
+    settings = replace(navigation(scenario), history=history, reference=_reference(scenario, begin))
     own = own_navigators(scenario, settings, _light(scenario, layout, settings), _bodies(world))
     if scenario.station:
         return station_computer(scenario, settings, layout, known, inertia, inspection(scenario, suite.lidars), own)
@@ -111,6 +112,14 @@ def computer(
         inspection(scenario, suite.lidars),
         own,
     )
+
+
+def _reference(scenario: Scenario, begin: Reference) -> ReferencePlace | None:
+    """Return the craft that is a reference for the others, with its pose."""
+    if scenario.navigation.reference is None:
+        return None
+    craft = scenario.craft_names.index(scenario.navigation.reference)
+    return ReferencePlace(craft, begin.rotation[craft], begin.position[craft])
 
 
 def _light(scenario: Scenario, layout: Photodiodes, settings: NavigationSettings) -> Light:
