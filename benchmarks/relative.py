@@ -1,6 +1,6 @@
 """Relative navigation of two craft under one light: covariances against Monte Carlo, with and without fan errors.
 
-    python benchmarks/relative.py [--trials 200] [--each 3] [--only CASE]
+    python benchmarks/relative.py [--trials 300] [--each 1] [--only CASE]
 
 Pairs of mockups 3 m before the lighthouse, side by side, each with its own draws of everything: photodiodes, rotor,
 motion (white accelerations, as the filter assumes them), and what is left of the fans' errors. A pair's two craft have
@@ -40,7 +40,7 @@ from swarm.scenario import load
 SURVEY = load("survey").lighthouse
 REAL: FanPair = FanErrors(**SURVEY.fan_x.model_dump()), FanErrors(**SURVEY.fan_y.model_dump())
 """Errors of the fans of a real station."""
-SETTLE, APART = 60, 45
+SETTLE, SETTLE_QUIET, APART = 60, 300, 45
 """Periods before the first sample of a pair, and between two of its samples."""
 POSE = np.array([0, 1, 2, 6, 7, 8])
 
@@ -78,7 +78,7 @@ def sigmas(share: float) -> tuple[tuple[str, float], ...]:
 class Case(NamedTuple):
     """One case. share: of the fan errors that is left over; drawn: at random with that size, or as they are. coupling:
     of the navigation. turned: largest turn of either craft of a pair against the other, per axis [rad]. noisy: whether
-    angles have noise and craft are pushed; the filters assume both.
+    angles have noise and craft are pushed; the filters assume both. quiet: by two models of motion, the quieter one right.
     """
 
     share: float = 0.0
@@ -86,12 +86,14 @@ class Case(NamedTuple):
     coupling: str = "auto"
     turned: float = 0.05
     noisy: bool = True
+    quiet: bool = False
 
 
 CASES = {
     "noise": Case(),
     "noise, turned by 20 deg": Case(turned=0.35),
     "noise, tight": Case(coupling="tight"),
+    "noise, two models of motion": Case(quiet=True),
     "fan errors alone": Case(share=0.02, noisy=False),
     "fan errors and noise": Case(share=0.02, drawn=True),
     "fan errors and noise, turned by 20 deg": Case(share=0.02, drawn=True, turned=0.35),
@@ -104,7 +106,7 @@ class Pairs:
     def __init__(self, count: int, apart_m: float, seed: int, case: Case) -> None:
         """Place them."""
         share, self.case = case.share, case
-        scenario = load("drift", ["navigation.quiet.craft=none"])
+        scenario = load("drift", [f"navigation.quiet.craft={'all' if case.quiet else 'none'}"])
         flight = Flight(scenario)
         one = flight.world.photodiodes
         self.rng, self.count = np.random.default_rng(seed), count
@@ -150,8 +152,9 @@ class Pairs:
         dt = s.frame_s
         if not self.case.noisy:
             return self.navigator.step(self._angles(truth))
-        push = s.acceleration_noise_m_s2 * rng.standard_normal(truth.position.shape)
-        twist = s.angular_acceleration_noise_rad_s2 * rng.standard_normal(truth.position.shape)
+        model = s.quiet if self.case.quiet and s.quiet is not None else s
+        push = model.acceleration_noise_m_s2 * rng.standard_normal(truth.position.shape)
+        twist = model.angular_acceleration_noise_rad_s2 * rng.standard_normal(truth.position.shape)
         ahead = truth.ahead(dt)
         self.truth = truth = State(
             rot.exp(twist * dt**2 / 2) @ ahead.rotation,
@@ -213,9 +216,10 @@ class Pairs:
         out: dict[str, list[Any]] = {
             name: [] for name in ("error", "covariance", "independent", "bound", "own", "own_p")
         }
-        for number in range(SETTLE + APART * each):
+        settle = SETTLE_QUIET if self.case.quiet else SETTLE
+        for number in range(settle + APART * (each - 1) + 1):
             estimate = self.period()
-            if number < SETTLE or (number - SETTLE) % APART:
+            if number < settle or (number - settle) % APART:
                 continue
             found, truth = estimate.relative, self.truth
             assert found is not None
@@ -290,8 +294,8 @@ def figures(pairs: Pairs, each: int) -> dict[str, Any]:
 def main() -> None:
     """Fly, and print JSON."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--trials", type=int, default=200, help="pairs of a case")
-    parser.add_argument("--each", type=int, default=3, help="samples of a pair")
+    parser.add_argument("--trials", type=int, default=300, help="pairs of a case")
+    parser.add_argument("--each", type=int, default=1, help="samples of a pair, which drifts apart meanwhile")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", nargs="+", choices=CASES, default=list(CASES), help="cases")
     asked = parser.parse_args()
