@@ -78,7 +78,8 @@ def sigmas(share: float) -> tuple[tuple[str, float], ...]:
 class Case(NamedTuple):
     """One case. share: of the fan errors that is left over; drawn: at random with that size, or as they are. coupling:
     of the navigation. turned: largest turn of either craft of a pair against the other, per axis [rad]. noisy: whether
-    angles have noise and craft are pushed; the filters assume both. quiet: by two models of motion, the quieter one right.
+    angles have noise and craft are pushed; the filters assume both. quiet: by two models of motion, the
+    quieter of which is right.
     """
 
     share: float = 0.0
