@@ -123,6 +123,7 @@ class LidarPattern(NamedTuple):
     spacing_rad: angle between lines, or between steps if that is larger [rad].
     noise_m: 1 sigma of a range [m].
     period_s: length of a scan [s].
+    jitter_rad: 1 sigma of a ray's direction, per axis [rad].
     """
 
     rotation: Floats
@@ -130,6 +131,7 @@ class LidarPattern(NamedTuple):
     spacing_rad: float
     noise_m: float
     period_s: float
+    jitter_rad: float = 0.0
 
 
 class Signals(NamedTuple):

@@ -15,7 +15,8 @@ where its lines leave the target, are matched with the shape's sharp edges: with
 
     N_i = x_i x T_i / |...|,   s_i^2 = step along the line^2 / 12 + (0.7 noise)^2
 
-in the same e_i and J_i. They determine what planes leave free, such as a turn about the line of sight.
+in the same e_i and J_i. They determine what planes leave free, such as a turn about the line of sight. At the very end
+each of them is what it is, an interval between two rays (`estimators.lidar.silhouette`).
 
 Directions that the matched surface does not determine (a single plane, a sphere) are left as they are, told apart by
 the eigenvalues of the normal matrix, and get an infinite variance. Covariance: (J^T W J)^-1, times the mean of
@@ -32,6 +33,7 @@ from estimators.arrays import Bools, Floats, Ints
 from estimators.lidar.ray_cast import cast
 from estimators.lidar.scan import Edges
 from estimators.lidar.shape import Shape
+from estimators.lidar.silhouette import matched, propagated
 from estimators.lidar.symmetry import FREE_RAD, symmetry
 
 FEWEST_POINTS = 12
@@ -50,6 +52,12 @@ JUMP = 0.1
 """A range that jumps by this, against the radius, is an edge."""
 EDGE_FLOOR = 0.7
 """Part of the noise better than which an edge is not known, however fine the steps."""
+WIDE = 1.4
+"""Tukey's width at the very end, against the least before."""
+INTERVAL_GATE = 1.7
+"""Largest distance of a scanned edge from the known one at the very end, against the widest step."""
+BLURRED = (3.0, 2.0, 1.0, 1.0, 1.0)
+"""Blur of the edges in the last steps: that none is given up before the pose is there."""
 CLEAR = 0.4
 """Sine of the least angle between an edge and the line of sight, and between it and the scan's line."""
 PINNED_RAD = 0.01
@@ -148,7 +156,7 @@ def _iterated(
         error, jacobian, weight, bisquare = _linearised(point, *matched, rotation, position, width, noise_m)
         normal, right = jacobian.T @ (weight[:, None] * jacobian), jacobian.T @ (weight * error)
         if polishing and edges is not None and len(edges.point):
-            gate = max(0.75 * gate, EDGE_GATE[1] * float(np.max(edges.sigma_m)))
+            gate = max(0.75 * gate, EDGE_GATE[1] * float(np.max(edges.width_m)) / np.sqrt(12))
             own_normal, own_right = _of_edges(edges, noise_m, shape, seen, rotation, position, gate)
             normal, right = normal + own_normal, right + own_right
         used = weight > 0
@@ -166,6 +174,12 @@ def _iterated(
         # The weights follow what is left of the error, but never widen again.
         rms = 1.5 * float(np.median(np.abs(error[used])))
         width = max(least, min(0.7 * width, 4.0 * rms + 0.3 * width))
+    if polishing and seen is not None and edges is not None and len(edges.point):
+        last = _finished(point, shape, seen, edges, rotation, position, WIDE * width, noise_m)
+        if last is None:
+            return failed(rotation, position)
+        normal, error, weight, bisquare, rotation, position = last
+        used = weight > 0
     residual = float(np.sqrt(np.average(error**2, weights=bisquare)))
     sigma = np.sqrt(max(1.0, float(np.sum(weight * error**2) / np.sum(bisquare))))
     _, covariance = _solve(normal + sigma**2 * _pinned(shape, rotation), np.zeros(6), sigma, shape.radius_m)
@@ -173,6 +187,37 @@ def _iterated(
     covariance += FREE_RAD**2 * free.T @ free
     degenerate = not bool(np.isfinite(covariance).all())
     return Registration(rotation, position, covariance, converged, number, residual, float(np.mean(used)), degenerate)
+
+
+def _finished(
+    point: Floats,
+    shape: Shape,
+    seen: "_Visible",
+    edges: Edges,
+    rotation: Floats,
+    position: Floats,
+    width: float,
+    noise_m: float,
+) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats] | None:
+    """Return the normal matrix, errors, weights and their Tukey part, and the pose, every edge an interval; None where
+    too few points are matched.
+    """
+    gate = INTERVAL_GATE * float(np.max(edges.width_m))
+    for blurred in BLURRED:
+        m, n, found = _along_rays(point, shape, rotation, position)
+        error, jacobian, weight, bisquare = _linearised(point, m, n, found, rotation, position, width, noise_m)
+        if np.count_nonzero(weight) < FEWEST_POINTS:
+            return None
+        normal, right = jacobian.T @ (weight[:, None] * jacobian), jacobian.T @ (weight * error)
+        distance, index = seen.edge_tree.query((edges.point - position) @ rotation, distance_upper_bound=gate)
+        intervals = matched(edges, shape, seen.edge, index, np.isfinite(distance), rotation, position)
+        intervals = intervals._replace(blur=blurred * intervals.blur)
+        # What neither points nor edges determine is known to be within a radian, and a radius.
+        weak = np.diag([1.0] * 3 + [shape.radius_m**-2] * 3)
+        normal, right = propagated(normal + _pinned(shape, rotation) + weak, right, intervals)
+        step, _ = _solve(normal, right, 1.0, shape.radius_m)
+        rotation, position = rot.exp(step[:3]) @ rotation, position + step[3:]
+    return normal, error, weight, bisquare, rotation, position
 
 
 def _pinned(shape: Shape, rotation: Floats) -> Floats:
@@ -259,7 +304,7 @@ def _of_edges(
     gate: float,
 ) -> tuple[Floats, Floats]:
     """Return the normal matrix (6, 6) and the right side (6,) of the scan's edges."""
-    sigma = np.hypot(edges.sigma_m, EDGE_FLOOR * noise_m)
+    sigma = np.hypot(edges.width_m / np.sqrt(12), EDGE_FLOOR * noise_m)
     own = (edges.point - position) @ rotation
     distance, index = seen.edge_tree.query(own, distance_upper_bound=gate)
     found = np.isfinite(distance)

@@ -15,22 +15,27 @@ from estimators.arrays import Bools, Floats, Ints
 
 LINKS = 2.2
 """Neighbouring returns of one object lie within this many ray spacings."""
+LEAST_BLUR = 0.1
+"""Part of a range's noise better than which an edge of the known shape is not known."""
 
 
 class Edges(NamedTuple):
-    """The ends of the scan's lines on the target: point (k, 3) [m], along (k, 3), the line's direction, sigma_m (k,) in
-    that direction.
+    """The ends of the scan's lines on the target: point (k, 3) [m], along (k, 3), the line's direction, from the ray
+    that met the target to the one that did not. width_m: (k,), between the two. blur_m: (k,), 1 sigma of their own
+    directions. lost: (k,), the second did not return at all.
     """
 
     point: Floats
     along: Floats
-    sigma_m: Floats
+    width_m: Floats
+    blur_m: Floats
+    lost: Bools
 
 
 class Scan(NamedTuple):
     """Rays of one scan. direction: (N, 3) unit. range_m: (N,) [m], NaN: no return. spacing_rad: between neighbouring
     rays, at the widest (between the lines). noise_m: 1 sigma of a range. line: (N,), which line a ray belongs to, and
-    step: (N,), its number along it; -1: not known.
+    step: (N,), its number along it; -1: not known. jitter_rad: 1 sigma of a ray's direction, per axis.
     """
 
     direction: Floats
@@ -39,6 +44,7 @@ class Scan(NamedTuple):
     noise_m: float
     line: Ints
     step: Ints
+    jitter_rad: float = 0.0
 
     @property
     def returned(self) -> Bools:
@@ -91,11 +97,19 @@ class Scan(NamedTuple):
         a, b = np.where(depth[a] < depth[b], a, b), np.where(depth[a] < depth[b], b, a)
         edge = np.isfinite(depth[a]) & (depth[b] > depth[a] + jump_m)
         a, b = a[edge], b[edge]
+        # Where the line goes on at the same range after one ray, that ray was lost.
+        place = np.empty(len(order), dtype=np.int64)
+        place[order] = np.arange(len(order))
+        after = order[np.clip(place[b] + (place[b] - place[a]), 0, len(order) - 1)]
+        goes_on = (self.line[after] == self.line[a]) & (np.abs(self.step[after] - self.step[a]) == 2)
+        goes_on &= ~self.returned[b] & ~(np.abs(depth[after] - depth[a]) > jump_m)
+        a, b = a[~goes_on], b[~goes_on]
         middle = self.direction[a] + self.direction[b]
         across = self.direction[b] - self.direction[a]
         width = np.linalg.norm(across, axis=1)
         point = depth[a, None] * middle / np.linalg.norm(middle, axis=1, keepdims=True)
-        return Edges(point, across / width[:, None], depth[a] * width / np.sqrt(12))
+        blur = np.hypot(depth[a] * self.jitter_rad, LEAST_BLUR * self.noise_m)
+        return Edges(point, across / width[:, None], depth[a] * width, blur, ~self.returned[b])
 
 
 def checked(scan: Scan) -> Scan:

@@ -24,7 +24,15 @@ TYPICAL_M = 10.0
 
 def rays(scan: LidarScan, pattern: LidarPattern) -> Scan:
     """Return the scan unchanged, in the scanner's frame: correct if nothing moves."""
-    return Scan(scan.direction, scan.range_m, pattern.spacing_rad, pattern.noise_m, scan.line, scan.step)
+    return Scan(
+        scan.direction,
+        scan.range_m,
+        pattern.spacing_rad,
+        pattern.noise_m,
+        scan.line,
+        scan.step,
+        pattern.jitter_rad,
+    )
 
 
 def scanner(own: State, pattern: LidarPattern) -> tuple[Floats, Floats]:
@@ -63,4 +71,5 @@ def at_epoch(scan: LidarScan, pattern: LidarPattern, own: State, target: State |
         pattern.noise_m,
         scan.line,
         scan.step,
+        pattern.jitter_rad,
     )

@@ -82,7 +82,8 @@ class Lidar:
         s, where = self.settings, self.mounts[mount]
         spacing = max(self._line_spacing_rad, s.resolution_rad)
         # Of a perfect LiDAR, the computer believes a millimetre.
-        return LidarPattern(where.rotation, where.position, spacing, max(s.range_noise_m, 1e-3), 1 / s.rate_hz)
+        noise = max(s.range_noise_m, 1e-3)
+        return LidarPattern(where.rotation, where.position, spacing, noise, 1 / s.rate_hz, s.jitter_rad)
 
     def sweep(self, truth: PeriodTruth) -> list[LidarScan | None]:
         """Fire the rays of one lighthouse period; return, for each mount, the scan that has become complete, if any.

@@ -1,0 +1,124 @@
+"""Where a scan's lines leave the target: silhouette edges between two rays, as exact as the rays are.
+
+A line of the scan meets the target with one ray and misses it with the next: the silhouette passes between the two.
+With the edge's tangent T and a point m of it, both in the scanner's frame, and the midpoint x of the two rays at the
+range of the one that met it,
+
+    N = x x T / |...|,   e = N . (x - m),   h = |N . (x_b - x_a)| / 2,   J = [m x N, N]
+
+the pose's error d must bring J d within [e - h, e + h], blurred by the jitter of the rays: a line that crosses an edge
+at a small angle tells it to a fraction of a step. Such an interval is no normal error. Many of them leave a polytope
+that is much smaller than the same number of normal errors of that size would: expectation propagation (Minka 2001)
+replaces each by the normal factor that gives the same mean and variance together with all others. With m, v the mean
+and variance of J d without the factor, a, b the interval's ends less m over t = sqrt(v + blur^2), and an edge that is
+no edge at all (a ray that was lost) with probability q,
+
+    Z = (1 - q) (Phi(b) - Phi(a)) + q,   g = (1 - q) (phi(a) - phi(b)) / (t Z)
+    H = (1 - q) (a phi(a) - b phi(b)) / (t^2 Z) - g^2
+    factor: precision -H / (1 + v H), precision times mean (g - m H) / (1 + v H)
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import ndtr
+
+from estimators.arrays import Bools, Floats, Ints
+from estimators.lidar.scan import Edges
+from estimators.lidar.shape import Shape
+
+CLEAR = 0.4
+"""Sine of the least angle between an edge and the line of sight."""
+STEEP = 0.4
+"""Cosine of the incidence (66 degrees) on the face beside an edge beyond which a ray that did not return may have been
+lost.
+"""
+OUTSIDE = 0.3
+"""How clearly an edge must look outward across itself for its side to be compared with the scan's."""
+LOST, LOST_STEEP = 0.005, 0.05
+"""Probability that an edge is none, and where the face beside it is steep."""
+ROUNDS, DAMPING = 12, 0.7
+
+
+class Intervals(NamedTuple):
+    """Edges matched with the shape's. jacobian: (k, 6). centre: (k,) e [m], half: (k,) h [m], blur: (k,) [m]. doubt:
+    (k,) q.
+    """
+
+    jacobian: Floats
+    centre: Floats
+    half: Floats
+    blur: Floats
+    doubt: Floats
+
+
+def matched(
+    edges: Edges, shape: Shape, candidates: Ints, index: Ints, found: Bools, rotation: Floats, position: Floats
+) -> Intervals:
+    """Return the intervals of a scan's edges at a pose.
+
+    Args:
+        edges: where the scan's lines leave the target.
+        shape: of the target.
+        candidates: edge points of the shape that are seen.
+        index: (k,), of these, the nearest to each edge of the scan.
+        found: (k,), which edges have one.
+        rotation: (3, 3), target to scanner.
+        position: (3,) [m], likewise.
+    """
+    chosen = candidates[index[found]]
+    x, along, width = edges.point[found], edges.along[found], edges.width_m[found]
+    distance = np.linalg.norm(x, axis=1)
+    across = np.cross(x, shape.edge.tangent[chosen] @ rotation.T)
+    size = np.linalg.norm(across, axis=1)
+    across /= np.maximum(size, 1e-12)[:, None]
+    turned = shape.edge.point[chosen] @ rotation.T
+    crossing = np.sum(across * along, axis=1)
+    # The surface must end on the side on which the rays did not return.
+    outward = np.sum(across * (shape.edge.outward[chosen] @ rotation.T), axis=1)
+    right_side = (np.abs(outward) < OUTSIDE) | (outward * crossing > 0)
+    # The face that looks to the scanner.
+    one, two = (n[chosen] @ rotation.T for n in (shape.edge.one, shape.edge.two))
+    facing = np.maximum(-np.sum(one * x, axis=1), -np.sum(two * x, axis=1)) / distance
+    doubt = np.where(edges.lost[found] & (facing < STEEP), LOST_STEEP, LOST)
+    clear = (size / distance > CLEAR) & right_side
+    centre = np.sum(across * (x - turned - position), axis=1)
+    jacobian = np.concatenate([np.cross(turned, across), across], axis=1)
+    half = np.abs(crossing) * width / 2
+    return Intervals(jacobian[clear], centre[clear], half[clear], edges.blur_m[found][clear], doubt[clear])
+
+
+def propagated(normal: Floats, right: Floats, intervals: Intervals) -> tuple[Floats, Floats]:
+    """Return the normal matrix (6, 6) and right side (6,) of all that is known: what is given, and the intervals.
+
+    Args:
+        normal: (6, 6), of what else is known.
+        right: (6,).
+        intervals: that the pose must fulfil.
+    """
+    j, centre, half, blur, doubt = intervals
+    precision = 1 / (half**2 / 3 + blur**2)
+    weighted = precision * centre
+    for _ in range(ROUNDS):
+        whole, side = normal + j.T @ (precision[:, None] * j), right + j.T @ weighted
+        spread = np.linalg.solve(whole, j.T)
+        variance = np.sum(j * spread.T, axis=1)
+        mean = j @ np.linalg.solve(whole, side)
+        left = 1 / variance - precision
+        known = left > 1e-6 / variance
+        v = 1 / np.where(known, left, 1.0)
+        m = v * (mean / variance - weighted)
+        t = np.sqrt(v + blur**2)
+        a, b = (centre - half - m) / t, (centre + half - m) / t
+        pa, pb = (np.exp(-(c**2) / 2) / np.sqrt(2 * np.pi) for c in (a, b))
+        z = (1 - doubt) * (ndtr(b) - ndtr(a)) + doubt
+        g = (1 - doubt) * (pa - pb) / (t * z)
+        h = (1 - doubt) * (a * pa - b * pb) / (t**2 * z) - g**2
+        # A factor that would widen what is known, as of an edge that is none, says nothing.
+        tells = known & (h < 0) & (1 + v * h > 1e-6)
+        below = np.where(tells, 1 + v * h, 1.0)
+        own = np.where(tells, -h / below, 0.0)
+        precision = np.where(known, DAMPING * own + (1 - DAMPING) * precision, precision)
+        shifted = np.where(tells, (g - m * h) / below, 0.0)
+        weighted = np.where(known, DAMPING * shifted + (1 - DAMPING) * weighted, weighted)
+    return normal + j.T @ (precision[:, None] * j), right + j.T @ weighted
