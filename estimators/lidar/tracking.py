@@ -31,6 +31,11 @@ TRIED = 3
 CLEARLY = 0.7
 """Cost, against another's, below which a pose explains the rays better even if it is not determined."""
 
+BETTER = 25.0
+"""Squared sigmas by which ranges must fit better without edges than with them, for these to be false: six parameters
+gain so much by chance in one of 3000 scans.
+"""
+
 
 class Outcome(Enum):
     """The result of tracking by one scan."""
@@ -113,8 +118,10 @@ def track(
         for (turn, place), known in ((start, known) for start in starts for known in (edges, None)):
             other = register(point, shape, turn, place, scan.noise_m, edges=known, reach_m=reach_m)
             agrees = agreement(part, shape, other.rotation, other.position)
-            # Where only false edges determined the pose, that it is not determined is the better answer.
-            if agrees.cost < (CLEARLY * seen.cost if other.degenerate else seen.cost):
+            # Where only false edges determined the pose, that it is not determined is the better answer. The ranges
+            # alone always fit a little better without edges, which is no reason to do without.
+            enough = CLEARLY * seen.cost if other.degenerate else seen.cost - (0.0 if known else BETTER)
+            if agrees.cost < enough:
                 fit, seen = other, agrees
     overlap = seen.overlap
     outcome = Outcome.TRACKED
