@@ -1,4 +1,4 @@
-"""Where a scan's lines leave the target: silhouette edges between two rays, as exact as the rays are.
+"""Silhouette edges of a scan: each lies between two rays, and is as exact as the rays are.
 
 A line of the scan meets the target with one ray and misses it with the next: the silhouette passes between the two.
 With the edge's tangent T and a point m of it, both in the scanner's frame, and the midpoint x of the two rays at the
