@@ -119,6 +119,33 @@ def invert_factor_into(lower: Floats, out: Floats) -> None:
 
 
 @kernel
+def sweep_out(a: Floats, row: Floats) -> bool:
+    """Put the inverse of `a` (n, n) in its place; return False, with `a` spoilt, where it is singular.
+
+    Gauss and Jordan's way, a pivot after the other on the diagonal: for a positive definite matrix as exact as by its
+    root, and every step goes along whole rows. row: (n,), workspace.
+    """
+    n = len(row)
+    for k in range(n):
+        row[k] = a[k, k]
+    for k in range(n):
+        pivot = a[k, k]
+        if not (pivot > 1e-14 * row[k]):
+            return False
+        over = 1 / pivot
+        for j in range(n):
+            a[k, j] *= over
+        a[k, k] = over
+        for i in range(n):
+            if i != k:
+                factor = a[i, k]
+                a[i, k] = 0.0
+                for j in range(n):
+                    a[i, j] -= factor * a[k, j]
+    return True
+
+
+@kernel
 def absorb_row(p: Floats, x: Floats, h: Floats, y: float, variance: float, gain: Floats, scale: Floats) -> float:
     """Take one measurement y = h x + noise into an estimate x of covariance P, in place; return its share of the NIS.
 
@@ -157,3 +184,54 @@ def absorb_row(p: Floats, x: Floats, h: Floats, y: float, variance: float, gain:
             p[i, j] -= factor * gain[j]
     share: float = left * left
     return share
+
+
+@kernel
+def absorb_by_root(root: Floats, h: Floats, variance: float, work: Floats) -> None:
+    """Take one measurement into the root S of a covariance P = S S^T, in place (Potter).
+
+        f = S^T h,   s = f^T f + r,   S <- S - (S f) f^T / (s + sqrt(r s))
+
+    However much of a variance a row takes away, P stays positive and loses no digits.
+
+    Args:
+        root: (n, n), S transposed.
+        h: (n,).
+        variance: r, of its noise.
+        work: (2, n), workspace.
+    """
+    n = len(h)
+    s = variance
+    for j in range(n):
+        value = 0.0
+        for i in range(n):
+            value += root[j, i] * h[i]
+        work[0, j] = value
+        s += value * value
+    work[1] = 0.0
+    for j in range(n):
+        factor = work[0, j]
+        for i in range(n):
+            work[1, i] += factor * root[j, i]
+    scale = 1 / (s + np.sqrt(variance * s))
+    for j in range(n):
+        factor = scale * work[0, j]
+        for i in range(n):
+            root[j, i] -= factor * work[1, i]
+
+
+@kernel
+def square_of_root_into(root: Floats, out: Floats) -> None:
+    """Write P = S S^T (n, n) of the transposed root S (n, n)."""
+    n = len(root)
+    for i in range(n):
+        for j in range(n):
+            out[i, j] = 0.0
+    for k in range(n):
+        for i in range(n):
+            factor = root[k, i]
+            for j in range(i + 1):
+                out[i, j] += factor * root[k, j]
+    for i in range(n):
+        for j in range(i):
+            out[j, i] = out[i, j]

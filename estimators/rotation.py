@@ -245,7 +245,22 @@ def log_into(rotation: Floats, out: Floats) -> None:
 @kernel
 def left_jacobian_into(v: Floats, out: Floats) -> None:
     """Write J_l(v) (3, 3) of a rotation vector (3,) [rad], with Exp(v + d) = Exp(J_l d) Exp(v), into `out`."""
-    square = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+    a, b, c = left_jacobian_rows(v[0], v[1], v[2])
+    out[0, 0], out[0, 1], out[0, 2] = a
+    out[1, 0], out[1, 1], out[1, 2] = b
+    out[2, 0], out[2, 1], out[2, 2] = c
+
+
+@kernel
+def left_jacobian_rows(x: float, y: float, z: float) -> Rows:
+    """Return the rows of J_l(v), of `left_jacobian_into`, as tuples: nothing is allocated.
+
+    Args:
+        x: v_x [rad].
+        y: v_y [rad].
+        z: v_z [rad].
+    """
+    square = x * x + y * y + z * z
     angle = np.sqrt(square)
     if angle < 1e-2:
         c, t = 0.5 - square / 24 + square * square / 720, 1 / 6 - square / 120 + square * square / 5040
@@ -253,16 +268,12 @@ def left_jacobian_into(v: Floats, out: Floats) -> None:
         half = np.sin(angle / 2)
         c, t = 2 * half * half / square, (angle - np.sin(angle)) / (angle * square)
     # I + c [v]x + t [v]x^2, with [v]x^2 = v v^T - |v|^2 I
-    for i in range(3):
-        for j in range(3):
-            out[i, j] = t * v[i] * v[j]
-        out[i, i] += 1 - t * square
-    out[0, 1] -= c * v[2]
-    out[0, 2] += c * v[1]
-    out[1, 0] += c * v[2]
-    out[1, 2] -= c * v[0]
-    out[2, 0] -= c * v[1]
-    out[2, 1] += c * v[0]
+    one = 1 - t * square
+    return (
+        (t * x * x + one, t * x * y - c * z, t * x * z + c * y),
+        (t * y * x + c * z, t * y * y + one, t * y * z - c * x),
+        (t * z * x - c * y, t * z * y + c * x, t * z * z + one),
+    )
 
 
 @kernel

@@ -53,6 +53,7 @@ class Estimate(NamedTuple):
     coupling: Ints | int = 0
     rows: Ints | int = 0
     symmetry: tuple[()] = ()
+    station_rows: Ints | None = None
 
 
 def period_of(

@@ -133,7 +133,10 @@ def test_the_grid_misses_no_sphere_that_a_ray_meets() -> None:
     quaternion, shape = unit(rng.standard_normal((count, 4))), np.append(np.arange(count), -1)
     centre, radius = rng.normal(0, 0.1, (count, 3)), rng.uniform(0.01, 0.8, count)
     placed = Placed(np.tile(np.eye(3), (count + 1, 1, 1)), *(np.zeros((count + 1, 3)) for _ in range(3)))
-    place_into(position, quaternion, shape, centre, placed)
+    near = np.zeros(count, dtype=np.bool_)
+    extent = np.linalg.norm(centre, axis=1) + radius
+    place_into(position, quaternion, np.eye(3), np.zeros(3), extent, 20.0, shape, centre, placed, near)
+    assert near.all()
     at = position + np.einsum("cij,cj->ci", matrix_from_quaternion(quaternion), centre)
     np.testing.assert_allclose(placed.centre[:-1], at, atol=1e-14)
     grid = sort_into_cells(placed, shape, radius, 24, half_width)

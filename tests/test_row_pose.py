@@ -7,7 +7,7 @@ from scipy.optimize import least_squares
 from scipy.stats import chi2
 
 from estimators import rotation as rot
-from estimators.lighthouse.innovation import fault_slopes, light_of, noise_of
+from estimators.lighthouse.innovation import fault_slopes, innovations, light_of, noise_of
 from estimators.lighthouse.integrity import AngleNoise
 from estimators.lighthouse.row_faults import row_faults
 from estimators.lighthouse.row_pose import solve_rows
@@ -174,9 +174,9 @@ def test_compiled_fault_slopes_are_those_of_the_plain_ones():
     root = rng.normal(size=(2, 12, 12)) * np.repeat([1e-3, 0.1, 1e-3, 0.05], 3)[:, None]
     covariance = root @ np.swapaxes(root, 1, 2)
     kept, point = rng.random(len(rows.angle)) < 0.9, np.tile(BODY, (2, 1, 1))
-    found = row_faults(
-        rows, kept, np.ones(2, dtype=np.bool_), light_of(packed(stations), noise), point, state, covariance
-    )
+    both, known = np.ones(2, dtype=np.bool_), packed(stations)
+    inner = innovations(rows, kept, both, known, point, state, noise)
+    found = row_faults(rows, kept, both, inner, light_of(known, noise), covariance)
     for c in range(2):
         one = rows.where(kept).of(c)
         plain = fault_slopes(one, packed(stations), BODY, state.of(c), covariance[c], noise, 0.0)

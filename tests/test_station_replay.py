@@ -8,11 +8,13 @@ from typing import Any, cast
 import made_recording
 import numpy as np
 import pytest
+import rerun as rr
 from rows_made import BODY, room, seen, still
 
 import swarm
 from estimators.lighthouse.innovation import gathered
 from estimators.lighthouse.integrity import AngleNoise
+from estimators.lighthouse.sweep import measured_angles
 from estimators.lighthouse.tilted import TiltedErrors
 from estimators.rotation import exp
 from estimators.state import State
@@ -26,7 +28,8 @@ from swarm.flight.recordings.stations_file import PlacedStation, PlacedStations
 from swarm.flight.station_replay import StationPlayback, choose_stations
 from swarm.hardware import pad
 from swarm.onboard.settings import Status
-from swarm.results.recording.lighthouse import Stations
+from swarm.results.recording.stations import Stations, fans_of, sector
+from swarm.results.scene import StationScene
 from swarm.scenario import for_replay
 
 FRAME_S, PERIODS = 1 / 50, 60
@@ -163,15 +166,28 @@ def test_a_made_recording_is_replayed_by_both_stations(tmp_path: Path) -> None:
 def test_stations_are_drawn_where_they_stand() -> None:
     """Coordinates of the world: the viewer leaves what has a static transform at the origin."""
     placed = made().placed
-    scene = SimpleNamespace(lighthouse=(), field_deg=120.0, stations=list(placed.values()))
+    stations = [StationScene(p.name, p.rotation, p.position, p.generation) for p in placed.values()]
+    scene = SimpleNamespace(lighthouse=(), field_deg=120.0, stations=stations)
     drawn: dict[str, Any] = {}
     Stations(cast(Any, SimpleNamespace(scene=scene, reach_m=1.0))).begin(
         cast(Any, SimpleNamespace(static=drawn.__setitem__))
     )
-    for number, station in enumerate(placed.values()):
-        entity = f"world/stations/{number}"
+    for station in stations:
+        entity = f"world/stations/{rr.escape_entity_path_part(station.name)}"
         name = np.array(drawn[f"{entity}/name"].positions.as_arrow_array().to_pylist())
         np.testing.assert_allclose(name, [station.position], atol=1e-6)
         axes = drawn[f"{entity}/axes"]
         np.testing.assert_allclose(axes.origins.as_arrow_array().to_pylist(), [station.position] * 3, atol=1e-6)
         np.testing.assert_allclose(axes.vectors.as_arrow_array().to_pylist(), 0.08 * station.rotation.T, atol=1e-6)
+
+
+@pytest.mark.parametrize("generation", ["1.0", "2.0"])
+def test_drawn_planes_lie_where_the_light_is(generation: str) -> None:
+    station = StationScene("a", np.eye(3), np.zeros(3), generation)
+    for plane, fan in enumerate(fans_of(station)):
+        points, axis = sector(fan, np.radians(100), 2.0)
+        for angle in (-0.6, 0.0, 0.4):
+            there = points[points[:, 2] > 0.5] @ exp(angle * axis).T
+            there = there[there[:, 2] > 0.2]
+            assert len(there) > 10
+            np.testing.assert_allclose(measured_angles(there, fans_of(station))[:, plane], angle, atol=1e-9)

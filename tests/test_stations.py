@@ -21,7 +21,7 @@ from swarm.scenario import Pointing, Scenario, Swarm, load
 from swarm.scenario.stations import Station, channels
 from swarm.sensors.draws import key_of, normal, uniform
 from swarm.sensors.lighthouse import Lighthouse
-from swarm.sensors.passage import Sweeps, no_passages, pass_into
+from swarm.sensors.passage import Sweeps, no_passages, pass_into, segments
 from swarm.sensors.sight import Sight
 from swarm.sensors.stations import SLOT_S, Emitter, Stations
 
@@ -452,12 +452,11 @@ def test_no_sweep_is_found_behind_a_station() -> None:
     out = no_passages(50)
     sweeps = Sweeps(np.array([PERIOD_S / 2]), np.array([0]), np.array([0]))
     own = layout(rng, 1)
-    station_at = np.zeros((STEPS + 1, 3)), np.tile([1.0, 0, 0, 0], (STEPS + 1, 1))
+    still = np.zeros((STEPS + 1, 1, 3)), np.tile([1.0, 0, 0, 0], (STEPS + 1, 1, 1))
     count = pass_into(
         motion.time_s,
-        motion.position,
-        motion.quaternion,
-        *station_at,
+        segments(motion.time_s, motion.position, motion.quaternion),
+        segments(motion.time_s, *still)[:, 0],
         own.point_m,
         own.normal,
         np.ones((1, 1, 5), dtype=bool),

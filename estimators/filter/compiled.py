@@ -13,7 +13,8 @@ many digits, and a quiet model forgets so little that they stay lost. There P is
 
     K = Z^T L^-T,   P <- (I - K H) P (I - K H)^T + K R K^T
 
-Rows of independent noise are taken in one after the other (`estimators.linear.absorb_row`), which is the same.
+Rows of independent noise are taken in one after the other (`estimators.linear.absorb_row`), which is the same; where
+much of a variance goes, into the root of P (`estimators.linear.absorb_by_root`) in the place of the form of Joseph.
 
 filterpy takes S^-1 and the Joseph form instead. In exact arithmetic they are the same; in ours they differ by the
 rounding of P, some 1e-13 of it (tested: every column of the telemetry to 1e-9).
@@ -31,7 +32,7 @@ from estimators.filter.error_state import (
     correct,
 )
 from estimators.kernel import kernel
-from estimators.linear import absorb_row, cholesky_into
+from estimators.linear import absorb_by_root, absorb_row, cholesky_into, square_of_root_into
 from estimators.pivot import ARMS, is_wide, shear, turn_about
 from estimators.rotation import exp_into, left_jacobian_into, multiply_into
 from estimators.state import State
@@ -284,7 +285,7 @@ def _update_one_by_one(mask: Bools, given: Independent, state: State, covariance
     """Take in the rows of the craft of the mask, one after the other."""
     accepted, nis, log_determinant = result
     p, x, gain = np.empty((STATES, STATES)), np.empty(STATES), np.empty(STATES)
-    left = np.empty((STATES, STATES))
+    left, root, work = np.empty((STATES, STATES)), np.empty((STATES, STATES)), np.empty((2, STATES))
     arms, scale = np.empty(ARMS), np.empty(1)
     for c in range(len(mask)):
         if not mask[c]:
@@ -300,21 +301,13 @@ def _update_one_by_one(mask: Bools, given: Independent, state: State, covariance
         if not accepted[c]:
             continue
 
-        if _has_shrunk(covariance[c], p):
-            p[:] = covariance[c]
+        if _has_shrunk(covariance[c], p) and cholesky_into(covariance[c], left):
+            for i in range(STATES):
+                for j in range(STATES):
+                    root[i, j] = left[j, i]
             for a in range(n):
-                h, r = given.h[c, a : a + 1], given.variance[c, a : a + 1]
-                for i in range(STATES):
-                    gain[i] = 0.0
-                    for j in range(STATES):
-                        gain[i] += p[i, j] * h[0, j]
-                s = r[0]
-                for i in range(STATES):
-                    s += h[0, i] * gain[i]
-                for i in range(STATES):
-                    gain[i] /= s
-                _joseph_into(p, gain.reshape(1, STATES), h, r.reshape(1, 1), left)
-                p[:] = left
+                absorb_by_root(root, given.h[c, a], given.variance[c, a], work)
+            square_of_root_into(root, p)
         turn_about(
             state.rotation[c],
             state.angular_rate[c],

@@ -130,6 +130,7 @@ def innovations(
     point_m: Floats,
     state: State,
     noise: Sequence[AngleNoise],
+    out: Innovations | None = None,
 ) -> Innovations:
     """Return the innovations of the craft of the mask, from their predicted states.
 
@@ -142,12 +143,16 @@ def innovations(
         point_m: (C, K, 3) [m], photodiodes in the body frames.
         state: predicted states.
         noise: noise of the rows of each station.
+        out: innovations of the same rows, in which those of the craft of the mask are put; None: new ones.
     """
-    craft = len(mask)
-    most = int(np.diff(rows.first).max(initial=0))
-    out = Innovations(
-        np.empty((craft, most)), np.empty((craft, most, STATES)), np.zeros(craft, dtype=np.int64), np.zeros((craft, 3))
-    )
+    if out is None:
+        craft, most = len(mask), int(np.diff(rows.first).max(initial=0))
+        out = Innovations(
+            np.empty((craft, most)),
+            np.empty((craft, most, STATES)),
+            np.zeros(craft, dtype=np.int64),
+            np.zeros((craft, 3)),
+        )
     _innovations_into(mask, rows, kept, light_of(stations, noise), np.ascontiguousarray(point_m), state, out)
     return out
 

@@ -13,7 +13,8 @@ to 31 % less. libsurvive divides by the duration of the turn before, which `prev
 the turns between two known ones are taken as equally long.
 
 A share below one half is plane 0's and one above it plane 1's, unless the point is far off to a side: near one half it
-can be either's. A point that both planes meet in one turn meets plane 0 first.
+can be either's. A point that both planes meet in one turn meets plane 0 first, up to an elevation of 56 degrees
+(asin(tan 30 tan e) of 60 degrees): beyond, the planes have crossed, and the order of two hits does not tell.
 """
 
 from typing import NamedTuple
@@ -145,8 +146,13 @@ def planes(located: Located, photodiode: Ints, uncertain: float = UNCERTAIN) -> 
     if np.any(unsure):
         first, last = _of_two(located, photodiode)
         plane[unsure] = np.where(first[unsure], 0, np.where(last[unsure], 1, -1))
-    angle = 2 * np.pi * share - np.pi + np.where(plane == 0, 1, -1) * np.pi / 3
-    return Planes(plane, np.where(plane < 0, np.nan, angle))
+    return Planes(plane, np.where(plane < 0, np.nan, angle_of(share, plane)))
+
+
+def angle_of(share: Floats, plane: Ints) -> Floats:
+    """Return the angles [rad] from boresight at which planes (N,) are at shares of a turn (N,) (2)."""
+    out: Floats = 2 * np.pi * share - np.pi + np.where(plane == 0, 1, -1) * np.pi / 3
+    return out
 
 
 def share_of(angle: Floats, plane: Ints) -> Floats:

@@ -16,20 +16,17 @@ from estimators.kernel import kernel
 from estimators.lighthouse.innovation import (
     FORGOTTEN,
     OVERSHOOT,
+    SWEEPS,
     Innovations,
     RowBatch,
     StationArrays,
-    whitened_into,
 )
-from estimators.linear import cholesky_into, invert_spd_into
-from estimators.state import STATES, State
-
-ROUNDS = 30
-"""Rounds of the power method, which finds the largest of three eigenvalues; a half of the second's leaves 1e-9."""
+from estimators.linear import cholesky_into, sweep_out
+from estimators.state import STATES
 
 
 def row_faults(
-    rows: RowBatch, kept: Bools, mask: Bools, light: StationArrays, point_m: Floats, state: State, covariance: Floats
+    rows: RowBatch, kept: Bools, mask: Bools, found: Innovations, light: StationArrays, covariance: Floats
 ) -> Floats:
     """Return the largest error per root of noncentrality, (2, C): of position [m] and of attitude [rad].
 
@@ -37,19 +34,14 @@ def row_faults(
 
     Args:
         rows: rows of C craft.
-        kept: (N,), those that were taken in; all of photodiodes in front of their stations.
+        kept: (N,), those that were taken in.
         mask: (C,), the craft concerned.
+        found: innovations of the kept rows of the craft of the mask, with their derivatives.
         light: stations with the noise of their rows.
-        point_m: (C, K, 3) [m], photodiodes in the body frames.
-        state: of C craft.
         covariance: (C, 12, 12), P.
     """
-    craft, most = len(mask), int(np.diff(rows.first).max(initial=0))
-    inner = Innovations(
-        np.empty((craft, most)), np.empty((craft, most, STATES)), np.zeros(craft, dtype=np.int64), np.zeros((craft, 3))
-    )
-    out = np.zeros((2, craft))
-    _faults_into(mask, rows, kept.copy(), light, np.ascontiguousarray(point_m), state, covariance, inner, out)
+    out = np.zeros((2, len(mask)))
+    _faults_into(mask, rows, kept, found, light, covariance, out)
     return out
 
 
@@ -58,39 +50,30 @@ def _faults_into(
     mask: Bools,
     rows: RowBatch,
     kept: Bools,
+    found: Innovations,
     light: StationArrays,
-    point: Floats,
-    state: State,
     covariance: Floats,
-    inner: Innovations,
     out: Floats,
 ) -> None:
     """Write the slopes of every craft of the mask."""
-    most = inner.y.shape[1]
-    work, source = np.empty((2, most), np.int64), np.empty(most, np.int64)
+    most = found.y.shape[1]
+    work, source = np.empty((2, most), np.int64), np.empty((2, most), np.int64)
     z, inverse = np.empty((most, STATES)), np.empty((2, STATES, STATES))
     for c in range(len(mask)):
         if not mask[c]:
             continue
-        whitened_into(c, rows, kept, light, point, state, inner, work, True)
-        n = inner.number[c]
-        k = 0
+        n = 0
         for r in range(rows.first[c], rows.first[c + 1]):
             if kept[r]:
-                source[k] = rows.station[r] * point.shape[1] + rows.photodiode[r]
-                k += 1
-        _unwhitened(inner.h[c], n, work, light, z)
-        if not _inverses(covariance[c], inner.h[c], n, inverse):
+                s = rows.station[r]
+                work[0, n], work[1, n] = (light.first[s] + rows.fan[r]) * SWEEPS + rows.sweep[r], s
+                source[0, n], source[1, n] = s, rows.photodiode[r]
+                n += 1
+        _unwhitened(found.h[c], n, work, light, z)
+        if not _inverses(covariance[c], found.h[c], n, inverse):
             out[:, c] = np.inf
             continue
         _worst(z, n, work, light, source, inverse, out[:, c])
-
-
-@kernel
-def _share(n: int, own: float, shared: float) -> float:
-    """Return c of W = (I - c 1 1^T) / a."""
-    share: float = (1 - own / np.sqrt(own * own + n * shared * shared)) / n
-    return share
 
 
 @kernel
@@ -106,29 +89,33 @@ def _unwhitened(h: Floats, n: int, work: Ints, light: StationArrays, z: Floats) 
                 total[i] += h[end, i]
             end += 1
         own, shared = light.own[work[1, begin]], light.shared[work[1, begin]]
-        share = _share(end - begin, own, shared)
+        size = end - begin
+        share, over = (1 - own / np.sqrt(own * own + size * shared * shared)) / size, 1 / own
         for k in range(begin, end):
             for i in range(STATES):
-                z[k, i] = (h[k, i] - share * total[i]) / own
+                z[k, i] = (h[k, i] - share * total[i]) * over
         begin = end
 
 
 @kernel
 def _inverses(covariance: Floats, h: Floats, n: int, out: Floats) -> bool:
     """Write (P^-1 + N)^-1 and ((f P)^-1 + N)^-1, with N of n whitened rows; False where P is singular."""
-    information, total = np.empty((STATES, STATES)), np.empty((STATES, STATES))
-    if not invert_spd_into(covariance, information):
+    information, told = np.empty((STATES, STATES)), np.zeros((STATES, STATES))
+    row = np.empty(STATES)
+    information[:] = covariance
+    if not sweep_out(information, row):
         return False
+    for k in range(n):
+        for i in range(STATES):
+            factor = h[k, i]
+            for j in range(STATES):
+                told[i, j] += factor * h[k, j]
     for which in range(2):
         scale = 1.0 if which == 0 else 1 / FORGOTTEN
         for i in range(STATES):
             for j in range(STATES):
-                total[i, j] = scale * information[i, j]
-        for k in range(n):
-            for i in range(STATES):
-                for j in range(STATES):
-                    total[i, j] += h[k, i] * h[k, j]
-        if not invert_spd_into(total, out[which]):
+                out[which, i, j] = scale * information[i, j] + told[i, j]
+        if not sweep_out(out[which], row):
             return False
     return True
 
@@ -136,79 +123,77 @@ def _inverses(covariance: Floats, h: Floats, n: int, out: Floats) -> bool:
 @kernel
 def _worst(z: Floats, n: int, work: Ints, light: StationArrays, source: Ints, inverse: Floats, out: Floats) -> None:
     """Write the largest slopes (2,) of any photodiode before a station."""
-    of, done = np.empty(n, np.int64), np.zeros(n, np.bool_)
+    of, done, common = np.empty(n, np.int64), np.zeros(n, np.bool_), np.empty(n)
+    _commons_into(n, work, light, common)
+    shown, lower = np.empty((n, n)), np.empty((n, n))
+    moved, seen = np.empty((6, n)), np.empty((2, STATES))
     for first in range(n):
         if done[first]:
             continue
         b = 0
         for k in range(first, n):
-            if source[k] == source[first]:
+            if source[0, k] == source[0, first] and source[1, k] == source[1, first]:
                 of[b], done[k] = k, True
                 b += 1
-        shown, lower = np.empty((b, b)), np.empty((b, b))
-        moved = np.empty((STATES, b))
         for i in range(b):
-            for j in range(b):
-                shown[i, j] = _seen(z, of[i], of[j], work, light, n, inverse[0])
+            own = light.own[work[1, of[i]]]
+            seen[:] = 0.0
             for m in range(STATES):
-                moved[m, i] = 0.0
+                factor = z[of[i], m]
                 for p in range(STATES):
-                    moved[m, i] += inverse[1, m, p] * z[of[i], p]
-        if not cholesky_into(shown, lower):
+                    seen[0, p] += factor * inverse[0, m, p]
+                    seen[1, p] += factor * inverse[1, m, p]
+            for m in range(3):
+                moved[m, i], moved[3 + m, i] = seen[1, m], seen[1, 6 + m]
+            for j in range(i + 1):
+                value = 0.0
+                if work[0, of[i]] == work[0, of[j]]:
+                    value = ((1.0 if i == j else 0.0) - common[of[i]]) / (own * own)
+                for p in range(STATES):
+                    value -= seen[0, p] * z[of[j], p]
+                shown[i, j] = value
+        if not cholesky_into(shown[:b, :b], lower[:b, :b]):
             out[:] = np.inf
             return
         # G L^-T, row by row: L x = g.
-        for m in range(STATES):
+        for m in range(6):
             for i in range(b):
                 for j in range(i):
                     moved[m, i] -= lower[i, j] * moved[m, j]
                 moved[m, i] /= lower[i, i]
-        out[0] = max(out[0], OVERSHOOT * _norm(moved[6:9]))
-        out[1] = max(out[1], OVERSHOOT * _norm(moved[0:3]))
+        out[0] = max(out[0], OVERSHOOT * _norm(moved[3:6], b))
+        out[1] = max(out[1], OVERSHOOT * _norm(moved[0:3], b))
 
 
 @kernel
-def _seen(z: Floats, i: int, j: int, work: Ints, light: StationArrays, n: int, inverse: Floats) -> float:
-    """Return an element of S^-1."""
-    total = 0.0
-    if work[0, i] == work[0, j]:
-        size = 0
-        for k in range(n):
-            if work[0, k] == work[0, i]:
-                size += 1
-        own, shared = light.own[work[1, i]], light.shared[work[1, i]]
-        common = shared * shared / (own * own + size * shared * shared)
-        total = ((1.0 if i == j else 0.0) - common) / (own * own)
-    for a in range(STATES):
-        for b in range(STATES):
-            total -= z[i, a] * inverse[a, b] * z[j, b]
-    return total
+def _commons_into(n: int, work: Ints, light: StationArrays, out: Floats) -> None:
+    """Write k of Sherman and Morrison, b^2 / (a^2 + n b^2), of the sweep of every row."""
+    begin = 0
+    while begin < n:
+        end = begin
+        while end < n and work[0, end] == work[0, begin]:
+            end += 1
+        own, shared = light.own[work[1, begin]], light.shared[work[1, begin]]
+        for k in range(begin, end):
+            out[k] = shared * shared / (own * own + (end - begin) * shared * shared)
+        begin = end
 
 
 @kernel
-def _norm(m: Floats) -> float:
-    """Return the largest singular value of m (3, b)."""
-    square, v, w = np.zeros((3, 3)), np.ones(3), np.empty(3)
+def _norm(m: Floats, b: int) -> float:
+    """Return the largest singular value of m (3, b): of M M^T by the cosine of a third of an angle."""
+    square = np.zeros((3, 3))
     for i in range(3):
-        for j in range(3):
-            for k in range(m.shape[1]):
+        for j in range(i + 1):
+            for k in range(b):
                 square[i, j] += m[i, k] * m[j, k]
-    value = 0.0
-    # Begun on the longest row, which the largest eigenvector is not perpendicular to.
-    best = 0
-    for i in range(1, 3):
-        if square[i, i] > square[best, best]:
-            best = i
-    for i in range(3):
-        v[i] = square[i, best]
-    for _ in range(ROUNDS):
-        length = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-        if not length > 0:
-            return 0.0
-        for i in range(3):
-            v[i] /= length
-        for i in range(3):
-            w[i] = square[i, 0] * v[0] + square[i, 1] * v[1] + square[i, 2] * v[2]
-        value = w[0] * v[0] + w[1] * v[1] + w[2] * v[2]
-        v[:] = w
-    return float(np.sqrt(value))
+    mean = (square[0, 0] + square[1, 1] + square[2, 2]) / 3
+    x, y, z = square[0, 0] - mean, square[1, 1] - mean, square[2, 2] - mean
+    u, v, w = square[1, 0], square[2, 0], square[2, 1]
+    spread = (x * x + y * y + z * z + 2 * (u * u + v * v + w * w)) / 6
+    if not spread > 0:
+        return float(np.sqrt(mean))
+    root = np.sqrt(spread)
+    half = (x * (y * z - w * w) - u * (u * z - w * v) + v * (u * w - y * v)) / (2 * spread * root)
+    third = np.arccos(min(max(half, -1.0), 1.0)) / 3
+    return float(np.sqrt(mean + 2 * root * np.cos(third)))

@@ -21,8 +21,8 @@ from estimators.arrays import Floats, Ints
 from estimators.kernel import kernel
 from estimators.lighthouse.projection import checked
 from estimators.lighthouse.sweep import FAN, LIGHTHOUSE_1, Fan, angle_gradient, kernel_fans, measured_angle
-from estimators.rotation import exp_into, left_jacobian_into
-from estimators.state import STATES
+from estimators.rotation import exp_into, exp_rows, left_jacobian_rows
+from estimators.state import STATES, State
 
 
 class Station(NamedTuple):
@@ -167,39 +167,41 @@ def row_into(
         angular_rate: (3,) [rad/s], world frame.
         matrix: (12,), receives H.
     """
-    arm, vector = np.empty((2, 3)), np.empty(3)
-    turn, jacobian, moved = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
-    for i in range(3):
-        vector[i] = angular_rate[i] * tau
-        arm[0, i] = rotation[i, 0] * point[0] + rotation[i, 1] * point[1] + rotation[i, 2] * point[2]
-    exp_into(vector, turn)
-    left_jacobian_into(vector, jacobian)
-    for i in range(3):
-        arm[1, i] = turn[i, 0] * arm[0, 0] + turn[i, 1] * arm[0, 1] + turn[i, 2] * arm[0, 2]
-        vector[i] = position[i] + velocity[i] * tau + arm[1, i] - station_position[i]
+    w0, w1, w2 = angular_rate[0] * tau, angular_rate[1] * tau, angular_rate[2] * tau
+    a0 = rotation[0, 0] * point[0] + rotation[0, 1] * point[1] + rotation[0, 2] * point[2]
+    a1 = rotation[1, 0] * point[0] + rotation[1, 1] * point[1] + rotation[1, 2] * point[2]
+    a2 = rotation[2, 0] * point[0] + rotation[2, 1] * point[1] + rotation[2, 2] * point[2]
+    t0, t1, t2 = exp_rows(w0, w1, w2)
+    b0 = t0[0] * a0 + t0[1] * a1 + t0[2] * a2
+    b1 = t1[0] * a0 + t1[1] * a1 + t1[2] * a2
+    b2 = t2[0] * a0 + t2[1] * a1 + t2[2] * a2
+    v0 = position[0] + velocity[0] * tau + b0 - station_position[0]
+    v1 = position[1] + velocity[1] * tau + b1 - station_position[1]
+    v2 = position[2] + velocity[2] * tau + b2 - station_position[2]
     s = station_rotation
-    x = s[0, 0] * vector[0] + s[1, 0] * vector[1] + s[2, 0] * vector[2]
-    y = s[0, 1] * vector[0] + s[1, 1] * vector[1] + s[2, 1] * vector[2]
-    z = s[0, 2] * vector[0] + s[1, 2] * vector[1] + s[2, 2] * vector[2]
+    x = s[0, 0] * v0 + s[1, 0] * v1 + s[2, 0] * v2
+    y = s[0, 1] * v0 + s[1, 1] * v1 + s[2, 1] * v2
+    z = s[0, 2] * v0 + s[1, 2] * v1 + s[2, 2] * v2
     if not z > 0:
         matrix[:] = np.nan
         return np.nan
     g = angle_gradient(x, y, z, fan)
-    for i in range(3):
-        vector[i] = s[i, 0] * g[0] + s[i, 1] * g[1] + s[i, 2] * g[2]
-        matrix[6 + i], matrix[9 + i] = vector[i], vector[i] * tau
-    # -u^T [a]x = (a x u)^T: with the gradient u in the world frame, turned back to the epoch for the attitude.
-    back = (
-        turn[0, 0] * vector[0] + turn[1, 0] * vector[1] + turn[2, 0] * vector[2],
-        turn[0, 1] * vector[0] + turn[1, 1] * vector[1] + turn[2, 1] * vector[2],
-        turn[0, 2] * vector[0] + turn[1, 2] * vector[1] + turn[2, 2] * vector[2],
-    )
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        matrix[i] = arm[0, j] * back[k] - arm[0, k] * back[j]
-        moved[i] = (arm[1, j] * vector[k] - arm[1, k] * vector[j]) * tau
-    for i in range(3):
-        matrix[3 + i] = moved[0] * jacobian[0, i] + moved[1] * jacobian[1, i] + moved[2] * jacobian[2, i]
+    # The gradient u in the world frame.
+    u0 = s[0, 0] * g[0] + s[0, 1] * g[1] + s[0, 2] * g[2]
+    u1 = s[1, 0] * g[0] + s[1, 1] * g[1] + s[1, 2] * g[2]
+    u2 = s[2, 0] * g[0] + s[2, 1] * g[1] + s[2, 2] * g[2]
+    matrix[6], matrix[7], matrix[8] = u0, u1, u2
+    matrix[9], matrix[10], matrix[11] = u0 * tau, u1 * tau, u2 * tau
+    # -u^T [a]x = (a x u)^T: with u turned back to the epoch for the attitude.
+    c0 = t0[0] * u0 + t1[0] * u1 + t2[0] * u2
+    c1 = t0[1] * u0 + t1[1] * u1 + t2[1] * u2
+    c2 = t0[2] * u0 + t1[2] * u1 + t2[2] * u2
+    matrix[0], matrix[1], matrix[2] = a1 * c2 - a2 * c1, a2 * c0 - a0 * c2, a0 * c1 - a1 * c0
+    m0, m1, m2 = (b1 * u2 - b2 * u1) * tau, (b2 * u0 - b0 * u2) * tau, (b0 * u1 - b1 * u0) * tau
+    j0, j1, j2 = left_jacobian_rows(w0, w1, w2)
+    matrix[3] = m0 * j0[0] + m1 * j1[0] + m2 * j2[0]
+    matrix[4] = m0 * j0[1] + m1 * j1[1] + m2 * j2[1]
+    matrix[5] = m0 * j0[2] + m1 * j1[2] + m2 * j2[2]
     return angle - measured_angle(x, y, z, fan)
 
 
@@ -236,3 +238,36 @@ def _linearise_into(
             angular_rate,
             matrix[n],
         )
+
+
+@kernel
+def expect_into(
+    hits: tuple[Ints, Ints, Ints, Floats], state: State, point: Floats, stations: Packed, out: Floats
+) -> None:
+    """Write the angles from boresight (N, F) [rad] at which photodiodes are expected, NaN where not in front.
+
+    Args:
+        hits: craft, station and photodiode (N,) of every hit, and its instant after the epoch of the states, (N,) [s].
+        state: of C craft; NaN where it is not known.
+        point: (C, K, 3) [m], photodiodes in the body frames.
+        stations: stations of F fans each.
+        out: receives the angles.
+    """
+    turn, vector, arm = np.empty((3, 3)), np.empty(3), np.empty(3)
+    craft, station, photodiode, later = hits
+    for n in range(len(craft)):
+        c, s, tau = craft[n], station[n], later[n]
+        r, p = state.rotation[c], point[c, photodiode[n]]
+        for i in range(3):
+            vector[i] = state.angular_rate[c, i] * tau
+            arm[i] = r[i, 0] * p[0] + r[i, 1] * p[1] + r[i, 2] * p[2]
+        exp_into(vector, turn)
+        for i in range(3):
+            shift = turn[i, 0] * arm[0] + turn[i, 1] * arm[1] + turn[i, 2] * arm[2]
+            vector[i] = state.position[c, i] + state.velocity[c, i] * tau + shift - stations.position[s, i]
+        t = stations.rotation[s]
+        x = t[0, 0] * vector[0] + t[1, 0] * vector[1] + t[2, 0] * vector[2]
+        y = t[0, 1] * vector[0] + t[1, 1] * vector[1] + t[2, 1] * vector[2]
+        z = t[0, 2] * vector[0] + t[1, 2] * vector[1] + t[2, 2] * vector[2]
+        for f in range(out.shape[1]):
+            out[n, f] = measured_angle(x, y, z, stations.fans[stations.first[s] + f]) if z > 0 else np.nan

@@ -29,7 +29,15 @@ import numpy as np
 
 from estimators.arrays import Floats
 from estimators.kernel import formula, kernel
-from estimators.lighthouse.tilted import TILT_RAD, Number, TiltedErrors, tilted_angle, tilted_gradient
+from estimators.lighthouse.tilted import (
+    TILT_RAD,
+    Number,
+    TiltedErrors,
+    plain_angle,
+    plain_gradient,
+    tilted_angle,
+    tilted_gradient,
+)
 from estimators.state import Vector
 
 HALF_PI = np.pi / 2
@@ -192,10 +200,10 @@ def measured_angle(x: float, y: float, z: float, fan: Floats) -> float:
     """
     across, up = fan[0] * x + fan[1] * y, fan[3] * x + fan[4] * y
     tangent, phase, curve, gibbous_phase, gibbous_magnitude = fan[6], fan[7], fan[8], fan[9], fan[10]
-    if fan[13] != 0.0:
-        angle: float = tilted_angle(
-            across, up, z, tangent, phase, curve, gibbous_phase, gibbous_magnitude, fan[11], fan[12]
-        )
+    if fan[13] != 0.0 and curve == 0.0 and gibbous_magnitude == 0.0 and fan[12] == 0.0:
+        angle: float = plain_angle(across, up, z, tangent, phase)
+    elif fan[13] != 0.0:
+        angle = tilted_angle(across, up, z, tangent, phase, curve, gibbous_phase, gibbous_magnitude, fan[11], fan[12])
     elif tangent == 0.0 and curve == 0.0 and gibbous_magnitude == 0.0:
         angle = np.arctan2(across, z) - phase
     else:
@@ -217,9 +225,12 @@ def angle_gradient(x: float, y: float, z: float, fan: Floats) -> Vector:
     square = across * across + z * z
     tangent, phase, curve, gibbous_phase, gibbous_magnitude = fan[6], fan[7], fan[8], fan[9], fan[10]
     if fan[13] != 0.0:
-        by_across, by_up, by_ahead = tilted_gradient(
-            across, up, z, tangent, curve, gibbous_phase, gibbous_magnitude, fan[11], fan[12]
-        )
+        if curve == 0.0 and gibbous_magnitude == 0.0 and fan[12] == 0.0:
+            by_across, by_up, by_ahead = plain_gradient(across, up, z, tangent)
+        else:
+            by_across, by_up, by_ahead = tilted_gradient(
+                across, up, z, tangent, curve, gibbous_phase, gibbous_magnitude, fan[11], fan[12]
+            )
         return fan[0] * by_across + fan[3] * by_up, fan[1] * by_across + fan[4] * by_up, by_ahead
     argument = up * tangent / np.sqrt(square)
     steep = 1 / np.sqrt(1 - argument * argument)

@@ -115,6 +115,42 @@ def tilted_angle(
 
 
 @formula
+def plain_angle(across: Number, up: Number, ahead: Number, tangent: Number, phase: Number) -> Number:
+    """Return `tilted_angle` of a plane with no error but in phase and tilt, bit for bit.
+
+    Args:
+        across: [m], where the plane turns to at boresight.
+        up: [m], along the rotor's axis.
+        ahead: [m].
+        tangent: tan T.
+        phase: [rad].
+    """
+    k = up * tangent / np.sqrt(across * across + ahead * ahead)
+    return np.arctan2(across, ahead) + np.arcsin(k) - phase
+
+
+@formula
+def plain_gradient(across: float, up: float, ahead: float, tangent: float) -> Vector:
+    """Return the derivatives of `plain_angle` by across, up and ahead [rad/m], of the same arguments but the phase.
+
+    Args:
+        across: [m].
+        up: [m].
+        ahead: [m].
+        tangent: tan T.
+    """
+    square = across * across + ahead * ahead
+    r = np.sqrt(square)
+    k = up * tangent / r
+    steep = 1 / np.sqrt(1 - k * k)
+    return (
+        ahead / square + steep * (-k * across / square),
+        steep * (tangent / r),
+        -across / square + steep * (-k * ahead / square),
+    )
+
+
+@formula
 def tilted_gradient(
     across: float,
     up: float,

@@ -1,7 +1,7 @@
 """The description of a flight that telemetry and recording receive before its first period."""
 
 from swarm.assets import find_model
-from swarm.flight.builders import assumed_angle_noise, orbit, photodiodes, station_frames
+from swarm.flight.builders import assumed_angle_noise, orbit, photodiodes, station_frame
 from swarm.flight.flight import Flight
 from swarm.results.scene import CcdScene, OrbitScene, Scene, StationScene
 from swarm.scenario import Scenario
@@ -38,8 +38,14 @@ def scene(scenario: Scenario, flight: Flight) -> Scene:
         docking=bool(flight.latches.matings),
         faults=faults,
         stations=[
-            StationScene(table.name, at.rotation, at.position, "2.0" if table.second else "1.0")
-            for table, at in zip(scenario.station, station_frames(scenario, flight.motions), strict=True)
+            StationScene(
+                table.name,
+                at.rotation,
+                at.position,
+                "2.0" if table.second else "1.0",
+                -1 if table.craft is None else scenario.craft_names.index(table.craft),
+            )
+            for table, at in ((table, station_frame(table)) for table in scenario.station)
         ],
         up=scenario.recording.up,
         pairs=flight.computer.navigator.settings.relations.pairs,

@@ -5,8 +5,9 @@ that is too short for a word of bits is the same sweep's as those around it if a
 none of them its own photodiode's, and it is no farther from them than they are from each other: then its offset follows
 from the time between them. Otherwise it is rejected, as is a hit with a word that no other word of its sweep confirms.
 With the duration T of a turn, offset / T is the rotor's angle, and (2) of `estimators.lighthouse.rotor` the plane and
-its angle from boresight. Within 30 degrees of half a turn it may be either plane's: the photodiode's other hit of that
-turn tells, or where the craft expects the photodiode, or the hit is rejected.
+its angle from boresight. Within 30 degrees of half a turn it may be either plane's: where the craft expects the
+photodiode tells, or, if it expects nothing, the photodiode's other hit of that turn, or the hit is rejected. The first
+of two hits is the first plane's up to an elevation of 56 degrees, where the planes cross; beyond, it is the second's.
 
 The instants need no flash: the epoch is the middle of the computer's own period.
 """
@@ -19,7 +20,7 @@ import numpy as np
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
 from estimators.lighthouse.innovation import gathered
-from estimators.lighthouse.rotor import Located, Planes, planes
+from estimators.lighthouse.rotor import Located, angle_of, planes
 from estimators.lighthouse.rows import Rows
 from swarm.messages import BeamHits
 from swarm.onboard.stations import RowLight
@@ -87,41 +88,50 @@ class BeamDecoder:
         of, at = np.nonzero(station >= 0)
         found, photodiode = station[of, at], hits.photodiode[of, at].astype(np.int64)
         after = offset[of, at]
-        turn = _turns(of, found, middle[of, at] - after, self._turn_tick)
-        who = (of * len(self._turn_tick) + found) * most + photodiode
         share = after / self._turn_tick[found]
-        told = planes(Located(turn, share), who, EITHER)
         offset_s: Floats = np.asarray((middle[of, at] - hits.epoch_tick[of]) * self._tick_s, dtype=np.float64)
-        if expect is not None and np.any(told.plane < 0):
-            told = _expected(told, share, np.flatnonzero(told.plane < 0), expect, (of, found, photodiode, offset_s))
-        good = told.plane >= 0
+        plane = np.where(np.abs(share - 0.5) < EITHER, -1, (share > 0.5).astype(np.int64))
+        turn = _turns(of, found, middle[of, at] - after, self._turn_tick)
+        if expect is not None:
+            _expected(plane, share, expect, (of, found, photodiode, offset_s))
+        if np.any(plane < 0):
+            # Of craft that expect nothing there, by all their hits.
+            own = np.flatnonzero(np.isin(of, of[plane < 0]))
+            who = (of[own] * len(self._turn_tick) + found[own]) * most + photodiode[own]
+            paired = planes(Located(turn[own], share[own]), who, EITHER).plane
+            plane[own] = np.where(plane[own] < 0, paired, plane[own])
+        good = plane >= 0
         rows = Rows(
             found[good],
-            told.plane[good],
+            plane[good],
             photodiode[good],
             turn[good],
             offset_s[good],
-            told.angle[good],
+            angle_of(share[good], plane[good]),
         )
         used = np.bincount(of[good], minlength=craft)
         return RowLight(gathered(of[good], rows, craft), hits.total - used, np.zeros(craft, dtype=np.int64))
 
 
-def _expected(told: Planes, share: Floats, open_: Ints, expect: Expect, hits: Sequence[Any]) -> Planes:
-    """Return planes and angles with those of the hits `open_` that craft expect at one of the planes' angles.
+def _expected(plane: Ints, share: Floats, expect: Expect, hits: Sequence[Any]) -> None:
+    """Write the planes of those hits whose plane is open, -1, and that craft expect at one of the planes' angles.
 
-    hits: craft, station, photodiode and instant of all hits, as `expect` takes them.
+    Args:
+        plane: (N,), updated.
+        share: (N,) [turns].
+        expect: as `BeamDecoder.decode` takes it.
+        hits: craft, station, photodiode and instant of all hits, as `expect` takes them.
     """
-    plane, angle = told.plane.copy(), told.angle.copy()
-    both = 2 * np.pi * share[open_, None] - np.pi + np.array([1, -1]) * np.pi / 3
+    open_ = np.flatnonzero(plane < 0)
+    if not len(open_):
+        return
+    both = np.stack([angle_of(share[open_], np.full(len(open_), which)) for which in (0, 1)], axis=1)
     asked: list[Any] = [part[open_] for part in hits]
     away = np.abs(both - expect(asked[0], asked[1], asked[2], asked[3]))
     away = np.where(np.isfinite(away), away, np.inf)
     best = np.argmin(away, axis=1)
-    each = np.arange(len(open_))
-    sure = away[each, best] < EXPECTED_RAD
-    plane[open_[sure]], angle[open_[sure]] = best[sure], both[each, best][sure]
-    return Planes(plane, angle)
+    sure = away[np.arange(len(open_)), best] < EXPECTED_RAD
+    plane[open_[sure]] = best[sure]
 
 
 @kernel

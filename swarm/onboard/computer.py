@@ -18,7 +18,7 @@ from estimators import rotation as rot
 from estimators.arrays import Bools, Floats, Ints
 from estimators.frame import Frame
 from estimators.lighthouse.innovation import RowBatch
-from estimators.lighthouse.rows import Station
+from estimators.lighthouse.rows import Station, expect_into
 from estimators.lighthouse.sweep import measured_angles
 from swarm.messages import Bearers, Command, Signals
 from swarm.onboard.beams import BeamDecoder
@@ -178,11 +178,14 @@ class StationComputer:
 
     def _expect(self, craft: Ints, station: Ints, photodiode: Ints, offset_s: Floats) -> Floats:
         """Return where hits are expected, as `BeamDecoder.decode` asks for: (N, 2) [rad]."""
-        out = np.full((len(craft), 2), np.nan)
-        there = self._places(craft, photodiode, offset_s)
-        for s in np.unique(station):
-            own, known = station == s, self._stations[s]
-            out[own] = measured_angles((there[own] - known.position) @ known.rotation, known.fans)
+        out = np.empty((len(craft), 2))
+        expect_into(
+            (craft, station, photodiode, offset_s + self.navigator.settings.frame_s),
+            self.navigator.tracks.bank.state,
+            self._point_m,
+            self.navigator.packed,
+            out,
+        )
         return out
 
     def _places(self, craft: Ints, photodiode: Ints, offset_s: Floats) -> Floats:

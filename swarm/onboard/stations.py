@@ -30,6 +30,7 @@ from estimators.filter.smoother import Prediction, predicted
 from estimators.kernel import kernel
 from estimators.lighthouse.dop import Dilution
 from estimators.lighthouse.innovation import (
+    Innovations,
     RowBatch,
     StationArrays,
     agreeing,
@@ -40,7 +41,7 @@ from estimators.lighthouse.integrity import AngleNoise, shown_to_gate
 from estimators.lighthouse.pnp import PoseSolution
 from estimators.lighthouse.row_faults import row_faults
 from estimators.lighthouse.row_pose import RowPose, solve_rows
-from estimators.lighthouse.rows import Station, packed, row_into
+from estimators.lighthouse.rows import Packed, Station, packed, row_into
 from estimators.state import STATES, State
 from swarm.hardware import Photodiodes
 from swarm.messages import Command, Signals
@@ -80,7 +81,7 @@ class _Rowed(NamedTuple):
 
     fresh, refused: whether they went into the filter, or all were refused. nis: squared innovation normalised by its
     covariance. rows, photodiodes, stations: numbers in the filter. dropped: photodiodes left out as false, -1: none
-    agreed. kept: the rows that went in, (N,).
+    agreed. kept: the rows that went in, (N,). found: their innovations.
     """
 
     fresh: Bools
@@ -91,6 +92,7 @@ class _Rowed(NamedTuple):
     stations: Ints
     dropped: Ints
     kept: Bools
+    found: Innovations | None = None
 
 
 class StationNavigator:
@@ -134,6 +136,11 @@ class StationNavigator:
         self._held = np.zeros((2, craft))
         self._quantile = -float(ndtri(s.integrity.risk / 2))
         self._unit_rad = float(np.sqrt(np.mean([own**2 + shared**2 for own, shared in self._noise])))
+
+    @property
+    def packed(self) -> Packed:
+        """The stations as kernels take them."""
+        return self._packed
 
     @property
     def stations(self) -> list[Station]:
@@ -289,11 +296,11 @@ class StationNavigator:
             dropped=np.zeros(craft, dtype=np.int64),
             kept=kept,
         )
-        self._update(rows, mask, out)
+        found = self._update(rows, mask, out)
         if out.refused.any():
             # The filters of refused rows are still at their predictions.
             before, covariance = bank.state, bank.covariance
-            self._manoeuvre(rows, pose, out)
+            self._manoeuvre(rows, pose, out, found)
         again = np.zeros(craft, dtype=np.bool_)
         for c in np.flatnonzero(out.refused & self.settings.integrity.residual_test).tolist():
             own = rows.of(c)
@@ -306,12 +313,12 @@ class StationNavigator:
                 out.dropped[c] = len(np.unique(seen)) - len(np.unique(seen[keep]))
                 again[c] = True
         if again.any():
-            self._update(rows, again, out)
+            self._update(rows, again, out, found)
         photodiodes, stations = _numbers(rows, kept & np.repeat(out.fresh, np.diff(rows.first)), most)
         out.photodiodes[:], out.stations[:] = photodiodes, stations
-        return out
+        return out._replace(found=found)
 
-    def _manoeuvre(self, rows: RowBatch, pose: RowPose, out: _Rowed) -> None:
+    def _manoeuvre(self, rows: RowBatch, pose: RowPose, out: _Rowed, found: Innovations) -> None:
         """Try again with a wider prediction where the rows agree with each other and not with it: the craft is pushed
         harder than its model has it. No photodiode is false then.
         """
@@ -328,17 +335,21 @@ class StationNavigator:
                 s.frame_s, factor * s.acceleration_noise_m_s2, factor * s.angular_acceleration_noise_rad_s2, noise
             )
             bank.adopt(again, bank.state, bank.covariance + noise)
-            self._update(rows, again, out)
+            self._update(rows, again, out, found)
 
-    def _update(self, rows: RowBatch, mask: Bools, out: _Rowed) -> None:
-        """Give the kept rows of the craft of the mask to their filters, and write their fate."""
+    def _update(self, rows: RowBatch, mask: Bools, out: _Rowed, found: Innovations | None = None) -> Innovations:
+        """Give the kept rows of the craft of the mask to their filters, write their fate, and return their innovations.
+
+        found: innovations of the other craft, updated; None: there are none yet.
+        """
         bank = self.tracks.bank
-        found = innovations(rows, out.kept, mask, self._packed, self._point_m, bank.state, self._noise)
+        found = innovations(rows, out.kept, mask, self._packed, self._point_m, bank.state, self._noise, found)
         asked = mask & (found.number > 0)
         result = bank.update(asked, found.y, found.h, np.ones_like(found.y), found.number, found.pivot)
         out.fresh[asked], out.refused[asked] = result.accepted[asked], ~result.accepted[asked]
         out.nis[asked] = result.nis[asked]
         out.rows[asked] = np.where(result.accepted, found.number, 0)[asked]
+        return found
 
     def _estimate(
         self,
@@ -404,14 +415,14 @@ class StationNavigator:
     def _integrity(self, rows: RowBatch, pose: RowPose, rowed: _Rowed, after: Filtered) -> Integrity:
         """Return protection levels: of the noise, and of a false photodiode that the gate would have missed."""
         s, craft = self.settings.integrity, len(pose.solved)
-        active, state, covariance = after
+        active, _, covariance = after
         self._held[:, ~active] = 0.0
         fresh = rowed.fresh & active
-        if s.residual_test and fresh.any():
-            slopes = row_faults(rows, rowed.kept, fresh, self._light, self._point_m, state, covariance)
-            for c in np.flatnonzero(fresh).tolist():
-                missed = _missed(self.settings.gate_probability, s.missed_detection, int(rowed.rows[c]))
-                self._held[:, c] = missed * slopes[0, c], missed * np.degrees(slopes[1, c])
+        if s.residual_test and rowed.found is not None and fresh.any():
+            slopes = row_faults(rows, rowed.kept, fresh, rowed.found, self._light, covariance)
+            table = _shown(self.settings.gate_probability, s.missed_detection, int(rowed.rows.max()))
+            missed = table[rowed.rows[fresh]]
+            self._held[:, fresh] = missed * slopes[0, fresh], missed * np.degrees(slopes[1, fresh])
         with np.errstate(invalid="ignore"):
             spread = [np.sqrt(np.trace(covariance[:, i : i + 3, i : i + 3], axis1=1, axis2=2)) for i in (6, 0)]
             alone = [np.sqrt(np.trace(pose.covariance[:, i : i + 3, i : i + 3], axis1=1, axis2=2)) for i in (3, 0)]
@@ -427,14 +438,14 @@ class StationNavigator:
         return Integrity(rowed.dropped, levels[0], levels[1], levels[2], levels[3], alert, bool(watched))
 
 
-@cache
 def _shown(gate_probability: float, missed_detection: float, most: int) -> Floats:
+    """Return the roots of the least noncentralities that the gate on 0, 1, ... rows does not miss, `most` or more."""
+    return _shown_table(gate_probability, missed_detection, -(-most // _TABLE) * _TABLE)
+
+
+@cache
+def _shown_table(gate_probability: float, missed_detection: float, most: int) -> Floats:
     return np.sqrt(shown_to_gate(gates(gate_probability, most), missed_detection))
-
-
-def _missed(gate_probability: float, missed_detection: float, rows: int) -> float:
-    """Return the root of the least noncentrality that the gate on so many rows does not miss."""
-    return float(_shown(gate_probability, missed_detection, -(-rows // _TABLE) * _TABLE)[rows])
 
 
 def _numbers(rows: RowBatch, kept: Bools, photodiodes: int) -> tuple[Ints, Ints]:

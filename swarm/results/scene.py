@@ -32,12 +32,16 @@ class CcdScene(NamedTuple):
 
 
 class StationScene(NamedTuple):
-    """One station of several, as drawn: name, rotation (3, 3) R_w_s, position (3,) [m], generation ("1.0", "2.0")."""
+    """One station of several, as drawn: name, rotation (3, 3) R_w_s, position (3,) [m], generation ("1.0", "2.0").
+
+    craft: index of the craft that it rides on, in whose frame rotation and position then are; -1: none.
+    """
 
     name: str
     rotation: Floats
     position: Floats
     generation: str
+    craft: int = -1
 
 
 class OrbitScene(NamedTuple):

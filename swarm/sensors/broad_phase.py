@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.arrays import Floats, Ints
+from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
 from estimators.rotation import matrix_from_quaternion_into
 
@@ -53,23 +53,54 @@ class Grid(NamedTuple):
 
 
 @kernel
-def place_into(position: Floats, quaternion: Floats, shape: Ints, shape_centre: Floats, out: Placed) -> None:
-    """Write the poses of the C craft; the scene, owner C, stays where it is.
+def place_into(
+    position: Floats,
+    quaternion: Floats,
+    station_rotation: Floats,
+    station_position: Floats,
+    extent: Floats,
+    range_max: float,
+    shape: Ints,
+    shape_centre: Floats,
+    out: Placed,
+    near: Bools,
+) -> None:
+    """Write the poses of the C craft before a station; the scene, owner C, stays where it is.
+
+    A craft that lies beyond the light's range as a whole is lit nowhere and shades nothing: it is not placed, and its
+    centre is behind the station.
 
     Args:
-        position: positions of the craft, (C, 3) [m].
+        position: positions of the craft, (C, 3) [m], in the world.
         quaternion: attitudes of the craft, (C, 4) wxyz.
+        station_rotation: attitude of the station, (3, 3).
+        station_position: position of the station, (3,) [m].
+        extent: largest distance of a photodiode or a surface from each craft's origin, (C,) [m].
+        range_max: longest range of the light [m].
         shape: shape of each owner, (C + 1,), -1 for none.
         shape_centre: centres of the shapes' spheres, (S, 3) [m], body frame.
         out: output, the placed owners.
+        near: output, craft that the light may reach, (C,).
     """
+    turn, s = np.empty((3, 3)), station_rotation
     for c in range(len(shape)):
-        r = out.rotation[c]
+        r, p = out.rotation[c], out.position[c]
         if c < len(position):
-            matrix_from_quaternion_into(quaternion[c], r)
+            x, y, z = (
+                position[c, 0] - station_position[0],
+                position[c, 1] - station_position[1],
+                position[c, 2] - station_position[2],
+            )
+            limit = range_max + extent[c]
+            near[c] = x * x + y * y + z * z <= limit * limit
+            if not near[c]:
+                out.centre[c, 0], out.centre[c, 1], out.centre[c, 2] = 0.0, 0.0, -np.inf
+                continue
+            matrix_from_quaternion_into(quaternion[c], turn)
             for i in range(3):
-                out.position[c, i] = position[c, i]
-        p = out.position[c]
+                p[i] = s[0, i] * x + s[1, i] * y + s[2, i] * z
+                for j in range(3):
+                    r[i, j] = s[0, i] * turn[0, j] + s[1, i] * turn[1, j] + s[2, i] * turn[2, j]
         for i in range(3):
             out.origin[c, i] = -(r[0, i] * p[0] + r[1, i] * p[1] + r[2, i] * p[2])
             if shape[c] >= 0:

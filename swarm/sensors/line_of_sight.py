@@ -22,6 +22,7 @@ def sight_into(
     point: Floats,
     normal: Floats,
     present: Bools,
+    near: Bools,
     placed: Placed,
     solids: Solids,
     grid: Grid,
@@ -39,6 +40,7 @@ def sight_into(
         point: positions of the photodiodes, (C, K, 3) [m], body frame.
         normal: normals of the photodiodes, (C, K, 3), body frame.
         present: photodiodes that are not padding, (C, K).
+        near: craft that the light may reach, (C,); the others are outside.
         placed: owners of the solids, at their poses.
         solids: solids that can block the light.
         grid: owners by direction.
@@ -56,6 +58,9 @@ def sight_into(
     count = 0
     d, e = np.empty(3), np.empty(3)
     for c in range(present.shape[0]):
+        if not near[c]:
+            out[c] = OUTSIDE
+            continue
         r, o = placed.rotation[c], placed.origin[c]
         o0, o1, o2 = o[0], o[1], o[2]
         own = solids.shape[c]

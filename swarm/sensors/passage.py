@@ -67,13 +67,32 @@ def no_passages(count: int) -> Passages:
     return Passages(*np.zeros((5, count), dtype=np.int64), *np.zeros((2, count)))
 
 
+def segments(knot: Floats, position: Floats, quaternion: Floats) -> Floats:
+    """Return the motions of C bodies between n + 1 knots, (n, C, SEGMENT).
+
+    Args:
+        knot: times of the knots, (n + 1,) [s].
+        position: positions at the knots, (n + 1, C, 3) [m].
+        quaternion: attitudes at the knots, (n + 1, C, 4) wxyz.
+    """
+    out = np.empty((len(knot) - 1, position.shape[1], SEGMENT))
+    _segments_into(knot, np.ascontiguousarray(position), np.ascontiguousarray(quaternion), out)
+    return out
+
+
+@kernel
+def _segments_into(knot: Floats, position: Floats, quaternion: Floats, out: Floats) -> None:
+    for j in range(out.shape[0]):
+        for c in range(out.shape[1]):
+            pose = quaternion[j, c], quaternion[j + 1, c], position[j, c], position[j + 1, c]
+            segment_into(*pose, knot[j + 1] - knot[j], out[j, c])
+
+
 @kernel
 def pass_into(
     knot: Floats,
-    position: Floats,
-    quaternion: Floats,
-    station_position: Floats,
-    station_quaternion: Floats,
+    craft: Floats,
+    station: Floats,
     point: Floats,
     normal_of: Floats,
     lit: Bools,
@@ -93,10 +112,8 @@ def pass_into(
 
     Args:
         knot: times of the knots, from the period's start, (n + 1,) [s].
-        position: positions of the craft at the knots, (n + 1, C, 3) [m].
-        quaternion: attitudes of the craft at the knots, (n + 1, C, 4) wxyz.
-        station_position: positions of the station at the knots, (n + 1, 3) [m].
-        station_quaternion: attitudes of the station at the knots, (n + 1, 4) wxyz.
+        craft: motions of the craft between the knots, (n, C, SEGMENT).
+        station: motion of the station, (n, SEGMENT).
         point: positions of the photodiodes, (C, K, 3) [m], body frame.
         normal_of: normals of the photodiodes, (C, K, 3), body frame.
         lit: photodiodes that the light reaches, by look, (L, C, K).
@@ -113,32 +130,23 @@ def pass_into(
         out: output; has room for all that are lit.
     """
     intervals = len(knot) - 1
-    mine, theirs = np.empty((intervals, SEGMENT)), np.empty((intervals, SEGMENT))
-    for j in range(intervals):
-        pose = station_quaternion[j], station_quaternion[j + 1], station_position[j], station_position[j + 1]
-        segment_into(*pose, knot[j + 1] - knot[j], theirs[j])
-    q, n = np.empty((2, 3)), np.empty(3)
+    q, n, rotor = np.empty((2, 3)), np.empty(3), np.empty(len(sweeps.number))
+    for b in range(len(rotor)):
+        rotor[b] = shared * normal(key, sweeps.number[b], 0)
     for c in range(lit.shape[1]):
-        ready = False
-        for b in range(len(sweeps.number)):
+        for b in range(len(rotor)):
             begin, number = sweeps.boresight_s[b], sweeps.number[b]
-            rotor = shared * normal(key, number, 0)
             guess = begin
             for k in range(lit.shape[2]):
                 if not lit[sweeps.look[b], c, k]:
                     continue
-                if not ready:
-                    for j in range(intervals):
-                        pose = quaternion[j, c], quaternion[j + 1, c], position[j, c], position[j + 1, c]
-                        segment_into(*pose, knot[j + 1] - knot[j], mine[j])
-                    ready = True
-                error = rotor + own * normal(keys[c], number, k)
+                error = rotor[b] + own * normal(keys[c], number, k)
                 t, found, j = guess, False, 0
                 for _ in range(_ROUNDS):
                     j = 0
                     while j < intervals - 1 and t >= knot[j + 1]:
                         j += 1
-                    _place_into(mine[j], theirs[j], t - knot[j], point[c, k], q)
+                    _place_into(craft[j, c], station[j], t - knot[j], point[c, k], q)
                     if not q[0, 2] > 0:
                         break
                     g = measured_angle(q[0, 0], q[0, 1], q[0, 2], fan) + error - turn_rate * (t - begin)
@@ -152,7 +160,7 @@ def pass_into(
                 if not found or not window[0] <= t < window[1]:
                     continue
                 u = angle_gradient(q[0, 0], q[0, 1], q[0, 2], fan)
-                _turn_into(mine[j], theirs[j], t - knot[j], normal_of[c, k], n)
+                _turn_into(craft[j, c], station[j], t - knot[j], normal_of[c, k], n)
                 steep = np.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
                 across = (n[0] * u[0] + n[1] * u[1] + n[2] * u[2]) / steep
                 out.craft[count], out.photodiode[count], out.sweep[count] = c, k, number

@@ -14,6 +14,7 @@ many turns as there are stations.
 """
 
 from collections.abc import Sequence
+from math import ceil, floor
 from typing import NamedTuple
 
 import numpy as np
@@ -28,7 +29,7 @@ from estimators.rotation import matrix_from_quaternion, quaternion_from_matrix, 
 from swarm.messages import SKIP_BIT, SYNC_WIDTH_S, SYNC_WIDTH_STEP_S, BeamHits, Bearers, Pulses
 from swarm.sensors.draws import key_of, normal, uniform
 from swarm.sensors.lighthouse import STRAY_WIDTH_MAX_S, Lighthouse, Motion
-from swarm.sensors.passage import Passages, Sweeps, no_passages, pass_into
+from swarm.sensors.passage import Passages, Sweeps, no_passages, pass_into, segments
 from swarm.sensors.reception import identified, in_order, overlapped
 from swarm.sensors.visibility import Visibility
 
@@ -103,7 +104,9 @@ class Stations:
             for e in emitters
         ]
         self._own_keys = np.array([key_of(seed, key) for key in craft_keys], dtype=np.uint64)
+        self._share = [float(share) for share in share_of(np.zeros(2), np.arange(2))]
         self._count = self.photodiodes.present.sum(axis=1)
+        self._still: dict[tuple[int, int], Floats] = {}  # the motions of stations that do not move
 
     def _knots(self, truth: Motion) -> tuple[int, ...]:
         """Return the knots at which the rays are cast: in the middle of the period, or of both its halves."""
@@ -164,19 +167,22 @@ class Stations:
             for s in range(len(self.emitters))
             for plane in range(len(self.emitters[s].fans))
         ]
-        by_look = [np.count_nonzero(lit[..., looks * s : looks * (s + 1)], axis=(0, 1)) for s in range(len(self._fans))]
+        reached = np.ascontiguousarray(np.moveaxis(lit, -1, 0)).reshape(-1, looks, *lit.shape[:2])
+        by_look = np.count_nonzero(reached, axis=(2, 3))
         out = no_passages(sum(int(by_look[s][sweeps.look].sum()) for s, _, sweeps in plan))
-        motion = knot, np.ascontiguousarray(truth.position), np.ascontiguousarray(truth.quaternion)
+        craft = segments(knot, truth.position, truth.quaternion)
+        station = [self._motion(emitter, knot, truth) for emitter in self.emitters]
         count = 0
         for s, plane, sweeps in plan:
             emitter, before = self.emitters[s], count
             rho, noise = emitter.correlation, emitter.noise_rad
             count = pass_into(
-                *motion,
-                *self._pose(emitter, truth),
+                knot,
+                craft,
+                station[s],
                 self.photodiodes.point_m,
                 self.photodiodes.normal,
-                np.ascontiguousarray(np.moveaxis(lit[..., looks * s : looks * (s + 1)], -1, 0)),
+                reached[s],
                 sweeps,
                 self._fans[s][plane],
                 2 * np.pi / self._turn_s(emitter),
@@ -192,15 +198,19 @@ class Stations:
             out.station[before:count], out.plane[before:count] = s, plane
         return out, count
 
-    def _pose(self, emitter: Emitter, truth: Motion) -> tuple[Floats, Floats]:
-        """Return positions (n + 1, 3) [m] and attitudes (n + 1, 4) wxyz of a station at the knots."""
-        knots = len(truth.time_s)
-        turn = quaternion_from_matrix(emitter.frame.rotation)
+    def _motion(self, emitter: Emitter, knot: Floats, truth: Motion) -> Floats:
+        """Return the motion of a station between the knots, (n, SEGMENT)."""
+        turn = np.broadcast_to(quaternion_from_matrix(emitter.frame.rotation), (len(knot), 1, 4))
         if emitter.craft < 0:
-            return np.tile(emitter.frame.position, (knots, 1)), np.tile(turn, (knots, 1))
-        position, quaternion = truth.position[:, emitter.craft], truth.quaternion[:, emitter.craft]
+            name = emitter.key, len(knot)
+            if name not in self._still:
+                place = np.broadcast_to(emitter.frame.position, (len(knot), 1, 3))
+                self._still[name] = segments(knot, place, turn)[:, 0]
+            return self._still[name]
+        own = slice(emitter.craft, emitter.craft + 1)
+        position, quaternion = truth.position[:, own], truth.quaternion[:, own]
         arm = matrix_from_quaternion(quaternion) @ emitter.frame.position
-        return position + arm, quaternion_multiply(quaternion, np.broadcast_to(turn, (knots, 4)))
+        return segments(knot, position + arm, quaternion_multiply(quaternion, turn))[:, 0]
 
     def _window(self) -> tuple[float, float]:
         """Return the time within a period at which light is logged [s]."""
@@ -218,15 +228,18 @@ class Stations:
         emitter, start_s = self.emitters[station], frame * self._period_s
         turn_s = self._turn_s(emitter)
         if self.second:
-            share = float(share_of(np.zeros(1), np.array([plane]))[0]) + emitter.phase
+            share = self._share[plane] + emitter.phase
             # In front is a quarter of a turn to either side of the boresight.
             begin, end = self._window()
             first, last = ((start_s + begin) / turn_s - share - 0.25, (start_s + end) / turn_s - share + 0.25)
-            number = np.arange(int(np.ceil(first)), int(np.floor(last)) + 1, dtype=np.int64)
-            boresight_s = np.asarray((number + share) * turn_s - start_s, dtype=np.float64)
+            numbers = range(ceil(first), floor(last) + 1)
+            instants = [(number + share) * turn_s - start_s for number in numbers]
         else:
-            number = np.array([frame], dtype=np.int64)
-            boresight_s = np.array([(station + plane / 2 + 0.25) * turn_s + station * SLOT_S], dtype=np.float64)
+            numbers = range(frame, frame + 1)
+            instants = [(station + plane / 2 + 0.25) * turn_s + station * SLOT_S]
+        boresight_s, number = np.array(instants, dtype=np.float64), np.array(numbers, dtype=np.int64)
+        if len(look_s) == 1:
+            return Sweeps(boresight_s, number, np.zeros(len(number), dtype=np.int64))
         near = np.argmin(np.abs(boresight_s[:, None] - look_s), axis=1)
         return Sweeps(boresight_s, number, near.astype(np.int64))
 

@@ -89,6 +89,7 @@ class Visibility:
                 raise ValueError(f"body {model.body(body).name!r} would shade the lighthouse that it belongs to")
         self._solids, self._geoms = read_solids(model, craft_bodies, lighthouse_body)
         self._likely = _likely_planes(self._solids, photodiodes)
+        self._extent_m, self._near = _extents(self._solids, photodiodes), np.empty(craft, dtype=np.bool_)
         # The scene, owner number C, never moves: its body frame is the world frame.
         self._placed = Placed(np.tile(np.eye(3), (craft + 1, 1, 1)), *(np.zeros((craft + 1, 3)) for _ in range(3)))
         self.move(frame)
@@ -126,15 +127,26 @@ class Visibility:
         if position.shape != (craft, 3) or quaternion.shape != (craft, 4):
             raise ValueError(f"poses of {craft} craft needed, not {position.shape}, {quaternion.shape}")
         limits, solids, placed = self._limits, self._solids, self._placed
-        local = self._frame.poses_into(position, quaternion)
-        pose = np.ascontiguousarray(local[0]), np.ascontiguousarray(local[1])
-        place_into(*pose, solids.shape, solids.shape_centre, placed)
+        place_into(
+            np.ascontiguousarray(position),
+            np.ascontiguousarray(quaternion),
+            self._frame.rotation,
+            self._frame.position,
+            self._extent_m,
+            limits.range_max_m,
+            solids.shape,
+            solids.shape_centre,
+            placed,
+            self._near,
+        )
         half_width = float(np.tan(min(limits.field_rad / 2, WIDEST_HALF_FIELD_RAD)))
         grid = sort_into_cells(placed, solids.shape, solids.shape_radius, self._side, half_width)
         light = limits.range_min_m, limits.range_max_m, float(np.cos(limits.incidence_max_rad)), THICKNESS_M
         out = np.empty(self._photodiodes.present.shape, dtype=np.int8)
         while True:
-            count = sight_into(*self._photodiodes, placed, solids, grid, *light, self._likely, out, self._unsure)
+            count = sight_into(
+                *self._photodiodes, self._near, placed, solids, grid, *light, self._likely, out, self._unsure
+            )
             if count <= len(self._unsure):
                 break
             self._unsure = np.empty((2 * count, 3), dtype=np.int64)
@@ -213,6 +225,15 @@ def _likely_planes(solids: Solids, photodiodes: Photodiodes) -> Ints:
         for c in np.flatnonzero(solids.shape[:-1] == shape):
             height = photodiodes.point_m[c] @ solids.plane[number, :3].T + solids.plane[number, 3]
             out[c] = number[np.argmax(height, axis=1)]
+    return out
+
+
+def _extents(solids: Solids, photodiodes: Photodiodes) -> Floats:
+    """Return the largest distance of a photodiode or a surface from each craft's origin, (C,) [m]."""
+    out: Floats = np.linalg.norm(photodiodes.point_m, axis=2).max(axis=1, initial=0.0)
+    shape = solids.shape[:-1]
+    solid = np.linalg.norm(solids.shape_centre, axis=1) + solids.shape_radius
+    out[shape >= 0] = np.maximum(out[shape >= 0], solid[shape[shape >= 0]])
     return out
 
 

@@ -24,7 +24,7 @@ from swarm.flight.builders.lidars import inspection, lidars
 from swarm.flight.builders.navigation import believed_layout, navigation
 from swarm.flight.builders.plug_ins import of_one_lighthouse, of_stations, own_navigators
 from swarm.flight.builders.station import FAN_ERROR_MAX_RAD, angle_noise, assumed_angle_noise, decoder, timing_noise
-from swarm.flight.builders.stations import station_frames
+from swarm.flight.builders.stations import frame as station_frame
 
 __all__ = [
     "FAN_ERROR_MAX_RAD",
@@ -57,7 +57,7 @@ __all__ = [
     "sensors",
     "start",
     "start_state",
-    "station_frames",
+    "station_frame",
     "steers_by_estimate",
     "surroundings",
     "timing_noise",

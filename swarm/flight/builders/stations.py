@@ -35,7 +35,6 @@ from swarm.sensors.stations import Emitter, Stations
 from swarm.sensors.visibility import Visibility
 from swarm.units import ARCSEC, si
 from swarm.world.assembly import Standing
-from swarm.world.motion.fleet import Fleet
 from swarm.world.world import World
 
 LIGHTHOUSE_2_NOISE_RAD, LIGHTHOUSE_2_CORRELATION = 2.6 * ARCSEC, 0.35
@@ -56,19 +55,6 @@ def frame(table: scenario.Station) -> Frame:
     right = np.cross(down, ahead)
     right /= np.linalg.norm(right)
     return Frame(np.stack([right, np.cross(ahead, right), ahead], axis=1) @ turn, position)
-
-
-def station_frames(settings: Scenario, motions: Fleet) -> list[Frame]:
-    """Return the frame of every station in the world, at time 0 where it rides on a craft."""
-    out, begin = [], motions.at(0.0)
-    for table in settings.station:
-        at = frame(table)
-        if table.craft is not None:
-            bearer = settings.craft_names.index(table.craft)
-            turn = begin.rotation[bearer]
-            at = Frame(turn @ at.rotation, begin.position[bearer] + turn @ at.position)
-        out.append(at)
-    return out
 
 
 def standing(settings: Scenario) -> list[Standing] | None:

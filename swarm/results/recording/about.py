@@ -17,6 +17,15 @@ CROWD = """| colour of a craft | its position error: blue within 1 mm, teal 3 mm
 beyond; red: searching, dark orange: coasting, purple: ambiguous, grey: without sensors |
 | white label | the worst craft of the last second: the longest without tracking, or the largest error |
 """
+RAYS = """| green ray, point | photodiode lit by the lighthouse |
+| red ray, point | photodiode in reach, but something stands in between |
+"""
+STATIONS = """| line from a station | its light went into the craft's filter in this period; in the colour of its fans |
+| green point | photodiode lit by a station |
+| red point | photodiode in reach of a station, but something stands in between |
+"""
+AXES = "The axes are those of the lighthouse: x right (red), y down (green), z forward (blue)."
+STATION_AXES = "Every station has axes of its own: x right (red), y down (green), z forward (blue)."
 ABOUT = """# What is drawn
 
 | | |
@@ -24,16 +33,14 @@ ABOUT = """# What is drawn
 | solid craft | {craft} |
 | outline | where its filter believes it is |
 | ellipsoid | the filter's 3 sigma of position, **enlarged {enlarged} times**, to half a metre at most |
-| green ray, point | photodiode lit by the lighthouse |
-| red ray, point | photodiode in reach, but something stands in between |
-| grey point | photodiode outside field or range, or turned away |
-| two translucent fans | the lighthouse's lasers, **slowed down {slowed:.0f} times** |
+{light}| grey point | photodiode outside field or range, or turned away |
+| two translucent fans | {whose} lasers, **slowed down {slowed:.0f} times** |
 {crowd}{cameras}| thin trail | where the craft was in the last {trail:.0f} s |
 
 To hide the fans, the rays or anything else, open the panel on the left (the buttons are at the top right), and click
-the eye beside `fans` or `rays`.
+the eye beside `fans` or `{rays}`.
 
-The axes are those of the lighthouse: x right (red), y down (green), z forward (blue).
+{axes}
 
 # Plots
 
@@ -49,6 +56,10 @@ def about(scene: Scene, crowd: bool) -> str:
     return ABOUT.format(
         craft="the craft at its estimate: the truth is not known" if scene.replay else "the craft where it truly is",
         enlarged=ENLARGED,
+        rays="light" if scene.stations else "rays",
+        light=STATIONS if scene.stations else RAYS,
+        whose="a station's" if scene.stations else "the lighthouse's",
+        axes=STATION_AXES if scene.stations else AXES,
         slowed=FAN_TURN_S / REAL_FAN_TURN_S,
         crowd=CROWD if crowd else "",
         trail=TRAIL_POINTS * TRAIL_STEP_S,

@@ -28,7 +28,7 @@ class Batch(NamedTuple):
     """Data of one period, (C, ...), or stacked of n periods, (n, C, ...).
 
     body: the truth, or the estimate. ccd_seen: (P, 2, L), lights seen by the P pairs of cameras. ccd_error: (C, 2),
-    distance [m] and angle [deg]. shown: (C, S), the columns of `Shown`.
+    distance [m] and angle [deg]. station_rows: (C, number of stations). shown: (C, S), the columns of `Shown`.
     """
 
     time_s: Floats
@@ -49,6 +49,7 @@ class Batch(NamedTuple):
     errors: Errors
     peer_position: Floats
     sensor: Ints
+    station_rows: Ints
     ccd_seen: Bools
     ccd_error: Floats
     ccd_nis: Floats
@@ -85,6 +86,7 @@ def kept(period: Period, errors: Errors, shown: Floats) -> Batch:
         errors=Errors(*(copy(error) for error in errors)),
         peer_position=np.full_like(estimate.position, np.nan) if peer is None else copy(peer.position),
         sensor=copy(estimate.sensor),
+        station_rows=_station_rows(period),
         ccd_seen=ccd_seen,
         ccd_error=ccd_error,
         ccd_nis=ccd_nis,
@@ -99,6 +101,12 @@ def _cameras(period: Period) -> tuple[Bools, Floats, Floats]:
     if ccd is None or truth is None:
         return np.zeros((0, 2, 0), dtype=np.bool_), np.full((craft, 2), np.nan), np.full(craft, np.nan)
     return np.array(ccd.seen), ccd_columns.errors(ccd, truth), np.array(ccd.nis)
+
+
+def _station_rows(period: Period) -> Ints:
+    """Return the rows of each of several stations in the filters, (C, S); of the one lighthouse, (C, 0)."""
+    used = period.estimate.station_rows
+    return np.zeros((len(period.estimate.status), 0), dtype=np.int64) if used is None else np.array(used)
 
 
 def stacked(rows: Sequence[Batch]) -> Batch:

@@ -16,7 +16,7 @@ MOST_LANES = 6
 """Lanes of states that have room below the scene; of more, the others are scrolled to."""
 LANE_PX, LANES_HEAD_PX, SCREEN_PX = 41, 62, 940
 """Heights of a lane with its name, of the panel's title and axis, and of the viewer's middle on a usual screen."""
-NOT_TO_POINT_AT = ("world/rays", "world/names", "world/trails", "world/fans")
+NOT_TO_POINT_AT = ("world/rays", "world/names", "world/trails", "world/fans", "world/light")
 
 
 def _view(plot: Plot) -> rrb.TimeSeriesView:

@@ -1,4 +1,4 @@
-"""The lighthouse: its body, its field, its axes, and two fans that turn as the real ones do, slowed down; or stations.
+"""The lighthouse: its body, its field, its axes, and two fans that turn as the real ones do, slowed down.
 
 The fans are one branch of the viewer's tree, `world/fans`, whose eye switches them off.
 """
@@ -15,35 +15,6 @@ from swarm.results.recording.layer import Stage
 FAN_TURN_S, REAL_FAN_TURN_S = 4.0, 1 / 60
 SPOKES = 8
 """One of so many corners of a fan's rim is joined with the lighthouse."""
-
-
-class Stations:
-    """world/stations/NUMBER: bodies, fields and axes of several stations, which do not turn."""
-
-    def __init__(self, stage: Stage) -> None:
-        self._stage, self._field_rad = stage, float(np.radians(stage.scene.field_deg))
-
-    def begin(self, canvas: Canvas) -> None:
-        """Draw the stations where they stand, with coordinates of the world."""
-        scene, reach = self._stage.scene, self._stage.reach_m
-        body = drawing.solid(scene.lighthouse)
-        inks = ink(0xEF5350FF, 0x66BB6AFF, 0x42A5F5FF)
-        for number, station in enumerate(scene.stations):
-            entity, turn, place = f"world/stations/{number}", station.rotation, station.position
-            if body is not None:
-                there = body._replace(
-                    vertex=(body.vertex @ turn.T + place).astype(np.float32),
-                    normal=(body.normal @ turn.T).astype(np.float32),
-                )
-                canvas.static(f"{entity}/body", mesh(there))
-            strips = [strip @ turn.T + place for strip in drawing.field(self._field_rad, 0.06 * reach)]
-            canvas.static(f"{entity}/field", rr.LineStrips3D(strips, colors=[0xB0BEC560], radii=-0.6))
-            axes = rr.Arrows3D(vectors=0.08 * reach * turn.T, origins=[place] * 3, colors=inks, radii=0.003 * reach)
-            canvas.static(f"{entity}/axes", axes)
-            canvas.static(f"{entity}/name", rr.Points3D([place], labels=[station.name], radii=-1.0))
-
-    def send(self, send: Send, batch: Batch) -> None:
-        """Do nothing: stations stand still."""
 
 
 class Lighthouse:

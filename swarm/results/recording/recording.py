@@ -3,8 +3,9 @@
 Everything is in the lighthouse frame (x right, y down, z forward), or of several stations in the frame in which they
 stand, on the timelines `sim_time` and `frame`:
 
-    world/lighthouse     its body, field and axes; world/stations/NUMBER of several
-    world/fans           its two fans, which turn as the real ones do, slowed down
+    world/lighthouse     its body, field and axes; world/stations/NAME of several
+    world/fans           its two fans, which turn as the real ones do, slowed down; world/fans/NAME of several stations
+    world/light/NAME     lines from one of several stations to the craft whose filters take in its light
     world/craft/NAME     the craft at its true pose, its photodiodes by what they see
     world/estimate/NAME  an outline at the filter's estimate; in a replay the craft itself
     world/covariance     3 sigma ellipsoids of the position, enlarged, up to half a metre
@@ -44,10 +45,11 @@ from swarm.results.recording.estimates import Estimates
 from swarm.results.recording.lanes import Lanes
 from swarm.results.recording.layer import Layer, Stage
 from swarm.results.recording.lidars import Lidars
-from swarm.results.recording.lighthouse import Lighthouse, Stations
+from swarm.results.recording.lighthouse import Lighthouse
 from swarm.results.recording.orbit import Orbit, tips
 from swarm.results.recording.plots import Plot, craft_plots, shown_plots, swarm_plots
 from swarm.results.recording.rays import Rays
+from swarm.results.recording.stations import Stations
 from swarm.results.records import Errors
 from swarm.results.scene import Scene
 
@@ -104,7 +106,7 @@ class Recording:
         crowd = len(craft) > MOST_SINGLE
         detail = [craft.index(name) for name in scene.detail] or list(range(min(1, len(craft))))
         near = np.array(detail if crowd else range(len(craft)), dtype=np.int64)
-        places = np.array([station.position for station in scene.stations]).reshape(-1, 3)
+        places = np.array([station.position for station in scene.stations if station.craft < 0]).reshape(-1, 3)
         shown = np.concatenate([known, places])
         if scene.stations:
             reach_m = 1.25 * float(np.linalg.norm(np.ptp(shown, axis=0)) or 3.0)

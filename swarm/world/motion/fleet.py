@@ -58,7 +58,8 @@ class Fleet:
         """
         every = [course.path for course in courses]
         self._paths = grouped(every)
-        turns = {i: path.turn for i, path in enumerate(every) if isinstance(path, Wandering)}
+        wanders = ((i, path.turn) for i, path in enumerate(every) if isinstance(path, Wandering))
+        turns = {i: turn for i, turn in wanders if turn.amplitude.any()}
         self._turning = np.array(list(turns), dtype=np.int64)
         self._turns = Tones._make(np.array(part) for part in zip(*turns.values(), strict=True)) if turns else None
         self._facing: Bools = np.array([course.facing for course in courses], dtype=np.bool_)
