@@ -15,6 +15,7 @@ import numpy as np
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats
 from estimators.lighthouse.integrity import AngleNoise
+from estimators.lighthouse.row_motion import HandMotion
 from estimators.lighthouse.sweep import FanErrors
 from estimators.lighthouse.tilted import TiltedErrors
 from estimators.state import State
@@ -24,6 +25,7 @@ from swarm.flight import builders
 from swarm.flight.recordings.libsurvive import WorldPose
 from swarm.flight.recordings.object_light import ObjectLight
 from swarm.flight.recordings.row_consistency import RowConsistency, RowSample, assess_rows
+from swarm.flight.recordings.row_likelihood import Likely, likely
 from swarm.flight.recordings.row_windows import RowWindows
 from swarm.flight.recordings.stations_file import PlacedStation, PlacedStations
 from swarm.hardware import Photodiodes
@@ -47,8 +49,12 @@ HANDLED: dict[str, float] = {
     "angular_acceleration_noise_deg_s2": 2000.0,
     "coast_limit_s": 0.5,
 }
-"""Settings of navigation for an object that a hand moves, where the user gives no other: within half a second in the
-dark it may be anywhere."""
+"""Settings of navigation for an object that a hand moves, where the user gives no other and the recording does not tell
+them: within half a second in the dark it may be anywhere."""
+SEARCH_AGAIN_S = 0.05
+"""Time without light after which an object in a hand is searched for again [s]."""
+LEAST_MOTION: dict[str, float] = {"acceleration_noise_m_s2": 2.0, "angular_acceleration_noise_deg_s2": 300.0}
+"""What a hand is taken to do at least, also where it keeps still throughout the stretches that were looked at."""
 PLACE_M = 1e-4
 """By how much photodiodes are off their places [m], 1 sigma: what a user's object is made to."""
 GUESSED_OWN_RAD, GUESSED_SHARED_RAD = 1e-4, 1e-3
@@ -160,7 +166,7 @@ class StationPlayback:
             chosen: the stations.
             given: whether they are those of a file of stations, which has their calibrations as well.
         """
-        settings = _handled(settings)
+        given_settings, settings = settings, _handled(settings)
         self.source, self.layout = source, source.photodiodes
         self.placed = chosen.placed
         self._stations = [placed.station for placed in chosen.placed]
@@ -185,8 +191,9 @@ class StationPlayback:
             self.found = self._assess(settings)
         if self.found.false.any():
             self.windows = RowWindows(source, numbers, frame_s, peer, self.found.false)
+        self.likely = self._likely(given_settings)
         self.noise = self._noise(settings)
-        self.settings = self._with_noise(settings)
+        self.settings = self._with_noise(self._with_motion(settings, given_settings))
         self.notes += self._findings(settings)
         self.history = settings.swarm.navigator is None and keeps_history(settings.recording.filter, len(self.windows))
         tested = self.found.noise is not None
@@ -260,9 +267,31 @@ class StationPlayback:
                     samples.append(RowSample(rows.rows.of(0), state))
         return assess_rows(samples, self._stations, self.layout.point_m[0], guess)
 
+    def _likely(self, given: Scenario) -> Likely | None:
+        """Return the most likely noise and motion, None where the recording does not tell them or nothing is asked."""
+        table = given.navigation
+        if table.integrity.residual_test is False or self.found.noise is None:
+            return None
+        own = [noise.own_rad for noise in self.found.noise]
+        return likely(self.windows, self._stations, self.layout.point_m[0], HandMotion(), own)
+
+    def _with_motion(self, settings: Scenario, given: Scenario) -> Scenario:
+        """Return the settings with the hand's motion as found, but for what the user gave."""
+        if self.likely is None:
+            return settings
+        found = {
+            "acceleration_noise_m_s2": self.likely.acceleration_m_s2,
+            "angular_acceleration_noise_deg_s2": float(np.degrees(self.likely.angular_acceleration_rad_s2)),
+        }
+        told = given.navigation.model_fields_set
+        changes = {key: max(value, LEAST_MOTION[key]) for key, value in found.items() if key not in told}
+        return settings.model_copy(update={"navigation": settings.navigation.model_copy(update=changes)})
+
     def _noise(self, settings: Scenario) -> list[AngleNoise]:
         """Return the noise of each station's rows: as the settings give it, or as found, or as guessed."""
         table = settings.navigation
+        if table.angle_noise_arcsec is None and self.likely is not None:
+            return self.likely.noise
         if table.angle_noise_arcsec is None and self.found.noise is not None:
             return self.found.noise
         if table.angle_noise_arcsec is None:
@@ -283,7 +312,14 @@ class StationPlayback:
         navigation = builders.navigation(settings)
         test = tested and navigation.integrity.residual_test
         integrity = replace(navigation.integrity, residual_test=test, tick_s=None)
-        return replace(navigation, frame_s=self.windows.frame_s, integrity=integrity, place_sigma_m=PLACE_M)
+        return replace(
+            navigation,
+            frame_s=self.windows.frame_s,
+            integrity=integrity,
+            place_sigma_m=PLACE_M,
+            hand=HandMotion(),
+            search_again_s=SEARCH_AGAIN_S,
+        )
 
     def _findings(self, given: Scenario) -> list[str]:
         """Return sentences about the noise and the false photodiodes."""

@@ -10,6 +10,7 @@ from estimators.filter.error_state import (
 )
 from estimators.frame import WORLD, Frame
 from estimators.lighthouse.integrity import AngleNoise
+from estimators.lighthouse.row_motion import HandMotion
 from estimators.lighthouse.sweep import FanErrors
 from estimators.relative_orbit import RelativeOrbit
 from swarm.onboard.integrity import IntegritySettings
@@ -92,6 +93,7 @@ class NavigationSettings:
     prediction, for a smoother. place_sigma_m: by how much photodiodes may be off their places on the craft all the
     time [m], which limits what several stations' rows tell of mirror images. relations: errors that craft share, and
     who navigates relative to whom. reference: craft at a known place that takes each sweep's error off all angles.
+    hand: how a hand moves the craft; None: searches take them to be at rest, and nothing watches mirror images.
     """
 
     frame_s: float
@@ -117,6 +119,7 @@ class NavigationSettings:
     place_sigma_m: float = 0.0
     reference: ReferencePlace | None = None
     relations: Relations = field(default_factory=Relations)
+    hand: HandMotion | None = None
 
     @property
     def noise(self) -> AngleNoise:

@@ -25,7 +25,7 @@ from scipy.special import ndtri
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats, Ints
 from estimators.filter.bank import gates
-from estimators.filter.error_state import process_noise_into
+from estimators.filter.error_state import POSE_COLUMNS, process_noise_into
 from estimators.filter.smoother import Prediction, predicted
 from estimators.kernel import kernel
 from estimators.lighthouse.dop import Dilution
@@ -48,18 +48,19 @@ from swarm.messages import Command, Signals
 from swarm.onboard.ccd import CameraFix, CcdCalibration, CcdFix
 from swarm.onboard.filters import filters
 from swarm.onboard.integrity import Integrity
+from swarm.onboard.motion_search import MotionSearch
 from swarm.onboard.navigation import Estimate
 from swarm.onboard.relative import RelativeNavigation
 from swarm.onboard.rivals import CHOICE_RAD, CHOICE_RATIO
 from swarm.onboard.row_search import Found, RowSearch, scatter
 from swarm.onboard.settings import MIN_LIT, Coupling, NavigationSettings, Sensor, Status
 from swarm.onboard.shared_errors import SharedErrors
-from swarm.onboard.tracks import Filtered, PoseFix, Taken, TrackLimits, Tracks
+from swarm.onboard.tracks import Filtered, Motion, PoseFix, Taken, TrackLimits, Tracks
 
 FEWEST_CROSSED = 3
 """Photodiodes whose rows decide a pose where several stations see them."""
-HARDER = (4.0, 16.0, 64.0)
-"""Factors of the accelerations that a manoeuvre is taken to have, tried one after the other."""
+HARDER, HAND_HARDER = (4.0, 16.0, 64.0), (4.0,)
+"""Factors of the accelerations that a manoeuvre is taken to have, tried one after the other; and that of a hand."""
 _POSE = 6
 _TABLE = 32
 
@@ -128,7 +129,11 @@ class StationNavigator:
         self.tracks = Tracks(
             filters(craft, s, inertia), s.frame_s, TrackLimits(s.coast_limit_s, s.rejections_limit), s.orbit, inertia
         )
-        self._search = RowSearch(self._point_m, self._stations, self._noise, s.frame_s, s.place_sigma_m)
+        self._search: RowSearch | MotionSearch
+        if s.hand is None:
+            self._search = RowSearch(self._point_m, self._stations, self._noise, s.frame_s, s.place_sigma_m)
+        else:
+            self._search = MotionSearch(self._point_m, self._stations, self._noise, s.frame_s, s.hand)
         self._cameras = CameraFix(cameras)
         self._shared = SharedErrors(s.relations, self._stations, self._noise, self._point_m)
         self._relative = RelativeNavigation(s.relations.pairs, self._shared)
@@ -191,6 +196,9 @@ class StationNavigator:
             shared.poses(None, camera, fates[-1], tracks.bank)
             seen = seen._replace(nis=fates[-1].nis)
         decided = self._decides(rowed.photodiodes, rowed.stations)
+        if self.settings.hand is not None:
+            # One fan alone measures one angle of three.
+            decided &= _fans(rows, rowed.kept & np.repeat(rowed.fresh, np.diff(rows.first))) > 1
         fresh, refused = (np.any([part[i] for part in fates], axis=0) for i in (0, 1))
         tracks.count(
             fresh | (rowed.fresh & decided),
@@ -250,6 +258,8 @@ class StationNavigator:
 
     def _found(self, tracks: Tracks) -> PoseFix:
         """Return the poses of the craft that search, where one is certain."""
+        if isinstance(self._search, MotionSearch):
+            return self._carried(self._search, tracks)
         craft, bank = len(self._point_m), tracks.bank
         active, lost = bank.active, tracks.lost(self.settings.search_again_s)
         known = np.zeros(craft, dtype=np.bool_)
@@ -269,6 +279,28 @@ class StationNavigator:
         sensor = np.full(craft, Sensor.LIGHTHOUSE, dtype=np.int64)
         # Searches take the craft to be at rest: what their motion does is in the coupling, also for a filter that runs.
         return PoseFix(known, rotation, position, covariance, coupling, coupling, sensor)
+
+    def _carried(self, search: MotionSearch, tracks: Tracks) -> PoseFix:
+        """Return the states of objects in hands: of those that search, and of those whose filter is wrong."""
+        bank, lost = tracks.bank, tracks.lost(self.settings.search_again_s)
+        active, state, covariance = bank.active, bank.state, bank.covariance
+        known = np.zeros(len(active), dtype=np.bool_)
+        for c in range(len(active)):
+            if lost[c] or not active[c]:
+                found = search.search(c)
+                self._undecided[c] = found.undecided
+            else:
+                found = search.watched(c, state.of(c), covariance[c])
+            if found.state is None:
+                continue
+            known[c], self._undecided[c] = True, False
+            for own, given in zip((*state, covariance), (*found.state, found.covariance), strict=True):
+                own[c] = given
+        sensor = np.full(len(active), Sensor.LIGHTHOUSE, dtype=np.int64)
+        pose = covariance[:, POSE_COLUMNS[:, None], POSE_COLUMNS]
+        still = np.zeros_like(pose)
+        motion = Motion(state, covariance)
+        return PoseFix(known, state.rotation, state.position, pose, still, still, sensor, motion=motion)
 
     @staticmethod
     def _which(found: Found, state: State | None) -> int | None:
@@ -327,7 +359,7 @@ class StationNavigator:
         agree = out.refused & pose.solved
         agree[agree] &= pose.cost[agree] <= gate[np.maximum(pose.rows[agree] - _POSE, 0)]
         noise = np.empty((STATES, STATES))
-        for factor in HARDER:
+        for factor in HARDER if s.hand is None else HAND_HARDER:
             again = agree & out.refused
             if not again.any():
                 return
@@ -530,6 +562,14 @@ def _count(rows: RowBatch, kept: Bools, photodiode: Ints, station: Ints, out: In
                 out[0, c] += photodiode[k] != c
                 out[1, c] += station[s] != c
                 photodiode[k], station[s] = c, c
+
+
+def _fans(rows: RowBatch, kept: Bools) -> Ints:
+    """Return the number of fans that the kept rows of each craft come from, (C,)."""
+    craft = np.repeat(np.arange(len(rows.first) - 1), np.diff(rows.first))
+    pairs = np.unique(np.stack([craft, rows.station, rows.fan])[:, kept], axis=1)
+    out: Ints = np.bincount(pairs[0], minlength=len(rows.first) - 1)
+    return out
 
 
 def _of_stations(rows: RowBatch, rowed: _Rowed, stations: int) -> Ints:

@@ -28,6 +28,13 @@ UNKNOWN_RATE = (1.0, 0.5)
 """Standard deviation per axis of a craft's rates before it knows them: angular [rad/s], linear [m/s]."""
 
 
+class Motion(NamedTuple):
+    """States of C craft with their covariances (C, 12, 12)."""
+
+    state: State
+    covariance: Floats
+
+
 class PoseFix(NamedTuple):
     """Poses of C craft from one sensor in one period, lighthouse frame, at the epoch.
 
@@ -35,6 +42,7 @@ class PoseFix(NamedTuple):
     position), (C, 6, 6) [rad, m]. coupling: B of a pose that was solved with the filter's predicted rates, (C, 6, 6)
     [s]. start_coupling: B of a pose that was solved as if at rest, (C, 6, 6) [s]. sensor: codes of `Sensor`, (C,).
     rows: what updates running filters in the pose's place where a pose and a covariance do not tell it; None: nowhere.
+    motion: states and their covariances that start filters in the pose's place, running ones again; None: nowhere.
     """
 
     known: Bools
@@ -45,6 +53,7 @@ class PoseFix(NamedTuple):
     start_coupling: Floats
     sensor: Ints
     rows: Rows | None = None
+    motion: Motion | None = None
 
 
 class Taken(NamedTuple):
@@ -161,6 +170,9 @@ class Tracks:
         """Update the active filters with the fix's poses, and start the others."""
         bank = self.bank
         active = bank.active
+        if fix.motion is not None:
+            bank.adopt(fix.known, *fix.motion)
+            return Taken(fix.known, np.zeros_like(fix.known), np.full(len(active), np.nan))
         update, start = fix.known & active, fix.known & ~active
         by_rows = np.zeros_like(update) if fix.rows is None else update & fix.rows.mask
         pose = fix.rotation, fix.position, fix.covariance
