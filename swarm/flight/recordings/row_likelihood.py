@@ -42,9 +42,10 @@ _START = np.array([1e-4, 2e-4, 8.0, np.radians(1500.0)])
 
 
 class Likely(NamedTuple):
-    """Noise and motion that make a recording most likely. noise: of each station. acceleration_m_s2, angular_acceleration_rad_s2: of
-    the motion, white and constant over a period. nis: mean of the innovations' normalised squares per row, of periods
-    within the gate.
+    """Noise and motion that make a recording most likely.
+
+    noise: of each station. acceleration_m_s2, angular_acceleration_rad_s2: of the motion, white and constant over a
+    period. nis: mean of the innovations' normalised squares per row, of periods within the gate.
     """
 
     noise: list[AngleNoise]
