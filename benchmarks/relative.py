@@ -117,6 +117,7 @@ class Pairs:
         noise = builders.navigation(scenario).noise
         relations = Relations(
             tuple((2 * n, 2 * n + 1) for n in range(count)),
+            (),
             (noise.shared_rad,),
             (1 / scenario.lighthouse.rate_hz,),
             sigmas(share) if share else (),

@@ -208,18 +208,20 @@ def message(rng, craft=3, period=7):
     step = ErrorStep(
         rng.standard_normal((12, 12)), 1e-4 * rng.standard_normal((12, 4)), np.zeros((12, 10)), rng.uniform(-1, 1, 4)
     )
-    return PoseMessage(craft, period, state(rng), spread(rng), step, rng.standard_normal((12, 10)))
+    return PoseMessage(
+        craft, period, state(rng), spread(rng), step, rng.standard_normal((12, 10)), np.array([0.01, 0.02])
+    )
 
 
 def test_a_message_is_read_as_it_was_sent_to_single_precision():
     sent = message(np.random.default_rng(5))
     data = encoded(sent)
     read = decoded(data)
-    assert len(data) == bytes_per_second(4, 10, 1.0) == 1649
+    assert len(data) == bytes_per_second(4, 10, 1.0) == 1657
     assert (read.craft, read.period) == (3, 7)
     assert read.state.position.tolist() == sent.state.position.tolist()
     assert read.state.rotation == pytest.approx(sent.state.rotation, abs=1e-6)
-    for name in ("covariance", "sensitivity"):
+    for name in ("covariance", "sensitivity", "fault"):
         assert getattr(read, name) == pytest.approx(getattr(sent, name), rel=1e-6)
     for name in ("kept", "drawn", "instant"):
         assert getattr(read.step, name) == pytest.approx(getattr(sent.step, name), rel=1e-6)
@@ -230,21 +232,23 @@ def test_a_message_is_read_as_it_was_sent_to_single_precision():
 
 def test_after_a_gap_any_correlation_is_allowed_for_until_it_is_forgotten():
     station = Station(np.eye(3), np.zeros(3), FANS[1])
-    errors = SharedErrors(Relations(((0, 1),), (3e-5,), (1 / 60,)), [station], [NOISE], np.zeros((2, 8, 3)))
-    navigation = RelativeNavigation([(0, 1)], errors)
+    relations = Relations(((0, 1),), ((0.05, np.inf),), (3e-5,), (1 / 60,))
+    errors = SharedErrors(relations, [station], [NOISE], np.zeros((2, 8, 3)))
+    navigation = RelativeNavigation(relations, errors)
     rng = np.random.default_rng(6)
     at, p, yes = state(rng, (2,)), np.stack([spread(rng), spread(rng)]), np.ones(2, dtype=np.bool_)
 
     def step(keeps, active=yes):
         kept, drawn = np.tile(keeps * np.eye(12), (2, 1, 1)), np.full((2, 12, 4), 1e-3)
         errors.step = ErrorStep(kept, drawn, np.zeros((2, 12, 0)), np.tile([-4e-3, np.nan, 4e-3, np.nan], (2, 1)))
-        return navigation.step(active, at, p)
+        return navigation.step(active, at, p, np.zeros((2, 2)))
 
     assert step(0.0).correlated[0]  # both filters start: nothing is missing
     assert step(0.9).correlated[0]
     silent = step(0.9, np.array([True, False]))
     assert not silent.correlated[0]
     assert np.isnan(silent.covariance).all()
+    assert silent.alert[0]
     back = step(0.5)
     assert not back.correlated[0]
     assert back.covariance[0] == pytest.approx(back.bound[0])
@@ -278,6 +282,42 @@ def test_a_pair_in_flight_knows_more_across_the_light_than_of_independent_errors
     pose = found.covariance[0][np.ix_(POSE, POSE)]
     assert named["to_b_nees"] == pytest.approx(error @ np.linalg.solve(pose, error))
     assert named["to_b_position_sigma_m"] < named["to_b_independent_sigma_m"] < named["to_b_bound_sigma_m"]
+
+
+def test_levels_count_the_faults_of_both_and_raise_the_alert_of_the_pair():
+    limited = [x.replace('to="b"', 'to="b",alert_position_mm=1.0') for x in PAIR]
+    flight, run = flown(limited, 5)
+    last = run[-1].estimate
+    found, levels = last.relative, last.integrity.levels
+    k = flight.computer.navigator._relative.quantile
+    place, turn = ([np.sqrt(np.trace(p[i : i + 3, i : i + 3])) for p in last.covariance] for i in (6, 0))
+    faults = levels - k * np.array([place, turn])
+    assert (faults > 0).all()
+    own = [np.sqrt(np.trace(found.covariance[0, i : i + 3, i : i + 3])) for i in (6, 0)]
+    apart = np.linalg.norm(found.position[0])
+    wanted = k * own[0] + faults[0].sum() + apart * faults[1, 0], k * own[1] + faults[1].sum()
+    assert (found.position_level_m[0], found.attitude_level_rad[0]) == pytest.approx(wanted, rel=1e-5)
+    group = pairs(flight.world.names, [(0, 1)])
+    out = np.empty((len(group.columns), 2))
+    group.fill(run[-1], out)
+    assert out[-1, 0] == found.alert[0] == 1.0
+    _, calm = flown([x.replace('to="b"', 'to="b",alert_position_mm=1000.0') for x in PAIR], 5)
+    assert not calm[-1].estimate.relative.alert[0]
+
+
+def test_turns_without_torque_are_in_what_a_period_keeps():
+    station = Station(np.eye(3), np.zeros(3), FANS[1])
+    relations = Relations(((0, 1),), (), (3e-5,), (1 / 60,))
+    errors = SharedErrors(relations, [station], [NOISE], np.zeros((2, 8, 3)))
+    bank, yes = PoseFilterBank(2), np.ones(2, dtype=np.bool_)
+    bank.start(yes, np.tile(np.eye(3), (2, 1, 1)), np.zeros((2, 3)), 1e-6 * np.tile(np.eye(6), (2, 1, 1)), (0.1, 0.1))
+    errors.begin(bank, 0.02)
+    before = errors.step.kept.copy()
+    coupling = np.stack([np.random.default_rng(0).standard_normal((6, 6)), np.full((6, 6), np.nan)])
+    errors.predicted(bank, coupling)
+    assert errors.step.kept[0, :6] == pytest.approx(coupling[0] @ before[0, :6])
+    assert errors.step.kept[0, 6:].tolist() == before[0, 6:].tolist()
+    assert errors.step.kept[1].tolist() == before[1].tolist()
 
 
 def test_considered_fan_errors_widen_what_a_craft_knows_of_itself_only():

@@ -88,6 +88,11 @@ class Integrity(NamedTuple):
     alert: Bools
     watched: bool
 
+    @property
+    def levels(self) -> Floats:
+        """The protection levels of the filters, (2, C): position [m], attitude [rad]."""
+        return np.stack([self.position_m, np.radians(self.attitude_deg)])
+
 
 class Screened(NamedTuple):
     """Poses of PnP after the residual test.

@@ -121,7 +121,7 @@ class Navigator:
             point_m, common = photodiodes.point_m[place.craft], s.relations.common_rad[0]
             self._reference = ReferenceCraft(place, point_m, (s.fan_x, s.fan_y), s.noise, common)
         self._shared = SharedErrors(s.relations, [station], [s.noise], photodiodes.point_m)
-        self._relative = RelativeNavigation(s.relations.pairs, self._shared)
+        self._relative = RelativeNavigation(s.relations, self._shared, s.integrity.risk)
 
     def forget(self, mask: Bools) -> None:
         """Forget all results of the craft of the mask (C,), as after a restart of their computers."""
@@ -224,8 +224,10 @@ class Navigator:
         sweeps: SweepsTaken,
     ) -> Estimate:
         after = self.tracks.filtered()
-        relative = self._relative.step(after.active, after.state, after.covariance)
-        after = after._replace(covariance=self._shared.widened(after.covariance))
+        alone = after.covariance
+        after = after._replace(covariance=self._shared.widened(alone))
+        integrity = self._integrity(light, taken[0], sweeps, after)
+        relative = self._relative.step(after.active, after.state, alone, integrity.levels)
         sensor = np.full(len(light.visible), Sensor.NONE, dtype=np.int64)
         for fix, became in zip(fixes, taken, strict=True):
             sensor = np.where(became.fresh, sensor | fix.sensor, sensor)
@@ -250,7 +252,7 @@ class Navigator:
             rejected=angles.rejected,
             sensor=sensor,
             ccd=seen,
-            integrity=self._integrity(light, taken[0], sweeps, after),
+            integrity=integrity,
             coupling=coupling,
             rows=sweeps.rows,
             relative=relative,

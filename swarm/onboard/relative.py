@@ -5,21 +5,24 @@ that and its own the craft carries on the covariance between both errors (`estim
 relative state with the covariance of the difference. Beside it are those of a craft that takes both errors to be
 independent, and of one that allows for any correlation.
 
+A protection level is the noise's, K times the root of the trace, plus what an undetected false photodiode may do to
+either craft: the faults of both positions, and that of the own attitude times the distance.
+
 The covariance between both needs every message. After a gap it is not known before both filters have forgotten the
 errors that they had then; until that, the covariance is the one that holds for any correlation.
 """
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import ndtri
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.relative.cross import cross_covariance
 from estimators.relative.pose import covariance_between, covariance_bound, relative
 from estimators.state import STATES, State
 from swarm.onboard.pose_message import PoseMessage, decoded, encoded
-from swarm.onboard.shared_errors import SharedErrors
+from swarm.onboard.shared_errors import Relations, SharedErrors
 
 FORGOTTEN = 0.01
 """Share of a filter's variance of position at which errors from before a gap count as forgotten."""
@@ -31,7 +34,8 @@ class RelativePoses(NamedTuple):
     craft, to: (N,), indices of who knows and of whom. rotation (N, 3, 3), position (N, 3) [m], velocity (N, 3) [m/s],
     angular_rate (N, 3) [rad/s]: state of the other in the craft's axes. covariance: (N, 12, 12), of (attitude, angular
     rate, position, velocity) there. independent, bound: (N, 12, 12), as if both errors were independent, and for any
-    correlation. correlated: (N,), whether the correlation is known.
+    correlation. correlated: (N,), whether the correlation is known. position_level_m, attitude_level_rad: (N,),
+    protection levels. alert: (N,), whether one of them exceeds its limit, or there is none where there is a limit.
     """
 
     craft: Ints
@@ -44,6 +48,9 @@ class RelativePoses(NamedTuple):
     independent: Floats
     bound: Floats
     correlated: Bools
+    position_level_m: Floats
+    attitude_level_rad: Floats
+    alert: Bools
 
 
 class _Pair:
@@ -79,6 +86,10 @@ class _Pair:
         return None if gone and _spread(second) < FORGOTTEN * _spread(other.covariance) else (first, second)
 
 
+def _root(covariance: Floats, first: int) -> float:
+    return float(np.sqrt(np.trace(covariance[first : first + 3, first : first + 3])))
+
+
 def _spread(covariance: Floats) -> float:
     return float(np.trace(covariance[6:9, 6:9]))
 
@@ -86,41 +97,54 @@ def _spread(covariance: Floats) -> float:
 class RelativeNavigation:
     """The relative navigation of N pairs among C craft: `step` once per period."""
 
-    def __init__(self, pairs: Sequence[tuple[int, int]], errors: SharedErrors) -> None:
-        """Take the pairs (who knows, of whom), and the shared errors of all craft, each craft's own."""
+    def __init__(self, relations: Relations, errors: SharedErrors, risk: float = 1e-7) -> None:
+        """Begin with craft whose own states are unknown.
+
+        Args:
+            relations: the pairs, and their limits.
+            errors: shared errors of all craft, each craft's own.
+            risk: probability of an error beyond its protection level.
+        """
+        pairs = relations.pairs
         self._pairs = {pair: _Pair() for pair in pairs}
+        self._limits = np.array(relations.limits or [(np.inf, np.inf)] * len(pairs)).reshape(-1, 2)
+        self.quantile = -float(ndtri(risk / 2))
         self._errors, self._period = errors, 0
         self._craft = np.array([pair[0] for pair in pairs], dtype=np.int64)
         self._to = np.array([pair[1] for pair in pairs], dtype=np.int64)
 
-    def step(self, active: Bools, state: State, covariance: Floats) -> RelativePoses | None:
+    def step(self, active: Bools, state: State, covariance: Floats, levels: Floats) -> RelativePoses | None:
         """Return what every pair knows after a period; None without pairs.
 
         Args:
             active: (C,), craft with an estimate.
             state: estimates.
             covariance: (C, 12, 12), of the filters, without considered errors.
+            levels: (2, C), protection levels of the craft alone: position [m], attitude [rad].
         """
         if not self._pairs:
             return None
         self._period = (self._period + 1) % 2**32
         speaks = sorted({craft for pair in self._pairs for craft in pair if active[craft]})
-        heard = {craft: decoded(encoded(self._message(craft, state, covariance))) for craft in speaks}
+        heard = {craft: decoded(encoded(self._message(craft, state, covariance, levels))) for craft in speaks}
         count = len(self._pairs)
         vectors, matrices = np.full((3, count, 3), np.nan), np.full((3, count, STATES, STATES), np.nan)
         rotation, known = np.full((count, 3, 3), np.nan), np.zeros(count, dtype=np.bool_)
-        out = RelativePoses._make((self._craft, self._to, rotation, *vectors, *matrices, known))
+        found = *np.full((2, count), np.nan), np.isfinite(self._limits).any(axis=1)
+        out = RelativePoses._make((self._craft, self._to, rotation, *vectors, *matrices, known, *found))
         for n, ((a, b), pair) in enumerate(self._pairs.items()):
             if a in heard and b in heard:
                 pair.hear(heard[a], heard[b])
                 self._between(n, pair, heard[a], heard[b], out)
         return out
 
-    def _message(self, craft: int, state: State, covariance: Floats) -> PoseMessage:
-        errors = self._errors
-        return PoseMessage(
-            craft, self._period, state.of(craft), covariance[craft], errors.step.of(craft), errors.sensitivity[craft]
-        )
+    def _message(self, craft: int, state: State, covariance: Floats, levels: Floats) -> PoseMessage:
+        errors, sensitivity = self._errors, self._errors.sensitivity[craft]
+        own = covariance[craft] + (sensitivity * errors.variance) @ sensitivity.T
+        noise = self.quantile * np.array([_root(own, 6), _root(own, 0)])
+        fault = np.maximum(levels[:, craft] - noise, 0.0)
+        of = covariance[craft], errors.step.of(craft), sensitivity
+        return PoseMessage(craft, self._period, state.of(craft), *of, fault)
 
     def _between(self, n: int, pair: _Pair, own: PoseMessage, other: PoseMessage, out: RelativePoses) -> None:
         """Write the relative state of one pair and its covariances."""
@@ -139,3 +163,8 @@ class RelativeNavigation:
             shift = there.by_a @ own.sensitivity + there.by_b @ other.sensitivity
             out.covariance[n] = own_part + (shift * variance) @ shift.T
         out.correlated[n] = pair.known
+        fault = own.fault + other.fault
+        fault[0] += float(np.linalg.norm(there.position)) * own.fault[1]
+        level = self.quantile * np.array([_root(out.covariance[n], 6), _root(out.covariance[n], 0)]) + fault
+        out.position_level_m[n], out.attitude_level_rad[n] = level
+        out.alert[n] = bool(np.any(level > self._limits[n]))

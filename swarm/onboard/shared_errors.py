@@ -34,12 +34,14 @@ from swarm.onboard.tracks import PoseFix, Taken
 class Relations:
     """Shared errors of craft, and who wants to know of whom.
 
-    pairs: (who knows, of whom), by index. common_rad: per station, standard deviation of the error of a sweep that is
-    one for all craft. turn_s: per station, duration of a turn of its rotor. fan_sigma: standard deviation of what is
+    pairs: (who knows, of whom), by index. limits: of every pair, protection levels of position [m] and attitude [rad]
+    above which there is an alert; empty: none. common_rad: per station, standard deviation of the error of a sweep that
+    is one for all craft. turn_s: per station, duration of a turn of its rotor. fan_sigma: standard deviation of what is
     left of each term of the fans' errors (`estimators.lighthouse.shared.Considered`); none is considered without.
     """
 
     pairs: tuple[tuple[int, int], ...] = ()
+    limits: tuple[tuple[float, float], ...] = ()
     common_rad: tuple[float, ...] = ()
     turn_s: tuple[float, ...] = ()
     fan_sigma: tuple[tuple[str, float], ...] = ()
@@ -123,10 +125,21 @@ class SharedErrors:
             self._ran = bank.active
             self.step = predicted(bank.transition(frame_s), self._ran, self.draws, len(self.variance))
 
-    def predicted(self, bank: FilterBank) -> None:
-        """Take the predictions, at which rows are linearised."""
-        if self.wanted:
-            self._before = bank.state
+    def predicted(self, bank: FilterBank, coupling: Floats | None = None) -> None:
+        """Take the predictions, at which rows are linearised.
+
+        Args:
+            bank: the filters.
+            coupling: (C, 6, 6), what motion beyond that at constant rates makes of errors of attitude and angular rate;
+                None: nothing.
+        """
+        if not self.wanted:
+            return
+        self._before = bank.state
+        if coupling is not None:
+            turned = np.where(np.isfinite(coupling), coupling, 0.0) @ self.step.kept[:, :6]
+            free = np.isfinite(coupling).all(axis=(1, 2))
+            self.step.kept[free, :6] = turned[free]
 
     def poses(
         self,

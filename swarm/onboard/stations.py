@@ -136,7 +136,7 @@ class StationNavigator:
             self._search = MotionSearch(self._point_m, self._stations, self._noise, s.frame_s, s.hand)
         self._cameras = CameraFix(cameras)
         self._shared = SharedErrors(s.relations, self._stations, self._noise, self._point_m)
-        self._relative = RelativeNavigation(s.relations.pairs, self._shared)
+        self._relative = RelativeNavigation(s.relations, self._shared, s.integrity.risk)
         self._undecided = np.zeros(craft, dtype=np.bool_)
         self._held = np.zeros((2, craft))
         self._quantile = -float(ndtri(s.integrity.risk / 2))
@@ -403,9 +403,11 @@ class StationNavigator:
             rowed: fate of the rows.
         """
         after, limit = self.tracks.filtered(), self.settings.residual_limit_rad
-        relative = self._relative.step(after.active, after.state, after.covariance)
-        after = after._replace(covariance=self._shared.widened(after.covariance))
+        alone = after.covariance
+        after = after._replace(covariance=self._shared.widened(alone))
         pose = pose._replace(solved=pose.solved & (pose.residual_rad < limit))
+        integrity = self._integrity(light.rows, pose, rowed, after)
+        relative = self._relative.step(after.active, after.state, alone, integrity.levels)
         sensor = np.where(rowed.fresh, Sensor.LIGHTHOUSE, Sensor.NONE)
         for fix, became in fixes:
             sensor = np.where(became.fresh, sensor | fix.sensor, sensor)
@@ -428,7 +430,7 @@ class StationNavigator:
             rejected=light.rejected,
             sensor=sensor.astype(np.int64),
             ccd=seen,
-            integrity=self._integrity(light.rows, pose, rowed, after),
+            integrity=integrity,
             coupling=np.where(rowed.fresh & after.active, Coupling.TIGHT, coupling).astype(np.int64),
             rows=rowed.rows,
             stations=rowed.stations,

@@ -4,7 +4,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from swarm.scenario.limits import FAN_LEFT
+from swarm.scenario.limits import ALERT, ALERT_ATTITUDE, FAN_LEFT
 from swarm.scenario.table import Table
 
 FanLeft = Annotated[float, Field(ge=0, le=0.5), FAN_LEFT]
@@ -15,6 +15,18 @@ class Pair(Table):
 
     craft: str = Field(description="Craft in whose axes the other's pose is.")
     to: str = Field(description="The other craft.")
+    alert_position_mm: Annotated[float | None, ALERT] = Field(
+        default=None,
+        ge=1e-6,
+        le=1e6,
+        description="Protection level of the relative position above which there is an alert. Unset: never.",
+    )
+    alert_attitude_deg: Annotated[float | None, ALERT_ATTITUDE] = Field(
+        default=None,
+        ge=1e-6,
+        le=180,
+        description="Protection level of the relative attitude above which there is an alert. Unset: never.",
+    )
 
 
 class FanSigma(Table):

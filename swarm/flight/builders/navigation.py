@@ -58,8 +58,10 @@ def _relations(settings: Scenario) -> Relations:
         ("gibbous", left.gibbous_magnitude),
         ("ogee", left.ogee_magnitude),
     )
+    limits = [(si(pair).alert_position_m, si(pair).alert_attitude_rad) for pair in settings.pair]
     return Relations(
         tuple((names.index(pair.craft), names.index(pair.to)) for pair in settings.pair),
+        tuple((inf if place is None else place, inf if turn is None else turn) for place, turn in limits),
         (common_noise(settings),),
         (1 / settings.lighthouse.rate_hz,),
         terms if any(sigma for _, sigma in terms) else (),

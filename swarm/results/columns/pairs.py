@@ -39,6 +39,9 @@ def _columns(name: str, shown: bool) -> list[Column]:
         Column(f"{prefix}_independent_sigma_m", "m", "position sigma as if the errors of both were independent"),
         Column(f"{prefix}_independent_nees", "1", "squared error normalised as if they were independent"),
         Column(f"{prefix}_bound_sigma_m", "m", "position sigma that holds for any correlation of both"),
+        Column(f"{prefix}_position_protection_m", "m", "protection level of that position"),
+        Column(f"{prefix}_attitude_protection_deg", "deg", "protection level of that attitude"),
+        Column(f"{prefix}_alert", "", "one of both is above the pair's limit, or there is no relative pose", "yes"),
     ]
 
 
@@ -64,9 +67,11 @@ def _fill(targets: Sequence[int], period: Period, out: Floats) -> None:
     if found is None:
         return
     for n, (craft, to) in enumerate(zip(found.craft.tolist(), found.to.tolist(), strict=True)):
+        row = targets.index(to) * PER_PAIR
         if np.isfinite(found.position[n]).all():
-            row = targets.index(to) * PER_PAIR
             out[row : row + PER_PAIR, craft] = _of(n, found, period.truth)
+        else:
+            out[row + PER_PAIR - 1, craft] = found.alert[n]
 
 
 def _of(n: int, found: RelativePoses, truth: Truth | None) -> Floats:
@@ -89,6 +94,9 @@ def _of(n: int, found: RelativePoses, truth: Truth | None) -> Floats:
             spread[1],
             _normalised(error, independent),
             spread[2],
+            found.position_level_m[n],
+            np.degrees(found.attitude_level_rad[n]),
+            found.alert[n],
         ]
     )
 
