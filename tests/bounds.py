@@ -236,6 +236,12 @@ def _of_the_rest(name: str, values: dict[str, Any], said: str) -> str:
         station = {"Station": said, "Pointing": f"attitude = {{ {said} }}", "Plane": f"plane_1 = {{ {said} }}"}[name]
         stations = f"[[station]]\nname = 's'\n{station}\n[[station]]\nname = 't'\nposition_m = [2.0, 0.0, 1.0]\n"
         return _motion(HOLD) + stations + "attitude = { towards_m = [0.0, 0.0, 2.0] }\n"
+    if name == "Pair":
+        places = zip("ab", (0.0, 0.5), strict=True)
+        two = "".join(
+            f"[[craft]]\nname = '{n}'\nmotion = {{ kind = 'hold', position_m = [{x}, 0.0, 3.0] }}\n" for n, x in places
+        )
+        return f"[swarm]\ncount = 0\n{two}[[pair]]\ncraft = 'a'\nto = 'b'\n{said}\n"
     head = {
         "Physics": "physics",
         "Orbit": "orbit",
