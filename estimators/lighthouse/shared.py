@@ -160,7 +160,6 @@ def mean_derivatives(light: StationArrays, considered: Considered, point_m: Floa
     there = (point_m - light.position[0]) @ light.rotation[0]
     for column, fan in enumerate(considered.owner.tolist()):
         larger, known = considered.fans[column], light.fans[fan]
-        part = [measured_angle(*q, larger) - measured_angle(*q, known) for q in there[used[fan]]]
         part = [measured_angle(x, y, z, larger) - measured_angle(x, y, z, known) for x, y, z in there[used[fan]]]
         out[fan, column] = np.mean(part) / _STEP
     return out
