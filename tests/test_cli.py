@@ -20,6 +20,7 @@ from typer.main import get_command
 import swarm
 from swarm.assets import models, recordings, scenarios, studies
 from swarm.cli import app as cli
+from swarm.cli.warm import WARMED
 from swarm.report.run import run_page
 from swarm.report.subject import Subject
 from swarm.results.progress import Progress
@@ -739,3 +740,19 @@ def test_a_viewer_ends_with_everything_that_it_started(tmp_path: Path) -> None:
         time.sleep(0.05)
     else:
         pytest.fail(f"process {number} of the viewer is still there")
+
+
+def test_warm_flies_scenarios_for_a_moment_and_leaves_nothing(command: Command, tmp_path: Path) -> None:
+    result = command("warm", "plate")
+    assert (result.code, result.out) == (0, "Everything is compiled: plate\n")
+    assert list(tmp_path.iterdir()) == []
+    assert command("warm", "nonesuch").code == 2
+
+
+def test_warm_takes_all_sensors_filters_and_stations() -> None:
+    settings = {name: load(name, overrides) for name, overrides in WARMED.items()}
+    single = [table for one in settings.values() for table in one.craft]
+    assert any(table.ccd for table in single)
+    assert any(table.lidar for table in single)
+    assert {station.kind for one in settings.values() for station in one.station} == {"lighthouse-1", "lighthouse-2"}
+    assert max(len(one.craft_names) for one in settings.values()) >= 64, "the filters of many craft in one kernel"

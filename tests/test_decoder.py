@@ -347,7 +347,15 @@ def test_of_two_pulses_in_one_sweep_the_expected_one_is_taken_if_it_stands_out()
         pulses = period(start)
         for k, away in off.items():
             pulses.append((k, *sweep(start, [THETA[k][0] + away])[0][1:]))
-        angles = decoder().decode(batch(pulses), expected)
+        asked: list[int] = []
+
+        def expect(craft: np.ndarray) -> np.ndarray:
+            asked.extend(craft)
+            assert expected is not None
+            return expected[craft]
+
+        angles = decoder().decode(batch(pulses), None if expected is None else expect)
+        assert asked == ([] if expected is None or not off else [0]), "only where several pulses compete"
         return angles, np.isfinite(angles.theta[0, :, 0]).tolist()
 
     angles, known = read(second, None)
@@ -361,5 +369,6 @@ def test_of_two_pulses_in_one_sweep_the_expected_one_is_taken_if_it_stands_out()
     assert angles.rejected[0] == 6
     # One pulse alone is taken wherever it is; of two far from where they should be, none.
     assert read({4: 30e-3}, expected)[1] == [True, True, True, True, False]
+    assert read({}, expected)[1] == [True] * 5
     with pytest.raises(ValueError, match="expected must be"):
-        decoder().decode(batch(period(start)), where[:, :3])
+        read(second, where[:, :3])

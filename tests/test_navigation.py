@@ -1,6 +1,7 @@
 """What a craft makes of its own pulses: alone as in a swarm, through loss of light, never a silent wrong pose."""
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -8,14 +9,14 @@ import pytest
 
 import swarm
 from estimators import rotation as rot
-from estimators.arrays import Bools, Floats
+from estimators.arrays import Bools
 from swarm.flight import builders
 from swarm.flight.flight import Flight
 from swarm.hardware import Photodiodes, pad
 from swarm.messages import Pulses, Signals
 from swarm.onboard.acquisition import DECISIVE, Sighting, follow, search
 from swarm.onboard.computer import Computer
-from swarm.onboard.decoder import PulseDecoder, SweepAngles
+from swarm.onboard.decoder import Expect, PulseDecoder, SweepAngles
 from swarm.onboard.navigation import Estimate, Navigator
 from swarm.onboard.settings import NavigationSettings, Status
 from swarm.results.period import Period
@@ -52,7 +53,7 @@ def alone(pulses: Pulses, craft: int) -> Pulses:
 
 def decoded(decoder: PulseDecoder, navigator: Navigator, pulses: Pulses) -> Estimate:
     """One period of pulses, decoded by what the tracks expect, and navigated by."""
-    return navigator.step(decoder.decode(pulses, navigator.expected_angles(decoder.turn_s)))
+    return navigator.step(decoder.decode(pulses, partial(navigator.expected_angles, decoder.turn_s)))
 
 
 def beside(pulses: Pulses, off_rad: float) -> Pulses:
@@ -114,7 +115,7 @@ def swarm_run() -> tuple[Flight, list[Pulses], list[Estimate]]:
     decoder = flight.computer.decoder
     decode = decoder.decode
 
-    def kept(found: Pulses, expected: Floats | None = None) -> SweepAngles:
+    def kept(found: Pulses, expected: Expect | None = None) -> SweepAngles:
         pulses.append(found)
         return decode(found, expected)
 

@@ -33,6 +33,7 @@ from swarm.cli.terminal import Handler, error_message, stopping_once
 from swarm.cli.usage import is_usage, usage_message
 from swarm.cli.video import video
 from swarm.cli.view import view
+from swarm.cli.warm import warm
 from swarm.errors import SwarmError
 from swarm.user_text import check_text
 
@@ -122,6 +123,6 @@ def _swarm(
 
 app.command("list")(list_all)
 flying = (run, new, view, check, replay, smooth, reproduce, calibrate, survey, layout, place, study)
-afterwards = (report, compare, export, video, docs)
+afterwards = (report, compare, export, video, docs, warm)
 for command in (*flying, *afterwards):
     app.command()(command)

@@ -10,6 +10,7 @@ With several stations (`StationComputer`) the light becomes rows, and every row 
 """
 
 from collections.abc import Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -66,7 +67,7 @@ class Computer:
             self.decoder.forget(off)
             self.navigator.forget(off)
             self._own.forget(off)
-        expected = self.navigator.expected_angles(self.decoder.turn_s)
+        expected = partial(self.navigator.expected_angles, self.decoder.turn_s)
         angles = self.decoder.decode(signals.pulses, expected)
         if off is not None:
             angles = angles._replace(lit=angles.lit & ~off[:, None])

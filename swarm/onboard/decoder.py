@@ -17,6 +17,7 @@ sweep. A period is then two turns, and the decoder follows the station of one `s
 not counted.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -36,6 +37,10 @@ away.
 """
 FIELD_HALF_ANGLE_RAD = 1.15
 """Half the field of 120 degrees, plus 6 degrees for the fans' systematic errors [rad]."""
+
+
+Expect = Callable[[Ints], Floats]
+"""Returns the angles at which the photodiodes of some craft are expected."""
 
 
 class SweepAngles(NamedTuple):
@@ -93,11 +98,13 @@ def _decode(
     last: Floats,
     seen: Floats,
     out: SweepAngles,
+    several: Bools,
 ) -> None:
     """Decode one period of every craft into `out`.
 
     pulses: (C, P). present: (C, K). expected: (C, K, 2). last, seen: flashes that each craft remembers, (C, 2)
-    [ticks]. tick: of the craft's clock [s].
+    [ticks]. tick: of the craft's clock [s]. several: receives the craft with a photodiode that got several pulses in a
+    sweep, (C,).
     """
     two_stations = timing.period > 3 * timing.half_turn
     longest_pulse = timing.code_zero + 7.5 * timing.code_step
@@ -141,6 +148,7 @@ def _decode(
             out.lit[c, k] = np.isfinite(out.theta[c, k, 0]) and np.isfinite(out.theta[c, k, 1])
             for fan in range(2):
                 out.offset_s[c, k, fan] *= tick
+                several[c] |= pulses_of[k, fan] > 1
 
 
 class PulseDecoder:
@@ -211,13 +219,15 @@ class PulseDecoder:
         """Forget every flash of the craft of the mask (C,), as after a restart of their computers."""
         self._last[mask] = self._seen[mask] = np.nan
 
-    def decode(self, pulses: Pulses, expected: Floats | None = None) -> SweepAngles:
+    def decode(self, pulses: Pulses, expected: Expect | None = None) -> SweepAngles:
         """Advance every craft by one period and read its sweeps; call it once in every period.
 
         Args:
             pulses: pulses of C craft in order of rise, from shortly before the period's X flash to shortly before the
                 next one's; a craft without any still advances its epoch.
-            expected: angles of fans X and Y at which each photodiode is expected, NaN where it is not, (C, K, 2) [rad].
+            expected: called with the indices (N,) of craft with a photodiode that got several pulses in a sweep, if
+                there are any; returns the angles of fans X and Y at which each photodiode is expected, NaN where it is
+                not, (N, K, 2) [rad].
 
         Raises:
             ValueError: the pulses or the expected angles are of another number of craft or photodiodes.
@@ -225,24 +235,49 @@ class PulseDecoder:
         craft, photodiodes = self._present.shape
         if pulses.total.shape != (craft,) or pulses.rise_tick.shape[0] != craft:
             raise ValueError(f"pulses of {len(pulses.rise_tick)} craft, but the decoder has {craft}")
+        before = self._last.copy(), self._seen.copy()
+        nowhere = np.full((craft, photodiodes, 2), np.nan)
+        out, several = self._decoded(pulses, self._present, nowhere, self._last, self._seen)
+        if expected is not None and several.any():
+            # Once more, with the flashes of before: what they become does not depend on what is expected.
+            who = np.flatnonzero(several)
+            some = Pulses._make(part[who] for part in pulses)
+            again, _ = self._decoded(some, self._present[who], expected(who), before[0][who], before[1][who])
+            for whole, own in zip(out, again, strict=True):
+                whole[who] = own
+        return out
+
+    def _decoded(
+        self, pulses: Pulses, present: Bools, expected: Floats, last: Floats, seen: Floats
+    ) -> tuple[SweepAngles, Bools]:
+        """Return the angles of craft, and which of them have a photodiode with several pulses in a sweep.
+
+        Args:
+            pulses: of C craft.
+            present: their photodiodes, (C, K).
+            expected: angles at which the photodiodes are expected, (C, K, 2) [rad].
+            last: flashes that each craft remembers, predicted, (C, 2) [ticks], updated.
+            seen: likewise, seen.
+        """
+        craft, photodiodes = present.shape
+        if expected.shape != (craft, photodiodes, 2):
+            raise ValueError(f"expected must be {(craft, photodiodes, 2)}, not {expected.shape}")
         theta, offset = np.full((craft, photodiodes, 2), np.nan), np.zeros((craft, photodiodes, 2))
-        if expected is None:
-            expected = theta.copy()
-        if expected.shape != theta.shape:
-            raise ValueError(f"expected must be {theta.shape}, not {expected.shape}")
         epoch, missed, rejected = (np.zeros(craft, dtype=np.int64) for _ in range(3))
         out = SweepAngles(theta, offset, np.zeros((craft, photodiodes), dtype=np.bool_), epoch, missed, rejected)
+        several = np.zeros(craft, dtype=np.bool_)
         _decode(
             np.ascontiguousarray(pulses.photodiode, dtype=np.int16),
             np.ascontiguousarray(pulses.rise_tick, dtype=np.int64),
             np.ascontiguousarray(pulses.width_tick, dtype=np.int32),
             np.ascontiguousarray(pulses.total, dtype=np.int32),
-            self._present,
+            present,
             np.ascontiguousarray(expected, dtype=np.float64),
             self._timing,
             self._tick_s,
-            self._last,
-            self._seen,
+            last,
+            seen,
             out,
+            several,
         )
-        return out
+        return out, several

@@ -74,6 +74,7 @@ class LighthouseFix:
         self.undecided = np.zeros(craft, dtype=np.bool_)
         self._fans = lighthouse_1(settings.fan_x, settings.fan_y)
         self._side: list[tuple[int, Side] | None] = [None] * craft
+        self._flat = [(b"", False)] * craft
         self._period = 0
         self._noise = settings.noise
         self._size_m = np.linalg.norm(np.nan_to_num(point_m), axis=2).max(axis=1, initial=0.0)
@@ -93,25 +94,28 @@ class LighthouseFix:
         self.undecided[mask] = False
         self._monitor.forget(mask)
 
-    def expected(self, tracks: Tracks, turn_s: float) -> Floats:
-        """Return the angles at which the next period's sweeps should meet each photodiode, (C, K, 2) [rad].
+    def expected(self, tracks: Tracks, turn_s: float, craft: Ints | None = None) -> Floats:
+        """Return the angles at which the next period's sweeps should meet each photodiode, (N, K, 2) [rad].
 
         Fans X and Y sweep a quarter of a turn before and after the epoch. NaN for craft without a recent pose.
 
         Args:
             tracks: filters, at the last epoch.
             turn_s: one turn of the rotor [s].
+            craft: (N,), the craft that are asked for; None: all.
         """
-        s, out = self.settings, np.full((*self._point_m.shape[:2], 2), np.nan)
-        who = np.flatnonzero(tracks.bank.active & (tracks.since_update_s <= LARGEST_BLIND_S))
-        if not len(who):
+        craft = np.arange(len(self._point_m)) if craft is None else craft
+        s, out = self.settings, np.full((len(craft), self._point_m.shape[1], 2), np.nan)
+        known = np.flatnonzero((tracks.bank.active & (tracks.since_update_s <= LARGEST_BLIND_S))[craft])
+        if not len(known):
             return out
+        who = craft[known]
         now = s.station.state_into(tracks.bank.state)
         now = State._make(part[who] for part in now)
         for fan, quarter in enumerate((-0.25, 0.25)):
             then = now.ahead(s.frame_s + quarter * turn_s)
             points = self._point_m[who] @ np.swapaxes(then.rotation, -1, -2) + then.position[:, None]
-            out[who, :, fan] = HALF_PI + measured_angles(points, self._fans[fan : fan + 1])[..., 0]
+            out[known, :, fan] = HALF_PI + measured_angles(points, self._fans[fan : fan + 1])[..., 0]
         return out
 
     def find(self, angles: SweepAngles, tracks: Tracks) -> tuple[Light, PoseFix]:
@@ -217,8 +221,8 @@ class LighthouseFix:
             np.linalg.norm(pnp.position, axis=1),
         )
         mask = bends(sigma, self._size_m, distance, self._noise) & bank.active & pnp.solved
-        for i in np.flatnonzero(mask):
-            mask[i] = is_flat(sweeps.point_m[i][screened.lit[i]])
+        for i in np.flatnonzero(mask).tolist():
+            mask[i] = self._is_flat(i, screened.lit[i])
         if not mask.any():
             return None
         covariance = s.station.matrix_into(bank.covariance[:, POSE_COLUMNS[:, None], POSE_COLUMNS])
@@ -226,6 +230,13 @@ class LighthouseFix:
         rows = pose_rows(seen, mask, predicted.rotation, predicted.position, covariance, self._noise)
         rates = s.station.rows_out(rows.rates) if s.motion_compensation else np.zeros_like(rows.rates)
         return rows._replace(pose=s.station.rows_out(rows.pose), rates=rates)
+
+    def _is_flat(self, craft: int, lit: Bools) -> bool:
+        """Return `is_flat` of a craft's lit photodiodes (K,); mostly they are those of its period before."""
+        key = lit.tobytes()
+        if self._flat[craft][0] != key:
+            self._flat[craft] = key, is_flat(self._point_m[craft][lit])
+        return self._flat[craft][1]
 
     def _spread_out(self, fix: PoseFix, spreads: dict[int, Spread]) -> PoseFix:
         """Return the fix with the mean and covariance of all possible poses where the solved one is one of many."""

@@ -128,12 +128,12 @@ class Navigator:
         self.tracks.forget(mask)
         self._light.forget(mask)
 
-    def expected_angles(self, turn_s: float) -> Floats:
-        """Return the angles (C, K, 2) [rad] at which the next sweeps should meet the photodiodes, NaN without a track.
+    def expected_angles(self, turn_s: float, craft: Ints | None = None) -> Floats:
+        """Return the angles (N, K, 2) [rad] at which the next sweeps should meet the photodiodes, NaN without a track.
 
-        turn_s: one turn of the rotor [s].
+        turn_s: one turn of the rotor [s]. craft: (N,), the craft that are asked for; None: all.
         """
-        return self._light.expected(self.tracks, turn_s)
+        return self._light.expected(self.tracks, turn_s, craft)
 
     def step(self, angles: SweepAngles, signals: Signals | None = None, command: Command | None = None) -> Estimate:
         """Advance every craft by one lighthouse period, to the epoch of `angles`.

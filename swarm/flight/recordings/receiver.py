@@ -45,7 +45,7 @@ class Receiver:
             expected: angles at which its sweeps should meet the photodiodes, NaN where not known, (1, K, 2) [rad].
         """
         if window.pulses is not None:
-            angles = self._decoder.decode(window.pulses, expected)
+            angles = self._decoder.decode(window.pulses, lambda who: expected[who])
         else:
             assert window.sweeps is not None
             angles = _choose(window.sweeps, expected[0])

@@ -5,6 +5,7 @@ After the flight craft 0 flies once more on a computer of its own, a batch of on
 else, as a real craft would. Medians over the periods, without the first ones, in which it searches.
 """
 
+from functools import partial
 from time import thread_time
 from typing import Any
 
@@ -74,7 +75,7 @@ class OnboardCost(Computer):
         own_s, apart_m = [], 0.0
         for pulses, command, position in zip(self._pulses, self._commands, self._positions, strict=True):
             began = thread_time()
-            expected = navigator.expected_angles(decoder.turn_s)
+            expected = partial(navigator.expected_angles, decoder.turn_s)
             estimate = navigator.step(decoder.decode(pulses, expected), None, command)
             own_s.append(thread_time() - began)
             apart = np.linalg.norm(estimate.position[0] - position)

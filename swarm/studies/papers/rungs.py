@@ -6,6 +6,7 @@ moves within a period, and by what the craft knows: nothing, its motion, or what
 """
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple, cast
@@ -102,7 +103,7 @@ class Computer:
             lit: Photodiodes that are lit.
         """
         pulses = self._lighthouse.sweep(truth if self._moving else halted(truth), frame, lit)
-        expected = self._navigator.expected_angles(self._decoder.turn_s)
+        expected = partial(self._navigator.expected_angles, self._decoder.turn_s)
         estimate = self._navigator.step(self._decoder.decode(pulses, expected))
         self._pnp.append(Track(estimate.pnp.rotation[0], estimate.pnp.position[0]))
         self._filtered.append(Track(estimate.rotation[0], estimate.position[0]))
