@@ -23,6 +23,7 @@ from swarm.exports.kitti import common
 from swarm.exports.trajectory import Source, Trajectories, Trajectory
 from swarm.exports.tum import tum
 from swarm.flight.simulate import simulate
+from swarm.results.disk import replacing
 from swarm.results.run_folder import Run
 from swarm.scenario import load
 
@@ -245,3 +246,20 @@ def test_nothing_is_replaced_unless_asked(command: Command, run: Run) -> None:
     assert Path("there/keeper.truth.csv").read_text() == "mine"
     assert command(*arguments, "--force")[0] == 0
     assert Path("there/keeper.truth.csv").read_text() != "mine"
+
+
+def fail_while_writing(path: Path, stop: BaseException) -> None:
+    with replacing(path) as file:
+        file.write_text("half")
+        raise stop
+
+
+def test_a_file_that_cannot_be_completed_leaves_nothing(tmp_path: Path) -> None:
+    for stop in (OSError(28, "No space left on device"), KeyboardInterrupt()):
+        (tmp_path / "a.tum").write_text("old\n")
+        with pytest.raises((SwarmError, KeyboardInterrupt)):
+            fail_while_writing(tmp_path / "a.tum", stop)
+        assert [(each.name, each.read_text()) for each in tmp_path.iterdir()] == [("a.tum", "old\n")]
+    with replacing(tmp_path / "a.tum") as file:
+        file.write_text("new\n")
+    assert [(each.name, each.read_text()) for each in tmp_path.iterdir()] == [("a.tum", "new\n")]

@@ -10,6 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from swarm.cli.app import app
+from swarm.cli.starter import start
 from swarm.errors import SwarmError
 from swarm.flight.flight import Flight
 from swarm.flight.simulate import simulate
@@ -275,3 +276,11 @@ class Look:
     )
     with pytest.raises(SwarmError, match=r"24 True True \(24, 12\)"):
         list(Flight(fly(folder, 0.1, navigator="bad.py:Look")).fly())
+
+
+def test_a_folder_that_starts_from_a_scenario_with_plug_ins_has_copies_of_them(folder: Path) -> None:
+    text = SCENARIO.replace('feedback = "estimate"', 'controller = "spring.py:Spring"\nnavigator = "ukf.py:Ukf"')
+    (folder / "mine.toml").write_text(text)
+    made = start(folder / "there" / "next", folder / "mine.toml")
+    assert (made.parent / "spring.py").read_text() == EXAMPLES["Spring"]
+    assert load(made).craft[0].navigator == f"{made.parent / 'ukf.py'}:Ukf"

@@ -14,6 +14,7 @@ from typing import Any
 
 from swarm.assets import find_model, find_scenario, folder
 from swarm.errors import SwarmError
+from swarm.plugin_files import PLUG_INS, of_file
 from swarm.results.disk import writing
 from swarm.scenario import load
 from swarm.scenario.load import read_toml, safe_name, shown
@@ -75,6 +76,13 @@ def _of_scenario(name: str, source: str | Path) -> Files:
         copy = MODELS / copies.add_model(find_model(said or USUAL_MODEL, path.parent))
         text = _replaced(text, "model", said, str(copy)) if said else _inserted(text, head, number, str(copy))
     files = {MODELS / file: content for file, content in copies.files.items()}
+    plug_ins = Copies()
+    for table in [data.get("swarm", {}), *data.get("craft", ())]:
+        for key in PLUG_INS:
+            if (said := table.get(key)) and (named := of_file(said)) is not None:
+                copy = plug_ins.add(path.parent / user_path(named[0]))
+                text = _replaced(text, key, said, f"{copy}:{named[1]}")
+    files |= plug_ins.files
     if said := data.get("navigation", {}).get("calibration"):
         calibration = Copies()
         text = _replaced(text, "calibration", said, str(calibration.add(path.parent / user_path(said))))

@@ -14,7 +14,7 @@ from swarm.exports.kitti import common, kitti, times
 from swarm.exports.table import table
 from swarm.exports.trajectory import Source, Trajectories, Trajectory
 from swarm.exports.tum import tum
-from swarm.results.disk import writing
+from swarm.results.disk import replacing, writing
 from swarm.results.files import SCENARIO
 from swarm.results.run_folder import Run, open_run
 from swarm.user_text import parse_toml
@@ -87,8 +87,8 @@ def export(
         _refuse_taken(files, force)
         _make(folder)
         known = [one for name in found.craft for one in _known(found, name, sources)]
-        with writing(files[0]):
-            mcap_file.write_mcap(files[0], run, known, partial(_nanoseconds, start))
+        with replacing(files[0]) as temporary:
+            mcap_file.write_mcap(temporary, run, known, partial(_nanoseconds, start))
         return Exported(folder, files)
     orbit = orbit_of(run) if to is Format.CCSDS else None
     texts = partial(_texts, to, start=start, orbit=orbit)
@@ -156,5 +156,5 @@ def _make(folder: Path) -> None:
 
 
 def _write(file: Path, lines: Iterable[str]) -> None:
-    with writing(file), file.open("w", encoding="utf-8", newline="\n") as stream:
+    with replacing(file) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as stream:
         stream.writelines(f"{line}\n" for line in lines)

@@ -25,7 +25,7 @@ from swarm.assets import find_model
 from swarm.errors import SwarmError
 from swarm.exports.mp4 import Mp4, check_library
 from swarm.flight.builders.stations import standing
-from swarm.results.disk import writing
+from swarm.results.disk import replacing, writing
 from swarm.results.files import SCENARIO, TELEMETRY
 from swarm.results.run_folder import open_run
 from swarm.results.table import TelemetryTable
@@ -184,13 +184,15 @@ def still(path: str | Path, file: Path, at_s: float | None = None, options: Opti
             raise SwarmError(f"--at: {wanted:g} s is not in the run, which goes from {first:.2f} to {last:.2f} s")
         with writing(file):
             file.parent.mkdir(parents=True, exist_ok=True)
-            Image.fromarray(stage.shot(wanted)).save(file, optimize=True)
+        with replacing(file) as temporary:
+            Image.fromarray(stage.shot(wanted)).save(temporary, optimize=True)
     return file
 
 
 def _check(file: Path, ending: str, looks: Options) -> None:
     if file.suffix.lower() != ending:
-        raise SwarmError(f"{file}: the name of a {'video' if ending == '.mp4' else 'picture'} ends in {ending}")
+        other = "; of a picture, in .png" if ending == ".mp4" else ""
+        raise SwarmError(f"{file}: the name of a {'video' if ending == '.mp4' else 'picture'} ends in {ending}{other}")
     for name, value in (("width", looks.width), ("height", looks.height)):
         if value % 2 or not SIZES[0] <= value <= SIZES[1]:
             raise SwarmError(f"--size: the {name} {value} must be an even number from {SIZES[0]} to {SIZES[1]}")

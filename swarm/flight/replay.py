@@ -103,6 +103,7 @@ def replay(
     """
     settings, told = for_replay(Path(recording)) if scenario is None else checked(scenario), progress or untold
     refuse_run(settings.name, settings.seed, out, force)
+    builders.plug_ins(settings, "navigator")  # a mistake there is told before the light is read
     command = _command(recording, settings, object_name, lighthouse, calibration, stations, source, truth)
     playback = _playback(recording, settings, object_name, lighthouse, calibration, stations, source)
     given = truth_for(truth, playback)

@@ -60,6 +60,22 @@ def writing(path: Path) -> Iterator[None]:
         raise SwarmError(f"cannot write {path}: {reason}") from error
 
 
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Give the block a file beside `path` to write, with the same ending, which takes its place at the end.
+
+    A block that fails or is stopped leaves `path` as it was, and nothing beside it. Raises SwarmError as `writing`.
+    """
+    temporary = path.with_name(f".{path.stem}.tmp{path.suffix}")
+    with writing(path):
+        try:
+            yield temporary
+            temporary.replace(path)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
+
+
 def write_text(path: Path, text: str) -> None:
     """Replace the file `path` by `text` in one step. Raises SwarmError where it cannot be written."""
     temporary = path.with_name(path.name + ".tmp")

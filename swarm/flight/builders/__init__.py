@@ -22,7 +22,7 @@ from swarm.flight.builders.faults import faults
 from swarm.flight.builders.guidance import guidance, matings
 from swarm.flight.builders.lidars import inspection, lidars
 from swarm.flight.builders.navigation import believed_layout, navigation
-from swarm.flight.builders.plug_ins import of_one_lighthouse, of_stations, own_navigators
+from swarm.flight.builders.plug_ins import of_one_lighthouse, of_stations, own_navigators, plug_ins
 from swarm.flight.builders.station import FAN_ERROR_MAX_RAD, angle_noise, assumed_angle_noise, decoder, timing_noise
 from swarm.flight.builders.stations import frame as station_frame
 
@@ -53,6 +53,7 @@ __all__ = [
     "own_navigators",
     "photodiodes",
     "pilot",
+    "plug_ins",
     "pushes",
     "sensors",
     "start",
