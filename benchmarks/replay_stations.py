@@ -1,6 +1,6 @@
 """Replay by several stations on public recordings: residuals, disagreement, and errors against motion capture.
 
-    python benchmarks/replay_stations.py DATA [--only lh2_move] [--stations stations.toml]
+    python benchmarks/replay_stations.py DATA [--only lh2_move] [--stations lh2.toml] [--stations lh1.toml]
 
 DATA is a folder with `lighthouse-v1/lh1_test_cal.rec.gz`, `lighthouse-v2/lh2_test_cal.rec.gz` and `crazyflie/lh1_move`,
 `crazyflie/lh2_move`; what is missing is left out. Per recording and choice of stations (all, and each alone):
@@ -8,7 +8,8 @@ DATA is a folder with `lighthouse-v1/lh1_test_cal.rec.gz`, `lighthouse-v2/lh2_te
 - share of the periods by status, noise as found, median residual of a period's own pose per station
 - of libsurvive's recordings: median offset from its own pose, and scatter about it
 - of the Crazyflie's: distance from motion capture after one rigid transformation, one time shift and the marker's place
-  on the craft (fitted, soft L1): median, 90 % and maximum over the periods with light in the filter
+  on the craft (fitted, soft L1): median, 90 % and maximum over the periods with light in the filter, and over
+  those that track; how many of these are off by more than 100 mm, and by three times what the filter says as well
 """
 
 import argparse
@@ -37,6 +38,7 @@ CASES = {
     "lh1_move": ("crazyflie/lh1_move/log02", None, "mocap02.npy"),
     "lh2_move": ("crazyflie/lh2_move/log00", None, "mocap00.npy"),
 }
+FAR_MM = 100.0
 GAP_S, ROBUST_M = 0.03, 0.01
 """Longest gap of the cameras that is bridged, and error beyond which a period counts less in the alignment."""
 
@@ -47,6 +49,7 @@ def flown(source: ObjectLight, file: PlacedStations | None, lighthouse: int | No
         source, for_replay(source.path), choose_stations(source, file, lighthouse), given=file is not None
     )
     status, time_s, position, rotation, residual, peer = [], [], [], [], [], []
+    sigma, normalised = [], []
     for period in playback.fly():
         estimate = period.estimate
         status.append(int(estimate.status[0]))
@@ -54,6 +57,9 @@ def flown(source: ObjectLight, file: PlacedStations | None, lighthouse: int | No
         position.append(estimate.position[0])
         rotation.append(estimate.rotation[0])
         residual.append(estimate.pnp.residual_rad[0])
+        with np.errstate(invalid="ignore"):
+            sigma.append(np.sqrt(np.trace(estimate.covariance[0][6:9, 6:9])))
+        normalised.append(estimate.nis[0] / estimate.rows[0] if estimate.rows[0] else np.nan)
         assert period.peer is not None
         peer.append(period.peer.position[0])
     codes, number = np.unique(status, return_counts=True)
@@ -65,7 +71,12 @@ def flown(source: ObjectLight, file: PlacedStations | None, lighthouse: int | No
         "own_urad": [1e6 * noise.own_rad for noise in playback.noise],
         "shared_urad": [1e6 * noise.shared_rad for noise in playback.noise],
         "residual_median_urad": 1e6 * float(np.nanmedian(residual)) if np.isfinite(residual).any() else None,
+        "nis_per_row_mean_median": [float(np.nanmean(normalised)), float(np.nanmedian(normalised))],
+        "acceleration_m_s2": playback.settings.navigation.acceleration_noise_m_s2,
+        "angular_acceleration_deg_s2": playback.settings.navigation.angular_acceleration_noise_deg_s2,
         "_time_s": np.array(time_s),
+        "_sigma": np.array(sigma),
+        "_tracking": np.array(status) == Status.TRACKING,
         "_position": np.array(position),
         "_rotation": np.array(rotation),
         "_light": np.isin(status, BY_LIGHT),
@@ -117,19 +128,30 @@ def against(truth: Trajectory, found: dict[str, Any]) -> dict[str, float] | None
     scale = np.array([0.1] * 6 + [0.05] * 3 + [0.01])
     fit = least_squares(lambda x: residual(x)[seen].ravel(), start, loss="soft_l1", f_scale=ROBUST_M, x_scale=scale)
     error = 1e3 * np.linalg.norm(residual(fit.x)[seen], axis=1)
+    sigma, tracking = 1e3 * found["_sigma"][light][seen], found["_tracking"][light][seen]
+    tracked, far = error[tracking], tracking & (error > FAR_MM)
     return {
         "periods": int(np.count_nonzero(seen)),
         "median_mm": float(np.median(error)),
         "percentile_90_mm": float(np.quantile(error, 0.9)),
         "largest_mm": float(error.max()),
+        "error_over_sigma_median": float(np.median(error / sigma)),
+        "tracking_median_mm": float(np.median(tracked)) if len(tracked) else np.nan,
+        "tracking_percentile_90_mm": float(np.quantile(tracked, 0.9)) if len(tracked) else np.nan,
+        "tracking_largest_mm": float(tracked.max(initial=0.0)),
+        "tracking_periods": len(tracked),
+        "tracking_over_100_mm": int(np.count_nonzero(far)),
+        "tracking_over_100_mm_and_3_sigma": int(np.count_nonzero(far & (error > 3 * sigma))),
         "marker_mm": (1e3 * fit.x[6:9]).tolist(),
     }
 
 
-def case(folder: Path, name: str, file: PlacedStations | None) -> dict[str, Any]:
-    """Figures of one recording, of all stations and of each alone."""
+def case(folder: Path, name: str, files: list[PlacedStations]) -> dict[str, Any]:
+    """Figures of one recording, of all stations and of each alone; of the files that of its generation is taken."""
     place, device, mocap = CASES[name]
     source = read_object(folder / place, device)
+    own = source.light.generation
+    file = next((f for f in files if all(station.generation == own for station in f.stations)), None)
     truth = None if mocap is None else read_trajectory((folder / place).with_name(mocap))
     out: dict[str, Any] = {"notes": source.notes}
     for key, which in {"all": None, **{f"station {n}": n for n in source.light.stations()}}.items():
@@ -156,13 +178,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("data", type=Path, help="folder with the recordings")
     parser.add_argument("--only", choices=CASES, action="append", help="only this recording; repeatable")
-    parser.add_argument("--stations", type=Path, help="file of stations to take instead of the recordings' own")
+    parser.add_argument(
+        "--stations",
+        type=Path,
+        action="append",
+        default=[],
+        help="file of stations to take instead of the recordings' own of this generation; repeatable",
+    )
     given = parser.parse_args()
-    file = None if given.stations is None else read_stations(given.stations)
+    files = [read_stations(path) for path in given.stations]
     out: dict[str, Any] = {"machine": platform.platform(), "numpy": version("numpy"), "scipy": version("scipy")}
     for name in given.only or CASES:
         if (given.data / CASES[name][0]).exists():
-            out[name] = case(given.data, name, file)
+            out[name] = case(given.data, name, files)
     print(json.dumps(out, indent=1))
 
 

@@ -51,6 +51,8 @@ HANDLED: dict[str, float] = {
 }
 """Settings of navigation for an object that a hand moves, where the user gives no other and the recording does not tell
 them: within half a second in the dark it may be anywhere."""
+AT_REST_M_S2 = 1.0
+"""Random acceleration of an object up to which it is at rest [m/s^2]."""
 SEARCH_AGAIN_S = 0.05
 """Time without light after which an object in a hand is searched for again [s]."""
 LEAST_MOTION: dict[str, float] = {"acceleration_noise_m_s2": 2.0, "angular_acceleration_noise_deg_s2": 300.0}
@@ -321,6 +323,13 @@ class StationPlayback:
             search_again_s=SEARCH_AGAIN_S,
         )
 
+    def _told_noise(self, of_periods: list[AngleNoise]) -> list[AngleNoise]:
+        """Return the noise that is told: of single periods, in which what an object at rest shows all the time counts;
+        of one that moves, in which motion would count as well, that of the filter's innovations.
+        """
+        moves = self.likely is not None and self.likely.acceleration_m_s2 > AT_REST_M_S2
+        return self.likely.noise if self.likely is not None and moves else of_periods
+
     def _findings(self, given: Scenario) -> list[str]:
         """Return sentences about the noise and the false photodiodes."""
         out = [
@@ -332,15 +341,22 @@ class StationPlayback:
             return out
         if self.found.noise is None:
             return [*out, "the noise is guessed, and rows are not tested: too little light tells it"]
-        for placed, noise in zip(self.placed, self.found.noise, strict=True):
+        told = self._told_noise(self.found.noise)
+        for placed, noise in zip(self.placed, told, strict=True):
             alone = len(self.placed) == 1
             text = f"{placed.name}: photodiodes of a sweep agree to {1e6 * noise.own_rad:.0f} urad, 1 sigma"
             out.append(text if alone else f"{text}, its sweeps with the others' to {1e6 * noise.shared_rad:.0f} urad")
-        shared = self.found.noise[0].shared_rad
+        shared = told[0].shared_rad
         if len(self.placed) > 1 and shared > DISAGREEMENT_RAD:
             out.append(
                 f"the stations contradict each other by {1e3 * shared:.1f} mm per metre of distance: where they stand, "
                 "or their calibrations, are off by more than their light; swarm survey finds both"
+            )
+        if self.likely is not None:
+            turning = np.degrees(self.likely.angular_acceleration_rad_s2)
+            out.append(
+                f"the object moves as if pushed at random by {self.likely.acceleration_m_s2:.1f} m/s^2 and "
+                f"{turning:.0f} deg/s^2, 1 sigma"
             )
         return out
 
