@@ -147,7 +147,8 @@ def sweep_out(a: Floats, row: Floats) -> bool:
 
 @kernel
 def absorb_row(p: Floats, x: Floats, h: Floats, y: float, variance: float, gain: Floats, scale: Floats) -> float:
-    """Take one measurement y = h x + noise into an estimate x of covariance P, in place; return its share of the NIS.
+    """Take one measurement y = h x + noise into an estimate x of covariance P, of numbers or of lanes, in place; return
+    its share of the NIS.
 
         s = h P h^T + r,   x <- x + P h^T (y - h x) / s,   P <- P - P h^T h P / s,   NIS = (y - h x)^2 / s
 
@@ -163,13 +164,13 @@ def absorb_row(p: Floats, x: Floats, h: Floats, y: float, variance: float, gain:
         scale: (1,), receives s.
     """
     n = len(x)
-    gain[:] = 0.0
-    for j in range(n):
-        factor = h[j]
-        for i in range(n):
-            gain[i] += factor * p[j, i]
-    s, left = variance, y
     for i in range(n):
+        value = h[0] * p[0, i]
+        for j in range(1, n):
+            value += h[j] * p[j, i]
+        gain[i] = value
+    s, left = variance + h[0] * gain[0], y - h[0] * x[0]
+    for i in range(1, n):
         s += h[i] * gain[i]
         left -= h[i] * x[i]
     scale[0] = s
@@ -180,58 +181,7 @@ def absorb_row(p: Floats, x: Floats, h: Floats, y: float, variance: float, gain:
     for i in range(n):
         factor = gain[i]
         x[i] += factor * left
-        for j in range(n):
-            p[i, j] -= factor * gain[j]
+        for j in range(i + 1):
+            p[i, j] = p[j, i] = p[i, j] - factor * gain[j]
     share: float = left * left
     return share
-
-
-@kernel
-def absorb_by_root(root: Floats, h: Floats, variance: float, work: Floats) -> None:
-    """Take one measurement into the root S of a covariance P = S S^T, in place (Potter).
-
-        f = S^T h,   s = f^T f + r,   S <- S - (S f) f^T / (s + sqrt(r s))
-
-    However much of a variance a row takes away, P stays positive and loses no digits.
-
-    Args:
-        root: (n, n), S transposed.
-        h: (n,).
-        variance: r, of its noise.
-        work: (2, n), workspace.
-    """
-    n = len(h)
-    s = variance
-    for j in range(n):
-        value = 0.0
-        for i in range(n):
-            value += root[j, i] * h[i]
-        work[0, j] = value
-        s += value * value
-    work[1] = 0.0
-    for j in range(n):
-        factor = work[0, j]
-        for i in range(n):
-            work[1, i] += factor * root[j, i]
-    scale = 1 / (s + np.sqrt(variance * s))
-    for j in range(n):
-        factor = scale * work[0, j]
-        for i in range(n):
-            root[j, i] -= factor * work[1, i]
-
-
-@kernel
-def square_of_root_into(root: Floats, out: Floats) -> None:
-    """Write P = S S^T (n, n) of the transposed root S (n, n)."""
-    n = len(root)
-    for i in range(n):
-        for j in range(n):
-            out[i, j] = 0.0
-    for k in range(n):
-        for i in range(n):
-            factor = root[k, i]
-            for j in range(i + 1):
-                out[i, j] += factor * root[k, j]
-    for i in range(n):
-        for j in range(i):
-            out[j, i] = out[i, j]

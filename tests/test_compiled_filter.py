@@ -11,11 +11,14 @@ from estimators import rotation as rot
 from estimators.arrays import Bools, Floats
 from estimators.filter.bank import FilterBank
 from estimators.filter.compiled import CompiledFilterBank
+from estimators.filter.compiled_interacting import CompiledInteractingBank
 from estimators.filter.filterpy_bank import PoseFilterBank
+from estimators.filter.filterpy_interacting import FilterpyInteractingBank
+from estimators.lanes import LANES
 from swarm.hardware import pad
 from swarm.onboard.filters import MOST_BY_FILTERPY
 from swarm.onboard.navigation import Navigator
-from swarm.onboard.settings import NavigationSettings
+from swarm.onboard.settings import NavigationSettings, QuietModel
 
 T = 1 / 60
 COUNT = 30
@@ -159,3 +162,17 @@ def test_the_bank_goes_by_the_setting_and_the_number_of_craft(choice: str, craft
     layout = pad([np.eye(4, 3)] * craft, [np.eye(4, 3)] * craft)
     settings = NavigationSettings(frame_s=T, angle_noise_rad=4e-5, rotor_correlation=0.87, filter=choice)
     assert type(Navigator(layout, settings).tracks.bank) is bank
+
+
+def test_models_of_motion_count_as_filters_of_their_own() -> None:
+    quiet = QuietModel(5e-5, 5e-5, 30.0, 2.0, models=6)
+    for craft, bank in (
+        (MOST_BY_FILTERPY // LANES, FilterpyInteractingBank),
+        (MOST_BY_FILTERPY // LANES + 1, CompiledInteractingBank),
+    ):
+        layout = pad([np.eye(4, 3)] * craft, [np.eye(4, 3)] * craft)
+        settings = NavigationSettings(frame_s=T, angle_noise_rad=4e-5, rotor_correlation=0.87, quiet=quiet)
+        several = Navigator(layout, settings).tracks.bank
+        assert type(several) is bank
+        expected = 0.2 * (5e-5 / 0.2) ** (np.arange(6) / 5)
+        np.testing.assert_allclose(several.grid.acceleration, expected, rtol=1e-12)

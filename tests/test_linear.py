@@ -5,12 +5,10 @@ import pytest
 
 from estimators.arrays import Floats
 from estimators.linear import (
-    absorb_by_root,
     cholesky_into,
     invert_spd_into,
     solve_cholesky,
     solve_spd,
-    square_of_root_into,
     sweep_out,
 )
 
@@ -96,16 +94,3 @@ def test_a_matrix_is_inverted_in_its_place() -> None:
     assert sweep_out(out, np.empty(12))
     np.testing.assert_allclose(out, np.linalg.inv(a), rtol=1e-7, atol=1e-12)
     assert not sweep_out(np.outer(a[0], a[0]), np.empty(12))
-
-
-def test_rows_taken_into_a_root_lose_no_digits() -> None:
-    """A billion times as precise as the prediction: what is left is positive, and as exact as from the sums."""
-    rng = np.random.default_rng(6)
-    before = np.diag(np.logspace(0, 3, 12))
-    h = rng.normal(size=(24, 12))
-    root, out = np.sqrt(before), np.empty((12, 12))
-    for row in h:
-        absorb_by_root(root, row, 1e-9, np.empty((2, 12)))
-    square_of_root_into(root, out)
-    np.testing.assert_allclose(out, np.linalg.inv(np.linalg.inv(before) + h.T @ h / 1e-9), rtol=1e-6, atol=1e-16)
-    assert np.linalg.eigvalsh(out).min() > 0

@@ -7,6 +7,7 @@ import pytest
 
 from estimators import rotation as rot
 from estimators.filter.filterpy_bank import PoseFilterBank
+from estimators.free_rotation import free_turns
 from estimators.lighthouse.innovation import gathered, light_of
 from estimators.lighthouse.integrity import AngleNoise
 from estimators.lighthouse.rows import Rows, Station, linearise, packed
@@ -24,6 +25,7 @@ from swarm.onboard.pose_message import PoseMessage, bytes_per_second, decoded, e
 from swarm.onboard.reference_craft import ReferenceCraft, ReferencePlace
 from swarm.onboard.relative import FORGOTTEN, RelativeNavigation
 from swarm.onboard.shared_errors import Relations, SharedErrors
+from swarm.onboard.tracks import TrackLimits, Tracks
 from swarm.results.columns.pairs import pairs, relative_error
 from swarm.scenario import load
 
@@ -311,10 +313,15 @@ def test_turns_without_torque_are_in_what_a_period_keeps():
     errors = SharedErrors(relations, [station], [NOISE], np.zeros((2, 8, 3)))
     bank, yes = PoseFilterBank(2), np.ones(2, dtype=np.bool_)
     bank.start(yes, np.tile(np.eye(3), (2, 1, 1)), np.zeros((2, 3)), 1e-6 * np.tile(np.eye(6), (2, 1, 1)), (0.1, 0.1))
-    errors.begin(bank, 0.02)
-    before = errors.step.kept.copy()
-    coupling = np.stack([np.random.default_rng(0).standard_normal((6, 6)), np.full((6, 6), np.nan)])
-    errors.predicted(bank, coupling)
+    turning = bank.state._replace(angular_rate=np.tile([0.2, -0.1, 0.3], (2, 1)))
+    bank.adopt(yes, turning, bank.covariance)
+    before = bank.transition(0.02)
+    # The first craft turns freely; of the other one the torque is not known.
+    inertia = np.stack([np.diag([1.0, 2.0, 2.5]), np.full((3, 3), np.nan)])
+    tracks = Tracks(bank, 0.02, TrackLimits(2.0, 6), None, inertia)
+    errors.predict(tracks, None, 0.02, history=False)
+    free = np.array([True, False])
+    coupling = free_turns(free, turning.rotation, turning.angular_rate, inertia, np.linalg.inv(inertia), 0.02).coupling
     assert errors.step.kept[0, :6] == pytest.approx(coupling[0] @ before[0, :6])
     assert errors.step.kept[0, 6:].tolist() == before[0, 6:].tolist()
     assert errors.step.kept[1].tolist() == before[1].tolist()

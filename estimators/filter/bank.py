@@ -52,7 +52,8 @@ class Given(NamedTuple):
 
 class Independent(NamedTuple):
     """Measurements of C craft whose noise is independent from row to row, checked: as `Given`, with the variances of
-    the rows (C, m) in the place of r; pivot (C, 3): points of the bodies about which corrections turn them.
+    the rows (C, m) in the place of r; pivot (C, 3): points of the bodies about which corrections turn them; freedoms
+    (C,): numbers of measurements that the rows stand for, by which they are gated.
     """
 
     y: Floats
@@ -61,6 +62,7 @@ class Independent(NamedTuple):
     rows: Ints
     gate: Floats
     pivot: Floats
+    freedoms: Ints
 
 
 @cache
@@ -227,8 +229,16 @@ class FilterBank(ABC):
         transitions_into(self._active, self._state.angular_rate, np.full(len(self._active), float(dt)), out)
         return out
 
-    def add_motion(self, mask: Bools, turn: Floats, rate: Floats, shift: Floats, velocity: Floats) -> None:
-        """Add known motion to the prediction, as of the craft's own actuators; the covariance stays as it is.
+    def add_motion(
+        self,
+        mask: Bools,
+        turn: Floats,
+        rate: Floats,
+        shift: Floats,
+        velocity: Floats,
+        coupling: Floats | None = None,
+    ) -> None:
+        """Add known motion to the prediction, as of the craft's own actuators.
 
         Args:
             mask: (C,), the craft concerned.
@@ -236,6 +246,8 @@ class FilterBank(ABC):
             rate: (C, 3) [rad/s], added to the angular rate.
             shift: (C, 3) [m], added to the position.
             velocity: (C, 3) [m/s], added to the velocity.
+            coupling: (C, 6, 6), what the motion makes of an error of attitude and angular rate; None: leaves it as it
+                is, and the covariance.
         """
         mask = self._checked(mask)
         turn, rate = self._argument("turn", turn, (3,), mask), self._argument("rate", rate, (3,), mask)
@@ -246,6 +258,9 @@ class FilterBank(ABC):
         state.angular_rate[mask] += rate[mask]
         state.position[mask] += shift[mask]
         state.velocity[mask] += velocity[mask]
+        if coupling is not None:
+            _couple_all(mask, self._argument("coupling", coupling, (POSE, POSE), mask), self._covariance)
+            self._changed(mask)
 
     def update(
         self,
@@ -255,6 +270,7 @@ class FilterBank(ABC):
         r: Floats,
         count: Ints | None = None,
         pivot: Floats | None = None,
+        freedoms: Ints | None = None,
     ) -> UpdateResult:
         """Take in measurements y = H x + noise, gated per craft; a craft whose rows are gated out keeps its state.
 
@@ -266,6 +282,8 @@ class FilterBank(ABC):
             count: (C,), the number of rows of each craft, the first of the m; None: all m.
             pivot: (C, 3) [m], body frame: where large corrections turn the bodies about, with independent rows
                 (`estimators.pivot`); None: their origins.
+            freedoms: (C,), with independent rows: the numbers of measurements that they stand for, as the sums of many
+                in fewer rows; the gate is that of as many. None: every row is one.
 
         Raises:
             ValueError: a wrong shape, a value that is not finite, a covariance that is not positive definite, a craft
@@ -278,19 +296,8 @@ class FilterBank(ABC):
         used = np.full(craft, rows) if count is None else np.ascontiguousarray(count, dtype=np.int64)
         if used.shape != (craft,) or np.any((used < 0) | (used > rows)):
             raise ValueError(f"count: expected {(craft,)} numbers from 0 to {rows}")
-        gate = gates(self.gate_probability, rows)
         if np.ndim(r) == 2:
-            independent = Independent(
-                self._shaped("y", y, (rows,)),
-                self._shaped("h", h, (rows, STATES)),
-                self._shaped("r", r, (rows,)),
-                used,
-                gate,
-                self._argument("pivot", np.zeros((craft, 3)) if pivot is None else pivot, (3,), mask),
-            )
-            if (wrong := _wrong_row(mask, independent)) >= 0:
-                reason = ("not finite", "not finite", "a variance is not positive and finite")[wrong]
-                raise ValueError(f"{'yhr'[wrong]}: {reason} for a craft of the mask")
+            independent = self._independent(mask, y, h, r, used, pivot, used if freedoms is None else freedoms)
             return self._taken("r", mask & (used > 0), independent)
         there = np.arange(rows) < used[:, None]
         # Rows that a craft does not have are not read: whatever stands there becomes zero.
@@ -300,7 +307,29 @@ class FilterBank(ABC):
         both = there[:, :, None] & there[:, None, :]
         r = np.where(both, self._shaped("r", r, (rows, rows)), np.eye(rows))
         r = self._covariances("r", r, rows, mask)
-        return self._taken("r", mask & (used > 0), Given(y, h, r, used, gate))
+        return self._taken("r", mask & (used > 0), Given(y, h, r, used, gates(self.gate_probability, rows)))
+
+    def _independent(
+        self, mask: Bools, y: Floats, h: Floats, r: Floats, used: Ints, pivot: Floats | None, freedoms: Ints
+    ) -> Independent:
+        """Return rows of independent noise, checked; the arguments are those of `update`."""
+        craft, rows = np.shape(y)
+        free = np.ascontiguousarray(freedoms, dtype=np.int64)
+        if free.shape != (craft,) or np.any(free[mask] < 0):
+            raise ValueError(f"freedoms: expected {(craft,)} numbers, zero or more")
+        out = Independent(
+            self._shaped("y", y, (rows,)),
+            self._shaped("h", h, (rows, STATES)),
+            self._shaped("r", r, (rows,)),
+            used,
+            gates(self.gate_probability, int(free[mask].max(initial=rows))),
+            self._argument("pivot", np.zeros((craft, 3)) if pivot is None else pivot, (3,), mask),
+            free,
+        )
+        if (wrong := _wrong_row(mask, out)) >= 0:
+            reason = ("not finite", "not finite", "a variance is not positive and finite")[wrong]
+            raise ValueError(f"{'yhr'[wrong]}: {reason} for a craft of the mask")
+        return out
 
     def update_pose(
         self, mask: Bools, rotation: Floats, position: Floats, covariance: Floats, rate_coupling: Floats
@@ -352,6 +381,10 @@ class FilterBank(ABC):
     @abstractmethod
     def _begin(self, mask: Bools) -> None:
         """Set up the filters of these craft, whose arrays have just been filled."""
+
+    def _changed(self, mask: Bools) -> None:
+        """Take over the covariances of these craft from the arrays, where they have just been changed."""
+        self._begin(mask)
 
     @abstractmethod
     def _predict(self, mask: Bools, step: Floats) -> None:
@@ -445,3 +478,37 @@ def _positive_diagonal(matrix: Floats, mask: Bools) -> bool:
                 if not matrix[c, i, i] > 0:
                     return False
     return True
+
+
+@kernel
+def couple(m: Floats, p: Floats, half: Floats) -> None:
+    """Multiply the errors of attitude and angular rate by a matrix, in their covariance, of numbers or of lanes.
+
+    Args:
+        m: (6, 6), numbers.
+        p: (12, 12), P, in place.
+        half: (6, 12), workspace.
+    """
+    for i in range(6):
+        for j in range(STATES):
+            value = m[i, 0] * p[0, j]
+            for k in range(1, 6):
+                value += m[i, k] * p[k, j]
+            half[i, j] = value
+    for i in range(6):
+        for j in range(i + 1):
+            value = half[i, 0] * m[j, 0]
+            for k in range(1, 6):
+                value += half[i, k] * m[j, k]
+            p[i, j] = p[j, i] = value
+        for j in range(6, STATES):
+            p[i, j] = p[j, i] = half[i, j]
+
+
+@kernel
+def _couple_all(mask: Bools, coupling: Floats, covariance: Floats) -> None:
+    """`couple` for the craft of the mask: coupling (C, 6, 6), covariance (C, 12, 12)."""
+    half = np.empty((6, STATES))
+    for c in range(len(mask)):
+        if mask[c]:
+            couple(coupling[c], covariance[c], half)

@@ -13,26 +13,22 @@ many digits, and a quiet model forgets so little that they stay lost. There P is
 
     K = Z^T L^-T,   P <- (I - K H) P (I - K H)^T + K R K^T
 
-Rows of independent noise are taken in one after the other (`estimators.linear.absorb_row`), which is the same; where
-much of a variance goes, into the root of P (`estimators.linear.absorb_by_root`) in the place of the form of Joseph.
+Rows of independent noise are taken in one after the other (`estimators.linear.absorb_row`), which is the same.
 
 filterpy takes S^-1 and the Joseph form instead. In exact arithmetic they are the same; in ours they differ by the
 rounding of P, some 1e-13 of it (tested: every column of the telemetry to 1e-9).
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
-from estimators.arrays import Bools, Floats
+from estimators.arrays import Bools, Floats, Ints
 from estimators.filter.bank import FilterBank, Given, Independent, UpdateResult
-from estimators.filter.error_state import (
-    POSE,
-    POSE_COLUMNS,
-    RATE_COLUMNS,
-    STATES,
-    correct,
-)
-from estimators.kernel import kernel
-from estimators.linear import absorb_by_root, absorb_row, cholesky_into, square_of_root_into
+from estimators.filter.error_state import POSE, POSE_COLUMNS, STATES, correct
+from estimators.kernel import formula, kernel
+from estimators.lanes import LANES, any_of, lanes_in
+from estimators.linear import absorb_row, cholesky_into
 from estimators.pivot import ARMS, is_wide, shear, turn_about
 from estimators.rotation import exp_into, left_jacobian_into, multiply_into
 from estimators.state import State
@@ -79,6 +75,89 @@ def _advance_rows(p: Floats, turn: Floats, dt_jacobian: Floats, dt: float, out: 
 
 
 @kernel
+def step_into(angular_rate: Floats, dt: float, turn: Floats, dt_jacobian: Floats) -> None:
+    """Write E and D of F for a step of `dt` [s] at an angular rate (3,) [rad/s] into matrices (3, 3).
+
+    Args:
+        angular_rate: (3,) [rad/s].
+        dt: the step [s].
+        turn: (3, 3), receives E.
+        dt_jacobian: (3, 3), receives D.
+    """
+    vector = np.empty(3)
+    for i in range(3):
+        vector[i] = angular_rate[i] * dt
+    exp_into(vector, turn)
+    left_jacobian_into(vector, dt_jacobian)
+    for i in range(3):
+        for j in range(3):
+            dt_jacobian[i, j] *= dt
+
+
+@kernel
+def advance(
+    p: Floats,
+    turn: Floats,
+    dt_jacobian: Floats,
+    dt: float,
+    acceleration: float,
+    angular_acceleration: float,
+    fp: Floats,
+) -> None:
+    """Move a covariance P, of numbers or of lanes, on by one step, in place.
+
+    Args:
+        p: (12, 12).
+        turn: (3, 3), E.
+        dt_jacobian: (3, 3), D.
+        dt: the step [s].
+        acceleration: sigma [m/s^2] of the process noise, as in `process_noise_into`.
+        angular_acceleration: likewise [rad/s^2].
+        fp: (12, 12), workspace.
+    """
+    _advance_rows(p, turn, dt_jacobian, dt, fp)
+    for i in range(3):
+        e0, e1, e2 = turn[i, 0], turn[i, 1], turn[i, 2]
+        d0, d1, d2 = dt_jacobian[i, 0], dt_jacobian[i, 1], dt_jacobian[i, 2]
+        # Rows i, 3 + i, 6 + i, 9 + i of F (F P)^T, up to the diagonal.
+        for j in range(i + 1):
+            value = e0 * fp[j, 0] + e1 * fp[j, 1] + e2 * fp[j, 2] + (d0 * fp[j, 3] + d1 * fp[j, 4] + d2 * fp[j, 5])
+            p[i, j] = p[j, i] = value
+        for j in range(4 + i):
+            p[3 + i, j] = p[j, 3 + i] = fp[j, 3 + i]
+        for j in range(7 + i):
+            p[6 + i, j] = p[j, 6 + i] = fp[j, 6 + i] + dt * fp[j, 9 + i]
+        for j in range(10 + i):
+            p[9 + i, j] = p[j, 9 + i] = fp[j, 9 + i]
+    for first, sigma in ((0, angular_acceleration), (6, acceleration)):
+        place, both, rate = sigma * dt * dt / 2, sigma * sigma * dt * dt * dt / 2, sigma * dt
+        place, rate = place * place, rate * rate
+        for i in range(first, first + 3):
+            p[i, i] += place
+            p[i, i + 3] += both
+            p[i + 3, i] = p[i, i + 3]
+            p[i + 3, i + 3] += rate
+
+
+@kernel
+def move_on(state: State, c: int, turn: Floats, dt: float) -> None:
+    """Move the pose of craft c on by a step of `dt` [s] at constant rates; turn: (3, 3), E.
+
+    Args:
+        state: of C craft, changed in place.
+        c: the craft.
+        turn: (3, 3), E.
+        dt: the step [s].
+    """
+    turned = np.empty((3, 3))
+    multiply_into(turn, state.rotation[c], turned)
+    for i in range(3):
+        for j in range(3):
+            state.rotation[c, i, j] = turned[i, j]
+        state.position[c, i] += state.velocity[c, i] * dt
+
+
+@kernel
 def _predict_all(
     mask: Bools,
     step: Floats,
@@ -88,41 +167,12 @@ def _predict_all(
     covariance: Floats,
 ) -> None:
     """Move the craft of the mask on by step (C,) [s]; sigmas [m/s^2], [rad/s^2] as in `process_noise_into`."""
-    turn, jacobian, turned = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
-    vector = np.empty(3)
-    once, other_way, twice = np.empty((STATES, STATES)), np.empty((STATES, STATES)), np.empty((STATES, STATES))
+    turn, jacobian, fp = np.empty((3, 3)), np.empty((3, 3)), np.empty((STATES, STATES))
     for c in range(len(mask)):
-        if not mask[c]:
-            continue
-        dt, p = step[c], covariance[c]
-        for i in range(3):
-            vector[i] = state.angular_rate[c, i] * dt
-        exp_into(vector, turn)
-        left_jacobian_into(vector, jacobian)
-        for i in range(3):
-            for j in range(3):
-                jacobian[i, j] *= dt
-        _advance_rows(p, turn, jacobian, dt, once)
-        for i in range(STATES):
-            for j in range(STATES):
-                other_way[i, j] = once[j, i]
-        _advance_rows(other_way, turn, jacobian, dt, twice)
-        for i in range(STATES):
-            for j in range(i + 1):
-                p[i, j] = p[j, i] = twice[i, j]
-        for i in range(STATES):
-            sigma = angular_acceleration if i < 6 else acceleration
-            if i % 6 < 3:
-                p[i, i] += (sigma * dt * dt / 2) ** 2
-                p[i, i + 3] += sigma * sigma * dt * dt * dt / 2
-                p[i + 3, i] = p[i, i + 3]
-            else:
-                p[i, i] += (sigma * dt) ** 2
-        multiply_into(turn, state.rotation[c], turned)
-        for i in range(3):
-            for j in range(3):
-                state.rotation[c, i, j] = turned[i, j]
-            state.position[c, i] += state.velocity[c, i] * dt
+        if mask[c]:
+            step_into(state.angular_rate[c], step[c], turn, jacobian)
+            advance(covariance[c], turn, jacobian, step[c], acceleration, angular_acceleration, fp)
+            move_on(state, c, turn, step[c])
 
 
 @kernel
@@ -137,28 +187,81 @@ def _picked(h: Floats) -> int:
     return found
 
 
+class Work(NamedTuple):
+    """Places for what updates by up to m rows compute, of numbers or of lanes.
+
+    picked: (m,), columns of `pick`. y: (m,). g: (m, 12). s, lower: (m, m). rest, half: (12, 12). gain: (1, 12). scale:
+    (1,).
+    """
+
+    picked: Ints
+    y: Floats
+    g: Floats
+    s: Floats
+    lower: Floats
+    rest: Floats
+    half: Floats
+    gain: Floats
+    scale: Floats
+
+
+@kernel
+def work_for(most: int) -> Work:
+    """Return places for numbers of up to `most` rows."""
+    square = np.empty((2, most, most)), np.empty((2, STATES, STATES))
+    return Work(
+        np.empty(most, np.int64),
+        np.empty(most),
+        np.empty((most, STATES)),
+        square[0][0],
+        square[0][1],
+        square[1][0],
+        square[1][1],
+        np.empty((1, STATES)),
+        np.empty(1),
+    )
+
+
+@formula
+def lanes_work_for(most: int) -> Work:
+    """Return places for lanes of up to `most` rows."""
+    square, large = lanes_in(np.empty((2, most, most, LANES))), lanes_in(np.empty((2, STATES, STATES, LANES)))
+    return Work(
+        np.empty(most, np.int64),
+        lanes_in(np.empty((most, LANES))),
+        lanes_in(np.empty((most, STATES, LANES))),
+        square[0],
+        square[1],
+        large[0],
+        large[1],
+        lanes_in(np.empty((1, STATES, LANES))),
+        lanes_in(np.empty((1, LANES))),
+    )
+
+
 @kernel
 def _has_shrunk(before: Floats, after: Floats) -> bool:
-    """Return whether less than SHRUNK of a variance is left."""
-    shrunk = False
-    for i in range(STATES):
-        shrunk = shrunk or after[i, i] < SHRUNK * before[i, i]
-    return shrunk
+    """Return whether less than SHRUNK of a variance is left, of numbers or in any lane."""
+    shrunk = after[0, 0] < SHRUNK * before[0, 0]
+    for i in range(1, STATES):
+        shrunk = shrunk | (after[i, i] < SHRUNK * before[i, i])
+    return any_of(shrunk)
 
 
 @kernel
-def _joseph_into(p: Floats, gain: Floats, h: Floats, r: Floats, out: Floats) -> None:
+def _joseph_into(p: Floats, gain: Floats, h: Floats, r: Floats, n: int, work: Work, out: Floats) -> None:
     """Write (I - K H) P (I - K H)^T + K R K^T into `out` (12, 12).
 
     Args:
         p: (12, 12), P.
-        gain: (n, 12), K^T.
-        h: (n, 12), H.
-        r: (n, n), R.
+        gain: (m, 12), K^T.
+        h: (m, 12), H.
+        r: (m, m), R.
+        n: number of rows.
+        work: places.
         out: (12, 12).
     """
-    n = len(gain)
-    rest, half = np.empty((STATES, STATES)), np.empty((STATES, STATES))
+    rest, half = work.rest, work.half
     for i in range(STATES):
         for j in range(STATES):
             rest[i, j] = 1.0 if i == j else 0.0
@@ -166,13 +269,13 @@ def _joseph_into(p: Floats, gain: Floats, h: Floats, r: Floats, out: Floats) -> 
                 rest[i, j] -= gain[a, i] * h[a, j]
     for i in range(STATES):
         for j in range(STATES):
-            half[i, j] = 0.0
-            for k in range(STATES):
+            half[i, j] = rest[i, 0] * p[0, j]
+            for k in range(1, STATES):
                 half[i, j] += rest[i, k] * p[k, j]
     for i in range(STATES):
         for j in range(i + 1):
-            total = 0.0
-            for k in range(STATES):
+            total = half[i, 0] * rest[j, 0]
+            for k in range(1, STATES):
                 total += half[i, k] * rest[j, k]
             for a in range(n):
                 for d in range(n):
@@ -181,102 +284,167 @@ def _joseph_into(p: Floats, gain: Floats, h: Floats, r: Floats, out: Floats) -> 
 
 
 @kernel
-def _update_all(mask: Bools, given: Given, state: State, covariance: Floats, result: UpdateResult) -> int:
-    """Take in the rows of the craft of the mask; -1, or the first craft whose S is not positive definite.
+def pick(h: Floats, n: int, picked: Ints) -> None:
+    """Find the rows of H (m, 12), of which n are used, that have a single 1 in their pose columns.
+
+    Args:
+        h: (m, 12).
+        n: number of rows that are used.
+        picked: (m,), receives the column of the 1, or -1.
+    """
+    for a in range(n):
+        picked[a] = _picked(h[a])
+
+
+@kernel
+def absorb(
+    p: Floats, y: Floats, h: Floats, r: Floats, n: int, work: Work, x: Floats, left: Floats
+) -> tuple[bool, float, float]:
+    """Take n rows into an error estimate x of covariance P, of numbers or of lanes; return whether S is positive
+    definite, NIS, and the root of det S.
 
     Sums go by groups: pose columns, then angular rate, then velocity. A row that has a single 1 in its pose columns, as
     those of a solved pose have, H = [I B], picks it instead of summing: the fast path of poses.
+
+    Args:
+        p: (12, 12), P, as it was.
+        y: (m,), innovations of x = 0.
+        h: (m, 12), H.
+        r: (m, m), R.
+        n: number of rows that are used.
+        work: places; `picked` of these rows is known (`pick`).
+        x: (12,), corrected in place.
+        left: (12, 12), receives the covariance that is left.
     """
+    z, g, s, lower, picked = work.y, work.g, work.s, work.lower, work.picked
+    for a in range(n):
+        z[a] = y[a] - h[a, 0] * x[0]
+        for i in range(1, STATES):
+            z[a] -= h[a, i] * x[i]
+        b0, b1, b2, b3, b4, b5 = h[a, 3], h[a, 4], h[a, 5], h[a, 9], h[a, 10], h[a, 11]
+        for i in range(STATES):
+            if picked[a] >= 0:
+                value = p[picked[a], i]
+            else:
+                value = h[a, 0] * p[0, i] + h[a, 1] * p[1, i] + h[a, 2] * p[2, i]
+                value += h[a, 6] * p[6, i] + h[a, 7] * p[7, i] + h[a, 8] * p[8, i]
+            g[a, i] = (
+                value + (b0 * p[3, i] + b1 * p[4, i] + b2 * p[5, i]) + (b3 * p[9, i] + b4 * p[10, i] + b5 * p[11, i])
+            )
+    for a in range(n):
+        for d in range(a + 1):
+            if picked[d] >= 0:
+                value = g[a, picked[d]]
+            else:
+                value = g[a, 0] * h[d, 0] + g[a, 1] * h[d, 1] + g[a, 2] * h[d, 2]
+                value += g[a, 6] * h[d, 6] + g[a, 7] * h[d, 7] + g[a, 8] * h[d, 8]
+            value += r[a, d]
+            value += g[a, 3] * h[d, 3] + g[a, 4] * h[d, 4] + g[a, 5] * h[d, 5]
+            value += g[a, 9] * h[d, 9] + g[a, 10] * h[d, 10] + g[a, 11] * h[d, 11]
+            s[a, d] = value
+    regular = cholesky_into(s[:n, :n], lower[:n, :n])
+
+    # Z and z by forward substitution, in the places of G and y.
+    squared, volume = z[0] * 0.0, z[0] * 0.0 + 1.0
+    for a in range(n):
+        for k in range(a):
+            factor = lower[a, k]
+            z[a] -= factor * z[k]
+            for i in range(STATES):
+                g[a, i] -= factor * g[k, i]
+        pivot = 1 / lower[a, a]
+        z[a] *= pivot
+        for i in range(STATES):
+            g[a, i] *= pivot
+        squared += z[a] * z[a]
+        volume *= lower[a, a]
+
+    for i in range(STATES):
+        value = x[i]
+        for a in range(n):
+            value += g[a, i] * z[a]
+        x[i] = value
+        for j in range(i + 1):
+            value = p[i, j]
+            for a in range(n):
+                value -= g[a, i] * g[a, j]
+            left[i, j] = left[j, i] = value
+    if _has_shrunk(p, left):
+        for a in range(n - 1, -1, -1):  # K^T = L^-T Z
+            for k in range(a + 1, n):
+                factor = lower[k, a]
+                for i in range(STATES):
+                    g[a, i] -= factor * g[k, i]
+            for i in range(STATES):
+                g[a, i] /= lower[a, a]
+        _joseph_into(p, g, h, r, n, work, left)
+    return regular, squared, volume
+
+
+@kernel
+def absorb_independent(
+    p: Floats, y: Floats, h: Floats, variance: Floats, n: int, work: Work, x: Floats, left: Floats
+) -> tuple[float, float]:
+    """Take n rows of independent noise into an error estimate x of covariance P, of numbers or of lanes; return NIS,
+    and the root of det S.
+
+    Args:
+        p: (12, 12), P, as it was; spoilt where `left` becomes far smaller.
+        y: (m,), innovations of x = 0.
+        h: (m, 12), H.
+        variance: (m,), of the rows.
+        n: number of rows that are used.
+        work: places.
+        x: (12,), corrected in place.
+        left: (12, 12), receives the covariance that is left.
+    """
+    gain, scale, noise = work.gain, work.scale, np.empty((1, 1))
+    squared, volume = x[0] * 0.0, x[0] * 0.0 + 1.0
+    for i in range(STATES):
+        for j in range(STATES):
+            left[i, j] = p[i, j]
+    for a in range(n):
+        squared += absorb_row(left, x, h[a], y[a], variance[a], gain[0], scale)
+        volume *= np.sqrt(scale[0])
+    if _has_shrunk(p, left):
+        for a in range(n):
+            s = p[0, 0] * 0.0 + variance[a]
+            for i in range(STATES):
+                value = p[i, 0] * h[a, 0]
+                for j in range(1, STATES):
+                    value += p[i, j] * h[a, j]
+                gain[0, i] = value
+                s += h[a, i] * value
+            for i in range(STATES):
+                gain[0, i] /= s
+            noise[0, 0] = variance[a]
+            _joseph_into(p, gain, h[a : a + 1], noise, 1, work, left)
+            for i in range(STATES):
+                for j in range(STATES):
+                    p[i, j] = left[i, j]
+    return squared, volume
+
+
+@kernel
+def _update_all(mask: Bools, given: Given, state: State, covariance: Floats, result: UpdateResult) -> int:
+    """Take in the rows of the craft of the mask; -1, or the first craft whose S is not positive definite."""
     accepted, nis, log_determinant = result
-    most = given.y.shape[1]
-    y, g = np.empty(most), np.empty((most, STATES))
-    s, lower = np.empty((most, most)), np.zeros((most, most))
-    left = np.empty((STATES, STATES))
-    x, total, picked = np.empty(STATES), np.empty(STATES), np.empty(most, np.int64)
+    work = work_for(given.y.shape[1])
+    x, left = np.empty(STATES), np.empty((STATES, STATES))
     for c in range(len(mask)):
         if not mask[c]:
             continue
-        p, h, n = covariance[c], given.h[c], given.rows[c]
-        for a in range(n):
-            y[a] = given.y[c, a]
-            picked[a] = _picked(h[a])
-            if picked[a] >= 0:
-                g[a] = p[picked[a]]
-            else:
-                g[a] = 0.0
-                for k in range(POSE):
-                    row = p[POSE_COLUMNS[k]]
-                    for i in range(STATES):
-                        g[a, i] += h[a, POSE_COLUMNS[k]] * row[i]
-            b0, b1, b2, b3, b4, b5 = h[a, 3], h[a, 4], h[a, 5], h[a, 9], h[a, 10], h[a, 11]
-            for i in range(STATES):
-                g[a, i] = (
-                    g[a, i]
-                    + (b0 * p[3, i] + b1 * p[4, i] + b2 * p[5, i])
-                    + (b3 * p[9, i] + b4 * p[10, i] + b5 * p[11, i])
-                )
-        for a in range(n):
-            for d in range(a + 1):
-                if picked[d] >= 0:
-                    value = g[a, picked[d]]
-                else:
-                    value = 0.0
-                    for k in range(POSE):
-                        value += g[a, POSE_COLUMNS[k]] * h[d, POSE_COLUMNS[k]]
-                value += given.r[c, a, d]
-                for k in range(POSE):
-                    value += g[a, RATE_COLUMNS[k]] * h[d, RATE_COLUMNS[k]]
-                s[a, d] = value
-        if not cholesky_into(s[:n, :n], lower[:n, :n]):
+        n = given.rows[c]
+        x[:] = 0.0
+        pick(given.h[c], n, work.picked)
+        regular, nis[c], volume = absorb(covariance[c], given.y[c], given.h[c], given.r[c], n, work, x, left)
+        if not regular:
             return c
-
-        # Z and z by forward substitution, in the places of G and y.
-        for a in range(n):
-            for k in range(a):
-                factor = lower[a, k]
-                y[a] -= factor * y[k]
-                for i in range(STATES):
-                    g[a, i] -= factor * g[k, i]
-            pivot = 1 / lower[a, a]
-            y[a] *= pivot
-            for i in range(STATES):
-                g[a, i] *= pivot
-        squared = 0.0
-        for a in range(n):
-            squared += y[a] * y[a]
-        nis[c], log_determinant[c] = squared, 0.0
-        for a in range(n):
-            log_determinant[c] += 2 * np.log(lower[a, a])
-        accepted[c] = squared <= given.gate[n]
-        if not accepted[c]:
-            continue
-
-        for i in range(STATES):
-            value = 0.0
-            for a in range(n):
-                value += g[a, i] * y[a]
-            x[i] = value
-            total[:] = 0.0
-            for a in range(0, n - 2, 3):
-                u, v, w = g[a, i], g[a + 1, i], g[a + 2, i]
-                for j in range(STATES):
-                    total[j] += u * g[a, j] + v * g[a + 1, j] + w * g[a + 2, j]
-            for a in range(n - n % 3, n):
-                for j in range(STATES):
-                    total[j] += g[a, i] * g[a, j]
-            for j in range(STATES):
-                left[i, j] = p[i, j] - total[j]
-        if _has_shrunk(p, left):
-            for a in range(n - 1, -1, -1):  # K^T = L^-T Z
-                for k in range(a + 1, n):
-                    factor = lower[k, a]
-                    for i in range(STATES):
-                        g[a, i] -= factor * g[k, i]
-                for i in range(STATES):
-                    g[a, i] /= lower[a, a]
-            _joseph_into(p, g[:n], h[:n], given.r[c, :n, :n], left)
-        p[:] = left
-        correct(state.rotation[c], state.angular_rate[c], state.position[c], state.velocity[c], x)
+        log_determinant[c] = 2 * np.log(volume)
+        accepted[c] = nis[c] <= given.gate[n]
+        if accepted[c]:
+            covariance[c] = left
+            correct(state.rotation[c], state.angular_rate[c], state.position[c], state.velocity[c], x)
     return -1
 
 
@@ -284,30 +452,18 @@ def _update_all(mask: Bools, given: Given, state: State, covariance: Floats, res
 def _update_one_by_one(mask: Bools, given: Independent, state: State, covariance: Floats, result: UpdateResult) -> None:
     """Take in the rows of the craft of the mask, one after the other."""
     accepted, nis, log_determinant = result
-    p, x, gain = np.empty((STATES, STATES)), np.empty(STATES), np.empty(STATES)
-    left, root, work = np.empty((STATES, STATES)), np.empty((STATES, STATES)), np.empty((2, STATES))
-    arms, scale = np.empty(ARMS), np.empty(1)
+    work = work_for(given.y.shape[1])
+    p, left, x, arms = np.empty((STATES, STATES)), np.empty((STATES, STATES)), np.empty(STATES), np.empty(ARMS)
     for c in range(len(mask)):
         if not mask[c]:
             continue
-        p[:] = covariance[c]
-        x[:] = 0.0
-        squared, spread, n = 0.0, 0.0, given.rows[c]
-        for a in range(n):
-            squared += absorb_row(p, x, given.h[c, a], given.y[c, a], given.variance[c, a], gain, scale)
-            spread += np.log(scale[0])
-        nis[c], log_determinant[c] = squared, spread
-        accepted[c] = squared <= given.gate[n]
+        x[:], p[:] = 0.0, covariance[c]
+        rows = given.y[c], given.h[c], given.variance[c]
+        nis[c], volume = absorb_independent(p, *rows, given.rows[c], work, x, left)
+        log_determinant[c] = 2 * np.log(volume)
+        accepted[c] = nis[c] <= given.gate[given.freedoms[c]]
         if not accepted[c]:
             continue
-
-        if _has_shrunk(covariance[c], p) and cholesky_into(covariance[c], left):
-            for i in range(STATES):
-                for j in range(STATES):
-                    root[i, j] = left[j, i]
-            for a in range(n):
-                absorb_by_root(root, given.h[c, a], given.variance[c, a], work)
-            square_of_root_into(root, p)
         turn_about(
             state.rotation[c],
             state.angular_rate[c],
@@ -317,6 +473,6 @@ def _update_one_by_one(mask: Bools, given: Independent, state: State, covariance
             given.pivot[c],
             arms,
         )
-        if is_wide(p):
-            shear(p, arms)
-        covariance[c] = p
+        if is_wide(left):
+            shear(left, arms)
+        covariance[c] = left

@@ -33,7 +33,7 @@ class PoseFilterBank(FilterBank):
     def _begin(self, mask: Bools) -> None:
         for i in np.flatnonzero(mask).tolist():
             if i not in self._filter:
-                self._filter[i] = ExtendedKalmanFilter(STATES, POSE)
+                self._filter[i] = error_filter()
             f = self._filter[i]
             f.P = self._covariance[i].copy()
 
@@ -51,7 +51,8 @@ class PoseFilterBank(FilterBank):
         for i in np.flatnonzero(mask).tolist():
             n = given.rows[i]
             noise = np.diag(given.variance[i, :n]) if isinstance(given, Independent) else given.r[i, :n, :n]
-            x = self._take(i, given.y[i, :n], given.h[i, :n], noise, given.gate[n], result)
+            free = given.freedoms[i] if isinstance(given, Independent) else n
+            x = self._take(i, given.y[i, :n], given.h[i, :n], noise, given.gate[free], result)
             if x is None:
                 return i
             if not result.accepted[i]:
@@ -81,19 +82,38 @@ class PoseFilterBank(FilterBank):
             result: receives the fate.
         """
         f = self._filter[i]
-        accepted, nis, log_determinant = result
         x_prior, p_prior = f.x, f.P
-        try:
-            # y is a column, as Hx is: filterpy would broadcast a 1-D measurement into a matrix.
-            f.update(y[:, None], _matrix, _predicted, R=r, args=(h,), hx_args=(h,))
-            nis[i], log_determinant[i] = f.mahalanobis**2, np.linalg.slogdet(f.S)[1]
-        except ValueError:  # a singular S, or the root of a negative number
-            f.x, f.P = x_prior, p_prior
+        if (fate := taken_by(f, y, h, r)) is None:
             return None
-        accepted[i] = nis[i] <= gate
-        if not accepted[i]:
+        result.nis[i], result.log_determinant[i] = fate
+        result.accepted[i] = result.nis[i] <= gate
+        if not result.accepted[i]:
             f.x, f.P = x_prior, p_prior
         return f.x  # type: ignore[no-any-return]
+
+
+def error_filter() -> ExtendedKalmanFilter:
+    """Return one filter of the error state."""
+    return ExtendedKalmanFilter(STATES, POSE)
+
+
+def taken_by(f: ExtendedKalmanFilter, y: Floats, h: Floats, r: Floats) -> tuple[float, float] | None:
+    """Update a filter with rows, and return NIS and log det S; None, and nothing is changed, where S is not positive.
+
+    Args:
+        f: the filter, with its error estimate x and covariance P.
+        y: (n,), measurements of H x.
+        h: (n, 12), H.
+        r: (n, n), covariance of the noise.
+    """
+    x_prior, p_prior = f.x, f.P
+    try:
+        # y is a column, as Hx is: filterpy would broadcast a 1-D measurement into a matrix.
+        f.update(y[:, None], _matrix, _predicted, R=r, args=(h,), hx_args=(h,))
+        return f.mahalanobis**2, np.linalg.slogdet(f.S)[1]
+    except ValueError:  # a singular S, or the root of a negative number
+        f.x, f.P = x_prior, p_prior
+        return None
 
 
 def _matrix(x: Floats, h: Floats) -> Floats:

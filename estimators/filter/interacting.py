@@ -1,72 +1,142 @@
-"""Two models of motion side by side, quiet and manoeuvring: the interacting multiple model filter.
+"""Several models of motion side by side, from manoeuvring to quiet: the interacting multiple model filter.
 
-Both models are the same filter with process noise of its own. A craft stays in model i for a mean time of t_i, so that
-over dt it changes with the probability p_ij = dt / t_i. With the models' probabilities m_i, per prediction
+The models differ in their process noise, in a geometric series, the first one's the largest. All of a craft's models
+share one state, about which everything is linear, and the transition F: model j is a Gaussian of the error state, with
+the mean x_j, the covariance P_j and the probability m_j. A craft changes from model i to model j with the probability
+p_ij = dt r_ij, to the next ones only. Per prediction
 
-    c_j = sum_i p_ij m_i,   m_i|j = p_ij m_i / c_j                                   mixing: model j starts from
-    x_j <- mean of the x_i weighted by m_i|j,   P_j likewise, with the spread of the means
+    c_j = sum_i p_ij m_i,   w_ij = p_ij m_i / c_j                                    mixing: model j starts from
+    x_j <- sum_i w_ij x_i,  P_j <- sum_i w_ij (P_i + x_i x_i^T) - x_j x_j^T
+    x_j <- F x_j,           P_j <- F P_j F^T + Q_j
 
-and after an update with the innovations' likelihoods N(y_j; 0, S_j)
+and after an update with the innovations' likelihoods N(y - H x_j; 0, S_j)
 
     m_j <- c_j N_j / sum_i c_i N_i,   N_j = exp(-NIS_j / 2) / sqrt(det S_j)
+    x = sum_j m_j x_j,   P = sum_j m_j (P_j + x_j x_j^T) - x x^T                     the estimate
 
-The estimate is the mean and the covariance of the mixture (H. Blom, Y. Bar-Shalom, IEEE Trans. Automatic Control 33,
-1988). Means are taken in the error state at the manoeuvring model's state. Innovations come in for the mixture's mean
-x; a model's own is y_j = y - H (x_j - x). A measurement is let in if either model's gate does; a model that refuses it
-keeps its state, and starts from the other one's at the next mixing.
+after which x goes into the state and off the x_j, whose mean is therefore always zero (H. Blom, Y. Bar-Shalom, IEEE
+Trans. Automatic Control 33, 1988). A measurement is let in if the gate of any model does.
+
+The models are a grid, and their probabilities the likelihood of the noise that a craft's motion has: a filter that
+allows for more noise than there is lags behind its own precision, and its errors are smaller than it says, down to 3/4
+of their squares. Of this grid a craft runs a window of `LANES` models only. Where the likeliest is at an end of it, the
+window moves by one model, which begins as a copy of the likeliest; the one at the other end is given up.
 
 Models are mixed after updates with `DECIDING` rows or more only. In the dark, or by one or two photodiodes, nothing
-tells the models apart: there mixing would make a quiet craft a manoeuvring one within t_i, and its prediction useless.
+tells the models apart: there mixing would make a quiet craft a manoeuvring one in time, and its prediction useless.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
-from estimators.filter.bank import FilterBank, Given, Independent, UpdateResult
-from estimators.filter.error_state import correct, difference_into
+from estimators.filter.bank import FilterBank, couple
 from estimators.kernel import kernel
-from estimators.state import STATES, State
+from estimators.lanes import LANES, lane, lanes_in, pack
+from estimators.pivot import is_wide, shear, shear_into
+from estimators.state import STATES
+
+DECIDING = 6
+"""Rows of an update after which models are mixed: those of a pose, or of three photodiodes."""
+MIXED_S = 0.095
+"""Time after which models are mixed again [s]: short against that in which craft change from one to another."""
+LEAST = 1e-6
+"""Least probability of a model: so much evidence is forgotten."""
+LARGEST_LOSS = 50.0
+"""Largest logarithm of a ratio of likelihoods that counts."""
+
+
+class Grid(NamedTuple):
+    """The models of motion, the liveliest first.
+
+    acceleration, angular_acceleration: process noise, (N,) [m/s^2], [rad/s^2]. quieter, livelier: rates at which a
+    craft changes to the next model [1/s].
+    """
+
+    acceleration: Floats
+    angular_acceleration: Floats
+    quieter: float
+    livelier: float
+
+
+class Mixtures(NamedTuple):
+    """The models that C craft run, in L = LANES lanes: model m is in lane m mod L.
+
+    window: (C,), the liveliest model that is run. models: (C,), number of models that the craft has; a lane of none has
+    the probability zero. probability: (C, L). mean: (C, 12, L), x_j. covariance: (C, 12, 12, L), P_j. told: (C,),
+    whether the last update told the models apart. since_s: (C,), time since the models were mixed, as far as updates
+    told them apart [s].
+    """
+
+    window: Ints
+    models: Ints
+    probability: Floats
+    mean: Floats
+    covariance: Floats
+    told: Bools
+    since_s: Floats
 
 
 class InteractingBank(FilterBank):
-    """C craft, each with a quiet and a manoeuvring filter.
-
-    quiet_probability: probability of the quiet model, (C,).
-    """
+    """C craft, each with several models of motion; what predicts and updates each model is left to its children."""
 
     def __init__(
         self,
-        quiet: FilterBank,
-        manoeuvring: FilterBank,
+        noises: list[tuple[float, float]],
         quiet_s: float,
         manoeuvre_s: float,
-        may_be_quiet: Bools | None = None,
+        models: Ints,
+        gate_probability: float = 0.99999,
     ) -> None:
-        """Interact two banks of the same craft.
+        """Begin without a state.
 
         Args:
-            quiet: bank with the process noise of a craft that flies freely.
-            manoeuvring: bank with that of a craft that is pushed.
-            quiet_s: mean time that a craft stays quiet [s].
-            manoeuvre_s: mean time that it manoeuvres [s].
-            may_be_quiet: (C,), craft that have the quiet model; the others' numbers are those of the manoeuvring bank
-                alone; None: all.
+            noises: process noise [m/s^2], [rad/s^2] of the N models, the largest first.
+            quiet_s: mean time after which a craft begins to move more [s].
+            manoeuvre_s: mean time after which it begins to move less [s].
+            models: (C,), number of models of each craft, the first of the N.
+            gate_probability: of any `FilterBank`.
         """
+        linear, angular = (np.array(part) for part in zip(*noises, strict=True))
         super().__init__(
-            len(quiet.active),
-            acceleration_noise_m_s2=manoeuvring.acceleration_noise_m_s2,
-            angular_acceleration_noise_rad_s2=manoeuvring.angular_acceleration_noise_rad_s2,
-            gate_probability=manoeuvring.gate_probability,
+            len(models),
+            acceleration_noise_m_s2=linear[0],
+            angular_acceleration_noise_rad_s2=angular[0],
+            gate_probability=gate_probability,
         )
-        self._models = quiet, manoeuvring
-        self._leave = 1 / quiet_s, 1 / manoeuvre_s
-        self._both = np.ones(len(self._active), dtype=np.bool_) if may_be_quiet is None else may_be_quiet.copy()
-        self._first = np.where(self._both, quiet_s / (quiet_s + manoeuvre_s), 0.0)
-        self.quiet_probability = self._first.copy()
-        self._told = np.zeros(len(self._active), dtype=np.bool_)
+        craft = len(models)
+        self.grid = Grid(linear, angular, 1 / manoeuvre_s, 1 / quiet_s)
+        self._mixtures = Mixtures(
+            window=np.zeros(craft, dtype=np.int64),
+            models=np.ascontiguousarray(models, dtype=np.int64),
+            probability=np.zeros((craft, LANES)),
+            mean=np.zeros((craft, STATES, LANES)),
+            covariance=np.zeros((craft, STATES, STATES, LANES)),
+            told=np.zeros(craft, dtype=np.bool_),
+            since_s=np.zeros(craft),
+        )
 
-    def add_motion(self, mask: Bools, turn: Floats, rate: Floats, shift: Floats, velocity: Floats) -> None:
-        """Add known motion to the models.
+    @property
+    def probability(self) -> Floats:
+        """The probabilities of the models, (C, N); zero of those that are not run."""
+        mixtures = self._mixtures
+        craft = np.arange(len(mixtures.window))
+        out = np.zeros((len(craft), max(len(self.grid.acceleration), LANES)))
+        for at in range(LANES):
+            out[craft, mixtures.window + (at - mixtures.window) % LANES] = mixtures.probability[:, at]
+        return out[:, : len(self.grid.acceleration)]
+
+    def add_motion(
+        self,
+        mask: Bools,
+        turn: Floats,
+        rate: Floats,
+        shift: Floats,
+        velocity: Floats,
+        coupling: Floats | None = None,
+    ) -> None:
+        """Add known motion to the state of all models.
 
         Args:
             mask: (C,), the craft concerned.
@@ -74,177 +144,276 @@ class InteractingBank(FilterBank):
             rate: (C, 3) [rad/s].
             shift: (C, 3) [m].
             velocity: (C, 3) [m/s].
+            coupling: (C, 6, 6), what the motion makes of an error of attitude and angular rate; None: nothing else.
         """
-        super().add_motion(mask, turn, rate, shift, velocity)
-        for bank, own in self._by_model(mask):
-            bank.add_motion(own, turn, rate, shift, velocity)
-
-    def stop(self, mask: Bools) -> None:
-        """Forget the state of these craft."""
-        super().stop(mask)
-        for bank in self._models:
-            bank.stop(mask)
+        super().add_motion(mask, turn, rate, shift, velocity, coupling)
+        if coupling is not None:
+            _couple_models(mask, np.ascontiguousarray(coupling), self._mixtures)
 
     def _begin(self, mask: Bools) -> None:
-        self.quiet_probability[mask] = self._first[mask]
-        self._told[mask] = False
-        # Craft without the quiet model have one that stands still: a mixture takes nothing of it, if it is finite.
-        for bank in self._models:
-            bank.adopt(mask, self._state, self._covariance)
+        _begin_all(mask, self._covariance, self._mixtures)
 
-    def _predict(self, mask: Bools, step: Floats) -> None:
-        told = mask & self._told
-        if told.any():
-            _mix_all(told, step, self._leave, self.quiet_probability, *self._arrays())
-            for bank in self._models:
-                bank._begin(told)
-        self._told[mask] = False
-        for bank, own in self._by_model(mask):
-            bank.predict(step, own)
-        self._combine(mask)
-
-    def _update(self, mask: Bools, given: Given | Independent, result: UpdateResult) -> int:
-        fates = []
-        for bank, own in self._by_model(mask):
-            fate, y = self._nothing(), given.y.copy()
-            _shift_all(own, self._state, bank._state, given.h, y)
-            if (indefinite := bank._update(own, given._replace(y=y), fate)) >= 0:
-                return indefinite
-            fates.append(fate)
-        self._weigh(mask, fates[0], fates[1], given.rows, result)
-        return -1
-
-    def _weigh(
-        self, mask: Bools, quiet: UpdateResult, manoeuvring: UpdateResult, rows: Ints, result: UpdateResult
-    ) -> None:
-        """Update the models' probabilities by their likelihoods, and combine them.
-
-        Args:
-            mask: (C,), the craft concerned.
-            quiet: fates of the rows in the quiet model; nothing of craft without it.
-            manoeuvring: likewise in the manoeuvring one.
-            rows: (C,), number of rows.
-            result: receives the fates.
-        """
-        either = mask & (quiet.accepted | manoeuvring.accepted)
-        both = either & self._both
-        with np.errstate(over="ignore", invalid="ignore"):
-            ahead = (manoeuvring.nis + manoeuvring.log_determinant - quiet.nis - quiet.log_determinant) / 2
-            odds = self.quiet_probability / (1 - self.quiet_probability) * np.exp(np.clip(ahead, -50, 50))
-        probability = odds / (1 + odds)
-        self.quiet_probability[both] = np.clip(probability, LEAST, 1 - LEAST)[both]
-        result.accepted[either] = True
-        self._told |= both & (rows >= DECIDING)
-        m = self.quiet_probability
-        for name in ("nis", "log_determinant"):
-            one, other = getattr(quiet, name), getattr(manoeuvring, name)
-            getattr(result, name)[mask] = np.where(both, m * one + (1 - m) * other, other)[mask]
-        self._combine(either)
-
-    def _by_model(self, mask: Bools) -> tuple[tuple[FilterBank, Bools], tuple[FilterBank, Bools]]:
-        """Return both banks, each with the craft of the mask (C,) that have its model."""
-        quiet, manoeuvring = self._models
-        return (quiet, mask & self._both), (manoeuvring, mask)
-
-    def _arrays(self) -> tuple[State, State, Floats, Floats]:
-        """Return the states of both banks, then their covariances."""
-        quiet, manoeuvring = self._models
-        return quiet._state, manoeuvring._state, quiet._covariance, manoeuvring._covariance
-
-    def _combine(self, mask: Bools) -> None:
-        _combine_all(mask, self.quiet_probability, *self._arrays(), self._state, self._covariance)
-
-
-DECIDING = 6
-"""Rows of an update after which models are mixed: those of a pose, or of three photodiodes."""
-LEAST = 1e-6
-"""Least probability of a model: so much evidence is forgotten."""
+    def _changed(self, mask: Bools) -> None:
+        # The covariance is that of the mixture: nothing rests on it.
+        return
 
 
 @kernel
-def _move(state: State, c: int, x: Floats, out: State) -> None:
-    """Write craft c of `state`, moved by the error x (12,), into `out`, which may be `state`; x becomes zero."""
-    out.rotation[c] = state.rotation[c]
-    out.angular_rate[c] = state.angular_rate[c]
-    out.position[c], out.velocity[c] = state.position[c], state.velocity[c]
-    correct(out.rotation[c], out.angular_rate[c], out.position[c], out.velocity[c], x)
+def model_in(at: int, window: int) -> int:
+    """Return the model in a lane of a craft whose liveliest model is `window`."""
+    model: int = window + (at - window) % LANES
+    return model
 
 
 @kernel
-def _blend(weight: float, apart: Floats, p: Floats, other: Floats, out: Floats) -> None:
-    """Write the covariance of two models, weights `weight` and the rest, whose means are `apart` (12,), into `out`."""
-    spread = weight * (1 - weight)
-    for i in range(STATES):
-        for j in range(STATES):
-            out[i, j] = weight * p[i, j] + (1 - weight) * other[i, j] + spread * apart[i] * apart[j]
+def runs(at: int, c: int, mixtures: Mixtures) -> bool:
+    """Return whether craft c has the model of a lane.
+
+    Args:
+        at: the lane.
+        c: the craft.
+        mixtures: models of all craft.
+    """
+    found: bool = model_in(at, mixtures.window[c]) < mixtures.models[c]
+    return found
 
 
 @kernel
-def _mix_all(
-    mask: Bools,
-    step: Floats,
-    leave: tuple[float, float],
-    probability: Floats,
-    quiet: State,
-    manoeuvring: State,
-    quiet_p: Floats,
-    manoeuvring_p: Floats,
-) -> None:
-    """Mix the models of the craft of the mask in place, and move their probabilities on by step (C,) [s]."""
-    apart, moved = np.empty(STATES), np.empty(STATES)
-    first, second = np.empty((STATES, STATES)), np.empty((STATES, STATES))
+def _begin_all(mask: Bools, covariance: Floats, mixtures: Mixtures) -> None:
+    """Let the craft of the mask begin with their liveliest models, all alike."""
     for c in range(len(mask)):
         if not mask[c]:
             continue
-        goes, comes = min(step[c] * leave[0], 0.5), min(step[c] * leave[1], 0.5)
-        m = probability[c]
-        stays = (1 - goes) * m
-        next_m = stays + comes * (1 - m)
-        in_quiet, in_manoeuvring = stays / next_m, goes * m / (1 - next_m)
-        probability[c] = next_m
-        difference_into(quiet, manoeuvring, c, apart)
-        _blend(in_quiet, apart, quiet_p[c], manoeuvring_p[c], first)
-        _blend(in_manoeuvring, apart, quiet_p[c], manoeuvring_p[c], second)
-        quiet_p[c], manoeuvring_p[c] = first, second
-        for i in range(STATES):
-            moved[i] = in_quiet * apart[i]
-        _move(manoeuvring, c, moved, quiet)
-        for i in range(STATES):
-            moved[i] = in_manoeuvring * apart[i]
-        _move(manoeuvring, c, moved, manoeuvring)
+        mixtures.window[c], mixtures.told[c], mixtures.since_s[c] = 0, False, 0.0
+        several = min(LANES, mixtures.models[c])
+        for at in range(LANES):
+            mixtures.probability[c, at] = 1 / several if at < several else 0.0
+            for a in range(STATES):
+                mixtures.mean[c, a, at] = 0.0
+                for b in range(STATES):
+                    mixtures.covariance[c, a, b, at] = covariance[c, a, b]
 
 
 @kernel
-def _combine_all(
-    mask: Bools,
-    probability: Floats,
-    quiet: State,
-    manoeuvring: State,
-    quiet_p: Floats,
-    manoeuvring_p: Floats,
-    out: State,
-    covariance: Floats,
-) -> None:
-    """Write the mean and the covariance of the mixtures of the craft of the mask."""
-    apart, moved = np.empty(STATES), np.empty(STATES)
+def _couple_models(mask: Bools, coupling: Floats, mixtures: Mixtures) -> None:
+    """Multiply the errors of attitude and angular rate in every model by matrices (C, 6, 6)."""
+    means, covariances = lanes_in(mixtures.mean), lanes_in(mixtures.covariance)
+    moved, half = lanes_in(np.empty((6, LANES))), lanes_in(np.empty((6, STATES, LANES)))
     for c in range(len(mask)):
         if not mask[c]:
             continue
-        difference_into(quiet, manoeuvring, c, apart)
-        _blend(probability[c], apart, quiet_p[c], manoeuvring_p[c], covariance[c])
-        for i in range(STATES):
-            moved[i] = probability[c] * apart[i]
-        _move(manoeuvring, c, moved, out)
+        for i in range(6):
+            value = coupling[c, i, 0] * means[c, 0]
+            for k in range(1, 6):
+                value += coupling[c, i, k] * means[c, k]
+            moved[i] = value
+        for i in range(6):
+            means[c, i] = moved[i]
+        couple(coupling[c], covariances[c], half)
 
 
 @kernel
-def _shift_all(mask: Bools, mean: State, own: State, h: Floats, y: Floats) -> None:
-    """Take H times the difference of a model's state from the mixture's mean off the innovations y (C, m)."""
-    apart = np.empty(STATES)
-    for c in range(len(mask)):
-        if not mask[c]:
-            continue
-        difference_into(own, mean, c, apart)
-        for a in range(y.shape[1]):
+def mix_if_due(c: int, dt: float, grid: Grid, mixtures: Mixtures) -> None:
+    """Mix the models of craft c before a step of `dt` [s], if the last update told them apart and it is time.
+
+    Args:
+        c: the craft.
+        dt: the step [s].
+        grid: the models.
+        mixtures: models of all craft, changed in place.
+    """
+    if mixtures.told[c]:
+        mixtures.told[c] = False
+        mixtures.since_s[c] += dt
+        if mixtures.since_s[c] >= MIXED_S:
+            _mix(c, mixtures.since_s[c], grid, mixtures)
+            mixtures.since_s[c] = 0.0
+
+
+@kernel
+def _mix(c: int, dt: float, grid: Grid, mixtures: Mixtures) -> None:
+    """Mix the models of craft c, and move their probabilities on by `dt` [s]."""
+    weight = np.zeros((LANES, LANES))
+    up, down = min(dt * grid.livelier, 0.25), min(dt * grid.quieter, 0.25)
+    window, end = mixtures.window[c], min(mixtures.window[c] + LANES, mixtures.models[c])
+    own, mean, covariance = mixtures.probability[c], mixtures.mean[c].copy(), mixtures.covariance[c]
+    for model in range(window, end):
+        i, stays = model % LANES, 1.0
+        if model > window:
+            weight[(model - 1) % LANES, i] = up * own[i]
+            stays -= up
+        if model + 1 < end:
+            weight[(model + 1) % LANES, i] = down * own[i]
+            stays -= down
+        weight[i, i] = stays * own[i]
+    for j in range(LANES):
+        total = 0.0
+        for i in range(LANES):
+            total += weight[j, i]
+        own[j] = total
+        if total > 0.0:
+            for i in range(LANES):
+                weight[j, i] /= total
+        else:  # a lane of no model stays as it is
+            weight[j, j] = 1.0
+    moment, x, y = np.empty(LANES), np.empty(LANES), np.empty(LANES)
+    for a in range(STATES):
+        for b in range(a + 1):
+            for i in range(LANES):
+                moment[i] = covariance[a, b, i] + mean[a, i] * mean[b, i]
+            for j in range(LANES):
+                total, x[j], y[j] = 0.0, 0.0, 0.0
+                for i in range(LANES):
+                    total += weight[j, i] * moment[i]
+                    x[j] += weight[j, i] * mean[a, i]
+                    y[j] += weight[j, i] * mean[b, i]
+                covariance[a, b, j] = covariance[b, a, j] = total - x[j] * y[j]
+        for j in range(LANES):
+            mixtures.mean[c, a, j] = x[j]
+
+
+@kernel
+def combine(c: int, mixtures: Mixtures, covariance: Floats) -> None:
+    """Write the covariance (12, 12) of the mixture of craft c, whose mean is zero.
+
+    Args:
+        c: the craft.
+        mixtures: models of all craft.
+        covariance: (12, 12), receives it.
+    """
+    x, p, own = lanes_in(mixtures.mean)[c], lanes_in(mixtures.covariance)[c], mixtures.probability[c]
+    share = pack(own[0], own[1], own[2], own[3])
+    for a in range(STATES):
+        for b in range(a + 1):
+            value = share * (p[a, b] + x[a] * x[b])
+            total = (lane(value, 0) + lane(value, 1)) + (lane(value, 2) + lane(value, 3))
+            covariance[a, b] = covariance[b, a] = total
+
+
+@kernel
+def weigh(c: int, accepted: bool, nis: Floats, spread: Floats, mixtures: Mixtures) -> tuple[float, float]:
+    """Give the models of craft c their probabilities after an update; return the mean of NIS and log det S.
+
+    Args:
+        c: the craft.
+        accepted: whether the measurement was let in; if not, the probabilities stay as they are.
+        nis: (L,), by the models.
+        spread: (L,), log det S by the models.
+        mixtures: models of the craft.
+    """
+    own, least, total, mean, volume = mixtures.probability[c], np.inf, 0.0, 0.0, 0.0
+    if accepted:
+        for at in range(LANES):
+            if runs(at, c, mixtures):
+                least = min(least, nis[at] + spread[at])
+        for at in range(LANES):
+            if runs(at, c, mixtures):
+                own[at] *= np.exp(-min((nis[at] + spread[at] - least) / 2, LARGEST_LOSS))
+                total += own[at]
+        _floor(c, total, mixtures)
+    for at in range(LANES):
+        if runs(at, c, mixtures):
+            mean += own[at] * nis[at]
+            volume += own[at] * spread[at]
+    return mean, volume
+
+
+@kernel
+def _floor(c: int, total: float, mixtures: Mixtures) -> None:
+    """Let the probabilities of craft c, whose sum is `total`, be LEAST at least, and their sum one."""
+    own, over = mixtures.probability[c], 0.0
+    for at in range(LANES):
+        if runs(at, c, mixtures):
+            own[at] = max(own[at] / total, LEAST)
+            over += own[at]
+    for at in range(LANES):
+        own[at] /= over
+
+
+@kernel
+def centre(c: int, mixtures: Mixtures, x: Floats) -> None:
+    """Take the mean (12,) of the mixture of craft c off its models, and write it to x.
+
+    Args:
+        c: the craft.
+        mixtures: models of all craft, changed in place.
+        x: (12,), receives the mean.
+    """
+    for a in range(STATES):
+        x[a] = 0.0
+        for at in range(LANES):
+            x[a] += mixtures.probability[c, at] * mixtures.mean[c, a, at]
+        for at in range(LANES):
+            mixtures.mean[c, a, at] -= x[a]
+
+
+@kernel
+def _move_window(c: int, mixtures: Mixtures) -> None:
+    """Move the window of craft c by one model if the likeliest is at its end."""
+    own, window, best = mixtures.probability[c], mixtures.window[c], 0
+    for at in range(1, LANES):
+        if own[at] > own[best]:
+            best = at
+    model = model_in(best, window)
+    if model == window and window > 0:
+        newcomer, window = window - 1, window - 1
+    elif model == window + LANES - 1 and model + 1 < mixtures.models[c]:
+        newcomer, window = model + 1, window + 1
+    else:
+        return
+    mixtures.window[c] = window
+    at, total = newcomer % LANES, 0.0
+    own[at] = 0.0
+    for k in range(LANES):
+        total += own[k]
+    for a in range(STATES):
+        mixtures.mean[c, a, at] = mixtures.mean[c, a, best]
+        for b in range(STATES):
+            mixtures.covariance[c, a, b, at] = mixtures.covariance[c, a, b, best]
+    _floor(c, total, mixtures)
+
+
+@kernel
+def shear_models(c: int, arms: Floats, mixtures: Mixtures) -> None:
+    """Refer the models of craft c to the state that has been moved by `turn_about`, if the attitude of one is wide.
+
+    Args:
+        c: the craft.
+        arms: (ARMS,), of `turn_about`.
+        mixtures: models of all craft, changed in place.
+    """
+    wide, s = False, np.empty((STATES, STATES))
+    x, p = np.empty(STATES), np.empty((STATES, STATES))
+    for at in range(LANES):
+        if runs(at, c, mixtures):
+            p[:] = mixtures.covariance[c, :, :, at]
+            wide = wide or is_wide(p)
+    if not wide:
+        return
+    shear_into(arms, s)
+    for at in range(LANES):
+        if runs(at, c, mixtures):
+            p[:], x[:] = mixtures.covariance[c, :, :, at], mixtures.mean[c, :, at]
+            shear(p, arms)
+            mixtures.covariance[c, :, :, at] = p
             for i in range(STATES):
-                y[c, a] -= h[c, a, i] * apart[i]
+                total = 0.0
+                for k in range(i + 1):
+                    total += s[i, k] * x[k]
+                mixtures.mean[c, i, at] = total
+
+
+@kernel
+def settle(c: int, rows: int, mixtures: Mixtures, covariance: Floats) -> None:
+    """Finish an update of craft c by so many rows: its window, and the covariance (12, 12) of the mixture.
+
+    Args:
+        c: the craft.
+        rows: number of rows, or of measurements that they stand for.
+        mixtures: models of all craft, changed in place.
+        covariance: (12, 12), receives that of the mixture.
+    """
+    combine(c, mixtures, covariance)
+    if rows >= DECIDING:
+        mixtures.told[c] = True
+        _move_window(c, mixtures)

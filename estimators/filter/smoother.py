@@ -49,19 +49,22 @@ class Prediction(NamedTuple):
         return self._replace(continued=self.continued & mask)
 
 
-def predicted(bank: FilterBank, dt: float, predict: Callable[[], None]) -> Prediction:
+def predicted(bank: FilterBank, dt: float, predict: Callable[[], Floats | None]) -> Prediction:
     """Predict the active filters of a bank, and return the prediction that a smoother needs.
 
     Args:
         bank: the filters.
         dt: length of the step [s].
-        predict: moves the bank on by `dt`, with all known motion.
+        predict: moves the bank on by `dt`, with all known motion; returns what that makes of an error of attitude and
+            angular rate, (C, 6, 6), or None if it leaves it as it is.
 
     Returns:
         The prediction, as if no filter were started at this epoch: `continued` are those that were active before.
     """
     active, transition = bank.active, bank.transition(dt)
-    predict()
+    coupling = predict()
+    if coupling is not None:
+        transition[:, :6] = coupling @ transition[:, :6]
     return Prediction(active, bank.state, bank.covariance, transition)
 
 

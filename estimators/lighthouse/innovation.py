@@ -34,6 +34,14 @@ SWEEPS = 1 << 20
 OVERSHOOT = 1.25
 """By how much a filter that has rates in its state exceeds a step that it follows: 21 % with the damping of a Kalman
 filter of constant velocity, 1 / sqrt(2)."""
+CONDENSED = 8
+"""Rows of a craft above which their sums take their place."""
+NEGLIGIBLE = 1e-4
+"""Information of a sum relative to the prediction's, below which the sum counts for the gate only."""
+POSE, ORDER = 6, np.array([0, 1, 2, 6, 7, 8, 3, 4, 5, 9, 10, 11])
+"""Columns of H, those of the pose first."""
+ROUNDING = 1e-12
+"""Share of a sum of squares below which what is left of it is rounding."""
 
 
 class RowBatch(NamedTuple):
@@ -289,6 +297,88 @@ def _innovations_into(
     for c in range(len(mask)):
         if mask[c]:
             whitened_into(c, rows, kept, light, point, state, out, work, True)
+
+
+def condense(found: Innovations, mask: Bools, covariance: Floats) -> Ints:
+    """Put their sums in the place of the rows of craft that have many; return how many rows (C,) each one had.
+
+    Args:
+        found: innovations, condensed in place.
+        mask: (C,), the craft concerned.
+        covariance: (C, 12, 12) of the predictions, which tells the information that may be left out.
+    """
+    angles = np.where(mask, found.number, 0)
+    _condense_all(mask, covariance, found)
+    return angles
+
+
+@kernel
+def _condense_all(mask: Bools, covariance: Floats, found: Innovations) -> None:
+    """Condense the rows of every craft of the mask that has more than CONDENSED."""
+    for c in range(len(mask)):
+        if mask[c] and found.number[c] > CONDENSED:
+            found.number[c] = _condense(found.y[c], found.h[c], found.number[c], covariance[c])
+
+
+@kernel
+def _condense(y: Floats, h: Floats, n: int, p: Floats) -> int:
+    """Replace n rows with noise of variance one by fewer that say the same, and return their number.
+
+    Their sums are H^T H = L L^T and H^T y, and L^T x = L^-1 H^T y + noise, twelve rows, says all that they say of x.
+    What the rows have beyond, y^T y - |L^-1 H^T y|^2, is a row without x, for the gate. The pose comes first, so that
+    the last six rows are of the rates alone, which one sweep hardly tells: most of them count for the gate only.
+
+    Args:
+        y: (m,), innovations, replaced.
+        h: (m, 12), their derivatives, replaced.
+        n: number of rows.
+        p: (12, 12), covariance of the prediction.
+    """
+    lower, total, moved = np.zeros((STATES, STATES)), np.zeros(STATES), np.empty(STATES)
+    square = 0.0
+    for k in range(n):
+        square += y[k] * y[k]
+        for i in range(STATES):
+            moved[i] = h[k, ORDER[i]]
+        for i in range(STATES):
+            total[i] += moved[i] * y[k]
+            for j in range(i + 1):
+                lower[i, j] += moved[i] * moved[j]
+    for j in range(STATES):  # the root L, and L^-1 H^T y
+        before, pivot = lower[j, j], lower[j, j]
+        for k in range(j):
+            pivot -= lower[j, k] * lower[j, k]
+        told = pivot > ROUNDING * before
+        scale = 1 / np.sqrt(pivot) if told else 0.0
+        for i in range(j, STATES):
+            value = lower[i, j]
+            for k in range(j):
+                value -= lower[i, k] * lower[j, k]
+            lower[i, j] = value * scale
+        value = total[j]
+        for k in range(j):
+            value -= lower[j, k] * total[k]
+        total[j] = value * scale
+        square -= total[j] * total[j]
+    count = 0
+    for j in range(STATES):
+        if j >= POSE:
+            worth = 0.0
+            for i in range(j, STATES):
+                for k in range(j, STATES):
+                    worth += lower[i, j] * p[ORDER[i], ORDER[k]] * lower[k, j]
+            if worth < NEGLIGIBLE:
+                square += total[j] * total[j]
+                continue
+        y[count] = total[j]
+        h[count] = 0.0
+        for i in range(j, STATES):
+            h[count, ORDER[i]] = lower[i, j]
+        count += 1
+    if count < n:
+        y[count], h[count] = np.sqrt(max(square, 0.0)), 0.0
+        count += 1
+    return count
 
 
 def fault_slopes(

@@ -5,44 +5,54 @@ import numpy as np
 from estimators.arrays import Bools, Floats
 from estimators.filter.bank import FilterBank
 from estimators.filter.compiled import CompiledFilterBank
+from estimators.filter.compiled_interacting import CompiledInteractingBank
 from estimators.filter.filterpy_bank import PoseFilterBank
-from estimators.filter.interacting import InteractingBank
+from estimators.filter.filterpy_interacting import FilterpyInteractingBank
+from estimators.lanes import LANES
 from swarm.onboard.settings import NavigationSettings
 
 MOST_BY_FILTERPY = 64
-"""Largest number of craft filtered by FilterPy; more are filtered by the compiled bank, unless configured otherwise."""
+"""Largest number of filters, craft times models of motion that are run, by FilterPy; more are run by the compiled bank,
+unless configured otherwise."""
 
 
 def filters(craft: int, s: NavigationSettings, inertia: Floats | None) -> FilterBank:
-    """Return the filters of C craft: one model of motion, or a quiet one beside it.
+    """Return the filters of C craft: one model of motion, or several from manoeuvring to quiet.
 
     Args:
         craft: number of craft.
         s: settings of the navigation.
         inertia: (C, 3, 3) [kg m^2] of craft that turn without torque; NaN for the others; None: of none.
     """
-    compiled = craft > MOST_BY_FILTERPY if s.filter == "auto" else s.filter == "compiled"
+    adapts: Bools = np.zeros(craft, dtype=np.bool_)
+    if s.quiet is not None and not s.quiet.only_free:
+        adapts[:] = True
+    elif s.quiet is not None and inertia is not None:
+        adapts[:] = np.isfinite(inertia).all(axis=(1, 2))
+    several = s.quiet is not None and adapts.any()
+    number = craft * (min(LANES, s.quiet.models) if s.quiet is not None and several else 1)
+    compiled = number > MOST_BY_FILTERPY if s.filter == "auto" else s.filter == "compiled"
+    if s.quiet is not None and several:
+        noises, models = process_noises(s), np.where(adapts, s.quiet.models, 1)
+        mixed = CompiledInteractingBank if compiled else FilterpyInteractingBank
+        return mixed(noises, s.quiet.quiet_s, s.quiet.manoeuvre_s, models, s.gate_probability)
     kind: type[FilterBank] = CompiledFilterBank if compiled else PoseFilterBank
-    gate = s.gate_probability
-    pushed = kind(
+    return kind(
         craft,
         acceleration_noise_m_s2=s.acceleration_noise_m_s2,
         angular_acceleration_noise_rad_s2=s.angular_acceleration_noise_rad_s2,
-        gate_probability=gate,
+        gate_probability=s.gate_probability,
     )
-    quiet_craft: Bools = np.zeros(craft, dtype=np.bool_)
-    if s.quiet is not None and not s.quiet.only_free:
-        quiet_craft[:] = True
-    elif inertia is not None:
-        quiet_craft[:] = np.isfinite(inertia).all(axis=(1, 2))
-    if s.quiet is None or not quiet_craft.any():
-        return pushed
-    quiet = kind(
-        craft,
-        acceleration_noise_m_s2=min(s.quiet.acceleration_noise_m_s2, s.acceleration_noise_m_s2),
-        angular_acceleration_noise_rad_s2=min(
-            s.quiet.angular_acceleration_noise_rad_s2, s.angular_acceleration_noise_rad_s2
-        ),
-        gate_probability=gate,
+
+
+def process_noises(s: NavigationSettings) -> list[tuple[float, float]]:
+    """Return the process noises [m/s^2], [rad/s^2] of the models of motion, the largest first, in geometric series."""
+    most = s.acceleration_noise_m_s2, s.angular_acceleration_noise_rad_s2
+    if s.quiet is None:
+        return [most]
+    least = s.quiet.acceleration_noise_m_s2, s.quiet.angular_acceleration_noise_rad_s2
+    shares = np.linspace(0, 1, s.quiet.models)
+    linear, angular = (
+        (high * (min(low, high) / high) ** shares).tolist() for high, low in zip(most, least, strict=True)
     )
-    return InteractingBank(quiet, pushed, s.quiet.quiet_s, s.quiet.manoeuvre_s, quiet_craft)
+    return list(zip(linear, angular, strict=True))

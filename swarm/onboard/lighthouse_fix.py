@@ -209,6 +209,7 @@ class LighthouseFix:
             coupling=coupling if s.motion_compensation else np.zeros_like(coupling),
             start_coupling=coupling,
             sensor=np.full(len(pnp.solved), Sensor.LIGHTHOUSE, dtype=np.int64),
+            tested=s.integrity.residual_test,
         )
 
     def _rows(

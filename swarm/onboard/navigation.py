@@ -143,11 +143,9 @@ class Navigator:
             signals: the other signals that the craft receive; required if any craft has cameras.
             command: orders of the craft to their actuators for this period, from its beginning to its end.
         """
-        tracks, shared = self.tracks, self._shared
+        tracks, shared, s = self.tracks, self._shared, self.settings
         angles = self._referred(angles)
-        shared.begin(tracks.bank, self.settings.frame_s)
-        prediction = self._predict(command)
-        shared.predicted(tracks.bank)
+        prediction = shared.predict(tracks, command, s.frame_s, history=s.history)
         light, fix = self._light.find(angles, tracks)
         fixes, taken = [fix], [tracks.take_in(fix)]
         shared.poses(lambda: self._solved_from(angles, light), fix, taken[0], tracks.bank)
@@ -174,14 +172,6 @@ class Navigator:
             return estimate
         # A filter that was stopped in this period has no estimate that could be smoothed.
         return estimate._replace(prediction=prediction.continuing(tracks.bank.active))
-
-    def _predict(self, command: Command | None) -> Prediction | None:
-        """Predict every filter to the epoch; return the prediction if it is to be kept."""
-        tracks = self.tracks
-        if not self.settings.history:
-            tracks.predict(command)
-            return None
-        return predicted(tracks.bank, self.settings.frame_s, lambda: tracks.predict(command))
 
     def _referred(self, angles: SweepAngles) -> SweepAngles:
         """Return the angles without the errors of their sweeps that a reference craft has found, if there is one."""

@@ -62,17 +62,19 @@ class Sensor(IntFlag):
 
 @dataclass(frozen=True)
 class QuietModel:
-    """The model of a craft that nothing pushes, beside that of one that manoeuvres, in SI units.
+    """The models of craft that move less than the one that manoeuvres, in SI units.
 
-    acceleration_noise_m_s2, angular_acceleration_noise_rad_s2: process noise. quiet_s, manoeuvre_s: mean times that a
-    craft is taken to stay in either model. only_free: whether only craft that turn without torque have it.
+    acceleration_noise_m_s2, angular_acceleration_noise_rad_s2: process noise of the quietest. quiet_s: mean time until
+    a craft is taken to move more. manoeuvre_s: mean time until it is taken to move less. only_free: whether only craft
+    that turn without torque have them. models: number of all models, with noises in geometric series.
     """
 
     acceleration_noise_m_s2: float
     angular_acceleration_noise_rad_s2: float
     quiet_s: float
     manoeuvre_s: float
-    only_free: bool = True
+    only_free: bool = False
+    models: int = 6
 
 
 @dataclass(frozen=True)
@@ -81,8 +83,8 @@ class NavigationSettings:
 
     frame_s: length of a lighthouse period. angle_noise_rad, rotor_correlation: s and rho of (18), (19).
     motion_compensation: whether poses are solved with the motion within the period. acceleration_noise_m_s2,
-    angular_acceleration_noise_rad_s2: process noise of the filter, of its manoeuvring model if it has two. quiet: its
-    quiet model; None for one model. gate_probability: of the filter's gate.
+    angular_acceleration_noise_rad_s2: process noise of the filter, of its liveliest model if it has several. quiet: its
+    quieter models; None for one model. gate_probability: of the filter's gate.
     coast_limit_s: time without light after which the filter is stopped. residual_limit_rad: residual above which a fit
     is rejected. rejections_limit: number of successive poses refused by the gate after which the filter counts as
     wrong. search_again_s: time without light after which a search begins beside the filter. filter: "filterpy";

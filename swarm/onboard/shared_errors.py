@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimators.arrays import Bools, Floats
+from estimators.filter import smoother
 from estimators.filter.bank import FilterBank
 from estimators.lighthouse.innovation import RowBatch, light_of
 from estimators.lighthouse.integrity import AngleNoise
@@ -27,7 +28,8 @@ from estimators.lighthouse.shared import (
 from estimators.relative.cross import considered
 from estimators.relative.error_step import ErrorStep, predicted, started, sums_of_pose, updated
 from estimators.state import STATES, State
-from swarm.onboard.tracks import PoseFix, Taken
+from swarm.messages import Command
+from swarm.onboard.tracks import PoseFix, Taken, Tracks
 
 
 @dataclass(frozen=True)
@@ -119,27 +121,39 @@ class SharedErrors:
             taken = self._taken[key] = mean_derivatives(self._light, self._errors, reference_m, used)
         self._common = self._common._replace(taken=taken)
 
-    def begin(self, bank: FilterBank, frame_s: float) -> None:
-        """Begin a period of so many seconds, before the filters are predicted."""
+    def predict(
+        self, tracks: Tracks, command: Command | None, frame_s: float, *, history: bool
+    ) -> smoother.Prediction | None:
+        """Predict every filter to the next epoch, and take what that makes of the shared errors.
+
+        Args:
+            tracks: the filters.
+            command: orders for the period, if known.
+            frame_s: length of the period [s].
+            history: whether the prediction is to be kept.
+
+        Returns:
+            The prediction as a smoother needs it; None where it is not kept.
+        """
+        bank = tracks.bank
+        coupling: Floats | None = None
+
+        def move() -> Floats | None:
+            nonlocal coupling
+            coupling = tracks.predict(command)
+            return coupling
+
         if self.wanted:
             self._ran = bank.active
             self.step = predicted(bank.transition(frame_s), self._ran, self.draws, len(self.variance))
-
-    def predicted(self, bank: FilterBank, coupling: Floats | None = None) -> None:
-        """Take the predictions, at which rows are linearised.
-
-        Args:
-            bank: the filters.
-            coupling: (C, 6, 6), what motion beyond that at constant rates makes of errors of attitude and angular rate;
-                None: nothing.
-        """
-        if not self.wanted:
-            return
-        self._before = bank.state
-        if coupling is not None:
-            turned = np.where(np.isfinite(coupling), coupling, 0.0) @ self.step.kept[:, :6]
-            free = np.isfinite(coupling).all(axis=(1, 2))
-            self.step.kept[free, :6] = turned[free]
+        kept = smoother.predicted(bank, frame_s, move) if history else None
+        if not history:
+            move()
+        if self.wanted:
+            self._before = bank.state
+            if coupling is not None:
+                self.step.kept[:, :6] = coupling @ self.step.kept[:, :6]
+        return kept
 
     def poses(
         self,

@@ -7,7 +7,8 @@ One angle is one measurement (docs/single-sweeps.md). Which craft use rows is th
     tight   all that have a filter; a pose is solved only to start one, or to find one again
 
 The rows of a period are tested together by the filter's gate. If they fail, they are searched for false photodiodes
-without which the others agree with the prediction; without a subset that agrees, none is used.
+without which the others agree with the prediction; without a subset that agrees, a push is tried, by which they all
+agree with each other at other rates (`Tracks.push`); else none is used.
 """
 
 from typing import NamedTuple
@@ -17,7 +18,7 @@ import numpy as np
 from estimators.arrays import Bools, Floats, Ints
 from estimators.filter.bank import gates
 from estimators.kernel import kernel
-from estimators.lighthouse.innovation import RowBatch, agreeing, fault_slopes, innovations, rows_of_sweeps
+from estimators.lighthouse.innovation import RowBatch, agreeing, condense, fault_slopes, innovations, rows_of_sweeps
 from estimators.lighthouse.integrity import AngleNoise, shown_to_gate
 from estimators.lighthouse.rows import Rows, Station, packed
 from estimators.lighthouse.sweep import lighthouse_1
@@ -119,9 +120,10 @@ class SingleSweeps:
         bank = tracks.bank
         found = innovations(rows, kept, mask, self._stations, self._point_m, bank.state, self._noise)
         asked = mask & (found.number > 0)
-        result = bank.update(asked, found.y, found.h, np.ones_like(found.y), found.number, found.pivot)
+        angles = condense(found, asked, bank.covariance)
+        result = bank.update(asked, found.y, found.h, np.ones_like(found.y), found.number, found.pivot, angles)
         out.fresh[asked], out.refused[asked] = result.accepted[asked], ~result.accepted[asked]
-        out.nis[asked], out.rows[asked] = result.nis[asked], np.where(result.accepted, found.number, 0)[asked]
+        out.nis[asked], out.rows[asked] = result.nis[asked], np.where(result.accepted, angles, 0)[asked]
 
     def _without_false(
         self, rows: RowBatch, kept: Bools, predicted: Filtered, tracks: Tracks, out: SweepsTaken
@@ -133,12 +135,22 @@ class SingleSweeps:
             before = predicted.state.of(int(c)), predicted.covariance[c]
             keep = agreeing(own, self._stations, self._point_m[c], *before, self._noise, self._gate)
             out.dropped[c] = -1
-            if keep is not None:
+            if keep is None:
+                again[c] = self._pushed(int(c), rows, kept, tracks)
+            else:
                 out.dropped[c] = len(np.unique(own.photodiode[used])) - len(np.unique(own.photodiode[keep]))
                 used[:] = keep
                 again[c] = True
         if again.any():
             self._update(rows, kept, again, tracks, out)
+
+    def _pushed(self, craft: int, rows: RowBatch, kept: Bools, tracks: Tracks) -> bool:
+        """Return whether the rows of a craft agree with each other, and its prediction has been widened for them."""
+        used = kept.copy()
+        mask = np.arange(len(rows.first) - 1) == craft
+        found = innovations(rows, used, mask, self._stations, self._point_m, tracks.bank.state, self._noise)
+        n = found.number[craft]
+        return n >= 2 * MIN_LIT and tracks.push(craft, found.y[craft, :n], found.h[craft, :n], np.eye(n))
 
 
 @kernel

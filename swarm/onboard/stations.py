@@ -34,6 +34,7 @@ from estimators.lighthouse.innovation import (
     RowBatch,
     StationArrays,
     agreeing,
+    condense,
     innovations,
     light_of,
 )
@@ -173,12 +174,10 @@ class StationNavigator:
             signals: the other signals that the craft receive; required if any craft has cameras.
             command: orders of the craft to their actuators for this period.
         """
-        tracks, shared = self.tracks, self._shared
-        shared.begin(tracks.bank, self.settings.frame_s)
-        prediction = self._predict(command)
-        shared.predicted(tracks.bank)
+        tracks, shared, s = self.tracks, self._shared, self.settings
+        prediction = shared.predict(tracks, command, s.frame_s, history=s.history)
         rows, rivals = self._chosen(light.rows)
-        if not self.settings.motion_compensation:
+        if not s.motion_compensation:
             rows = rows._replace(offset_s=np.zeros_like(rows.offset_s))
         self._search.gather(rows)
         lit = _numbers(rows, np.ones(len(rows.angle), dtype=np.bool_), self._point_m.shape[1])
@@ -196,7 +195,7 @@ class StationNavigator:
             shared.poses(None, camera, fates[-1], tracks.bank)
             seen = seen._replace(nis=fates[-1].nis)
         decided = self._decides(rowed.photodiodes, rowed.stations)
-        if self.settings.hand is not None:
+        if s.hand is not None:
             # One fan alone measures one angle of three.
             decided &= _fans(rows, rowed.kept & np.repeat(rowed.fresh, np.diff(rows.first))) > 1
         fresh, refused = (np.any([part[i] for part in fates], axis=0) for i in (0, 1))
@@ -224,14 +223,6 @@ class StationNavigator:
         """Return whether rows of so many photodiodes and stations decide a pose, (C,)."""
         out: Bools = photodiodes >= np.where(stations > 1, FEWEST_CROSSED, MIN_LIT)
         return out
-
-    def _predict(self, command: Command | None) -> Prediction | None:
-        """Predict every filter to the epoch; return the prediction if it is to be kept."""
-        tracks = self.tracks
-        if not self.settings.history:
-            tracks.predict(command)
-            return None
-        return predicted(tracks.bank, self.settings.frame_s, lambda: tracks.predict(command))
 
     def _chosen(self, rows: RowBatch) -> tuple[RowBatch, Ints]:
         """Return the rows without those that share photodiode and sweep, and the number of rows left out, (C,).
@@ -377,7 +368,9 @@ class StationNavigator:
         bank = self.tracks.bank
         found = innovations(rows, out.kept, mask, self._packed, self._point_m, bank.state, self._noise, found)
         asked = mask & (found.number > 0)
-        result = bank.update(asked, found.y, found.h, np.ones_like(found.y), found.number, found.pivot)
+        sums = found._replace(y=found.y.copy(), h=found.h.copy(), number=found.number.copy())
+        angles = condense(sums, asked, bank.covariance)
+        result = bank.update(asked, sums.y, sums.h, np.ones_like(sums.y), sums.number, sums.pivot, angles)
         out.fresh[asked], out.refused[asked] = result.accepted[asked], ~result.accepted[asked]
         out.nis[asked] = result.nis[asked]
         out.rows[asked] = np.where(result.accepted, found.number, 0)[asked]

@@ -11,9 +11,15 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
-from estimators.filter.bank import FilterBank
-from estimators.filter.error_state import POSE, POSE_COLUMNS, RATE_COLUMNS, STATES
-from estimators.free_rotation import free_accelerations
+from estimators.filter.bank import FilterBank, gates
+from estimators.filter.error_state import (
+    POSE,
+    POSE_COLUMNS,
+    RATE_COLUMNS,
+    STATES,
+    innovations_into,
+)
+from estimators.free_rotation import FreeTurns, free_turns
 from estimators.lighthouse.planar import Rows
 from estimators.relative_orbit import RelativeOrbit, acceleration
 from estimators.state import State
@@ -26,6 +32,8 @@ MEANINGLESS_RAD = 0.6
 """Likewise, beyond which the filter is stopped although single sweeps still come in: its equations are linear."""
 UNKNOWN_RATE = (1.0, 0.5)
 """Standard deviation per axis of a craft's rates before it knows them: angular [rad/s], linear [m/s]."""
+HARDER = (4.0, 16.0, 64.0, 256.0)
+"""Factors of the accelerations that a push is taken to have which no model of motion has."""
 
 
 class Motion(NamedTuple):
@@ -43,6 +51,8 @@ class PoseFix(NamedTuple):
     [s]. start_coupling: B of a pose that was solved as if at rest, (C, 6, 6) [s]. sensor: codes of `Sensor`, (C,).
     rows: what updates running filters in the pose's place where a pose and a covariance do not tell it; None: nowhere.
     motion: states and their covariances that start filters in the pose's place, running ones again; None: nowhere.
+    tested: whether what each pose was solved from has been shown to agree with itself; a pose that a filter refuses
+    then tells of a push.
     """
 
     known: Bools
@@ -54,6 +64,7 @@ class PoseFix(NamedTuple):
     sensor: Ints
     rows: Rows | None = None
     motion: Motion | None = None
+    tested: bool = False
 
 
 class Taken(NamedTuple):
@@ -131,27 +142,30 @@ class Tracks:
         if self._command is not None:
             self._command = self._command.only(~mask)
 
-    def predict(self, command: Command | None) -> None:
-        """Predict every filter to the next epoch; `command` has the orders for the period, if known."""
+    def predict(self, command: Command | None) -> Floats | None:
+        """Predict every filter to the next epoch; `command` has the orders for the period, if known.
+
+        Returns what free turns make of an error of attitude and angular rate, (C, 6, 6); None without them.
+        """
         bank = self.bank
         active = bank.active
         pull = None if self._orbit is None else acceleration(self._orbit, bank.position, bank.velocity)
         free = active & self._turns_freely
-        nodding = self._free_turns(free) if free.any() else None
+        turns = self._free_turns(free) if free.any() else None
         bank.predict(self._frame_s, active)
-        if pull is not None or nodding is not None:
-            still = np.zeros_like(self.inertia[:, 0])
-            turn, push = (still if motion is None else motion for motion in (nodding, pull))
-            half = self._frame_s**2 / 2
-            bank.add_motion(active, turn * half, turn * self._frame_s, push * half, push * self._frame_s)
+        still = np.zeros_like(self.inertia[:, 0])
+        if turns is not None:
+            bank.add_motion(free, turns.turn, turns.rate, still, still, turns.coupling)
+        if pull is not None:
+            bank.add_motion(active, still, still, pull * self._frame_s**2 / 2, pull * self._frame_s)
         if command is not None:
             self._add_command(command)
+        return None if turns is None else turns.coupling
 
-    def _free_turns(self, free: Bools) -> Floats:
-        """Return the angular accelerations (C, 3) [rad/s^2] of the craft in the mask, which turn without torque."""
+    def _free_turns(self, free: Bools) -> FreeTurns:
+        """Return the motion of the craft of the mask, which turn without torque, beyond that at constant rates."""
         bank = self.bank
-        out: Floats = free_accelerations(free, bank.rotation, bank.angular_rate, self.inertia, self._inverse)
-        return out
+        return free_turns(free, bank.rotation, bank.angular_rate, self.inertia, self._inverse, self._frame_s)
 
     def _add_command(self, command: Command) -> None:
         """Add the ordered motion between the epochs, T apart: half a period by the last command, half by this one."""
@@ -174,17 +188,72 @@ class Tracks:
             bank.adopt(fix.known, *fix.motion)
             return Taken(fix.known, np.zeros_like(fix.known), np.full(len(active), np.nan))
         update, start = fix.known & active, fix.known & ~active
-        by_rows = np.zeros_like(update) if fix.rows is None else update & fix.rows.mask
-        pose = fix.rotation, fix.position, fix.covariance
-        result = bank.update_pose(update & ~by_rows, *pose, fix.coupling)
-        accepted, nis = result.accepted, result.nis
-        if fix.rows is not None:
-            h = np.zeros((len(update), POSE, STATES))
-            h[:, :, POSE_COLUMNS], h[:, :, RATE_COLUMNS] = fix.rows.pose, fix.rows.rates
-            result = bank.update(by_rows, fix.rows.y, h, np.broadcast_to(np.eye(POSE), (len(update), POSE, POSE)))
-            accepted, nis = accepted | result.accepted, np.where(by_rows, result.nis, nis)
-        bank.start(start, *pose, UNKNOWN_RATE, fix.start_coupling)
+        accepted, nis = self._update(update, fix)
+        if fix.tested and (refused := update & ~accepted).any():
+            pushed = self._pushed(refused, fix)
+            again, found = self._update(pushed, fix)
+            accepted, nis = accepted | again, np.where(pushed, found, nis)
+        bank.start(start, fix.rotation, fix.position, fix.covariance, UNKNOWN_RATE, fix.start_coupling)
         return Taken(start | accepted, update & ~accepted, np.where(update, nis, np.nan))
+
+    def _update(self, update: Bools, fix: PoseFix) -> tuple[Bools, Floats]:
+        """Update the filters of the craft of the mask; return whose were accepted, (C,), and the NIS, (C,)."""
+        bank = self.bank
+        by_rows = np.zeros_like(update) if fix.rows is None else update & fix.rows.mask
+        result = bank.update_pose(update & ~by_rows, fix.rotation, fix.position, fix.covariance, fix.coupling)
+        if fix.rows is None:
+            return result.accepted, result.nis
+        h = _all_columns(fix.rows)
+        other = bank.update(by_rows, fix.rows.y, h, np.broadcast_to(np.eye(POSE), (len(update), POSE, POSE)))
+        return result.accepted | other.accepted, np.where(by_rows, other.nis, result.nis)
+
+    def _pushed(self, refused: Bools, fix: PoseFix) -> Bools:
+        """Return the craft (C,) of those whose pose was refused whose prediction `push` could widen for it."""
+        y, h = np.empty((len(refused), POSE)), np.empty((len(refused), POSE, STATES))
+        innovations_into(refused, fix.rotation, fix.position, self.bank.state, fix.coupling, y, h)
+        r = fix.covariance.copy()
+        if fix.rows is not None and (by_rows := refused & fix.rows.mask).any():
+            y[by_rows], h[by_rows], r[by_rows] = fix.rows.y[by_rows], _all_columns(fix.rows)[by_rows], np.eye(POSE)
+        out = np.zeros_like(refused)
+        for c in np.flatnonzero(refused).tolist():
+            out[c] = self.push(c, y[c], h[c], r[c])
+        return out
+
+    def push(self, craft: int, y: Floats, h: Floats, r: Floats) -> bool:
+        """Widen the prediction of a craft that has been pushed harder than any of its models has it.
+
+        The push is a jump of the rates at any instant since the last epoch, by the model's acceleration over a period
+        times a factor; of the factors `HARDER` the likeliest counts. The models of the craft begin anew.
+
+        Args:
+            craft: its index.
+            y: (n,), innovations of rows that the gate has refused, although they agree with each other.
+            h: (n, 12), their derivatives.
+            r: (n, n), covariance of their noise.
+
+        Returns:
+            Whether a factor is enough; if not, nothing is changed.
+        """
+        bank, dt = self.bank, self._frame_s
+        before, gate = bank.covariance_of(craft), gates(bank.gate_probability, len(y))[-1]
+        sigma = dt * np.repeat([bank.angular_acceleration_noise_rad_s2, bank.acceleration_noise_m_s2], 3)
+        best, least = None, np.inf
+        for factor in HARDER:
+            variance, wide = np.square(factor * sigma), before.copy()
+            wide[POSE_COLUMNS, POSE_COLUMNS] += variance * dt**2 / 3
+            wide[POSE_COLUMNS, RATE_COLUMNS] += variance * dt / 2
+            wide[RATE_COLUMNS, POSE_COLUMNS] += variance * dt / 2
+            wide[RATE_COLUMNS, RATE_COLUMNS] += variance
+            s = h @ wide @ h.T + r
+            nis = y @ np.linalg.solve(s, y)
+            if nis <= gate and (loss := nis + np.linalg.slogdet(s)[1]) < least:
+                best, least = wide, loss
+        if best is None:
+            return False
+        covariance = bank.covariance
+        covariance[craft] = best
+        bank.adopt(np.arange(len(bank.active)) == craft, bank.state, covariance)
+        return True
 
     def count(self, pose: Bools, sweeps: Bools, refused: Bools) -> None:
         """Count the time without light and the refusals; stop the filters that exceed a limit.
@@ -224,3 +293,10 @@ class Tracks:
             covariance: Floats = self.bank.covariance_of(craft)[np.ix_(RATE_COLUMNS, RATE_COLUMNS)]
             return covariance
         return np.diag(np.repeat(np.square(UNKNOWN_RATE), 3))
+
+
+def _all_columns(rows: Rows) -> Floats:
+    """Return H (C, 6, 12) of rows whose columns are apart."""
+    h = np.zeros((len(rows.mask), POSE, STATES))
+    h[:, :, POSE_COLUMNS], h[:, :, RATE_COLUMNS] = rows.pose, rows.rates
+    return h

@@ -178,6 +178,7 @@ PHASE = Why(*["one turn is the most: a larger phase repeats a smaller one"] * 2)
 # Navigation.
 GATE = Why("the gate would refuse half of all good measurements", "the gate would let every measurement pass")
 COAST = Why("a time is not negative", "after an hour without light a prediction says nothing")
+MODELS = Why("one model is navigation.quiet.craft = 'none'", "their noises would be closer than the light tells apart")
 STAY = Why("below 0.1 s a model lasts for a few periods", "in a million seconds a craft would change its motion once")
 RARE = Why(
     "a double does not tell rarer events from impossible ones",

@@ -30,6 +30,7 @@ from swarm.scenario.limits import (
     INCIDENCE,
     JITTER,
     LISTENING,
+    MODELS,
     MOUNTING,
     PHOTODIODE,
     POSITION_SIGMA,
@@ -312,27 +313,33 @@ class Integrity(Table):
 
 
 class Quiet(Table):
-    """The filter's second model of motion: that of a craft which nothing pushes but what it knows of."""
+    """The filter's other models of motion: those of craft which nothing pushes much but what it knows of."""
 
     craft: Literal["free", "all", "none"] = Field(
-        default="free",
-        description="Whose filter has a quiet model beside that of a craft that manoeuvres, and weighs them by how "
+        default="all",
+        description="Whose filter has quieter models beside that of a craft that manoeuvres, and weighs them by how "
         "well they predict the light (docs/filter.md): craft that hold neither place nor attitude, all, or none.",
     )
+    models: Annotated[int, MODELS] = Field(
+        default=6,
+        ge=2,
+        le=12,
+        description="Number of models, with process noises in geometric series from that of navigation to the least. "
+        "A craft runs the four about the likeliest.",
+    )
     acceleration_noise_m_s2: ProcessNoise = Field(
-        default=0.004,
-        description="Process noise of a quiet craft: white acceleration, standard deviation per axis and period.",
+        default=0.00005,
+        description="Least process noise: white acceleration, standard deviation per axis and period.",
     )
     angular_acceleration_noise_deg_s2: TurningNoise = Field(
-        default=0.25,
-        description="Process noise of a quiet craft: white angular acceleration, standard deviation per axis and "
-        "period.",
+        default=0.003,
+        description="Least process noise: white angular acceleration, standard deviation per axis and period.",
     )
     mean_duration_s: Annotated[float, STAY] = Field(
-        default=30.0, ge=0.1, le=1e6, description="Mean time for which a craft is quiet."
+        default=30.0, ge=0.1, le=1e6, description="Mean time until a craft begins to move more."
     )
     mean_manoeuvre_s: Annotated[float, STAY] = Field(
-        default=2.0, ge=0.1, le=1e6, description="Mean time for which a craft manoeuvres."
+        default=2.0, ge=0.1, le=1e6, description="Mean time until a craft begins to move less."
     )
 
 
@@ -342,7 +349,7 @@ class Navigation(Table):
     filter: Literal["auto", "filterpy", "compiled"] = Field(
         default="auto",
         description="Extended Kalman filter: that of filterpy, or one compiled for large swarms, with the same "
-        "numbers. auto: filterpy up to 64 craft, compiled beyond.",
+        "numbers. auto: filterpy up to 64 filters, craft times models of motion that run, compiled beyond.",
     )
     coupling: Literal["auto", "loose", "tight"] = Field(
         default="auto",

@@ -78,6 +78,7 @@ def _quiet(settings: Scenario) -> QuietModel | None:
         table.mean_duration_s,
         table.mean_manoeuvre_s,
         only_free=table.craft == "free",
+        models=table.models,
     )
 
 
