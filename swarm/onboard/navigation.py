@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
-from estimators.filter.smoother import Prediction, predicted
+from estimators.filter.smoother import Prediction
 from estimators.lidar.symmetry import Symmetry
 from estimators.lighthouse.dop import Dilution
 from estimators.lighthouse.innovation import RowBatch, rows_of_sweeps

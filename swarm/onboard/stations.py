@@ -26,7 +26,6 @@ from estimators import rotation as rot
 from estimators.arrays import Bools, Floats, Ints
 from estimators.filter.bank import gates
 from estimators.filter.error_state import POSE_COLUMNS, process_noise_into
-from estimators.filter.smoother import Prediction, predicted
 from estimators.kernel import kernel
 from estimators.lighthouse.dop import Dilution
 from estimators.lighthouse.innovation import (
