@@ -36,7 +36,7 @@ OVERSHOOT = 1.25
 filter of constant velocity, 1 / sqrt(2)."""
 CONDENSED = 8
 """Rows of a craft above which their sums take their place."""
-NEGLIGIBLE = 1e-4
+NEGLIGIBLE = 1e-5
 """Information of a sum relative to the prediction's, below which the sum counts for the gate only."""
 POSE, ORDER = 6, np.array([0, 1, 2, 6, 7, 8, 3, 4, 5, 9, 10, 11])
 """Columns of H, those of the pose first."""
