@@ -10,7 +10,7 @@ import swarm
 from swarm.flight.simulate import simulate
 from swarm.results.parquet import column, table_of
 from swarm.results.run_folder import Run, RunFolder
-from swarm.scenario import checked, load
+from swarm.scenario import checked, for_replay, load
 from swarm.scenario.schema import Swarm
 from swarm.studies.campaign.study_folder import FinishedStudy
 
@@ -85,3 +85,17 @@ def test_report_can_be_called_and_returns_the_page(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "run" / "summary.json").read_text())["status"] == "complete"
     assert swarm.report(tmp_path / "run", tmp_path / "page.html") == tmp_path / "page.html"
     assert "Run: run" in (tmp_path / "page.html").read_text()
+
+
+def test_checking_a_scenario_leaves_what_nobody_has_set_to_be_found() -> None:
+    """A replay finds noise and motion in the recording, but for what its user gave: checked settings still tell it."""
+    given = for_replay(Path("log00"), ["navigation.coast_limit_s=3.0"])
+    again = checked(given)
+    assert again == given
+    assert "coast_limit_s" in again.navigation.model_fields_set
+    assert again.navigation.model_fields_set == given.navigation.model_fields_set
+    changed = given.model_copy(
+        update={"navigation": given.navigation.model_copy(update={"acceleration_noise_m_s2": 0.7})}
+    )
+    assert checked(changed).navigation.acceleration_noise_m_s2 == 0.7
+    assert "acceleration_noise_m_s2" in checked(changed).navigation.model_fields_set

@@ -129,9 +129,12 @@ def checked(scenario: Scenario | str | Path) -> Scenario:
 
 
 def _data(table: Any) -> Any:
-    """Return a table as TOML would give it, whatever its attributes hold."""
+    """Return a table as TOML would give it, whatever its attributes hold: with the keys that somebody has set, so that
+    what is found where nothing is set is still found.
+    """
     if isinstance(table, Table):
-        return {key: _data(value) for key, value in vars(table).items() if value is not None}
+        told = table.model_fields_set
+        return {key: _data(value) for key, value in vars(table).items() if key in told and value is not None}
     return [_data(entry) for entry in table] if isinstance(table, list | tuple) else table
 
 
