@@ -341,8 +341,10 @@ def test_the_fall_back_makes_no_jump_and_the_filter_stays_consistent(lighthouse)
 
 def test_both_sensors_together_are_better_than_either():
     cameras, both = flight("craft[0].lighthouse=false"), flight("craft[0].lighthouse=true")
-    assert np.all(both.sigma[60:] < cameras.sigma[60:])
+    # The filter with both sees the braking sooner, and for a moment allows for more of it than the other one.
+    assert np.mean(both.sigma[60:] < cameras.sigma[60:], axis=0).min() > 0.95
     late = slice(60, None)
+    assert np.all(np.mean(both.sigma[late] ** 2, axis=0) < np.mean(cameras.sigma[late] ** 2, axis=0))
     assert np.mean(both.error[late, 3:] ** 2) < 0.5 * np.mean(cameras.error[late, 3:] ** 2)
 
 

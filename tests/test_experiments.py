@@ -101,6 +101,7 @@ def test_the_same_seed_gives_the_same_files(tmp_path):
         assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes(), file
 
 
+@pytest.mark.long
 def test_the_ladder_rises_with_every_cause_and_falls_with_every_cure(tmp_path, monkeypatch):
     # Calibrating has its own tests: here the craft simply knows the truth.
     def true_values(scenario: Scenario, layout: Photodiodes) -> rungs.Knowledge:

@@ -94,7 +94,7 @@ def test_accepted_scenarios_are_built_or_refused(tmp_path: Path) -> None:
 
 def test_recordings(tmp_path: Path) -> None:
     text = "\n".join(made_recording.lines(made_recording.Made(duration_s=0.7)))
-    assert list(faults(range(12), of_recordings(text, tmp_path), nullcontext)) == []
+    assert list(faults(range(6), of_recordings(text, tmp_path), nullcontext)) == []
 
 
 def test_overrides(tmp_path: Path) -> None:

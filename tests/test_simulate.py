@@ -3,6 +3,7 @@
 import json
 from functools import cache
 from io import StringIO
+from typing import Any
 
 import numpy as np
 import pyarrow.compute as pc
@@ -139,13 +140,23 @@ def test_the_time_of_a_period_is_its_epoch():
     assert period.estimate.position[0] == pytest.approx(at, abs=3e-3)
 
 
-def test_a_plate_that_is_face_on_has_the_errors_that_its_filter_promises(flown):
-    # To first order the NEES of the one that is face-on is 14. The first sign of its tilt takes a period or two.
-    figures = flown("plate", "duration_s=5")
+def test_a_plate_that_is_face_on_has_the_errors_that_its_filter_promises(tmp_path):
+    """Eight of each: the filter of a craft at rest averages for seconds, so that five are hardly one sample."""
+    plate = swarm.load("plate", ["duration_s=5"])
+    craft = []
+    for one in plate.craft:
+        if one.name in ("head-on", "slanted"):
+            hold: Any = one.motion
+            _, y, z = hold.position_m
+            for i in range(8):
+                motion = hold.model_copy(update={"position_m": (0.3 * i - 1.05, y, z)})
+                craft.append(one.model_copy(update={"name": f"{one.name}-{i}", "motion": motion}))
+    run = swarm.simulate(plate.model_copy(update={"craft": craft}), out=tmp_path / "run", record=False)
+    # To first order the NEES of those that are face-on is 14. The first sign of their tilt takes a period or two.
     for name in ("head-on", "slanted"):
-        craft = figures.summary["craft"][name]
-        assert craft["tracking_share"] > 0.97
-        assert 4.0 < craft["nees"]["mean"] < 7.5
+        same = [run.summary["craft"][f"{name}-{i}"] for i in range(8)]
+        assert min(one["tracking_share"] for one in same) > 0.97
+        assert 4.0 < np.mean([one["nees"]["mean"] for one in same]) < 7.5
 
 
 def test_formation_tracks_and_its_filter_is_worth_having(flown):
