@@ -299,40 +299,53 @@ def _innovations_into(
             whitened_into(c, rows, kept, light, point, state, out, work, True)
 
 
-def condense(found: Innovations, mask: Bools, covariance: Floats) -> Ints:
-    """Put their sums in the place of the rows of craft that have many; return how many rows (C,) each one had.
+def condense(found: Innovations, mask: Bools, covariance: Floats) -> tuple[Innovations, Ints]:
+    """Return the rows of the craft of the mask, with their sums in the place of many, and how many (C,) each one had.
 
     Args:
-        found: innovations, condensed in place.
-        mask: (C,), the craft concerned.
+        found: innovations.
+        mask: (C,), the craft concerned; the others have no rows in what is returned.
         covariance: (C, 12, 12) of the predictions, which tells the information that may be left out.
     """
-    angles = np.where(mask, found.number, 0)
-    _condense_all(mask, covariance, found)
-    return angles
+    craft, most = found.y.shape
+    width = min(most, STATES + 1)
+    number = np.zeros_like(found.number)
+    out = Innovations(np.empty((craft, width)), np.empty((craft, width, STATES)), number, found.pivot)
+    _condense_all(mask, covariance, found, out)
+    return out, np.where(mask, found.number, 0)
 
 
 @kernel
-def _condense_all(mask: Bools, covariance: Floats, found: Innovations) -> None:
-    """Condense the rows of every craft of the mask that has more than CONDENSED."""
+def _condense_all(mask: Bools, covariance: Floats, found: Innovations, out: Innovations) -> None:
+    """Write the rows of every craft of the mask, or their sums if it has more than CONDENSED."""
     for c in range(len(mask)):
-        if mask[c] and found.number[c] > CONDENSED:
-            found.number[c] = _condense(found.y[c], found.h[c], found.number[c], covariance[c])
+        if not mask[c]:
+            continue
+        n = found.number[c]
+        if n > CONDENSED:
+            out.number[c] = _condense(found.y[c], found.h[c], n, covariance[c], out.y[c], out.h[c])
+            continue
+        out.number[c] = n
+        for k in range(n):
+            out.y[c, k] = found.y[c, k]
+            out.h[c, k] = found.h[c, k]
 
 
 @kernel
-def _condense(y: Floats, h: Floats, n: int, p: Floats) -> int:
-    """Replace n rows with noise of variance one by fewer that say the same, and return their number.
+def _condense(y: Floats, h: Floats, n: int, p: Floats, sum_y: Floats, sum_h: Floats) -> int:
+    """Write fewer rows that say the same as n rows with noise of variance one, and return their number.
 
     Their sums are H^T H = L L^T and H^T y, and L^T x = L^-1 H^T y + noise, twelve rows, says all that they say of x.
     What the rows have beyond, y^T y - |L^-1 H^T y|^2, is a row without x, for the gate. The pose comes first, so that
     the last six rows are of the rates alone, which one sweep hardly tells: most of them count for the gate only.
 
     Args:
-        y: (m,), innovations, replaced.
-        h: (m, 12), their derivatives, replaced.
+        y: (m,), innovations.
+        h: (m, 12), their derivatives.
         n: number of rows.
         p: (12, 12), covariance of the prediction.
+        sum_y: (13,), or as many as there are rows if these are fewer: receives the innovations.
+        sum_h: (13, 12), likewise: receives their derivatives.
     """
     lower, total, moved = np.zeros((STATES, STATES)), np.zeros(STATES), np.empty(STATES)
     square = 0.0
@@ -370,13 +383,13 @@ def _condense(y: Floats, h: Floats, n: int, p: Floats) -> int:
             if worth < NEGLIGIBLE:
                 square += total[j] * total[j]
                 continue
-        y[count] = total[j]
-        h[count] = 0.0
+        sum_y[count] = total[j]
+        sum_h[count] = 0.0
         for i in range(j, STATES):
-            h[count, ORDER[i]] = lower[i, j]
+            sum_h[count, ORDER[i]] = lower[i, j]
         count += 1
     if count < n:
-        y[count], h[count] = np.sqrt(max(square, 0.0)), 0.0
+        sum_y[count], sum_h[count] = np.sqrt(max(square, 0.0)), 0.0
         count += 1
     return count
 

@@ -5,7 +5,7 @@ system-config.yaml beside the recording, or from the recording's own lines. A st
 out; with one station alone, its frame is the world.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -133,11 +133,11 @@ def _at_origin(source: ObjectLight, number: int) -> PlacedStation:
     return PlacedStation(f"station {number}", number, generation, None, np.eye(3), np.zeros(3), errors)
 
 
-def _handled(settings: Scenario) -> Scenario:
-    """Return the settings for an object that a hand moves, but for those that the user gave."""
-    table = settings.navigation
-    changes = {key: value for key, value in HANDLED.items() if key not in table.model_fields_set}
-    return settings.model_copy(update={"navigation": table.model_copy(update=changes)})
+def _unless_given(settings: Scenario, given: Scenario, values: Mapping[str, float]) -> Scenario:
+    """Return settings with these values of navigation, but for those keys that the user gave."""
+    told = given.navigation.model_fields_set
+    changes = {key: value for key, value in values.items() if key not in told}
+    return settings.model_copy(update={"navigation": settings.navigation.model_copy(update=changes)})
 
 
 class StationPlayback:
@@ -168,7 +168,7 @@ class StationPlayback:
             chosen: the stations.
             given: whether they are those of a file of stations, which has their calibrations as well.
         """
-        given_settings, settings = settings, _handled(settings)
+        given_settings, settings = settings, _unless_given(settings, settings, HANDLED)
         self.source, self.layout = source, source.photodiodes
         self.placed = chosen.placed
         self._stations = [placed.station for placed in chosen.placed]
@@ -285,9 +285,7 @@ class StationPlayback:
             "acceleration_noise_m_s2": self.likely.acceleration_m_s2,
             "angular_acceleration_noise_deg_s2": float(np.degrees(self.likely.angular_acceleration_rad_s2)),
         }
-        told = given.navigation.model_fields_set
-        changes = {key: max(value, LEAST_MOTION[key]) for key, value in found.items() if key not in told}
-        return settings.model_copy(update={"navigation": settings.navigation.model_copy(update=changes)})
+        return _unless_given(settings, given, {key: max(value, LEAST_MOTION[key]) for key, value in found.items()})
 
     def _noise(self, settings: Scenario) -> list[AngleNoise]:
         """Return the noise of each station's rows: as the settings give it, or as found, or as guessed."""

@@ -120,8 +120,8 @@ class SingleSweeps:
         bank = tracks.bank
         found = innovations(rows, kept, mask, self._stations, self._point_m, bank.state, self._noise)
         asked = mask & (found.number > 0)
-        angles = condense(found, asked, bank.covariance)
-        result = bank.update(asked, found.y, found.h, np.ones_like(found.y), found.number, found.pivot, angles)
+        sums, angles = condense(found, asked, bank.covariance)
+        result = bank.update(asked, sums.y, sums.h, np.ones_like(sums.y), sums.number, sums.pivot, angles)
         out.fresh[asked], out.refused[asked] = result.accepted[asked], ~result.accepted[asked]
         out.nis[asked], out.rows[asked] = result.nis[asked], np.where(result.accepted, angles, 0)[asked]
 

@@ -367,12 +367,11 @@ class StationNavigator:
         bank = self.tracks.bank
         found = innovations(rows, out.kept, mask, self._packed, self._point_m, bank.state, self._noise, found)
         asked = mask & (found.number > 0)
-        sums = found._replace(y=found.y.copy(), h=found.h.copy(), number=found.number.copy())
-        angles = condense(sums, asked, bank.covariance)
+        sums, angles = condense(found, asked, bank.covariance)
         result = bank.update(asked, sums.y, sums.h, np.ones_like(sums.y), sums.number, sums.pivot, angles)
         out.fresh[asked], out.refused[asked] = result.accepted[asked], ~result.accepted[asked]
         out.nis[asked] = result.nis[asked]
-        out.rows[asked] = np.where(result.accepted, found.number, 0)[asked]
+        out.rows[asked] = np.where(result.accepted, angles, 0)[asked]
         return found
 
     def _estimate(
