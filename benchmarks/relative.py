@@ -78,8 +78,8 @@ def sigmas(share: float) -> tuple[tuple[str, float], ...]:
 class Case(NamedTuple):
     """One case. share: of the fan errors that is left over; drawn: at random with that size, or as they are. coupling:
     of the navigation. turned: largest turn of either craft of a pair against the other, per axis [rad]. noisy: whether
-    angles have noise and craft are pushed; the filters assume both. quiet: by two models of motion, the
-    quieter of which is right.
+    angles have noise and craft are pushed; the filters assume both. quiet: craft that nothing but the process noise of
+    the quietest model of motion pushes, by a filter of several models.
     """
 
     share: float = 0.0
@@ -94,10 +94,12 @@ CASES = {
     "noise": Case(),
     "noise, turned by 20 deg": Case(turned=0.35),
     "noise, tight": Case(coupling="tight"),
-    "noise, two models of motion": Case(quiet=True),
+    "noise, quiet": Case(quiet=True),
     "fan errors alone": Case(share=0.02, noisy=False),
     "fan errors and noise": Case(share=0.02, drawn=True),
     "fan errors and noise, turned by 20 deg": Case(share=0.02, drawn=True, turned=0.35),
+    "fan errors and noise, tight": Case(share=0.02, drawn=True, coupling="tight"),
+    "fan errors and noise, quiet": Case(share=0.02, drawn=True, quiet=True),
 }
 
 

@@ -76,9 +76,22 @@ class Reference(NamedTuple):
     holds_attitude: Bools
 
 
+class Turning(NamedTuple):
+    """Attitude that guidance asks of some craft now: craft (G,), rotation (G, 3, 3) R_l_b, angular_rate (G, 3)
+    [rad/s], constant.
+    """
+
+    craft: Ints
+    rotation: Floats
+    angular_rate: Floats
+
+
 class Steered(NamedTuple):
-    """Motion that guidance asks of some craft now: craft (G,), motion (G, 3) each, free (G,): not held."""
+    """Motion that guidance asks of some craft now: craft (G,), motion (G, 3) each, free (G,): not held. turning: of
+    those of them whose attitude it decides as well; None: of none.
+    """
 
     craft: Ints
     motion: Motion
     free: Bools
+    turning: Turning | None = None

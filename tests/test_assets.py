@@ -70,8 +70,8 @@ def test_folder_whose_only_model_has_another_name(tmp_path):
         ("mokcup", "no model 'mokcup'; did you mean 'mockup'"),
         (
             "qqqq",
-            "known: berth, chaser, cubesat12u, cubesat6u, dotbot, inspector, lighthouse, marker-target, mockup, "
-            "plate, satellite, servicer",
+            "known: berth, chaser, client, cubesat12u, cubesat6u, dotbot, inspector, lighthouse, marker-target, "
+            "mockup, plate, satellite, servicer",
         ),
         ("craft/mokcup.xml", "mokcup.xml does not exist"),
     ],

@@ -7,10 +7,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from estimators import rotation as rot
+from estimators.relative.pose import relative, seen_from
+from estimators.state import State
 from swarm.hardware import Closing, Port, closing, docked_pose, placed
 from swarm.onboard.guidance.corridor import in_corridor
 from swarm.onboard.guidance.docking import Docking
-from swarm.onboard.guidance.glideslope import Glideslope, at_rest, brake, through, towards
+from swarm.onboard.guidance.gains import Gains
+from swarm.onboard.guidance.glideslope import Glideslope, Moving, at_rest, brake, through, towards
+from swarm.onboard.guidance.guidance import Clearance, Guidance, Knowledge
+from swarm.onboard.guidance.neighbours import Neighbour, at_rest_in, carried
 from swarm.onboard.guidance.phase import Phase
 from swarm.scenario import Dock
 from swarm.units import si
@@ -225,3 +231,99 @@ def test_lost_at_a_hold_point_it_stays_and_goes_on_from_there():
     craft = Craft().fly(200, until=Phase.HOLD).fly(2.0, tracking=False)
     assert craft.docking.phase == Phase.LOST
     craft.fly(200, until=Phase.DOCKED, latch=True)
+
+
+def client(time_s):
+    """A craft that drifts and turns steadily."""
+    rate = np.array([0.02, -0.05, 0.03])
+    start = rot.exp(np.array([0.1, 0.6, 0.2]))
+    velocity = np.array([0.02, -0.01, 0.015])
+    return State(rot.exp(rate * time_s) @ start, np.array([-0.4, 0.1, 2.5]) + velocity * time_s, velocity, rate)
+
+
+def test_a_point_in_the_axes_of_a_turning_craft_moves_in_the_world_as_differences_say():
+    start, speed, push = np.array([0.2, -0.4, 0.9]), np.array([0.03, 0.01, -0.05]), np.array([0.01, -0.02, 0.005])
+
+    def point(t):
+        return Moving(start + speed * t + push * t**2 / 2, speed + push * t, push)
+
+    h = 1e-3
+    before, now, after = (carried(client(t), point(t)) for t in (2.0 - h, 2.0, 2.0 + h))
+    assert now.velocity == pytest.approx((after.position - before.position) / (2 * h), abs=1e-7)
+    assert now.acceleration == pytest.approx((after.velocity - before.velocity) / (2 * h), abs=1e-7)
+    resting = carried(client(2.0), at_rest_in(client(2.0), (0.5, 0.6, 3.0)))
+    assert resting.position == pytest.approx([0.5, 0.6, 3.0])
+    assert resting.velocity == pytest.approx([0, 0, 0], abs=1e-12)
+
+
+def test_a_craft_is_seen_where_its_relative_state_has_it():
+    a, b = client(0.3), client(4.0)._replace(velocity=np.array([0.1, 0.2, -0.3]))
+    back = seen_from(a, State._make(relative(a, b)[:4]))
+    for got, want in zip(back, b, strict=True):
+        assert got == pytest.approx(want, abs=1e-12)
+
+
+SHORT: dict[str, Any] = {
+    "from_m": (0.15, 0.15, 3.3),
+    "hold_ranges_m": (0.2,),
+    "hold_s": (2.0,),
+    "glideslope_s": 1.0,
+    "settle_s": 0.1,
+}
+
+
+def flown_to_client(seconds, *, heard=lambda time_s: True):
+    """A craft that flies exactly as told to a port of `client`: its phases, and its last pose in the port's frame."""
+    target = Port(np.array([0.0, 0.05, 0.3]), rot.exp(np.array([0.0, 0.3, 0.0])))
+    docking = Docking(0, OWN, target, Dock(**PLAN | SHORT), T, rides=1)
+    nobody = Clearance(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0))
+    guidance = Guidance(T, [Gains(1.0, 1.0), None], [docking], [], nobody, np.zeros(2, dtype=np.bool_))
+    own = State(np.eye(3), np.array(SHORT["from_m"]), np.zeros(3), np.zeros(3))
+    phases, known_as, speeds = [], client(0.0), []
+    for n in range(round(seconds / T)):
+        there = client(n * T)
+        # Who is not heard is carried on at constant rates: `client` moves so.
+        known_as = there if heard(n * T) else known_as.ahead(T)
+        both = State._make(np.stack(part) for part in zip(own, there, strict=True))
+        knows = Knowledge(
+            np.array([True, False]),
+            np.zeros(2),
+            np.array([False, False]),
+            {(0, 1): Neighbour(known_as, 0.001, heard(n * T))},
+        )
+        asked = guidance.steer(n * T, both, knows)
+        moving = Moving(*(part[0] for part in asked.motion))
+        assert asked.turning is not None
+        turn, rate = asked.turning.rotation[0], asked.turning.angular_rate[0]
+        own = State(
+            rot.exp(rate * T) @ turn,
+            moving.position + moving.velocity * T + moving.acceleration * T**2 / 2,
+            moving.velocity + moving.acceleration * T,
+            rate,
+        )
+        phases.append(docking.phase)
+        port = placed(target, there.rotation, there.position)
+        mine = placed(OWN, turn, moving.position)
+        at = closing(mine, port, np.zeros(3))
+        speeds.append((float(at.range_m), float(at.lateral_m), float(at.angle_rad)))
+        if at.range_m < 0:
+            break
+    return phases, speeds
+
+
+def test_a_port_that_moves_and_turns_is_met_in_its_own_axes():
+    phases, way = flown_to_client(40.0)
+    assert list(dict.fromkeys(phases)) == [Phase.WAIT, Phase.TRANSFER, Phase.HOLD, Phase.FINAL]
+    ranges, lateral, angle = np.array(way).T
+    assert ranges[-1] < 0
+    assert lateral[-1] < 1e-3
+    assert angle.max() < 1e-6
+    assert (ranges[-2] - ranges[-1]) / T == pytest.approx(0.03, rel=0.05)
+
+
+def test_a_craft_that_does_not_hear_its_target_is_lost_and_stays_beside_it():
+    phases, way = flown_to_client(9.0, heard=lambda time_s: time_s < 2.0)
+    assert phases[-1] == Phase.LOST
+    ranges = np.array(way)[:, 0]
+    # At rest in the axes of the target as it was last known, which moves on so.
+    assert ranges[-120:] == pytest.approx(ranges[-1], abs=1e-4)

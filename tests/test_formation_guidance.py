@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from estimators.relative_orbit import acceleration, circular
+from estimators.state import State
 from swarm.onboard.guidance.assignment import assign
 from swarm.onboard.guidance.broadcast import FORGOTTEN_S, Broadcasts, Heard
 from swarm.onboard.guidance.formation import Formation
 from swarm.onboard.guidance.gains import regulator
+from swarm.onboard.guidance.neighbours import Neighbour
 from swarm.onboard.guidance.phase import Phase
 from swarm.scenario import Figure
 from swarm.scenario import Formation as Table
@@ -32,6 +34,29 @@ def figure(shape, size_m, tilt_rad=0.0, turn_rad=0.0, rate_rad_s=0.0, at_s=0.0):
 
 def flown(*figures, count, speed_m_s):
     return Formation(np.arange(count), Table(kind="formation", figures=figures, speed_m_s=speed_m_s))
+
+
+def test_figures_that_move_with_a_craft_are_carried_by_what_each_member_knows_of_it():
+    table = Table(
+        kind="formation",
+        centre_m=FRONT,
+        figures=(figure("line", 1.0), figure("ring", 1.0, at_s=10.0)),
+        about="leader",
+    )
+    start, still = np.array([0.5, 0.0, 4.0]), flown(*table.figures, count=2, speed_m_s=table.speed_m_s)
+    moving = Formation(np.arange(2), table, about=(2, start))
+    unit = np.eye(3)
+    for t in (0.0, 3.0, 10.0, 12.0):
+        way, speed = np.array([0.1, -0.2, 0.05]) * t, np.array([0.1, -0.2, 0.05])
+        # Each member believes the leader elsewhere, as its own estimate is off.
+        off = np.array([[0.03, 0.0, 0.0], [0.0, -0.04, 0.0]])
+        known = {
+            (n, 2): Neighbour(State(unit, start + way + off[n], speed, np.zeros(3)), 0.001, good=True) for n in (0, 1)
+        }
+        place = still.at(t, Heard(np.zeros((3, 3)), np.zeros((3, 3)), np.array([False, False, False])))
+        at = moving.at(t, Heard(np.zeros((3, 3)), np.zeros((3, 3)), np.array([False, False, False])), known)
+        assert at.position == pytest.approx(place.position + way + off, abs=1e-12)
+        assert at.velocity == pytest.approx(place.velocity + speed, abs=1e-12)
 
 
 def test_figures_have_their_geometry():

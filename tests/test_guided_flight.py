@@ -191,6 +191,7 @@ def test_what_does_not_broadcast_is_not_heard_and_craft_without_guidance_fly_as_
         (("craft[0].motion.hold_s=[1.0]",), r"has 1 times for 2 hold_ranges_m"),
         (("craft[0].motion.hold_ranges_m=[0.4, 1.5]",), "must come nearer"),
         (("craft[0].motion.closing_speed_m_s=0.5",), "at most speed_m_s"),
+        (('pair=[{craft="servicer",to="berth"}]',), "sees no light has no estimate"),
     ],
 )
 def test_mistakes_in_a_docking_are_named(changes, message):
@@ -217,6 +218,23 @@ def test_a_model_without_a_port_cannot_be_docked_to():
 def test_mistakes_in_a_formation_are_named(figures, message):
     with pytest.raises(SwarmError, match=message):
         swarm.load("formation-reconfigure", (f"swarm.motion.figures={figures}",))
+
+
+def test_figures_that_move_with_a_craft_need_a_pair_of_each_member():
+    leader = 'craft=[{name="leader",motion={kind="tumble",position_m=[0.0,0.0,3.0]}}]'
+    few = ("swarm.count=1", leader, "swarm.motion.about=leader")
+    with pytest.raises(SwarmError, match=r"craft-0 must navigate relative to leader: add a \[\[pair\]\]"):
+        swarm.load("formation-reconfigure", few)
+    with pytest.raises(SwarmError, match="did you mean 'leader'"):
+        swarm.load("formation-reconfigure", (*few[:2], "swarm.motion.about=leadr"))
+    paired = swarm.load("formation-reconfigure", (*few, 'pair=[{craft="craft-0",to="leader"}]'))
+    flight = Flight(paired)
+    start = builders.fleet(paired).start().position
+    for frame in range(8):
+        period = flight.period(frame)
+    # The first figure turns meanwhile by less than its members move in eight periods.
+    assert period.guided is not None
+    assert period.guided.reference_m[0] == pytest.approx(start[0], abs=0.05)
 
 
 def test_a_projected_circle_needs_an_orbit():

@@ -53,6 +53,17 @@ def relative(a: State, b: State) -> Relative:
     return Relative(turn @ b.rotation, turn @ apart, turn @ seen, turn @ spin, by_a, by_b)
 
 
+def seen_from(a: State, there: State) -> State:
+    """Return the state of craft b in the world, from that of a and b's in a's axes: `relative` the other way round."""
+    apart = a.rotation @ there.position
+    return State(
+        rotation=a.rotation @ there.rotation,
+        position=a.position + apart,
+        velocity=a.velocity + a.rotation @ there.velocity + skew(a.angular_rate) @ apart,
+        angular_rate=a.angular_rate + a.rotation @ there.angular_rate,
+    )
+
+
 def covariance_between(between: Relative, of_a: Floats, of_b: Floats, cross: Floats) -> Floats:
     """Return the covariance (12, 12) of a relative state.
 

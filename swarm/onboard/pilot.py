@@ -11,12 +11,14 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from estimators.arrays import Bools, Floats
+from estimators.relative.pose import seen_from
 from estimators.relative_orbit import RelativeOrbit
 from estimators.state import STATES, Reference, State, Steered, unknown
 from swarm.messages import Command, Order
 from swarm.onboard import control
 from swarm.onboard.actuation.actuation import Actuation
 from swarm.onboard.guidance.guidance import Guidance, Knowledge
+from swarm.onboard.guidance.neighbours import Neighbour
 from swarm.onboard.navigation import Estimate
 from swarm.onboard.own_controllers import NO_CONTROLLERS, Controllers, Steering
 from swarm.onboard.settings import BY_LIGHT
@@ -72,6 +74,8 @@ class Pilot:
         self._estimated = unknown(self._craft)
         nothing = np.zeros(self._craft)
         self._known = Knowledge(nothing > 0, nothing, nothing > 0)
+        self._pairs: list[tuple[int, int]] = []
+        self._neighbours: dict[tuple[int, int], Neighbour] = {}
         self._reference = motions.at(0.0)
 
     def steer(self, time_s: float, told: State, idle: Bools) -> Order:
@@ -83,7 +87,7 @@ class Pilot:
             idle: craft whose control does nothing, (C,).
         """
         believed = self._believed(told, idle)
-        steered = None if self.guidance is None else self.guidance.steer(time_s, believed, self._known)
+        steered = None if self.guidance is None else self.guidance.steer(time_s, believed, self._told(told))
         reference = self._reference = self._motions.at(time_s, steered)
         command = self._command(reference, believed)
         wrench = control.wrench(command, reference, believed, self._body.mass, self._body.inertia)
@@ -99,9 +103,33 @@ class Pilot:
         if self.guidance is not None:
             sigma = np.sqrt(np.trace(estimate.covariance[:, 6:9, 6:9], axis1=1, axis2=2))
             tracking = np.isin(estimate.status, BY_LIGHT) & ~estimate.integrity.alert
+            self._meet(estimate)
             self._known = Knowledge(
-                np.where(self.by_estimate, tracking, True), np.where(self.by_estimate, sigma, 0.0), latched
+                np.where(self.by_estimate, tracking, True),
+                np.where(self.by_estimate, sigma, 0.0),
+                latched,
+                self._neighbours,
             )
+
+    def _meet(self, estimate: Estimate) -> None:
+        """Take in where other craft are; those that are not heard of are carried on."""
+        found = estimate.relative
+        if found is None:
+            return
+        self._pairs = list(zip(found.craft.tolist(), found.to.tolist(), strict=True))
+        for n, pair in enumerate(self._pairs):
+            if np.isfinite(found.position[n]).all():
+                state = seen_from(estimate.state.of(pair[0]), found.state.of(n)).ahead(self._period_s / 2)
+                sigma = float(np.sqrt(np.trace(found.covariance[n, 6:9, 6:9])))
+                self._neighbours[pair] = Neighbour(state, sigma, not found.alert[n])
+            elif pair in self._neighbours:
+                self._neighbours[pair] = self._neighbours[pair].ahead(self._period_s)
+
+    def _told(self, told: State) -> Knowledge:
+        """Return the inputs of guidance; who steers by the true state has that of other craft too."""
+        by_truth = (pair for pair in self._pairs if not self.by_estimate[pair[0]])
+        exact = {pair: Neighbour(told.of(pair[1]), 0.0, good=True) for pair in by_truth}
+        return self._known._replace(neighbours={**self._known.neighbours, **exact}) if exact else self._known
 
     def reference_m(self) -> Floats:
         """Return the reference position of every craft at the epoch of the period that was steered last, (C, 3) [m]."""

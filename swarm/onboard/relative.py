@@ -52,6 +52,11 @@ class RelativePoses(NamedTuple):
     attitude_level_rad: Floats
     alert: Bools
 
+    @property
+    def state(self) -> State:
+        """The states of the others in the craft's axes."""
+        return State(self.rotation, self.position, self.velocity, self.angular_rate)
+
 
 class _Pair:
     """The covariance between the errors of two craft, as one of them carries it on. cross: (12, 12). known: whether

@@ -517,8 +517,10 @@ class Scenario(Table):
                 yield from self._station_mistakes(i, table.ccd.target, f"{key}.ccd.target")
             if isinstance(table, SingleCraft) and table.lidar is not None:
                 yield from self._lidar_mistakes(table.lidar, f"{key}.lidar")
-            if table.motion.kind == "dock":
+            if table.motion.kind == "dock" and not self.navigates_relative(names[i], table.motion.target):
                 yield from self._station_mistakes(i, table.motion.target, f"{key}.motion.target")
+            if table.motion.kind == "formation" and table.motion.about is not None:
+                yield from self._about_mistakes(names[i], table.motion.about, f"{key}.motion.about")
         yield from self._pair_mistakes()
         if self.navigation.reference is not None:
             yield from self._station_mistakes(-1, self.navigation.reference, "navigation.reference")
@@ -582,10 +584,10 @@ class Scenario(Table):
             yield pair.craft, f"pair[{i}].craft"
             yield pair.to, f"pair[{i}].to"
         for key, table in dict(self.tables).items():
-            for inner in ("ccd", "lidar", "motion"):
-                target = getattr(getattr(table, inner, None), "target", None)
-                if target is not None:
-                    yield target, f"{key}.{inner}.target"
+            for inner, name in (("ccd", "target"), ("lidar", "target"), ("motion", "target"), ("motion", "about")):
+                other = getattr(getattr(table, inner, None), name, None)
+                if other is not None:
+                    yield other, f"{key}.{inner}.{name}"
 
     def _station_mistakes(self, craft: int, target: str, key: str) -> Iterator[Mistake]:
         """Require that a craft's target is another craft, and stays where the craft knows it to be."""
@@ -599,6 +601,17 @@ class Scenario(Table):
             yield "must hold its position without spin: its pose is known on board", key, f"{table}.motion.kind"
         elif group.feedback != "truth":
             yield 'must hold its position exactly: feedback = "truth"', key, f"{table}.feedback"
+
+    def navigates_relative(self, craft: str, to: str) -> bool:
+        """Return whether a [[pair]] says that a craft navigates relative to another."""
+        return any((pair.craft, pair.to) == (craft, to) for pair in self.pair)
+
+    def _about_mistakes(self, craft: str, leader: str, key: str) -> Iterator[Mistake]:
+        """Require that a craft whose figures move with another one navigates relative to it."""
+        if leader == craft:
+            yield "a craft cannot move about itself", key
+        elif leader in self.craft_names and not self.navigates_relative(craft, leader):
+            yield f"{craft} must navigate relative to {leader}: add a [[pair]] of both", key, "pair"
 
     def _lidar_mistakes(self, lidar: Lidar, key: str) -> Iterator[Mistake]:
         """Require that the target of a LiDAR is passive, and that no scan is shorter than a lighthouse period."""
@@ -624,6 +637,9 @@ class Scenario(Table):
                 table = tables.get(getattr(pair, key))
                 if table is not None and table[1].passive:
                     yield "a passive craft has no estimate to broadcast", f"pair[{i}].{key}", f"{table[0]}.passive"
+                if table is not None and not (table[1].lighthouse or getattr(table[1], "ccd", None)):
+                    reason = "a craft that sees no light has no estimate to broadcast"
+                    yield reason, f"pair[{i}].{key}", f"{table[0]}.lighthouse"
                 if table is not None and table[1].navigator is not None:
                     reason = "a navigator of your own does not tell what it shares with others"
                     yield reason, f"pair[{i}].{key}", f"{table[0]}.navigator"

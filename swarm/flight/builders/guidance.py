@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from estimators.arrays import Floats
 from estimators.state import Reference
 from swarm import scenario
 from swarm.errors import SwarmError
@@ -47,6 +48,14 @@ def _port(craft: Craft, where: str) -> Port:
     return port
 
 
+def _about(settings: Scenario, table: scenario.Formation, station: Reference) -> tuple[int, Floats] | None:
+    """Return the craft with which the figures of a formation move, and where it starts."""
+    if table.about is None:
+        return None
+    leader = settings.craft_names.index(table.about)
+    return leader, station.position[leader]
+
+
 def facing_port(mating: Mating, station: Reference) -> tuple[float, float, float]:
     """Return the turns about x, y, z [rad] of a craft whose port faces the target's.
 
@@ -73,12 +82,15 @@ def guidance(settings: Scenario, pairs: Sequence[Mating], station: Reference) ->
     gains = [None if t is None else regulator(t.deviation_m, t.effort_m_s2, period_s) for t in tables]
     dockings = []
     for pair in pairs:
-        port = placed(pair.at, station.rotation[pair.target], station.position[pair.target])
-        table = tables[pair.craft]
+        table, names = tables[pair.craft], settings.craft_names
         assert isinstance(table, Dock)
+        if settings.navigates_relative(names[pair.craft], names[pair.target]):
+            dockings.append(Docking(pair.craft, pair.own, pair.at, table, period_s, rides=pair.target))
+            continue
+        port = placed(pair.at, station.rotation[pair.target], station.position[pair.target])
         dockings.append(Docking(pair.craft, pair.own, port, table, period_s))
     formations = [
-        Formation(np.arange(i, i + c.count), table, orbit(settings))
+        Formation(np.arange(i, i + c.count), table, orbit(settings), _about(settings, table, station))
         for i, (c, table) in enumerate(zip(craft, tables, strict=True))
         if isinstance(table, scenario.Formation) and c.index == 0
     ]

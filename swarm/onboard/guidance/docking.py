@@ -10,6 +10,9 @@ out of the corridor it flies back to the hold point that it came from. While its
 state that its filter predicts from the craft's own orders, and stays; once the navigation is back, the craft retreats
 if it was on the axis. After a number of retreats it gives up.
 
+The target's port is known in some frame, in which everything here is: the lighthouse's where the target stands still,
+the target's own axes where it moves and turns; who calls `step` has the craft's motion in that frame.
+
 The reference is a point moved by `swarm.onboard.guidance.glideslope`; in the last leg it passes the port at the closing
 speed.
 """
@@ -33,23 +36,27 @@ OVERTRAVEL_M = 0.02
 class Docking:
     """The state of one approach; `step` once per lighthouse period."""
 
-    def __init__(self, craft: int, own: Port, target: Port, table: Dock, period_s: float) -> None:
+    def __init__(
+        self, craft: int, own: Port, target: Port, table: Dock, period_s: float, rides: int | None = None
+    ) -> None:
         """Begin at the position that the table gives.
 
         Args:
             craft: index of the craft.
             own: the craft's port in its body frame.
-            target: the target's port in the lighthouse frame.
+            target: the target's port in the lighthouse frame, or in the axes of the craft `rides`.
             table: the scenario's table.
             period_s: time between two steps [s].
+            rides: index of the target, which moves and turns; None where it stands still.
         """
-        self.craft, self.own, self.target, self.phase = craft, own, target, Phase.WAIT
+        self.craft, self.own, self.target, self.phase, self.rides = craft, own, target, Phase.WAIT, rides
         self._plan, self._ranges_m = si(table), table.hold_ranges_m
         self._slope = Glideslope(1 / table.glideslope_s, table.speed_m_s, table.acceleration_m_s2)
         self._period_s = period_s
+        self.from_m = table.from_m
         self._reference = at_rest(np.array(table.from_m))
         self._axis = target.rotation[:, 2]
-        self._docked_m = docked_pose(own, target)[1]
+        self.docked_rotation, self._docked_m = docked_pose(own, target)
         self._leg = 0
         """Index of the hold point at which the craft is, to which it flies, or from which it came in FINAL."""
         self._since_s = 0.0
@@ -84,6 +91,10 @@ class Docking:
         self._reference = self._follow(now)
         # The acceleration of the step that follows leads on from here.
         return Moving(now.position, now.velocity, self._reference.acceleration)
+
+    def begin(self, at: Moving) -> None:
+        """Wait from a point on that is known only now, in the target's axes."""
+        self._reference = at
 
     def _judge_navigation(self, good: bool) -> None:
         self._good_s = self._good_s + self._period_s if good else 0.0

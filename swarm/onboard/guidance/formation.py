@@ -16,6 +16,7 @@ from estimators.relative_orbit import RelativeOrbit
 from estimators.state import Motion
 from swarm.onboard.guidance.assignment import assign
 from swarm.onboard.guidance.broadcast import Heard
+from swarm.onboard.guidance.neighbours import Neighbours
 from swarm.onboard.guidance.phase import Phase
 from swarm.scenario import Formation as Table
 from swarm.scenario.motions.shapes import Shape, shape_of
@@ -26,18 +27,26 @@ PEAK_TO_MEAN = 15 / 8
 class Formation:
     """N craft that share a schedule of figures."""
 
-    def __init__(self, craft: Ints, table: Table, orbit: RelativeOrbit | None = None) -> None:
+    def __init__(
+        self,
+        craft: Ints,
+        table: Table,
+        orbit: RelativeOrbit | None = None,
+        about: tuple[int, Floats] | None = None,
+    ) -> None:
         """Begin in the first figure.
 
         Args:
             craft: indices of the craft, (N,).
             table: the scenario's table.
             orbit: the lighthouse's orbit; None in weightless space.
+            about: index of the craft with which the figures move, and the place (3,) [m] from which on they do; None
+                where they stay.
 
         Raises:
             SwarmError: a figure needs an orbit, and there is none.
         """
-        self.craft = craft
+        self.craft, self._about = craft, about
         self._table = table
         self._shapes = [shape_of(figure, table.centre_m, orbit) for figure in table.figures]
         self._current = 0
@@ -45,11 +54,29 @@ class Formation:
         self._from, self._to = (self._shapes[0], place), (self._shapes[0], place)
         self._begun_s, self._length_s = 0.0, 0.0
 
-    def at(self, time_s: float, heard: Heard) -> Motion:
-        """Return the reference motion of the formation's craft at `time_s` [s], (N, 3) each.
+    def at(self, time_s: float, heard: Heard, neighbours: Neighbours | None = None) -> Motion:
+        """Return the reference motion of the formation's craft, (N, 3) each.
 
-        When a figure ends, the places in the next one are assigned by the positions `heard`.
+        Args:
+            time_s: time [s].
+            heard: broadcasts; when a figure ends, the places in the next one are assigned by their positions.
+            neighbours: other craft as these know them; where the figures move with one, each adds how far it has come.
         """
+        if self._about is None:
+            return self._figure_at(time_s, heard)
+        leader, start = self._about
+        known = {} if neighbours is None else neighbours
+        shift = np.zeros((2, len(self.craft), 3))
+        for n, craft in enumerate(self.craft.tolist()):
+            if (other := known.get((craft, leader))) is not None:
+                shift[:, n] = other.state.position - start, other.state.velocity
+        if heard.known[leader]:
+            heard = heard._replace(position=heard.position - (heard.position[leader] - start))
+        motion = self._figure_at(time_s, heard)
+        return motion._replace(position=motion.position + shift[0], velocity=motion.velocity + shift[1])
+
+    def _figure_at(self, time_s: float, heard: Heard) -> Motion:
+        """Return the motion of the places in figures that stay."""
         after = self._current + 1
         if after < len(self._shapes) and time_s >= self._table.figures[after].at_s:
             self._begin(time_s, heard)

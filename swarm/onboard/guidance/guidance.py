@@ -5,13 +5,15 @@ once are those that each craft computes for itself. Craft that steer by the trut
 """
 
 from collections.abc import Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
+from estimators.relative.pose import relative
 from estimators.rotation import skew
-from estimators.state import Motion, State, Steered
+from estimators.state import Motion, State, Steered, Turning
 from swarm.hardware import Closing, closing, placed
 from swarm.messages import Command
 from swarm.onboard.control import Feedback, feedback
@@ -20,6 +22,8 @@ from swarm.onboard.guidance.broadcast import Broadcasts
 from swarm.onboard.guidance.docking import Docking
 from swarm.onboard.guidance.formation import Formation
 from swarm.onboard.guidance.gains import Gains
+from swarm.onboard.guidance.glideslope import Moving, at_rest
+from swarm.onboard.guidance.neighbours import Neighbours, at_rest_in, carried
 from swarm.onboard.guidance.phase import Phase
 
 
@@ -28,12 +32,13 @@ class Knowledge(NamedTuple):
 
     tracking: whether light has gone into the craft's filter in the last period, as a pose or as single sweeps, and its
     protection level is within its limit. sigma_m: standard deviation of its position [m]. latched: state of the switch
-    in its port.
+    in its port. neighbours: other craft that they navigate relative to.
     """
 
     tracking: Bools
     sigma_m: Floats
     latched: Bools
+    neighbours: Neighbours = MappingProxyType({})
 
 
 class Clearance(NamedTuple):
@@ -99,13 +104,18 @@ class Guidance:
         heard = self._air.heard()
         for formation in self._formations:
             craft.append(formation.craft)
-            motions.append(formation.at(time_s, heard))
+            motions.append(formation.at(time_s, heard, known.neighbours))
             self.phase[formation.craft] = formation.phase(time_s)
+        turnings: list[Turning] = []
         for docking in self._dockings:
             i = docking.craft
-            tracking, sigma, latched = bool(known.tracking[i]), float(known.sigma_m[i]), bool(known.latched[i])
-            at = _stands(docking, believed)
-            moving = docking.step(time_s, believed.position[i], believed.velocity[i], at, tracking, sigma, latched)
+            if docking.rides is None:
+                tracking, sigma, latched = bool(known.tracking[i]), float(known.sigma_m[i]), bool(known.latched[i])
+                own = believed.of(i)
+                at = _stands(docking, own)
+                moving = docking.step(time_s, own.position, own.velocity, at, tracking, sigma, latched)
+            else:
+                moving = _ridden(docking, time_s, believed.of(i), known, turnings)
             craft.append(np.array([i]))
             motions.append(Motion(*(part[None] for part in moving)))
             self.phase[i] = docking.phase
@@ -113,7 +123,8 @@ class Guidance:
             return Steered(np.zeros(0, dtype=np.int64), Motion(*np.zeros((3, 0, 3))), np.zeros(0, dtype=np.bool_))
         who = np.concatenate(craft)
         parts = (np.concatenate(list(part)) for part in zip(*motions, strict=True))
-        return Steered(who, Motion(*parts), self.phase[who] == Phase.DOCKED)
+        turned = Turning(*(np.concatenate(list(part)) for part in zip(*turnings, strict=True))) if turnings else None
+        return Steered(who, Motion(*parts), self.phase[who] == Phase.DOCKED, turned)
 
     def clear(self, command: Command, believed: State) -> Command:
         """Return the command nearest to `command` that keeps the craft clear of each other.
@@ -134,8 +145,33 @@ class Guidance:
 
 
 def _stands(docking: Docking, believed: State) -> Closing:
-    """Return the estimated closing of the craft's port on the target's, which is at rest."""
+    """Return the estimated closing of the craft's port on the target's, which is at rest in the state's frame."""
+    own = placed(docking.own, believed.rotation, believed.position)
+    arm = believed.rotation @ docking.own.position
+    return closing(own, docking.target, believed.velocity + skew(believed.angular_rate) @ arm)
+
+
+def _ridden(docking: Docking, time_s: float, believed: State, known: Knowledge, turnings: list[Turning]) -> Moving:
+    """Return the reference in the world of a craft that docks to one that moves; the turning goes into `turnings`.
+
+    Args:
+        docking: the approach, in the target's axes.
+        time_s: beginning of the period [s].
+        believed: the craft's own state, without the craft axis.
+        known: further inputs.
+        turnings: attitudes that are asked for.
+    """
     i = docking.craft
-    own = placed(docking.own, believed.rotation[i], believed.position[i])
-    arm = believed.rotation[i] @ docking.own.position
-    return closing(own, docking.target, believed.velocity[i] + skew(believed.angular_rate[i]) @ arm)
+    other = known.neighbours.get((i, docking.rides if docking.rides is not None else -1))
+    if other is None:
+        return at_rest(np.array(docking.from_m))
+    if docking.phase == Phase.WAIT:
+        docking.begin(at_rest_in(other.state, docking.from_m))
+    own = State._make(relative(other.state, believed)[:4])
+    tracking = bool(known.tracking[i]) and other.good
+    moving = docking.step(
+        time_s, own.position, own.velocity, _stands(docking, own), tracking, other.sigma_m, bool(known.latched[i])
+    )
+    turn = other.state.rotation @ docking.docked_rotation
+    turnings.append(Turning(np.array([i]), turn[None], other.state.angular_rate[None]))
+    return carried(other.state, moving)

@@ -33,7 +33,8 @@ class Dock(Guided):
     )
     from_m: Vector = Field(description="Point where the craft waits and starts.")
     target: str = Field(
-        description="Name of the craft with the docking port (a site `port...`); it must hold its position."
+        description="Name of the craft with the docking port (a site `port...`). It must hold its position, unless a "
+        "[[pair]] says that this craft navigates relative to it: then it may move and turn."
     )
     start_s: Time = Field(default=0.0, description="Earliest time of the departure.")
     hold_ranges_m: Annotated[tuple[Length, ...], Strict(False)] = Field(

@@ -20,6 +20,11 @@ class Formation(Turned, Clear):
 
     kind: Literal["formation"] = Field(description="A swarm flies from one figure to the next.")
     centre_m: Vector = Field(default=(0.0, 0.0, 4.0), description="Centre of the figures.")
+    about: str | None = Field(
+        default=None,
+        description="Craft with which the figures move: centre_m is their centre where that craft starts. Every craft "
+        "of the formation navigates relative to it: a [[pair]] each. Unset: the figures stay.",
+    )
     figures: Annotated[tuple[Figure, ...], Strict(False)] = Field(
         min_length=1, description="Figures in the order of time: a list of tables."
     )

@@ -160,6 +160,9 @@ class Fleet:
             offset[who] = own.rotation
         turned_into = out.rotation, out.angular_rate, out.angular_acceleration
         _turn_into(time_s, frame, rate, change, offset, self._spin, *turned_into)
+        if steered is not None and (asked := steered.turning) is not None:
+            out.rotation[asked.craft], out.angular_rate[asked.craft] = asked.rotation, asked.angular_rate
+            out.angular_acceleration[asked.craft] = 0.0
         return out
 
 
