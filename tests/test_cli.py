@@ -629,6 +629,40 @@ def test_stopped_before_anything_was_written_says_so(
     assert result.err.endswith("error: stopped by SIGINT before anything was written\n")
 
 
+STOPPED = {
+    "compare a b": "swarm.report.comparison.comparison.Comparison",
+    "export a --to tum": "swarm.exports.export.export",
+    "layout mockup": "swarm.studies.layout.study.study",
+    "place mockup": "swarm.studies.placement.study.study",
+    "replay handheld --list": "swarm.flight.recordings.contents.contents",
+    "report a": "swarm.report.write.write_report",
+    "survey a.rec": "swarm.flight.recordings.formats.format_of",
+    "video a a.mp4": "swarm.exports.video.video",
+}
+"""Commands, and the function of each that does its work."""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(("line", "function"), STOPPED.items())
+def test_every_command_that_is_stopped_says_so_in_one_line(
+    command: Command, monkeypatch: pytest.MonkeyPatch, line: str, function: str, number: signal.Signals
+) -> None:
+    def stopped(*_: Any, **__: Any) -> None:
+        try:
+            os.kill(os.getpid(), number)
+        finally:
+            os.kill(os.getpid(), number)  # the second one comes while the first one is dealt with
+        raise AssertionError("the work goes on")
+
+    monkeypatch.setattr(function, stopped)
+    result = command(*line.split())
+    told = [said for said in result.err.splitlines() if not said.endswith("starting")]
+    assert (result.code, result.out) == (128 + number, "")
+    assert told == [f"error: stopped by {number.name}; no file is left half-written"]
+    assert list(Path().iterdir()) == []
+
+
 def test_the_package_offers_its_functions_whatever_was_imported_before() -> None:
     code = """
 import swarm, sys

@@ -187,7 +187,7 @@ def test_mcap_is_read_back(run: Run, tmp_path: Path) -> None:
 
 def test_without_the_library_mcap_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "mcap", None)
-    with pytest.raises(SwarmError, match=r"lighthouse-swarm\[mcap\]"):
+    with pytest.raises(SwarmError, match=r"pip install \'\.\[mcap\]\'"):
         mcap_file.check_library()
 
 

@@ -14,7 +14,7 @@ import pytest
 from synthetic_run import estimate_of, period_of, truth_at
 
 from swarm.errors import SwarmError
-from swarm.results.disk import write_text
+from swarm.results.disk import outputs, refuse_existing, write_all, write_text
 from swarm.results.files import PARTS
 from swarm.results.parquet import GrowingParquet, is_there, read_table
 from swarm.results.run_folder import RunFolder, open_run
@@ -187,6 +187,46 @@ def full_disk(monkeypatch):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
 
     return lambda: monkeypatch.setattr(Path, "write_text", refuse)
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), OSError(errno.ENOSPC, "full")])
+def test_files_of_one_result_appear_together_or_not_at_all(tmp_path, error):
+    old, new = tmp_path / "kept" / "a.txt", tmp_path / "kept" / "b.txt"
+    write_all({old: b"old"})
+
+    def half(folder):
+        with outputs(folder / "a.txt", folder / "b.txt") as temporaries:
+            temporaries[0].write_text("half of ")
+            raise error
+
+    for folder in (tmp_path / "kept", tmp_path / "x" / "y"):
+        with pytest.raises((KeyboardInterrupt, SwarmError), match=r"^$|^cannot write .*: the disk is full"):
+            half(folder)
+    assert [file.name for file in tmp_path.rglob("*")] == ["kept", "a.txt"]
+    assert old.read_text() == "old"
+    write_all({old: b"1", new: b"2"})
+    assert (old.read_text(), new.read_text()) == ("1", "2")
+
+
+def test_a_stop_between_two_files_comes_after_the_second(tmp_path, monkeypatch):
+    def stopped(file, target):
+        monkeypatch.undo()
+        file.replace(target)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Path, "replace", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        write_all({tmp_path / "a": b"1", tmp_path / "b": b"2"})
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["a", "b"]
+
+
+def test_a_place_that_is_closed_is_told_before_the_work(tmp_path, monkeypatch):
+    (tmp_path / "file").touch()
+    with pytest.raises(SwarmError, match="a part of the path is a file"):
+        refuse_existing(tmp_path / "file" / "x" / "out.txt", force=True)
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    with pytest.raises(SwarmError, match=r"out\.txt: no permission to write there; choose another place with --out"):
+        refuse_existing(tmp_path / "new" / "out.txt", force=False)
 
 
 def test_a_run_that_ends_on_a_full_disk_says_so_in_its_summary(tmp_path, full_disk):

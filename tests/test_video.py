@@ -63,7 +63,7 @@ def test_mistakes(file: str, options: Options, message: str, tmp_path: Path) -> 
 
 def test_without_the_library_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setitem(sys.modules, "av", None)
-    with pytest.raises(SwarmError, match=r"lighthouse-swarm\[video\]"):
+    with pytest.raises(SwarmError, match=r"pip install \'\.\[video\]\'"):
         video("no/run", tmp_path / "a.mp4")
 
 

@@ -15,6 +15,7 @@ from rich.progress import Progress as Bar
 from rich.table import Column
 from rich.text import Text
 
+from swarm.cli.terminal import stop_again
 from swarm.results.progress import Progress
 from swarm.studies.campaign.conduct import StudyProgress
 from swarm.tables import counted
@@ -76,7 +77,8 @@ class ProgressDisplay:
             self._line(f"{kernels} compiled in {self._compiling_s:.0f} s; the next run finds them in the cache")
 
     def run(self, progress: Progress) -> None:
-        """Show how far a run is."""
+        """Show how far a run is. Raises Stopped where a library has swallowed the signal that asked it to end."""
+        stop_again()
         p = progress
         if p.notice and self._first is None:
             self._line(p.notice)
@@ -99,7 +101,8 @@ class ProgressDisplay:
         self._show(1 - progress.share_left, words, words)
 
     def experiment(self, share: float, what: str) -> None:
-        """Show how far an experiment is: the share that is done, and what is being done."""
+        """Show how far an experiment is: the share that is done, and what is being done. Raises Stopped as `run`."""
+        stop_again()
         self._show(share, what, what)
 
     def compiling(self, compilation: "Compilation") -> None:

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from swarm.cli import completion
-from swarm.cli.terminal import mistakes, stoppable
+from swarm.cli.terminal import mistakes
 
 
 def smooth(
@@ -25,7 +25,7 @@ def smooth(
     swarm smooth runs/formation-7
     swarm report runs/formation-7
     """
-    with mistakes(), stoppable():
+    with mistakes():
         from rich.console import Console
 
         from swarm.cli.progress import ProgressDisplay

@@ -46,13 +46,14 @@ class _Asked:
         self.number, self.since_s = number, time.monotonic()
         raise Stopped(number)
 
-    def again(self) -> None:
-        """Stop the work if it goes on although it was asked to end: some library has swallowed that."""
-        if self.number:
-            raise Stopped(self.number)
-
 
 _ASKED = _Asked()
+
+
+def stop_again() -> None:
+    """Stop the work if it goes on although it was asked to end: some library has swallowed that."""
+    if _ASKED.number:
+        raise Stopped(_ASKED.number)
 
 
 @contextmanager
@@ -98,12 +99,7 @@ def fly_and_report(title: str, folder: Path, fly: Callable[[Callable[["Progress"
             print_report(wide_console(), run.summary, run.folder)
 
     with stoppable(report_the_rest), ProgressDisplay(Console(stderr=True), title) as progress:
-
-        def tell(state: "Progress") -> None:
-            _ASKED.again()
-            progress.run(state)
-
-        run = fly(tell)
+        run = fly(progress.run)
     print_report(wide_console(), run.summary, run.folder)
     if run.status != "complete":
         raise typer.Exit(128 + signal.SIGINT)
@@ -139,9 +135,13 @@ def stoppable(stopped: Callable[[str], None] = lambda name: None) -> Iterator[No
 
 @contextmanager
 def mistakes() -> Iterator[None]:
-    """Print a mistake in the input as one message, without a traceback."""
+    """Print a mistake in the input as one message, without a traceback; one line tells that a signal has stopped it.
+
+    What a command writes by `swarm.results.disk.outputs` is there whole or not at all.
+    """
     try:
-        yield
+        with stoppable(lambda name: error_message(f"stopped by {name}; no file is left half-written")):
+            yield
     except SwarmError as error:
         error_message(str(error))
         raise typer.Exit(2) from None
@@ -151,8 +151,6 @@ def mistakes() -> Iterator[None]:
         # A path that the system refuses, or a file that it does not give.
         error_message(f"{short(str(error.filename))}: {str(error.strerror).lower()}")
         raise typer.Exit(2) from None
-    except KeyboardInterrupt as stop_asked:
-        raise typer.Exit(128 + _number(stop_asked)) from None
 
 
 def _number(stop: KeyboardInterrupt) -> int:

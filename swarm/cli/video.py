@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from swarm.cli import completion
-from swarm.cli.terminal import mistakes, stoppable
+from swarm.cli.terminal import mistakes
 from swarm.errors import SwarmError
 
 
@@ -33,16 +33,17 @@ def video(
 
     The craft at their true poses, the light, and what each
     craft believes. It needs no graphics card, but the library
-    PyAV (pip install 'lighthouse-swarm[video]').
+    PyAV (in a clone: pip install '.[video]').
     """
-    with mistakes(), stoppable():
+    with mistakes():
         from rich.console import Console
+
+        from swarm.results.disk import refuse_existing
 
         found = re.fullmatch(r"(\d{1,5})x(\d{1,5})", size)
         if not found:
             raise SwarmError(f"--size: {size!r} is not width and height such as 1280x720")
-        if out.exists() and not force:
-            raise SwarmError(f"{out} is there already; --force replaces it")
+        refuse_existing(out, force=force)
         from swarm.world.offscreen import choose
 
         choose()

@@ -14,7 +14,7 @@ from swarm.exports.kitti import common, kitti, times
 from swarm.exports.table import table
 from swarm.exports.trajectory import Source, Trajectories, Trajectory
 from swarm.exports.tum import tum
-from swarm.results.disk import replacing, writing
+from swarm.results.disk import outputs, refuse_existing
 from swarm.results.files import SCENARIO
 from swarm.results.run_folder import Run, open_run
 from swarm.user_text import parse_toml
@@ -84,24 +84,24 @@ def export(
     folder = out or run.folder / FOLDER / to.value
     if to is Format.MCAP:
         files = [folder / f"{run.folder.name}.mcap"]
-        _refuse_taken(files, force)
-        _make(folder)
+        refuse_existing(*files, force=force)
         known = [one for name in found.craft for one in _known(found, name, sources)]
-        with replacing(files[0]) as temporary:
+        with outputs(*files) as (temporary,):
             mcap_file.write_mcap(temporary, run, known, partial(_nanoseconds, start))
         return Exported(folder, files)
     orbit = orbit_of(run) if to is Format.CCSDS else None
     texts = partial(_texts, to, start=start, orbit=orbit)
     files = [folder / name for each in found.craft for name, _ in texts(_known(found, each, sources))]
-    _refuse_taken(files, force)
-    _make(folder)
+    refuse_existing(*files, force=force)
     left_out = 0
-    for name in found.craft:
-        known = _known(found, name, sources)
-        if to is Format.KITTI and known:
-            left_out += max(len(one.frame) for one in known) - len(common(known)[0].frame)
-        for file, lines in texts(known):
-            _write(folder / file, lines)
+    with outputs(*files) as temporaries:
+        places = iter(temporaries)
+        for name in found.craft:
+            known = _known(found, name, sources)
+            if to is Format.KITTI and known:
+                left_out += max(len(one.frame) for one in known) - len(common(known)[0].frame)
+            for _, lines in texts(known):
+                _write(next(places), lines)
     return Exported(folder, files, left_out)
 
 
@@ -144,17 +144,6 @@ def _nanoseconds(start: Epoch | None, time_s: float) -> int:
     return round(time_s * NANOSECONDS) if start is None else start.unix_ns(time_s)
 
 
-def _refuse_taken(files: Sequence[Path], force: bool) -> None:
-    taken = [file for file in files if file.exists()]
-    if taken and not force:
-        raise SwarmError(f"{taken[0]} is there already; --force replaces it, --out writes elsewhere")
-
-
-def _make(folder: Path) -> None:
-    with writing(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-
-
 def _write(file: Path, lines: Iterable[str]) -> None:
-    with replacing(file) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as stream:
+    with file.open("w", encoding="utf-8", newline="\n") as stream:
         stream.writelines(f"{line}\n" for line in lines)

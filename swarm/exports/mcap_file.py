@@ -46,7 +46,7 @@ def check_library() -> None:
     try:
         import mcap  # noqa: F401
     except ImportError:
-        raise SwarmError("--to mcap needs the library mcap: pip install 'lighthouse-swarm[mcap]'") from None
+        raise SwarmError("--to mcap needs the library mcap: pip install '.[mcap]' in the clone") from None
 
 
 def write_mcap(file: Path, run: Run, trajectories: Sequence[Trajectory], unix_ns: Callable[[float], int]) -> None:

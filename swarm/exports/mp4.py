@@ -1,5 +1,6 @@
 """An MP4 file (H.264), written picture by picture with the library PyAV. The only file that imports av."""
 
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -8,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarm.errors import SwarmError
-from swarm.results.disk import writing
 
 QUALITY = "20"
 """H.264's constant rate factor: lower is better and larger."""
@@ -19,11 +19,11 @@ def check_library() -> None:
     try:
         import av  # noqa: F401
     except ImportError:
-        raise SwarmError("a video needs the library PyAV: pip install 'lighthouse-swarm[video]'") from None
+        raise SwarmError("a video needs the library PyAV: pip install '.[video]' in the clone") from None
 
 
 class Mp4:
-    """A video that is being written, as a context manager. The file appears when the block has ended well."""
+    """A video that is being written, as a context manager."""
 
     def __init__(self, file: Path, width: int, height: int, fps: int) -> None:
         """Open the file.
@@ -35,24 +35,19 @@ class Mp4:
             fps: Pictures per second.
 
         Raises:
-            SwarmError: It cannot be written.
+            OSError: It cannot be written.
         """
         import av
 
-        self._file, self._scratch = file, file.with_name(f".{file.name}.tmp")
-        with writing(file):
-            file.parent.mkdir(parents=True, exist_ok=True)
-            self._scratch.touch()
         self._frame: Any = av.VideoFrame
-        self._container: Any = av.open(str(self._scratch), "w", format="mp4", options={"movflags": "faststart"})
+        self._container: Any = av.open(str(file), "w", format="mp4", options={"movflags": "faststart"})
         self._stream = self._container.add_stream("libx264", rate=fps, options={"crf": QUALITY})
         self._stream.width, self._stream.height, self._stream.pix_fmt = width, height, "yuv420p"
 
     def add(self, picture: NDArray[np.uint8]) -> None:
-        """Add a picture, (height, width, 3)."""
+        """Add a picture, (height, width, 3). Raises OSError where it cannot be written."""
         frame = self._frame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")
-        with writing(self._file):
-            self._container.mux(self._stream.encode(frame))
+        self._container.mux(self._stream.encode(frame))
 
     def __enter__(self) -> Self:
         return self
@@ -60,12 +55,9 @@ class Mp4:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        try:
-            with writing(self._file):
-                if kind is None:
-                    self._container.mux(self._stream.encode())
-                self._container.close()
-                if kind is None:
-                    self._scratch.replace(self._file)
-        finally:
-            self._scratch.unlink(missing_ok=True)
+        if kind is None:
+            self._container.mux(self._stream.encode())
+            self._container.close()
+            return
+        with suppress(OSError):  # the first error is what the user must see
+            self._container.close()

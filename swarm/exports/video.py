@@ -25,7 +25,7 @@ from swarm.assets import find_model
 from swarm.errors import SwarmError
 from swarm.exports.mp4 import Mp4, check_library
 from swarm.flight.builders.stations import standing
-from swarm.results.disk import replacing, writing
+from swarm.results.disk import outputs
 from swarm.results.files import SCENARIO, TELEMETRY
 from swarm.results.run_folder import open_run
 from swarm.results.table import TelemetryTable
@@ -152,7 +152,11 @@ def video(
     looks = options or Options()
     _check(file, ".mp4", looks)
     check_library()
-    with Stage(path, looks) as stage, Mp4(file, looks.width, looks.height, looks.fps) as written:
+    with (
+        Stage(path, looks) as stage,
+        outputs(file) as (temporary,),
+        Mp4(temporary, looks.width, looks.height, looks.fps) as written,
+    ):
         times = np.arange(stage.film.time_s[0], stage.film.time_s[-1] + 1e-9, looks.speed / looks.fps)
         for number, time_s in enumerate(times.tolist()):
             written.add(stage.shot(time_s))
@@ -182,9 +186,7 @@ def still(path: str | Path, file: Path, at_s: float | None = None, options: Opti
         wanted = (first + last) / 2 if at_s is None else at_s
         if not first - 0.1 <= wanted <= last + 0.1:
             raise SwarmError(f"--at: {wanted:g} s is not in the run, which goes from {first:.2f} to {last:.2f} s")
-        with writing(file):
-            file.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(file) as temporary:
+        with outputs(file) as (temporary,):
             Image.fromarray(stage.shot(wanted)).save(temporary, optimize=True)
     return file
 

@@ -8,7 +8,6 @@ for which they are made. On request the same painter draws for a paper, in a for
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,6 @@ import numpy as np
 from estimators.arrays import Floats
 from swarm.figures import Axes, Figure, draw_to, rendered, texts_of
 from swarm.report.rows import Spread
-from swarm.results.disk import writing
 
 BLUE, ORANGE, GREEN, RED, PURPLE, GREY = "#1f6fb4", "#d9772b", "#2f8f5b", "#c0392b", "#7b5ea7", "#7d8a97"
 SERIES = (BLUE, ORANGE, GREEN, PURPLE, RED, "#128a94", "#a5762e", "#5c6fc4")
@@ -123,19 +121,13 @@ class Picture:
         """Return the wide layout in one format: "png", "svg" or "pdf"."""
         return draw_to(kind, self.paint, _LOOK, (WIDTH_IN, self.height_in))
 
-    def write(self, folder: Path, paper: str | None = None) -> list[Path]:
-        """Write the figure into a folder, and return the files.
+    def files(self, paper: str | None = None) -> dict[str, bytes]:
+        """Return the files of the figure, by their names.
 
-        Args:
-            folder: The folder, which exists.
-            paper: One of `PAPER`: draw the figure for a paper in this format, as wide as a page and as one of its two
-                columns. None: the wide layout as SVG and as PNG.
+        paper: One of `PAPER`: draw the figure for a paper in this format, as wide as a page and as one of its two
+        columns. None: the wide layout as SVG and as PNG.
         """
-        contents = {f"{self.name}.svg": self.svg, f"{self.name}.png": self.png} if paper is None else self._for(paper)
-        for name, content in contents.items():
-            with writing(folder / name):
-                (folder / name).write_bytes(content)
-        return [folder / name for name in contents]
+        return {f"{self.name}.svg": self.svg, f"{self.name}.png": self.png} if paper is None else self._for(paper)
 
     def _for(self, paper: str) -> dict[str, bytes]:
         sizes = (

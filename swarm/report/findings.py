@@ -119,7 +119,11 @@ def _consistency(figures: Figures, key: str) -> Finding | None:
     f = figures.get(key)
     if not f:
         return None
-    said = meaning(f)
+    said, refused, nees = meaning(f), figures.get("refused_share") or 0.0, figures.get("nees")
+    if key == "nis" and f["mean"] > f["band_high"] and refused and nees and _size(nees) <= 1 + WORTH:
+        # A few reflections, rightly refused, make a mean of thousands.
+        said = f"the mean of all light, with the {refused:.2%} of it that the filters refused; NEES judges the rest"
+        return Finding(f"NIS {f['mean']:.5g}: {said}")
     if _says_something(f) and f["mean"] > f["band_high"] and (hit := figures.get("contact_periods")):
         said += f"; there were {hit} periods in contact, whose blow no filter can know of"
     elif colour(f) == "yellow":

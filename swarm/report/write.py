@@ -8,7 +8,7 @@ from swarm.report.page import Page, Section, html
 from swarm.report.rows import Rows
 from swarm.report.run import run_page
 from swarm.report.subject import Subject
-from swarm.results.disk import write_text, writing
+from swarm.results.disk import write_all
 from swarm.results.files import SUMMARY
 from swarm.results.owned_folder import find_any
 from swarm.results.run_folder import CONTENTS as RUN
@@ -41,15 +41,13 @@ def write_report(path: str | Path, out: Path | None = None, paper: str | None = 
     folder, page, text = _page(path)
     file = out or folder / REPORT
     figures = file.parent / (FIGURES if out is None else f"{file.stem}-{FIGURES}")
-    with writing(figures):
-        file.parent.mkdir(parents=True, exist_ok=True)
-        if page.pictures:
-            figures.mkdir(exist_ok=True)
-    write_text(file, text)
-    written = [file for picture in page.pictures for file in picture.write(figures)]
+    drawn = {figures / name: data for one in page.pictures for name, data in one.files().items()}
     if paper is not None:
-        written += [file for picture in page.pictures for file in picture.write(figures, paper)]
-    return file, written
+        drawn |= {figures / name: data for one in page.pictures for name, data in one.files(paper).items()}
+    write_all({file: text.encode()})
+    if drawn:
+        write_all(drawn)
+    return file, list(drawn)
 
 
 def report(path: str | Path, out: str | Path | None = None) -> Path:

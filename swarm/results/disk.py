@@ -2,8 +2,8 @@
 
 import errno
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import ModuleType
 
@@ -61,31 +61,79 @@ def writing(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
+def replacing(path: Path, temporary: Path | None = None) -> Iterator[Path]:
     """Give the block a file beside `path` to write, with the same ending, which takes its place at the end.
 
-    A block that fails or is stopped leaves `path` as it was, and nothing beside it. Raises SwarmError as `writing`.
+    A block that fails or is stopped leaves `path` as it was, and nothing beside it.
+
+    Args:
+        path: The file.
+        temporary: The file to write, where it must have a certain name.
+
+    Raises:
+        SwarmError: As `writing`.
     """
-    temporary = path.with_name(f".{path.stem}.tmp{path.suffix}")
-    with writing(path):
+    with writing(path), _replacing({path: temporary or _beside(path)}):
+        yield temporary or _beside(path)
+
+
+@contextmanager
+def outputs(*paths: Path) -> Iterator[tuple[Path, ...]]:
+    """Give the block files beside `paths`, in one folder, to write; all of them take their places at its end.
+
+    A block that fails or is stopped leaves all files as they were, and nothing beside them: no folder either that was
+    made for them. Raises SwarmError as `writing`.
+    """
+    temporaries = {path: _beside(path) for path in paths}
+    folder = paths[0].parent
+    with writing(paths[0] if len(paths) == 1 else folder):
+        made = [one for one in (folder, *folder.parents) if not one.exists()]
         try:
-            yield temporary
-            temporary.replace(path)
+            folder.mkdir(parents=True, exist_ok=True)
+            with _replacing(temporaries):
+                yield tuple(temporaries.values())
         except BaseException:
-            temporary.unlink(missing_ok=True)
+            for one in made:
+                with suppress(OSError):  # it was not made, or another program has put something there
+                    one.rmdir()
             raise
+
+
+def write_all(contents: Mapping[Path, bytes]) -> None:
+    """Write files into one folder, all or none. Raises SwarmError where one of them cannot be written."""
+    with outputs(*contents) as temporaries:
+        for temporary, content in zip(temporaries, contents.values(), strict=True):
+            temporary.write_bytes(content)
+
+
+def _beside(path: Path) -> Path:
+    return path.with_name(f".{path.stem}.tmp{path.suffix}")
+
+
+@contextmanager
+def _replacing(temporaries: Mapping[Path, Path]) -> Iterator[None]:
+    """Move the files that the block writes to their places, or remove them."""
+    try:
+        yield
+        try:
+            for path, temporary in temporaries.items():
+                temporary.replace(path)
+        except KeyboardInterrupt:
+            # A set of old and new files would be neither.
+            for path, temporary in temporaries.items():
+                if temporary.exists():
+                    temporary.replace(path)
+            raise
+    except BaseException:
+        for temporary in temporaries.values():
+            temporary.unlink(missing_ok=True)
+        raise
 
 
 def write_text(path: Path, text: str) -> None:
     """Replace the file `path` by `text` in one step. Raises SwarmError where it cannot be written."""
-    temporary = path.with_name(path.name + ".tmp")
-    with writing(path):
-        try:
-            temporary.write_text(text, encoding="utf-8")
-            temporary.replace(path)
-        except OSError:
-            temporary.unlink(missing_ok=True)
-            raise
+    with replacing(path, path.with_name(path.name + ".tmp")) as temporary:
+        temporary.write_text(text, encoding="utf-8")
 
 
 def overwrite(path: Path, text: str) -> bool:
@@ -106,9 +154,30 @@ def overwrite(path: Path, text: str) -> bool:
 
 
 def refuse_existing(*files: Path, force: bool) -> None:
-    """Raise SwarmError where a folder is in the place of one of the files, or, unless `force`, a file."""
+    """Look whether files can be written, before the work whose results they take.
+
+    Args:
+        files: The files.
+        force: Files that are there may be replaced.
+
+    Raises:
+        SwarmError: A folder is in the place of one of them, or, unless `force`, a file; or they cannot be written.
+    """
     for file in files:
         if file.is_dir():
             raise SwarmError(f"cannot write {file}: it is a folder; choose another --out")
         if file.exists() and not force:
             raise SwarmError(f"{file} is there already; --force replaces it, --out writes elsewhere")
+        with writing(file):
+            _refuse_closed(file.parent)
+
+
+def _refuse_closed(folder: Path) -> None:
+    """Raise an OSError where no file can be made in a folder, or in the one that it would be made in."""
+    while not folder.exists():
+        folder = folder.parent
+    if not folder.is_dir():
+        raise NotADirectoryError(errno.ENOTDIR, "", str(folder))
+    if not os.access(folder, os.W_OK | os.X_OK):
+        read_only = hasattr(os, "statvfs") and os.statvfs(folder).f_flag & os.ST_RDONLY
+        raise OSError(errno.EROFS if read_only else errno.EACCES, "", str(folder))

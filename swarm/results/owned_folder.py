@@ -25,7 +25,7 @@ from types import MappingProxyType, TracebackType
 from typing import Any, Literal, NamedTuple, Self
 
 from swarm.errors import SwarmError, question
-from swarm.results.disk import FolderLock, overwrite, write_text, writing
+from swarm.results.disk import FolderLock, overwrite, replacing, write_text, writing
 from swarm.user_text import parse_json, read_text, user_path
 
 PROGRAM = "lighthouse-swarm"
@@ -265,10 +265,8 @@ class OwnedFolder:
     def replace(self, name: str, write: Callable[[Path], object]) -> None:
         """Replace the file `name` in one step by what `write` writes. Raises SwarmError where it cannot be written."""
         file = self.path / name
-        temporary = file.with_name(file.name + ".tmp")
-        with writing(file):
+        with replacing(file, file.with_name(file.name + ".tmp")) as temporary:
             write(temporary)
-            temporary.replace(file)
 
     def finish(self, content: Mapping[str, Any]) -> None:
         """Mark the work as complete, with its figures (JSON-able, no NaN), and release the folder."""

@@ -85,7 +85,7 @@ def _layout(comparison: Comparison, settings: Sequence[Setting], rest: Sequence[
     for left, i in enumerate(sorted(range(len(runs)), key=wanted.__getitem__)):
         more = min(max(wanted[i] - values[i], 0), spare // (len(runs) - left))
         values[i], spare = values[i] + more, spare - more
-    return Layout(runs, name, values, ratios)
+    return Layout(runs, min(names, name + spare), values, ratios)
 
 
 def _table(comparison: Comparison, settings: Sequence[Setting], layout: Layout) -> Table:
@@ -100,7 +100,7 @@ def _table(comparison: Comparison, settings: Sequence[Setting], layout: Layout) 
     differing = [row for row in settings if len({row.values[run] for run in runs}) > 1]
     for row in differing:
         cells = [_value(row, run) for run in runs]
-        made.add_row(Text(row.key), *(Text(cell) for cell in _beside(cells, [""] * len(cells))))
+        made.add_row(Text(_folded(row.key, layout.name)), *(Text(cell) for cell in _beside(cells, [""] * len(cells))))
     measures = [row for row in comparison.measures if any(row.values[run] is not None for run in runs)]
     if differing and measures:
         made.add_section()
@@ -108,6 +108,15 @@ def _table(comparison: Comparison, settings: Sequence[Setting], layout: Layout) 
         cells = _beside([measure.text(run) for run in runs], [measure.ratio_text(run) for run in runs])
         made.add_row(Text(_name(measure)), *(Text(cell) for cell in cells))
     return made
+
+
+def _folded(key: str, width: int) -> str:
+    """Return a key on lines of at most `width` characters, which end where one of its words does, if they can."""
+    lines = []
+    while len(key) > width:
+        cut = 1 + max(key.rfind(sign, 0, width) for sign in "._") or width
+        lines, key = [*lines, key[:cut]], key[cut:]
+    return "\n".join([*lines, key])
 
 
 def _beside(values: Sequence[str], ratios: Sequence[str]) -> list[str]:

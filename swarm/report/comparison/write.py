@@ -7,7 +7,7 @@ from swarm.errors import SwarmError
 from swarm.report.comparison.comparison import Comparison
 from swarm.report.comparison.measures import NOTHING
 from swarm.report.page import Column, Page, Section, Table, html
-from swarm.results.disk import writing
+from swarm.results.disk import write_all
 
 FORMATS = ("html", "png", "svg", "pdf")
 REPRODUCE = "The runs stay as they are; the same command makes the same page."
@@ -31,9 +31,7 @@ def write_comparison(comparison: Comparison, file: Path) -> None:
         raise SwarmError(f"{file}: there is nothing to draw: no run has a period and a craft that navigates")
     else:
         content = picture.drawn(kind)
-    with writing(file):
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_bytes(content)
+    write_all({file: content})
 
 
 def comparison_page(comparison: Comparison) -> Page:

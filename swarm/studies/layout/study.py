@@ -14,7 +14,7 @@ import numpy as np
 from estimators.lighthouse.pnp import FEWEST_LIT
 from swarm.errors import SwarmError
 from swarm.figures import save
-from swarm.results.disk import refuse_existing, write_text, writing
+from swarm.results.disk import outputs, refuse_existing
 from swarm.studies.design.even import even_spreads
 from swarm.studies.layout import judgement
 from swarm.studies.layout.figure import draw
@@ -118,14 +118,11 @@ def _check_target(out: Path, model: Path, files: tuple[Path, ...], force: bool) 
 def _write(
     files: tuple[Path, ...], model: Path, mount: Mount, made: dict[str, Any], judged: list[Judged], asked: Task
 ) -> None:
-    out, numbers, *pictures = files
-    with writing(out):
-        out.parent.mkdir(parents=True, exist_ok=True)
     about = f"{model.name} with {len(mount.point_m)} photodiodes placed by `swarm layout`"
-    write_text(out, refit(model, mount, out, about))
-    load_craft(out)
-    write_text(numbers, json.dumps(made, indent=2, allow_nan=False) + "\n")
-    picture = draw(asked, judged, judgement.tried)
-    for path in pictures:
-        with writing(path):
+    text, picture = refit(model, mount, files[0], about), draw(asked, judged, judgement.tried)
+    with outputs(*files) as (out, numbers, *pictures):
+        out.write_text(text, encoding="utf-8")
+        load_craft(out)
+        numbers.write_text(json.dumps(made, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        for path in pictures:
             save(picture, path)

@@ -18,7 +18,7 @@ from estimators.placement.search import errors
 from swarm.errors import SwarmError, did_you_mean
 from swarm.figures import save
 from swarm.flight.recordings.stations_file import PlacedStation, PlacedStations, stations_text
-from swarm.results.disk import refuse_existing, write_text, writing
+from swarm.results.disk import outputs, refuse_existing
 from swarm.studies.design.even import even_spreads
 from swarm.studies.placement.candidates import Stand
 from swarm.studies.placement.figure import draw
@@ -114,16 +114,14 @@ def study(request: Request, out: Path | None, force: bool, say: Callable[[str], 
     figured = figures(request, task, judged, least, stations)
     head = (f"{counted(count, 'station')} placed by `swarm place` for {request.subject}",)
     text = stations_text(PlacedStations(_frame(request), stations), head, where(task, found.stands))
-    with writing(out):
-        out.parent.mkdir(parents=True, exist_ok=True)
-    write_text(files[0], text)
-    write_text(files[1], json.dumps(figured, indent=2, allow_nan=False) + "\n")
     picture = draw(task, judged, poses, found.stands)
-    for path in files[2:]:
-        with writing(path):
+    with outputs(*files) as (places_file, figures_file, *pictures):
+        places_file.write_text(text, encoding="utf-8")
+        figures_file.write_text(json.dumps(figured, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        for path in pictures:
             save(picture, path)
-        # The second format has the same layout: to find it takes longer than to draw it.
-        picture.set_layout_engine("none")
+            # The second format has the same layout: to find it takes longer than to draw it.
+            picture.set_layout_engine("none")
     return Placement(figured, stations, files)
 
 
