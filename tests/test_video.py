@@ -8,9 +8,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from estimators.rotation import exp
 from swarm.errors import SwarmError
-from swarm.exports.video import FAN_TURN_S, Options, fans, video, view_of
+from swarm.exports.video import FAN_TURN_S, FROM_Z_UP, Options, fans, low_corner, video, view_of
 from swarm.flight.simulate import simulate
+from swarm.hardware import Photodiodes
+from swarm.results.replayed import FILE, read_replayed, replayed_bytes
+from swarm.results.scene import Scene, StationScene
 from swarm.scenario import load
 from swarm.world.picture import FIELD_DEG
 
@@ -44,6 +48,47 @@ def test_each_fan_sweeps_its_half_of_the_turn_within_the_field() -> None:
     assert [fan for fan, _ in seen] == [0] * 20 + [1] * 20
     assert all(ahead[1] == 0 for fan, ahead in seen if fan == 0), "fan X turns about y"
     assert all(ahead[0] == 0 for fan, ahead in seen if fan == 1), "fan Y turns about x"
+
+
+def test_the_object_is_shown_near_by_where_nothing_else_is() -> None:
+    position = np.random.default_rng(4).uniform([-3, -1, 1], [2, 2, 9], size=(50, 1, 3))
+    view = view_of(position, [np.zeros(3)], 16 / 9)
+    ahead = (view.target_m - view.eye_m) / np.linalg.norm(view.target_m - view.eye_m)
+    right = np.cross(ahead, [0.0, -1.0, 0.0])
+    up = np.cross(right, ahead)
+    wide = np.tan(np.radians(FIELD_DEG / 2)) / np.linalg.norm(right)
+    for high, low in ((0.8, True), (-0.8, False), (0.0, False)):
+        at = view.eye_m + 5 * (ahead + 0.8 * 16 / 9 * wide * right + high * wide * up)
+        assert low_corner(view, at[None], 16 / 9) is low
+
+
+def test_a_replay_keeps_its_object_and_stations(tmp_path: Path) -> None:
+    draw = np.random.default_rng(1)
+    points, normals = draw.normal(size=(2, 1, 5, 3))
+    layout = Photodiodes(points, normals, np.array([[True, True, False, True, True]]))
+    at = StationScene("0", exp(draw.normal(size=3)), draw.normal(size=3), "2.0")
+    scene = Scene(["a"], [()], layout, [], 120.0, replay=True, stations=[at], up="z")
+    file = tmp_path / FILE
+    file.parent.mkdir()
+    assert read_replayed(tmp_path) is None
+    file.write_bytes(replayed_bytes(scene))
+    kept = read_replayed(tmp_path)
+    assert kept is not None
+    assert np.array_equal(kept.point_m, points[0, [0, 1, 3, 4]])
+    assert np.array_equal(kept.normal, normals[0, [0, 1, 3, 4]])
+    (station,) = kept.stations
+    assert (station.name, station.generation, kept.up) == ("0", "2.0", "z")
+    assert np.array_equal(station.rotation, at.rotation)
+    assert np.array_equal(station.position, at.position)
+    for damage in (b'{"photodiodes"', b'"point_m": [1', b"[[", b"NaN"):
+        file.write_bytes(replayed_bytes(scene).replace(b'"position_m": [', damage + b"["))
+        with pytest.raises(SwarmError, match=r"replayed\.json"):
+            read_replayed(tmp_path)
+
+
+def test_a_frame_with_z_up_is_drawn_upright() -> None:
+    assert np.allclose(FROM_Z_UP @ [0, 0, 1], [0, -1, 0])
+    assert np.isclose(np.linalg.det(FROM_Z_UP), 1)
 
 
 @pytest.mark.parametrize(

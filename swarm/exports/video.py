@@ -8,6 +8,9 @@
                         track, and a ball of three standard deviations
     text                scenario, time, how many craft track, RMS errors
 
+Of a replay, whose truth nobody knows, the object is at its estimate: its photodiodes, in a box about them, and once
+more near by in a corner.
+
 A video's picture shows the lighthouse period next to its time.
 """
 
@@ -20,17 +23,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.arrays import Floats
-from estimators.rotation import matrix_from_quaternion
+from estimators.rotation import matrix_from_quaternion, quaternion_from_matrix, quaternion_multiply
 from swarm.assets import find_model
 from swarm.errors import SwarmError
 from swarm.exports.mp4 import Mp4, check_library
 from swarm.flight.builders.stations import standing
 from swarm.results.disk import outputs
 from swarm.results.files import SCENARIO, TELEMETRY
+from swarm.results.replayed import Replayed, read_replayed
 from swarm.results.run_folder import open_run
 from swarm.results.table import TelemetryTable
 from swarm.scenario import Scenario, craft, load
-from swarm.world.assembly import at_origin
+from swarm.world.assembly import Standing, at_origin
 from swarm.world.picture import FIELD_DEG, Mark, Picture, Plate, Subject, View
 
 FAN_TURN_S = 4.0
@@ -48,6 +52,10 @@ SIDE = np.array([0.62, -0.42, -0.66])
 """Direction from what is watched to the camera: from the right, above and behind the lighthouse."""
 ROOM = 1.25
 """Room around what is watched."""
+FROM_Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+"""Rotation from a frame with z up to one with -y up."""
+INSET = 3
+"""Width of a picture over that of the one in its corner."""
 SIZES = (64, 4096)
 """Least and largest width and height of a video [px]."""
 
@@ -64,8 +72,16 @@ class Options(NamedTuple):
 class Film:
     """The telemetry of a run as arrays (periods, craft, ...), NaN where nothing is known."""
 
-    def __init__(self, folder: Path) -> None:
-        """Read the run. Raises SwarmError where there is no truth to draw, or a file is damaged."""
+    def __init__(self, folder: Path, replay: bool = False) -> None:
+        """Read the run.
+
+        Args:
+            folder: Its folder.
+            replay: The craft are where they believe to be.
+
+        Raises:
+            SwarmError: There is nothing to draw, or a file is damaged.
+        """
         rows = TelemetryTable.of_run(folder)
         if not len(rows):
             raise SwarmError(f"{folder} has not one lighthouse period recorded: there is nothing to draw")
@@ -74,17 +90,38 @@ class Film:
         self.shape = len(frames), len(self.names)
         self._place = index, rows.craft
         self.time_s: Floats = np.nanmax(self._grid(rows.column("time_s")), axis=1)
-        self.position, self.quaternion = (self._grid(each) for each in (rows.position("true"), rows.quaternion("true")))
-        if not np.isfinite(self.position).all():
-            raise SwarmError(f"{folder} has no truth to draw, as a replay of a recording; swarm view shows it")
         self.believed, self.turned = (self._grid(each) for each in (rows.position("ekf"), rows.quaternion("ekf")))
+        self.position, self.quaternion = (
+            (self.believed, self.turned)
+            if replay
+            else (self._grid(each) for each in (rows.position("true"), rows.quaternion("true")))
+        )
+        if not replay and not np.isfinite(self.position).all():
+            raise SwarmError(f"{folder} has no truth to draw, as a replay by an earlier version; swarm view shows it")
+        if not np.isfinite(self.position).any():
+            raise SwarmError(f"{folder} never had an estimate: there is nothing to draw")
         self.error_m, self.error_deg, self.sigma_m = (
             self._grid(rows.column(name)) for name in ("position_error_m", "attitude_error_deg", "position_sigma_m")
         )
         self.lit = self._grid(rows.column("visible")) > 0
+        self._rows = rows
         words = rows.names_of("status")
         codes = self._grid(rows.column("status"))
         self.status = np.array([*words, ""])[np.where(np.isfinite(codes), codes, len(words)).astype(np.int64)]
+
+    def lit_by(self, station: str) -> NDArray[np.bool_]:
+        """Return whether the light of one of several stations went into the filters, (periods, craft)."""
+        name = f"rows_{station}"
+        if name not in self._rows.columns:
+            name = "visible"
+        lit: NDArray[np.bool_] = self._grid(self._rows.column(name)) > 0
+        return lit
+
+    def turn(self, rotation: Floats) -> None:
+        """Turn all poses into another frame; rotation (3, 3) takes this frame to it."""
+        q = quaternion_from_matrix(rotation)
+        self.believed, self.turned = self.believed @ rotation.T, quaternion_multiply(q, self.turned)
+        self.position, self.quaternion = self.position @ rotation.T, quaternion_multiply(q, self.quaternion)
 
     def _grid(self, flat: Any) -> Any:
         out = np.full((*self.shape, *flat.shape[1:]), np.nan)
@@ -100,22 +137,25 @@ class Stage:
         run = open_run(path)
         if not (run.folder / SCENARIO).is_file():
             raise SwarmError(f"{run.folder} was stopped before its {SCENARIO} was written")
-        scenario = load(run.folder / SCENARIO)
-        self.film = film = Film(run.folder)
-        if tuple(film.names) != tuple(scenario.craft_names):
-            raise SwarmError(f"{run.folder}: the craft in {SCENARIO} and in {TELEMETRY} are not the same")
-        passive = [table.passive for _, table in scenario.tables]
-        subjects = [Subject(one.name, one.model, dark) for one, dark in zip(craft(scenario), passive, strict=True)]
-        several = standing(scenario)
-        stations = [at_origin(find_model(scenario.lighthouse.model))] if several is None else several
-        self._lamps = [station.position for station in stations]
-        self._field_deg = scenario.lighthouse.field_deg if several is None else None
-        self._reach = float(np.linalg.norm(film.position, axis=2).max())
-        self._view = view_of(film.position, self._lamps, looks.width / looks.height)
+        scenario, self._replayed = load(run.folder / SCENARIO), read_replayed(run.folder)
+        self.film = film = Film(run.folder, self._replayed is not None)
+        subjects = _subjects(scenario, film, run.folder) if self._replayed is None else []
+        stations, several = _stations(scenario, self._replayed)
+        if several and _up(scenario, self._replayed) == "z":
+            # Pictures have -y upwards.
+            film.turn(FROM_Z_UP)
+            stations = [_turned(one) for one in stations]
+        self._lamps = [Lamp(one.position, film.lit_by(one.name) if several else film.lit) for one in stations]
+        self._field_deg = None if several else scenario.lighthouse.field_deg
+        self._reach = float(np.nanmax(np.linalg.norm(film.position, axis=2)))
+        self._view = view_of(film.position, [lamp.position for lamp in self._lamps], looks.width / looks.height)
+        seen = np.concatenate([film.position[:, 0], *(lamp.position[None] for lamp in self._lamps)])
+        self._low = low_corner(self._view, seen, looks.width / looks.height)
         away = float(np.linalg.norm(self._view.eye_m - self._view.target_m))
         self._pixel_m = 2 * np.tan(np.radians(FIELD_DEG / 2)) * away / looks.height
-        self._caption = _Caption(scenario, looks)
+        self._caption = _Caption(scenario, looks, self._replayed is not None)
         most = len(film.names) * (TRACK_STEPS + 6 + len(stations)) + 8
+        most += 0 if self._replayed is None else 2 * len(self._replayed.point_m)
         self._picture = Picture(subjects, stations, looks.width, looks.height, most)
 
     def shot(self, time_s: float) -> NDArray[np.uint8]:
@@ -125,8 +165,29 @@ class Stage:
         marks = list(_marks(film, k, self._lamps, self._pixel_m))
         since_s = time_s - float(film.time_s[0])
         plates = [] if self._field_deg is None else fans(self._field_deg, self._reach, since_s)
-        drawn = self._picture.draw(film.position[k], film.quaternion[k], self._view, marks, plates)
+        if self._replayed is None:
+            drawn = self._picture.draw(film.position[k], film.quaternion[k], self._view, marks, plates)
+        else:
+            drawn = self._object(self._replayed, k, marks, plates)
         return self._caption.over(drawn, film, k)
+
+    def _object(self, replayed: Replayed, k: int, marks: list[Mark], plates: list[Plate]) -> NDArray[np.uint8]:
+        """Return the picture of a replay: the object as its photodiodes, and once more near by in a corner."""
+        nothing, place = (np.zeros((0, 3)), np.zeros((0, 4))), self.film.believed[k, 0]
+        if not np.isfinite(place).all():
+            return self._picture.draw(*nothing, self._view, marks, plates)
+        turn = matrix_from_quaternion(self.film.turned[k, 0])
+        ink = COLOURS.get(str(self.film.status[k, 0]), LOST)
+        size = max(float(np.ptp(replayed.point_m, axis=0).max()), 0.01)
+        body = [_box(replayed.point_m, place, turn)]
+        far = [*marks, *_photodiodes(replayed, place, turn, max(0.02 * size, self._pixel_m), ink)]
+        whole = self._picture.draw(*nothing, self._view, far, [*body, *plates])
+        away = self._view.eye_m - self._view.target_m
+        near = View(place + 2.6 * size * away / np.linalg.norm(away), place)
+        close = list(_photodiodes(replayed, place, turn, 0.02 * size, ink))
+        close += [Mark(place, place + 0.5 * size * turn[:, axis], 0.01 * size, (*AXES[axis], 1.0)) for axis in range(3)]
+        inset = self._picture.draw(*nothing, near, close, body)
+        return _in_corner(whole, inset, self._low)
 
     def __enter__(self) -> "Stage":
         return self
@@ -215,6 +276,7 @@ def view_of(position: Floats, lamps: Sequence[Floats], ratio: float) -> View:
     points = np.concatenate(
         [position[:: max(len(position) // 200, 1)].reshape(-1, 3), *(place[None] for place in lamps)]
     )
+    points = points[np.isfinite(points).all(axis=1)]
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     back = SIDE / np.linalg.norm(SIDE)
     right = np.cross([0.0, -1.0, 0.0], back)
@@ -228,7 +290,89 @@ def view_of(position: Floats, lamps: Sequence[Floats], ratio: float) -> View:
     return View(middle + max(float(needed.max()), 0.5) * back, middle)
 
 
-def _marks(film: Film, k: int, lamps: Sequence[Floats], pixel_m: float) -> Iterator[Mark]:
+class Lamp(NamedTuple):
+    """A station: its place (3,) [m], and whose photodiodes it lights when, (periods, craft)."""
+
+    position: Floats
+    lit: NDArray[np.bool_]
+
+
+def _subjects(scenario: Scenario, film: Film, folder: Path) -> list[Subject]:
+    """Return the craft of a flight. Raises SwarmError where they are not those of the telemetry."""
+    if tuple(film.names) != tuple(scenario.craft_names):
+        raise SwarmError(f"{folder}: the craft in {SCENARIO} and in {TELEMETRY} are not the same")
+    passive = [table.passive for _, table in scenario.tables]
+    return [Subject(one.name, one.model, dark) for one, dark in zip(craft(scenario), passive, strict=True)]
+
+
+def _stations(scenario: Scenario, replayed: Replayed | None) -> tuple[list[Standing], bool]:
+    """Return the stations that stay where they are, and whether they are several in a frame of the world."""
+    model = find_model(scenario.lighthouse.model)
+    if replayed is not None and replayed.stations:
+        poses = [(one.name, one.position, quaternion_from_matrix(one.rotation)) for one in replayed.stations]
+        return [Standing(name, model, *pose) for name, *pose in poses], True
+    several = None if replayed is not None else standing(scenario)
+    return ([at_origin(model)], False) if several is None else (several, True)
+
+
+def _up(scenario: Scenario, replayed: Replayed | None) -> str:
+    return scenario.recording.up if replayed is None else replayed.up
+
+
+def _turned(one: Standing) -> Standing:
+    """Return a station of a frame with z up in one with -y up."""
+    turn = quaternion_multiply(quaternion_from_matrix(FROM_Z_UP), one.quaternion)
+    return one._replace(position=FROM_Z_UP @ one.position, quaternion=turn)
+
+
+def _box(point_m: Floats, place: Floats, turn: Floats) -> Plate:
+    """Return a box about an object's photodiodes."""
+    low, high = point_m.min(axis=0), point_m.max(axis=0)
+    return Plate(place + turn @ ((low + high) / 2), np.maximum((high - low) / 2, 0.001), turn, (0.75, 0.8, 0.9, 0.35))
+
+
+def _photodiodes(
+    replayed: Replayed, place: Floats, turn: Floats, radius_m: float, ink: tuple[float, float, float]
+) -> Iterator[Mark]:
+    """Yield an object's photodiodes as balls, each with a line in which it looks."""
+    for point, normal in zip(replayed.point_m, replayed.normal, strict=True):
+        at = place + turn @ point
+        yield Mark(at, None, radius_m, (*ink, 1.0))
+        yield Mark(at, at + turn @ normal * 4 * radius_m, 0.35 * radius_m, (*ink, 0.8))
+
+
+def low_corner(view: View, points: Floats, ratio: float) -> bool:
+    """Return whether fewer points are in the lower right corner of a picture than in the upper right one.
+
+    Args:
+        view: The picture's camera.
+        points: Places, (N, 3) [m].
+        ratio: Width of the picture over its height.
+    """
+    offset, ahead = points - view.eye_m, view.target_m - view.eye_m
+    ahead = ahead / np.linalg.norm(ahead)
+    right = np.cross(ahead, [0.0, -1.0, 0.0])
+    right /= np.linalg.norm(right)
+    scale = (offset @ ahead) * np.tan(np.radians(FIELD_DEG / 2))
+    across, up = offset @ right / (scale * ratio), offset @ np.cross(right, ahead) / scale
+    inside = across > 1 - 2 / INSET
+    return int((inside & (up < 2 / INSET - 1)).sum()) < int((inside & (up > 1 - 2 / INSET)).sum())
+
+
+def _in_corner(whole: NDArray[np.uint8], part: NDArray[np.uint8], low: bool) -> NDArray[np.uint8]:
+    """Return a picture with a smaller one in its lower or upper right corner."""
+    from PIL import Image
+
+    image = Image.fromarray(whole)
+    small = Image.fromarray(part).resize((image.width // INSET, image.height // INSET))
+    left, top = image.width - small.width - 10, image.height - small.height - 10 if low else 10
+    image.paste((90, 90, 90), (left - 2, top - 2, left + small.width + 2, top + small.height + 2))
+    image.paste(small, (left, top))
+    out: NDArray[np.uint8] = np.asarray(image)
+    return out
+
+
+def _marks(film: Film, k: int, lamps: Sequence[Lamp], pixel_m: float) -> Iterator[Mark]:
     """Yield the beams, and of not too many craft the estimates, in one period; lines are `pixel_m` wide or more."""
     few = film.shape[1] <= MOST_OVERLAID
     since = np.flatnonzero(film.time_s >= film.time_s[k] - TRACK_S)[0]
@@ -237,8 +381,9 @@ def _marks(film: Film, k: int, lamps: Sequence[Floats], pixel_m: float) -> Itera
     for i in range(film.shape[1]):
         colour = COLOURS.get(str(film.status[k, i]), LOST)
         place, believed = film.position[k, i], film.believed[k, i]
-        if film.lit[k, i]:
-            yield from (Mark(lamp, place, 0.7 * pixel_m, (*colour, 0.45)) for lamp in lamps)
+        if np.isfinite(place).all():
+            lit = [lamp.position for lamp in lamps if lamp.lit[k, i]]
+            yield from (Mark(lamp, place, 0.7 * pixel_m, (*colour, 0.45)) for lamp in lit)
         if not few or not np.isfinite(believed).all():
             continue
         turn = matrix_from_quaternion(film.turned[k, i])
@@ -280,8 +425,11 @@ def fans(field_deg: float, reach: float, time_s: float) -> list[Plate]:
 class _Caption:
     """The text in a picture's corners."""
 
-    def __init__(self, scenario: Scenario, looks: Options) -> None:
+    def __init__(self, scenario: Scenario, looks: Options, replay: bool) -> None:
         from PIL import ImageFont
+
+        self._legend = "beam and track: green by light, orange coasting, red lost; "
+        self._legend += "object at its estimate" if replay else "axes: estimate; fans slowed"
 
         size = max(looks.height // 36, 10)
         self._font: Any = ImageFont.load_default(size)
@@ -302,7 +450,7 @@ class _Caption:
         if known.any():
             rms = [np.sqrt(np.mean(each[k][known] ** 2)) for each in (film.error_m, film.error_deg)]
             below.append(f"error of the estimates, RMS: {1000 * rms[0]:.2f} mm, {rms[1]:.3f}°")
-        below.append("beam and track: green by light, orange coasting, red lost; axes: estimate; fans slowed")
+        below.append(self._legend)
         for i, text in enumerate(lines):
             self._write(pen, image.width, self._margin + i * self._line, text)
         for i, text in enumerate(below):

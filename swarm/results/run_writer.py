@@ -22,6 +22,8 @@ from swarm.results.lidar_scans import ScanWriter
 from swarm.results.owned_folder import STOPPED
 from swarm.results.period import Period
 from swarm.results.progress import Progress
+from swarm.results.replayed import FILE as REPLAYED
+from swarm.results.replayed import replayed_bytes
 from swarm.results.run_folder import Run, RunFolder, open_run
 from swarm.results.scene import NullRecording, Recorder, Scene
 from swarm.results.summary import summarise_run
@@ -143,7 +145,8 @@ def writing_run(
     inputs = inputs_of(scenario, models=not scene.replay)
     with RunFolder.create(scenario.name, scenario.seed, out, force) as folder:
         head = [*versions(), *inputs.plug_ins, *([command] if command else [])]
-        folder.write_scenario(to_toml(inputs.scenario, head), inputs.files)
+        replayed = {REPLAYED: replayed_bytes(scene)} if scene.replay else {}
+        folder.write_scenario(to_toml(inputs.scenario, head), inputs.files | replayed)
         try:
             with ExitStack() as stack:
                 scans = stack.enter_context(_closing(ScanWriter(folder.path, scene.craft))) if scene.lidar else None

@@ -112,7 +112,7 @@ def _table(comparison: Comparison, settings: Sequence[Setting], layout: Layout) 
 
 def _folded(key: str, width: int) -> str:
     """Return a key on lines of at most `width` characters, which end where one of its words does, if they can."""
-    lines = []
+    lines: list[str] = []
     while len(key) > width:
         cut = 1 + max(key.rfind(sign, 0, width) for sign in "._") or width
         lines, key = [*lines, key[:cut]], key[cut:]
