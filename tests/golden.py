@@ -473,6 +473,7 @@ SMALLEST = {
     "lidar-acquisition": {"poses": 1, "draws": 1},
     "lidar-tracking": {"runs": 1, "frames": 3},
     "lidar-turn": {"poses": 3},
+    "lidar-shapes": {"draws": 1},
     "beside": {"draws": 50},
 }
 
@@ -565,7 +566,7 @@ LONG_REST: dict[str, Callable[[Path], Values]] = {
     "layout": _layout,
     **{
         f"experiment-{name}": REST.pop(f"experiment-{name}")
-        for name in ("lighthouse-dynamic", "stereo-fallback", "stereo-noise", "lidar-turn")
+        for name in ("lighthouse-dynamic", "stereo-fallback", "stereo-noise", "lidar-turn", "lidar-shapes")
     },
 }
 """Costly as small as they can be, or close to what another case computes."""

@@ -71,7 +71,7 @@ def test_folder_whose_only_model_has_another_name(tmp_path):
         (
             "qqqq",
             "known: berth, chaser, client, cubesat12u, cubesat6u, dotbot, inspector, lighthouse, marker-target, "
-            "mockup, plate, satellite, servicer",
+            "mockup, plate, satellite, servicer, shuttle",
         ),
         ("craft/mokcup.xml", "mokcup.xml does not exist"),
     ],

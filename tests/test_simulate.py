@@ -56,6 +56,7 @@ ELSEWHERE = {
     "formation-reconfigure",
     "inspection",
     "inspect-satellite",
+    "inspect-shuttle",
     "swarm-inspect",
     "plate",
     "tumble",

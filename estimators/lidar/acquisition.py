@@ -129,11 +129,15 @@ def acquire(scan: Scan, shape: Shape, settings: AcquisitionSettings | None = Non
     """
     s = settings or AcquisitionSettings()
     best, tried = nothing(0), set[tuple[int, int, int]]()
+    most = 0
     # Parts of the target may stand apart where what joins them was not hit; other things may stand near it.
     for members in (m for link in LINKS for m in clusters(checked(scan), link * shape.radius_m)):
         key = int(members[0]), int(members[-1]), len(members)
         own = scan.direction[members] * scan.range_m[members, None]
-        if key in tried or len(members) < s.fewest or _extent(own) > s.size_slack * shape.diameter_m:
+        if key in tried or _extent(own) > s.size_slack * shape.diameter_m:
+            continue
+        if len(members) < s.fewest:
+            most = max(most, len(members))
             continue
         tried.add(key)
         found = _of_object(_alone(scan, members, own, shape), scan, shape, s)
@@ -141,7 +145,7 @@ def acquire(scan: Scan, shape: Shape, settings: AcquisitionSettings | None = Non
             best = found
         if found.found:
             break
-    return best
+    return best if tried else best._replace(points=most)
 
 
 def nothing(points: int) -> Acquisition:

@@ -127,6 +127,25 @@ def register(
     return _iterated(point, shape, rotation, position, noise_m, edges, reach_m, iterations)
 
 
+def information(point: Floats, shape: Shape, rotation: Floats, position: Floats, noise_m: float) -> Floats | None:
+    """Return the normal matrix (6, 6) of the ranges alone at a pose; None where too few of them meet the surface.
+
+    Args:
+        point: (n, 3) [m] in s.
+        shape: of the target.
+        rotation: (3, 3).
+        position: (3,) [m].
+        noise_m: 1 sigma of a range.
+    """
+    width = WIDE * 3.5 * float(np.hypot(noise_m, 0.15 * shape.spacing_m))
+    matched = _along_rays(point, shape, rotation, position)
+    _, jacobian, weight, _ = _linearised(point, *matched, rotation, position, width, noise_m)
+    if np.count_nonzero(weight) < FEWEST_POINTS:
+        return None
+    out: Floats = jacobian.T @ (weight[:, None] * jacobian)
+    return out
+
+
 def _iterated(
     point: Floats,
     shape: Shape,

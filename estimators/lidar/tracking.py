@@ -21,6 +21,7 @@ from estimators.lidar.agreement import agreement
 from estimators.lidar.point_cloud import align_principal
 from estimators.lidar.point_cloud import checked as checked_points
 from estimators.lidar.pose_search import search
+from estimators.lidar.profile import profiled
 from estimators.lidar.registration import JUMP, register
 from estimators.lidar.scan import Scan, checked
 from estimators.lidar.shape import Shape
@@ -54,12 +55,14 @@ class TrackingSettings:
     the shape's radius.
 
     overlap_sure, walk_sure_rad: with fewer rays that agree, or an attitude further from the prediction, other starts
-    near the prediction are tried, and registration without edges. residual_most: RMS, against the noise.
+    near the prediction are tried, and registration without edges. overlap_profile: with fewer rays that agree, all rays
+    are asked for a better pose along what ranges determine least. residual_most: RMS, against the noise.
     overlap_least: share of the rays that must agree. walk_most_rad: how far the attitude may be from the prediction.
     """
 
     fewest: int = 25
     overlap_sure: float = 0.93
+    overlap_profile: float = 0.95
     walk_sure_rad: float = 0.05
     reach: float = 0.15
     residual_most: float = 3.0
@@ -123,6 +126,13 @@ def track(
             enough = CLEARLY * seen.cost if other.degenerate else seen.cost - (0.0 if known else BETTER)
             if agrees.cost < enough:
                 fit, seen = other, agrees
+    if not seen.overlap >= s.overlap_profile:
+        # Perhaps edges, matched with others, have moved it where ranges say nothing; all rays together do.
+        better = profiled(part, shape, fit.rotation, fit.position)
+        if better is not None and better.cost < CLEARLY * seen.cost:
+            turn, place = better.rotation, better.position
+            fit = fit._replace(rotation=turn, position=place, covariance=better.covariance, degenerate=better.sigma > 1)
+            seen = agreement(part, shape, turn, place)
     overlap = seen.overlap
     outcome = Outcome.TRACKED
     if fit.degenerate:

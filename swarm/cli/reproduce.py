@@ -32,6 +32,10 @@ def reproduce(
     quick: Annotated[bool, typer.Option("--quick", help="Take a smaller sample, for a first look.")] = False,
     listed: Annotated[bool, typer.Option("--list", help="List all experiments, and how long they take.")] = False,
     seed: Annotated[int | None, typer.Option("--seed", metavar="N", help="Use this seed instead of its own.")] = None,
+    shapes: Annotated[
+        Path | None,
+        typer.Option("--shapes", metavar="FOLDER", help="Scan the shapes (OBJ, STL) of this folder: lidar-shapes."),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option("--out", metavar="FOLDER", help="Write to this folder. Default: runs/<experiment>-<seed>."),
@@ -75,7 +79,16 @@ def reproduce(
             Console(stderr=True).print(f"{experiment} takes {in_words(takes_s)} on {MACHINE}{shorter}", highlight=False)
         with stoppable(say), ProgressDisplay(Console(stderr=True), experiment) as progress:
             tell = progress.experiment
-            done = repeat(experiment, out=out, force=force, seed=seed, sizes=sizes_asked, quick=quick, progress=tell)
+            done = repeat(
+                experiment,
+                out=out,
+                force=force,
+                seed=seed,
+                sizes=sizes_asked,
+                quick=quick,
+                shapes=shapes,
+                progress=tell,
+            )
         print_comparison(wide_console(), done)
 
 

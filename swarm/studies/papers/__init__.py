@@ -30,6 +30,7 @@ def reproduce(
     seed: int | None = None,
     sizes: Mapping[str, int] | None = None,
     quick: bool = False,
+    shapes: str | Path | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> "Reproduction":
     """Repeat the experiment `name` and write its results.
@@ -41,6 +42,7 @@ def reproduce(
         seed: Replaces the experiment's own seed.
         sizes: Replace the experiment's sizes, by name.
         quick: Take the sizes of a first look instead of the full experiment's.
+        shapes: Folder of the shapes that `lidar-shapes` scans; default: those of this package.
         progress: Is told now and then the share that is done, and what is being done.
 
     Returns:
@@ -58,6 +60,8 @@ def reproduce(
         if value < 1:
             raise SwarmError(f"--{size}: {value}: must be at least 1")
         chosen[size] = value
+    if shapes is not None and not experiment.takes_shapes:
+        raise SwarmError(f"--shapes: {name} scans no shapes of a folder; lidar-shapes does")
     from swarm.results.owned_folder import folder_of, refuse_taken
     from swarm.studies.papers.experiment import Outcome, Request
     from swarm.studies.papers.results import CONTENTS, write
@@ -67,6 +71,6 @@ def reproduce(
         raise SwarmError(f"--seed: {seed}: must be at least 0")
     folder = folder_of(name, seed, out)
     refuse_taken(folder, CONTENTS, force)
-    request = Request(seed, chosen, progress or (lambda share, what: None))
+    request = Request(seed, chosen, progress or (lambda share, what: None), Path(shapes) if shapes else None)
     outcome: Outcome = import_module(f"{__name__}.{name.replace('-', '_')}").run(request)
     return write(folder, name, experiment, request, outcome, force)

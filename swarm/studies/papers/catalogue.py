@@ -11,6 +11,7 @@ LIGHTHOUSE = "Chen et al., lighthouse"
 STEREO = "Zhang et al., binocular CCD"
 LIDAR = "Feng et al., LiDAR"
 BESIDE = "Flight and papers"
+SHAPES = "Real shapes by LiDAR"
 
 
 class Experiment(NamedTuple):
@@ -19,6 +20,7 @@ class Experiment(NamedTuple):
     source, figure: the paper, and the figure or table there. about: one line. sizes: what makes the experiment smaller,
     by the name of the command line's option, with the full experiment's value. quick: the sizes of a first look.
     takes_s, quick_takes_s: processor time of both [s], on one core of `MACHINE`. seed: of every random draw.
+    takes_shapes: whether it scans the shapes of a folder, where it is given one.
     """
 
     source: str
@@ -29,6 +31,7 @@ class Experiment(NamedTuple):
     takes_s: float
     quick_takes_s: float
     seed: int = 1
+    takes_shapes: bool = False
 
     def sample(self, sizes: Mapping[str, int]) -> str:
         """Return in words which of the full experiment's sizes are smaller in `sizes`; "full" where none is."""
@@ -138,6 +141,16 @@ EXPERIMENTS: dict[str, Experiment] = {
         {"poses": 24},
         takes_s=50,
         quick_takes_s=25,
+    ),
+    "lidar-shapes": Experiment(
+        SHAPES,
+        "docs/lidar.md",
+        "spacecraft from any attitude: right, flagged, silently wrong",
+        {"draws": 200},
+        {"draws": 2},
+        takes_s=5400,
+        quick_takes_s=80,
+        takes_shapes=True,
     ),
     "beside": Experiment(
         BESIDE,

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -75,11 +76,14 @@ class Outcome(NamedTuple):
 
 
 class Request(NamedTuple):
-    """The order of an experiment. progress: is told the share that is done, and what is being done."""
+    """The order of an experiment. progress: is told the share that is done, and what is being done. folder: of the
+    shapes that it scans; None: its own.
+    """
 
     seed: int
     sizes: Mapping[str, int]
     progress: Callable[[float, str], None]
+    folder: Path | None = None
 
     def rng(self) -> np.random.Generator:
         """Return the generator of the experiment's random draws."""

@@ -1,0 +1,99 @@
+"""Profile of a pose along what ranges determine least: whether all rays together want it elsewhere.
+
+The ranges of a smooth body say next to nothing of some motion, a cylinder's turn about its own axis or a plate's within
+its plane. There a registration rests on a few edges; where these are matched with others than their own, neither its
+residual nor its covariance tells. With N the normal matrix of the ranges alone, in units in which attitude and position
+weigh the same, and u its weakest direction, the poses
+
+    R(s) = Exp([s u_d]x) R,   p(s) = p + s u_p
+
+are compared with every ray, those that did not return included (`estimators.lidar.agreement`), which gives a cost c(s).
+Its likelihood exp(-(c(s) - min c) / 2 k) has the mean s and the variance v, and the pose there is known to
+
+    P = (N + u u^T / v)^-1
+
+A ray that disagrees costs 16, which is right for a point off a surface and far too much for one that passes a rim
+within its jitter: k makes it one unit of logarithm.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators import rotation as rot
+from estimators.arrays import Floats
+from estimators.lidar.agreement import WORST, agreement
+from estimators.lidar.registration import WEAK_ATTITUDE_RAD, WEAK_POSITION, information, register
+from estimators.lidar.scan import Scan
+from estimators.lidar.shape import Shape
+
+REACH, STEPS = 3.5, 29
+"""Ends of the profile in units of a weak direction (10 degrees, or 0.18 of the radius), and number of poses."""
+FINER = 5
+"""The steps about the best pose are so much finer."""
+ITERATIONS = 12
+SOFTER = WORST / 2
+"""The k of the likelihood."""
+
+
+class Profiled(NamedTuple):
+    """The pose that all rays prefer along a profile. rotation: (3, 3), target to scanner. position: (3,) [m].
+
+    covariance: (6, 6), ordered (attitude, position). sigma: along the profile, above 1 where it is not determined.
+    cost, overlap: of `Agreement`.
+    """
+
+    rotation: Floats
+    position: Floats
+    covariance: Floats
+    sigma: float
+    cost: float
+    overlap: float
+
+
+def profiled(scan: Scan, shape: Shape, rotation: Floats, position: Floats) -> Profiled | None:
+    """Return the pose that all rays prefer along the direction that ranges determine least; None without ranges.
+
+    Args:
+        scan: of the target and its surroundings.
+        shape: of the target.
+        rotation: (3, 3), of a registration.
+        position: (3,) [m], likewise.
+    """
+    unit = np.array([WEAK_ATTITUDE_RAD] * 3 + [WEAK_POSITION * shape.radius_m] * 3)
+    for _ in range(2):
+        normal = information(scan.point, shape, rotation, position, scan.noise_m)
+        if normal is None:
+            return None
+        scaled = normal * unit[:, None] * unit
+        weakest = np.linalg.eigh(scaled)[1][:, 0]
+        along = unit * weakest
+        s = np.linspace(-REACH, REACH, STEPS)
+        coarse = s[np.argmin(_costs(scan, shape, rotation, position, along, s))]
+        rotation, position = _moved(rotation, position, coarse * along)
+        # The others follow, by ranges alone.
+        fit = register(scan.point, shape, rotation, position, scan.noise_m, iterations=ITERATIONS)
+        if not np.isfinite(fit.residual_m):
+            return None
+        rotation, position = fit.rotation, fit.position
+    s = np.linspace(-REACH, REACH, STEPS) / FINER
+    cost = _costs(scan, shape, rotation, position, along, s)
+    likelihood = np.exp(-(cost - cost.min()) / 2 / SOFTER)
+    likelihood /= likelihood.sum()
+    mean = float(likelihood @ s)
+    variance = float(likelihood @ (s - mean) ** 2) + (s[1] - s[0]) ** 2 / 12
+    rotation, position = _moved(rotation, position, mean * along)
+    seen = agreement(scan, shape, rotation, position)
+    inverse = np.linalg.inv(scaled + np.outer(weakest, weakest) / variance + 1e-12 * np.eye(6))
+    covariance = unit[:, None] * inverse * unit
+    return Profiled(rotation, position, covariance, float(np.sqrt(variance)), seen.cost, seen.overlap)
+
+
+def _moved(rotation: Floats, position: Floats, step: Floats) -> tuple[Floats, Floats]:
+    """Return a pose moved by `step` (6,)."""
+    return rot.exp(step[:3]) @ rotation, position + step[3:]
+
+
+def _costs(scan: Scan, shape: Shape, rotation: Floats, position: Floats, along: Floats, s: Floats) -> Floats:
+    """Return the costs of the poses at `s` (n,) along a direction (6,)."""
+    return np.array([agreement(scan, shape, *_moved(rotation, position, x * along)).cost for x in s])
