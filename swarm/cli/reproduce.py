@@ -18,6 +18,10 @@ Name = Annotated[
     ),
 ]
 Size = Annotated[int | None, typer.Option(metavar="N", help="Run a smaller, quicker form; see the list.")]
+Shapes = Annotated[
+    Path | None,
+    typer.Option("--shapes", metavar="FOLDER", help="Scan the shapes (OBJ, STL) of this folder: lidar-shapes."),
+]
 LONG_S = 20.0
 """Processor time from which a command says beforehand how long it takes."""
 
@@ -32,10 +36,7 @@ def reproduce(
     quick: Annotated[bool, typer.Option("--quick", help="Take a smaller sample, for a first look.")] = False,
     listed: Annotated[bool, typer.Option("--list", help="List all experiments, and how long they take.")] = False,
     seed: Annotated[int | None, typer.Option("--seed", metavar="N", help="Use this seed instead of its own.")] = None,
-    shapes: Annotated[
-        Path | None,
-        typer.Option("--shapes", metavar="FOLDER", help="Scan the shapes (OBJ, STL) of this folder: lidar-shapes."),
-    ] = None,
+    shapes: Shapes = None,
     out: Annotated[
         Path | None,
         typer.Option("--out", metavar="FOLDER", help="Write to this folder. Default: runs/<experiment>-<seed>."),
@@ -62,7 +63,7 @@ def reproduce(
             _list()
             return
         asked = {"poses": poses, "frames": frames, "runs": runs, "seconds": seconds, "draws": draws}
-        sizes_asked = {size: value for size, value in asked.items() if value is not None}
+        sizes = {size: value for size, value in asked.items() if value is not None}
         known = find(experiment)
         from rich.console import Console
 
@@ -74,20 +75,13 @@ def reproduce(
             error_message(f"stopped by {name} before anything was written")
 
         takes_s = known.quick_takes_s if quick else known.takes_s
-        if takes_s >= LONG_S and not sizes_asked:
+        if takes_s >= LONG_S and not sizes:
             shorter = "" if quick else f"; --quick: {in_words(known.quick_takes_s)}"
             Console(stderr=True).print(f"{experiment} takes {in_words(takes_s)} on {MACHINE}{shorter}", highlight=False)
         with stoppable(say), ProgressDisplay(Console(stderr=True), experiment) as progress:
             tell = progress.experiment
             done = repeat(
-                experiment,
-                out=out,
-                force=force,
-                seed=seed,
-                sizes=sizes_asked,
-                quick=quick,
-                shapes=shapes,
-                progress=tell,
+                experiment, out=out, force=force, seed=seed, sizes=sizes, quick=quick, shapes=shapes, progress=tell
             )
         print_comparison(wide_console(), done)
 
