@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from estimators import rotation as rot
-from estimators.free_rotation import free_turns
 from estimators.filter.tumble import PARTS, Tumble, tensors
+from estimators.free_rotation import free_turns
 
 MOMENTS = np.array([32.0, 16.0, 26.0])
 SIGMA_RAD, PERIOD_S = np.radians(0.15), 0.25
