@@ -4,8 +4,9 @@ Kernels are written per craft, as loops that read like the equations, and mapped
 their caller; `np.linalg` stays out of them (it costs many seconds of compile time). Some take four craft at once
 (`estimators.lanes`).
 
-Machine code is kept in `estimators.kernel_cache`, where an edit of a kernel or of a constant compiles anew whatever
-rests on it, and nothing else.
+Operators and elements of arrays compile by `estimators.kernel_elements`, which the cache imports: the machine code of
+every kernel follows from it. Machine code is kept in `estimators.kernel_cache`, where an edit of a kernel or of a
+constant compiles anew whatever rests on it, and nothing else.
 """
 
 from collections.abc import Callable, Iterator
@@ -24,17 +25,23 @@ P = ParamSpec("P")
 R = TypeVar("R")
 OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": False, "no_cfunc_wrapper": True}
 """No kernel is called from C."""
-_KERNELS: list[Dispatcher] = []
-"""Every kernel of the modules that have been imported."""
+PART: dict[str, Any] = OPTIONS | {"no_cpython_wrapper": True}
+"""What other kernels call takes and gives no objects of Python."""
+_KERNELS: dict[Any, KernelCache] = {}
+"""Every kernel of the modules that have been imported, by its function."""
 
 
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
     """Compile `function` with numba: cached, NumPy's division by zero (inf, nan), strict IEEE order."""
     compiled: Callable[P, R] = numba.njit(**OPTIONS)(function)
     if isinstance(compiled, Dispatcher):  # not where NUMBA_DISABLE_JIT is set
+        part: Any = numba.njit(**PART)(function)
         compiled._cache = KernelCache(function)  # type: ignore[arg-type,attr-defined]
-        compiled.get_call_template = _of_any_value(compiled)  # type: ignore[assignment,method-assign]
-        _KERNELS.append(compiled)
+        part._cache = KernelCache(function, "part")  # type: ignore[arg-type]
+        compiled.get_call_template = _of_any_value(part)  # type: ignore[assignment,method-assign]
+        compiled.get_overload = part.get_overload  # type: ignore[method-assign]
+        compiled._compiling_counter = part._compiling_counter  # a recursion is seen by it
+        _KERNELS[function] = compiled._cache  # type: ignore[attr-defined]
     return compiled
 
 
@@ -73,8 +80,8 @@ class Compilation(NamedTuple):
 class _Counter(event.Listener):
     def __init__(self, tell: Callable[[Compilation], None]) -> None:
         self._tell, self._depth = tell, 0
-        self._done: set[Dispatcher] = set()
-        self._missing: dict[Dispatcher, bool] = {}
+        self._done: set[Any] = set()
+        self._missing: dict[Any, bool] = {}
 
     def on_start(self, event: Any) -> None:
         self._depth += 1
@@ -82,13 +89,14 @@ class _Counter(event.Listener):
 
     def on_end(self, event: Any) -> None:
         self._depth -= 1
-        if event.data["dispatcher"] in self._missing:  # else a function of numba's own, or no kernel
-            self._done.add(event.data["dispatcher"])
+        function = event.data["dispatcher"].py_func
+        if function in self._missing:  # else a function of numba's own, or no kernel
+            self._done.add(function)
         self._say()
 
     def _say(self) -> None:
-        for compiled in _KERNELS[len(self._missing) :]:
-            self._missing[compiled] = not compiled._cache.holds_any()  # type: ignore[attr-defined]
+        for function in list(_KERNELS)[len(self._missing) :]:
+            self._missing[function] = not _KERNELS[function].holds_any()
         most = len(self._done) + sum(missing and one not in self._done for one, missing in self._missing.items())
         self._tell(Compilation(self._depth > 0, len(self._done), most))
 

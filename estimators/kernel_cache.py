@@ -27,6 +27,7 @@ from numba.core.serialize import dumps
 from platformdirs import user_cache_path
 
 from estimators.kernel_digest import KernelDigest
+from estimators.kernel_elements import SOURCE
 
 KEPT_FOR_S = 90 * 86400.0
 """Files that no process has loaded for so long are removed when a new one is written, s."""
@@ -40,8 +41,9 @@ class KernelCache(NumbaCache):
     A folder that cannot be written leaves the kernel uncached; it never stops the program.
     """
 
-    def __init__(self, function: FunctionType) -> None:
-        self._function = function
+    def __init__(self, function: FunctionType, form: str = "") -> None:
+        """Keep the machine code of `function`, in one of the forms that it is compiled in."""
+        self._function, self._form = function, form
         self._enabled = True
 
     @property
@@ -102,10 +104,10 @@ class KernelCache(NumbaCache):
 
     @property
     def _version(self) -> tuple[Any, ...]:
-        return numba.__version__, sys.version_info[:2], self._digest
+        return numba.__version__, sys.version_info[:2], SOURCE, self._digest
 
     def _key(self, sig: Any, codegen: Any) -> tuple[Any, ...]:
-        return (sig, codegen.magic_tuple(), *self._version)
+        return (sig, self._form, codegen.magic_tuple(), *self._version)
 
     def _file(self, key: tuple[Any, ...]) -> Path:
         return folder() / f"{self._name}.{_short(self._version)}.{_short(key)}.nbc"
