@@ -4,6 +4,7 @@ Compiling is told in the same line, and once more when all is done, with the tim
 a minute of a processor, on a busy machine a multiple of it: nothing is promised, what is done is counted.
 """
 
+import math
 import time
 from contextlib import ExitStack
 from types import TracebackType
@@ -83,12 +84,15 @@ class ProgressDisplay:
         if p.notice and self._first is None:
             self._line(p.notice)
         gap, speed = ("  ", "x real time") if self.wide else (" ", "x")
-        time_s, tracking = f"{p.time_s:.1f}/{p.duration_s:.1f} s", f"{p.tracking}/{p.craft} tracking"
+        tracking, plain = f"{p.tracking}/{p.craft} tracking", f"{p.tracking} of {p.craft} craft tracking"
+        if math.isinf(p.duration_s):
+            self._show(0.0, f"{p.time_s:.1f} s{gap}{tracking}", f"{p.time_s:.1f} s, {plain}")
+            return
+        time_s = f"{p.time_s:.1f}/{p.duration_s:.1f} s"
         self._show(
             p.time_s / p.duration_s,
             f"{time_s}{gap}{p.real_time_factor:.1f}{speed}{gap}{tracking}",
-            f"{p.time_s:.1f} of {p.duration_s:.1f} s, {p.real_time_factor:.1f} times real time, "
-            f"{p.tracking} of {p.craft} craft tracking",
+            f"{p.time_s:.1f} of {p.duration_s:.1f} s, {p.real_time_factor:.1f} times real time, {plain}",
         )
 
     def study(self, progress: StudyProgress) -> None:

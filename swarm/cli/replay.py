@@ -1,6 +1,7 @@
 """The command `swarm replay`: a real recording through the same on-board code."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -9,12 +10,13 @@ import typer
 
 from swarm.cli import completion
 from swarm.cli.options import Force, NoRecording
-from swarm.cli.terminal import fly_and_report, mistakes
+from swarm.cli.terminal import ending_once, fly_and_report, mistakes
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from swarm.flight.recordings.contents import Listed
+    from swarm.flight.recordings.live_lines import LiveLines
     from swarm.results.progress import Progress
     from swarm.results.run_folder import Run
 
@@ -32,7 +34,8 @@ Recording = Annotated[
         metavar="RECORDING",
         autocompletion=completion.recordings,
         help="A recording of real light: libsurvive's .rec or .rec.gz, a Crazyflie's event log, or a name that "
-        "`swarm list` shows. With --list also a system-config.yaml, or a trajectory.",
+        "`swarm list` shows; - for libsurvive's lines from a pipe, flown as they come, until they end or Ctrl-C. "
+        "With --list also a system-config.yaml, or a trajectory.",
     ),
 ]
 Object = Annotated[
@@ -73,6 +76,7 @@ Truth = Annotated[
         "--truth", metavar="FILE", help="Compare with this trajectory of the object: motion capture .npy, TUM or CSV."
     ),
 ]
+Live = Annotated[bool, typer.Option("--live", help="Open the viewer, and watch while it is replayed.")]
 Seed = Annotated[int | None, typer.Option("--seed", metavar="N", help="Use this seed. Default: 0.")]
 Settings = Annotated[
     list[str] | None,
@@ -100,6 +104,7 @@ def replay(
     seed: Seed = None,
     out: Folder = None,
     force: Force = False,
+    live: Live = False,
     no_recording: NoRecording = False,
 ) -> None:
     """Feed a recording of real light, or the simulated one that comes along, to the same on-board code.
@@ -109,15 +114,13 @@ def replay(
     swarm replay walk.rec.gz --list
     swarm replay FLIGHT/log00 --stations stations.toml
     swarm replay walk.rec.gz --lighthouse 0 --truth mocap.npy
+    some-program | swarm replay - --live --stations stations.toml
     """
     with mistakes():
-        from swarm.assets import find_recording
-
-        file = find_recording(recording)
+        lines, file = _found(recording, list_only)
         if list_only:
             _print_contents(file)
             return
-        notes: list[str] = []
         from swarm.results.owned_folder import folder_of
         from swarm.scenario import for_replay
 
@@ -128,25 +131,55 @@ def replay(
             from swarm.flight.replay import replay as fly_again
 
             return fly_again(
-                file,
+                file if lines is None else lines,
                 object_name=object_name,
                 lighthouse=lighthouse,
                 stations=stations,
-                calibration=calibration or _own_calibration(file, notes.append),
+                calibration=calibration or _own_calibration(file, tell),
                 source=source.value,
                 truth=truth,
                 scenario=settings,
                 out=folder,
                 force=force,
                 record=not no_recording,
+                live=live,
                 progress=progress,
-                tell=notes.append,
+                tell=tell,
             )
 
-        try:
+        with _telling(lines) as tell:
             fly_and_report(settings.name, folder, fly)
-        finally:
-            _print_notes(notes)
+
+
+@contextmanager
+def _telling(lines: "LiveLines | None") -> Iterator[Callable[[str], None]]:
+    """Yield the printer of notes, of a file after the block, of lines at once; Ctrl-C ends lines."""
+    if lines is not None:
+        with ending_once(lines.stop):
+            yield _print_note
+        return
+    notes: list[str] = []
+    try:
+        yield notes.append
+    finally:
+        _print_notes(notes)
+
+
+def _found(recording: str, list_only: bool) -> "tuple[LiveLines | None, Path]":
+    """Return the lines of the standard input, where these are asked for, and the file of a recording."""
+    import sys
+
+    from swarm.assets import find_recording
+    from swarm.errors import SwarmError
+    from swarm.flight.recordings.live_lines import LiveLines
+
+    if recording != "-":
+        return None, find_recording(recording)
+    if list_only:
+        raise SwarmError("--list: of lines as they come nothing is known yet: give a file")
+    if sys.stdin is None or sys.stdin.isatty():
+        raise SwarmError("-: the standard input is the terminal: pipe a program into it, such as survive-cli")
+    return LiveLines(), Path(LiveLines.name)
 
 
 def _own_calibration(file: Path, tell: Callable[[str], None]) -> Path | None:
@@ -162,11 +195,15 @@ def _own_calibration(file: Path, tell: Callable[[str], None]) -> Path | None:
 
 def _print_notes(notes: list[str]) -> None:
     """Print sentences about the recording."""
+    for note in notes:
+        _print_note(note)
+
+
+def _print_note(note: str) -> None:
     from rich.console import Console
     from rich.text import Text
 
-    for note in notes:
-        Console(stderr=True, highlight=False).print(Text(f"note: {note}", "yellow"), soft_wrap=True)
+    Console(stderr=True, highlight=False).print(Text(f"note: {note}", "yellow"), soft_wrap=True)
 
 
 def _print_contents(recording: Path) -> None:

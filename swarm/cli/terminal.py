@@ -72,6 +72,23 @@ def stopping_once(outside: Handler = signal.default_int_handler) -> Iterator[Non
         signal.signal(signal.SIGINT, before)
 
 
+@contextmanager
+def ending_once(end: Callable[[], None]) -> Iterator[None]:
+    """Let the first Ctrl-C in the block call `end`, the proper end of work that has none; the next one stops it."""
+    before = signal.getsignal(signal.SIGINT)
+
+    def first(number: int, frame: FrameType | None) -> None:
+        signal.signal(signal.SIGINT, before)
+        end()
+
+    if before is not signal.SIG_IGN:
+        signal.signal(signal.SIGINT, first)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 def fly_and_report(title: str, folder: Path, fly: Callable[[Callable[["Progress"], None]], "Run"]) -> None:
     """Fly a run under a progress bar, then report it; if it is stopped on the way, report what there is.
 

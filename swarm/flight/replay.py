@@ -9,9 +9,11 @@ into the peer columns. The station's factory calibration is subtracted from the 
 
 import shlex
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -21,10 +23,12 @@ from estimators.lighthouse.sweep import correct
 from swarm.assets import find_model, own_recording
 from swarm.errors import SwarmError
 from swarm.flight import builders
+from swarm.flight.live_replay import live_playback
 from swarm.flight.recordings.consistency import Consistency, Sample, assess
 from swarm.flight.recordings.contents import only_object
 from swarm.flight.recordings.formats import Format, recording_format
 from swarm.flight.recordings.libsurvive import Recording, WorldPose, read_libsurvive
+from swarm.flight.recordings.live_lines import NAME, LiveLines
 from swarm.flight.recordings.object_light import configuration_beside, read_object
 from swarm.flight.recordings.receiver import Receiver
 from swarm.flight.recordings.station_calibration import StationCalibration, read_calibration
@@ -32,7 +36,7 @@ from swarm.flight.recordings.stations_file import read_stations
 from swarm.flight.recordings.windows import Source, Windows
 from swarm.flight.simulate import untold
 from swarm.flight.station_replay import StationPlayback, choose_stations
-from swarm.flight.truth import truth_for
+from swarm.flight.truth import GivenTruth, NoTruth, truth_for
 from swarm.hardware import Photodiodes
 from swarm.onboard.decoder import SweepAngles
 from swarm.onboard.navigation import Estimate, Navigator
@@ -44,7 +48,7 @@ from swarm.results.period import Period
 from swarm.results.progress import Progress
 from swarm.results.records import Peer
 from swarm.results.run_folder import Run, refuse_run
-from swarm.results.run_writer import writing_run
+from swarm.results.run_writer import RunWriter, writing_run
 from swarm.results.scene import Scene
 from swarm.scenario import Scenario, checked, for_replay
 from swarm.scenario.text import changed, toml_value
@@ -66,7 +70,7 @@ UNTESTED = Consistency(None, NONE_FALSE, np.zeros(0))
 
 
 def replay(
-    recording: str | Path,
+    recording: str | Path | LiveLines,
     *,
     object_name: str | None = None,
     lighthouse: int | None = None,
@@ -78,13 +82,14 @@ def replay(
     out: str | Path | None = None,
     force: bool = False,
     record: bool = True,
+    live: bool = False,
     progress: Callable[[Progress], None] | None = None,
     tell: Callable[[str], None] | None = None,
 ) -> Run:
     """Replay the light that an object of a recording saw, write the run, and return it, opened.
 
     Args:
-        recording: file written by libsurvive, or a Crazyflie's event log.
+        recording: file written by libsurvive, or a Crazyflie's event log; or lines as they come.
         object_name: name of the tracked object, such as HMD; None if only one saw light.
         lighthouse: number of the only station, of Lighthouse 2.0 its channel; None: all whose place is known.
         calibration: file of the stations' known errors in libsurvive's format, or of one station's in this project's.
@@ -95,36 +100,65 @@ def replay(
         out: folder of the run, by default `runs/<recording>-0`.
         force: replace an existing run.
         record: write recording.rrd.
+        live: show the run in the viewer meanwhile.
         progress: function called after every period.
         tell: function called with every sentence about the recording: what of it is lost, or left out.
 
     Raises:
         SwarmError: a file cannot be read, or the truth does not fit, or the folder cannot be written.
     """
-    settings, told = for_replay(Path(recording)) if scenario is None else checked(scenario), progress or untold
+    path, note = _file_of(recording, truth), tell or _untold
+    settings, told = for_replay(path) if scenario is None else checked(scenario), progress or untold
     refuse_run(settings.name, settings.seed, out, force)
     builders.plug_ins(settings, "navigator")  # a mistake there is told before the light is read
-    command = _command(recording, settings, object_name, lighthouse, calibration, stations, source, truth)
-    playback = _playback(recording, settings, object_name, lighthouse, calibration, stations, source)
+    command = _command(path, settings, object_name, lighthouse, calibration, stations, source, truth)
+    playback = _playback(recording, settings, object_name, lighthouse, calibration, stations, source, note)
     given = truth_for(truth, playback)
-    for note in (*playback.notes, *given.notes):
-        (tell or _untold)(note)
-    with writing_run(
+    for sentence in (*playback.notes, *given.notes):
+        note(sentence)
+    opened = partial(writing_run, out=out, force=force, record=record, live=live, command=command)
+    return _flown(playback, given, opened, told, note)
+
+
+def _flown(
+    playback: "Playback | StationPlayback",
+    given: GivenTruth | NoTruth,
+    opened: Callable[..., AbstractContextManager[RunWriter]],
+    told: Callable[[Progress], None],
+    tell: Callable[[str], None],
+) -> Run:
+    """Fly a playback, write it, and return its run, opened.
+
+    Args:
+        playback: light of one object.
+        given: truth.
+        opened: opens the run's folder, with what the user asked for.
+        told: function called after every period.
+        tell: function called with sentences about what was lost on the way.
+    """
+    found = given.summary()
+    with opened(
         playback.settings,
-        out,
-        playback.scene._replace(truth=given.known),
-        force=force,
+        scene=playback.scene._replace(truth=given.known),
         duration_s=playback.duration_s,
-        record=record,
         angles=playback.believed if playback.settings.recording.angles else None,
         history=playback.history,
-        command=command,
-        found=given.summary(),
+        found=found,
     ) as writer:
         for period in given.give(playback.fly()):
             writer.append(period)
             told(writer.progress)
+        found.update(playback.end(tell))
     return writer.run
+
+
+def _file_of(recording: str | Path | LiveLines, truth: str | Path | None) -> Path:
+    """Return the file of a recording; lines as they come have none, but the name of their runs, and no truth."""
+    if not isinstance(recording, LiveLines):
+        return Path(recording)
+    if truth is not None:
+        raise SwarmError("--truth: it is aligned with a whole flight, and of lines as they come none is whole")
+    return Path(NAME)
 
 
 def _untold(note: str) -> None:
@@ -132,32 +166,36 @@ def _untold(note: str) -> None:
 
 
 def _playback(
-    recording: str | Path,
+    recording: str | Path | LiveLines,
     settings: Scenario,
     object_name: str | None,
     lighthouse: int | None,
     calibration: str | Path | None,
     stations: str | Path | None,
     source: Source,
+    tell: Callable[[str], None],
 ) -> "Playback | StationPlayback":
     """Return the playback of a recording: by poses for one station of Lighthouse 1.0, by rows for all else.
 
     Args:
-        recording: file of the recording.
+        recording: file of the recording, or lines as they come.
         settings: scenario with the navigation settings.
         object_name: name of the tracked object, None for the only one.
         lighthouse: number of the only station, None for all.
         calibration: file of the stations' known errors.
         stations: file with the places of the stations.
         source: raw pulses or angles.
+        tell: gets a sentence while lines as they come have nothing to fly by.
     """
+    file = None if stations is None else read_stations(stations)
+    if isinstance(recording, LiveLines):
+        return live_playback(recording, settings, object_name, lighthouse, calibration, file, source, tell)
     crazyflie = recording_format(recording) is Format.CRAZYFLIE
     name = object_name if crazyflie else object_name or only_object(recording)
     if crazyflie and calibration is not None:
         raise SwarmError(
             f"--calibration: {recording} is a Crazyflie's log: its system-config.yaml is taken, or --stations"
         )
-    file = None if stations is None else read_stations(stations)
     log = None if crazyflie else read_libsurvive(recording, name or "")
     if log is not None and file is None and (lighthouse is not None or _is_own_format(calibration)):
         if not log.rotors.any():
@@ -183,7 +221,7 @@ def _is_own_format(calibration: str | Path | None) -> bool:
 
 
 def _command(
-    recording: str | Path,
+    recording: Path,
     settings: Scenario,
     object_name: str | None,
     lighthouse: int | None,
@@ -195,7 +233,7 @@ def _command(
     """Return the command that repeats a replay: its arguments, and every setting that is not the usual one.
 
     Args:
-        recording: file written by libsurvive.
+        recording: file, or the name of lines as they come.
         settings: settings as the user gave them.
         object_name: name of the tracked object, None for the only one.
         lighthouse: number of the only station, None for all.
@@ -204,8 +242,9 @@ def _command(
         source: raw pulses or angles.
         truth: file of the truth, None without one.
     """
-    own = own_recording(Path(recording))
-    words = ["swarm", "replay", own.name if own is not None else str(recording)]
+    own = own_recording(recording)
+    from_pipe = recording == Path(NAME)
+    words = ["swarm", "replay", own.name if own is not None else "-" if from_pipe else str(recording)]
     words += ["--object", object_name] if object_name is not None else []
     words += ["--lighthouse", str(lighthouse)] if lighthouse is not None else []
     words += ["--stations", str(stations)] if stations is not None else []
@@ -214,7 +253,7 @@ def _command(
     words += ["--calibration", str(calibration)] if calibration is not None and not brought else []
     words += ["--from", source] if source != "pulses" else []
     words += ["--truth", str(truth)] if truth is not None else []
-    usual = for_replay(Path(recording))
+    usual = for_replay(recording)
     words += ["--seed", str(settings.seed)] if settings.seed != usual.seed else []
     for key, value in changed(usual, settings):
         words += ["--set", f"{key}={toml_value(value)}"]
@@ -303,6 +342,10 @@ class Playback:
                 estimate=estimate._replace(integrity=integrity._replace(dropped=dropped)),
                 peer=Peer(window.peer_position, window.peer_quaternion),
             )
+
+    def end(self, tell: Callable[[str], None]) -> dict[str, Any]:
+        """Return what the summary has of the light itself: nothing; and tell nothing, for all was known before."""
+        return {}
 
     def _begin(self, navigation: NavigationSettings, false: Ints) -> tuple[Navigator, Receiver]:
         return Navigator(self.layout, navigation), Receiver(self.windows, false)

@@ -5,10 +5,10 @@ system-config.yaml beside the recording, or from the recording's own lines. A st
 out; with one station alone, its frame is the world.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from swarm.flight.recordings.libsurvive import WorldPose
 from swarm.flight.recordings.object_light import ObjectLight
 from swarm.flight.recordings.row_consistency import RowConsistency, RowSample, assess_rows
 from swarm.flight.recordings.row_likelihood import Likely, likely
-from swarm.flight.recordings.row_windows import RowWindows
+from swarm.flight.recordings.row_windows import RowWindow, RowWindows
 from swarm.flight.recordings.stations_file import PlacedStation, PlacedStations
 from swarm.hardware import Photodiodes
 from swarm.onboard.decoder import SweepAngles
@@ -79,18 +79,21 @@ class Chosen(NamedTuple):
     world: bool
 
 
-def choose_stations(source: ObjectLight, file: PlacedStations | None, lighthouse: int | None) -> Chosen:
+def choose_stations(
+    source: ObjectLight, file: PlacedStations | None, lighthouse: int | None, awaited: Sequence[int] = ()
+) -> Chosen:
     """Return the stations by which an object navigates.
 
     Args:
         source: light of the object.
         file: stations of a file; None: those that the recording, or a file beside it, knows.
         lighthouse: number of the only station; None: all that were seen.
+        awaited: numbers of further stations that the object may come to see.
 
     Raises:
         SwarmError: there is no light of any station, or none of the one asked for.
     """
-    seen = source.light.stations()
+    seen = sorted({*source.light.stations(), *awaited})
     if lighthouse is not None and lighthouse not in seen:
         raise SwarmError(f"{source.path}: {source.name!r} saw no light of station {lighthouse}; it saw {_listed(seen)}")
     wanted = seen if lighthouse is None else [lighthouse]
@@ -180,7 +183,7 @@ class StationPlayback:
             for placed in chosen.placed
             if not given and placed.number not in source.errors
         ]
-        peer = self._peer(chosen.world)
+        peer = peer_in_world(source, self.placed, chosen.world)
         numbers = [placed.number for placed in chosen.placed]
         shape = len(numbers), self.layout.point_m.shape[1]
         nobody: Bools = np.zeros(shape, dtype=np.bool_)
@@ -216,7 +219,7 @@ class StationPlayback:
         navigator = StationNavigator(self.layout, self._navigation, self._stations, self.noise)
         known = builders.of_stations(self.layout, self._stations, self.noise)
         own = builders.own_navigators(self.settings, self._navigation, known)
-        for frame, window in enumerate(self.windows):
+        for frame, window in enumerate(self.periods()):
             light = partial(Rowed, window.light.rows, tuple(self._stations))
             estimate = own.step(navigator.step(window.light), light, navigator.tracks, None, window.time_s)
             integrity = estimate.integrity
@@ -233,19 +236,13 @@ class StationPlayback:
                 peer=Peer(window.peer_position, window.peer_quaternion),
             )
 
-    def _peer(self, world: bool) -> WorldPose:
-        """Return the recording's own poses of the object in the world of the stations, NaN where that is not known."""
-        source, peer = self.source, self.source.peer
-        here = next((p for p in self.placed if p.number in source.placed), None)
-        if here is None or not len(source.peer_time_s):
-            return WorldPose(np.full_like(peer.position, np.nan), np.full_like(peer.quaternion, np.nan))
-        there = source.placed[here.number]
-        if not world:
-            here = here._replace(rotation=np.eye(3), position=np.zeros(3))
-        turn = here.rotation @ there.rotation.T
-        position = (peer.position - there.position) @ turn.T + here.position
-        quaternion = rot.quaternion_from_matrix(turn @ rot.matrix_from_quaternion(peer.quaternion))
-        return WorldPose(position, quaternion)
+    def periods(self) -> Iterator[RowWindow]:
+        """Yield the light, period by period."""
+        return iter(self.windows)
+
+    def end(self, tell: Callable[[str], None]) -> dict[str, Any]:
+        """Return what the summary has of the light itself: nothing; and tell nothing, for all was known before."""
+        return {}
 
     def _assess(self, settings: Scenario) -> RowConsistency:
         """Return the noise and the false photodiodes, from a replay that believes every photodiode."""
@@ -357,6 +354,27 @@ class StationPlayback:
                 f"{turning:.0f} deg/s^2, 1 sigma"
             )
         return out
+
+
+def peer_in_world(source: ObjectLight, stations: Sequence[PlacedStation], world: bool) -> WorldPose:
+    """Return the recording's own poses of the object in the world of the stations, NaN where that is not known.
+
+    Args:
+        source: light of the object.
+        stations: as the replay places them.
+        world: whether these places are in the room's frame.
+    """
+    peer = source.peer
+    here = next((p for p in stations if p.number in source.placed), None)
+    if here is None or not len(source.peer_time_s):
+        return WorldPose(np.full_like(peer.position, np.nan), np.full_like(peer.quaternion, np.nan))
+    there = source.placed[here.number]
+    if not world:
+        here = here._replace(rotation=np.eye(3), position=np.zeros(3))
+    turn = here.rotation @ there.rotation.T
+    position = (peer.position - there.position) @ turn.T + here.position
+    quaternion = rot.quaternion_from_matrix(turn @ rot.matrix_from_quaternion(peer.quaternion))
+    return WorldPose(position, quaternion)
 
 
 def _no_angles(layout: Photodiodes) -> SweepAngles:

@@ -6,7 +6,8 @@ from typing import NamedTuple
 class Progress(NamedTuple):
     """The state of a run: time_s of duration_s [s] are simulated, and `tracking` of `craft` craft have their pose.
 
-    notice: a sentence for the user, such as why there is no live view.
+    duration_s: infinite where nobody knows when it ends. notice: a sentence for the user, such as why there is no live
+    view.
     """
 
     time_s: float

@@ -87,7 +87,7 @@ def contents(path: str | Path) -> Contents:
 
 
 def _of_libsurvive(file: Path) -> Contents:
-    seen = _seen(file)
+    seen = _seen(TextLines(file))
     if not seen.lines:
         raise SwarmError(
             f"{file}: {seen.lost + ': ' if seen.lost else ''}not a libsurvive recording: no object is in it"
@@ -143,23 +143,34 @@ def only_object(path: str | Path) -> str:
     Raises:
         SwarmError: the file cannot be read, or none or several of its objects can be replayed.
     """
-    file = Path(path)
-    seen = _seen(file)
+    seen = _seen(TextLines(Path(path)))
+    return _only(seen, f"{path}: {seen.lost}" if seen.lost else f"{path}")
+
+
+def only_object_of(lines: Iterable[tuple[int, str]], where: str) -> str:
+    """Return the name of the one object of numbered lines that can be replayed; `where` opens a message.
+
+    Raises:
+        SwarmError: as `only_object`.
+    """
+    return _only(_seen(lines), where)
+
+
+def _only(seen: _Seen, where: str) -> str:
+    """Return the only object that can be replayed; raise SwarmError, opened by `where`, if there is not one."""
     usable = [name for name in seen.objects() if not _remark(seen, name)]
     if len(usable) == 1:
         return usable[0]
     if usable:
         options = ", ".join(f"--object {name}" for name in usable)
-        raise SwarmError(f"{file}: {len(usable)} objects saw light, choose one: {options}")
-    where = f"{file}: {seen.lost}" if seen.lost else f"{file}"
+        raise SwarmError(f"{where}: {len(usable)} objects saw light, choose one: {options}")
     if not seen.lines:
         raise SwarmError(f"{where}: not a libsurvive recording: no object is in it")
     raise SwarmError(f"{where}: " + "; ".join(f"object {name!r}: {_remark(seen, name)}" for name in seen.objects()[:8]))
 
 
-def _seen(file: Path) -> _Seen:
+def _seen(text: Iterable[tuple[int, str]]) -> _Seen:
     lines: Counter[tuple[str, str]] = Counter()
-    text = TextLines(file)
     names: set[str] = set()
     good = damaged = 0
     for _, line in text:
@@ -172,7 +183,7 @@ def _seen(file: Path) -> _Seen:
         if head[1] in names or len(names) < MOST_OBJECTS:
             names.add(head[1])
             lines[head[1], head[2]] += 1
-    return _Seen(lines, text.lost)
+    return _Seen(lines, text.lost if isinstance(text, TextLines) else "")
 
 
 def _remark(seen: _Seen, name: str) -> str:

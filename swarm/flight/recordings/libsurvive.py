@@ -22,7 +22,7 @@ import numpy as np
 from estimators import rotation as rot
 from estimators.arrays import Floats, Ints
 from swarm.errors import SwarmError, did_you_mean
-from swarm.flight.recordings.line_values import as_rows, finite, in_order, once, within
+from swarm.flight.recordings.line_values import as_rows, finite, in_order, keep_from, once, within
 from swarm.flight.recordings.object_clock import TICK_S, WRAP, ObjectClock
 from swarm.flight.recordings.rotor_light import RotorLog
 from swarm.flight.recordings.rotor_lines import TOKENS, RotorLines
@@ -141,6 +141,13 @@ class Recording(NamedTuple):
         return self.stations.get(lighthouse)
 
 
+class Forgotten(NamedTuple):
+    """Ends of what a reader forgets [ticks]: zeros of rotors before one, other light before the other."""
+
+    zeros: float
+    hits: float
+
+
 def station_id(text: str) -> str:
     """Return a station's id in one form: libsurvive writes the same 32 bits with and without a sign, and in hex."""
     word = text.strip().lower().removeprefix("lhb-")
@@ -160,29 +167,40 @@ def read_libsurvive(path: str | Path, device: str) -> Recording:
             unusable; the message names file and line.
     """
     file = Path(path)
-    reader = _Reader(file, device)
+    reader = LibsurviveReader(file, device)
     lines = TextLines(file)
-    number = 0
     for number, line in lines:
         reader.read(line, number)
-    return reader.recording(number, lines.lost)
+    return reader.recording(lines.lost)
 
 
-class _Reader:
-    """Collector of the lines of one device; the number of the CONFIG line is kept for messages."""
+class LibsurviveReader:
+    """Collector of the lines of one device; the number of the CONFIG line is kept for messages.
+
+    clock: the device's. damaged: number of lines that could not be read.
+    """
 
     def __init__(self, path: Path, device: str) -> None:
+        """Begin without a line.
+
+        Args:
+            path: of the recording, for messages.
+            device: name of the object.
+        """
         self._path, self._device = path, device
         self._config: tuple[int, str] | None = None
+        self._known: tuple[int, TrackedObject] | None = None
         self._devices: set[str] = set()
-        self._good = self._damaged = 0
-        self._clock = ObjectClock(f"{path}: {device}")
+        self._good = self.damaged = self._lines = 0
+        self.clock = ObjectClock(f"{path}: {device}")
         self._pulses, self._angles, self._poses = array("d"), array("d"), array("d")
-        self._rotors = RotorLines(self._clock)
+        self._rotors = RotorLines(self.clock)
         self._stations: dict[int, tuple[float, ...]] = {}
         self._stations_by_id: dict[str, tuple[float, ...]] = {}
 
     def read(self, line: str, number: int) -> None:
+        """Take the next line, number `number`; raise SwarmError where too many are damaged."""
+        self._lines = number
         head = line.split(None, 3)
         try:
             if len(head) < 3:
@@ -192,9 +210,9 @@ class _Reader:
             if op == "CONFIG" or op in _TOKENS:
                 self._event(time_s, source, op, line, number)
         except ValueError:
-            self._damaged += 1
-            if self._damaged > MOST_DAMAGED + 2 * self._good:
-                raise self._no_recording(number) from None
+            self.damaged += 1
+            if self.damaged > MOST_DAMAGED + 2 * self._good:
+                raise self._no_recording() from None
         else:
             self._good += 1
 
@@ -234,7 +252,7 @@ class _Reader:
     def _pulse(self, time_s: float, token: list[str]) -> None:
         channel, width = within(int(token[3]), -(1 << 15), 1 << 15), within(int(token[5]), 0, 1 << 31)
         rise = within(int(token[4]), 0, WRAP)
-        self._clock.add(time_s, rise, lambda tick: self._pulses.extend((time_s, channel, tick, width)))
+        self.clock.add(time_s, rise, lambda tick: self._pulses.extend((time_s, channel, tick, width)))
 
     def _angle(self, time_s: float, token: list[str]) -> None:
         photodiode, fan, rise = within(int(token[3]), 0, 1 << 15), int(token[4]) & 1, within(int(token[5]), 0, WRAP)
@@ -243,30 +261,43 @@ class _Reader:
             raise ValueError
         # The file has the width rounded to microseconds; the effect on the middle is within half a tick.
         half = 0.5 * width_s / TICK_S
-        self._clock.add(
+        self.clock.add(
             time_s,
             rise,
             lambda tick: self._angles.extend((time_s, photodiode, fan, lighthouse, tick + half, angle)),
         )
 
-    def _no_recording(self, lines: int, where: str = "") -> SwarmError:
+    def _no_recording(self, where: str = "") -> SwarmError:
         return SwarmError(
-            f"{where or self._path}: not a libsurvive recording: of {lines} lines, "
-            f"{self._damaged} do not read 'time_s source OP ...', and {len(self._devices)} objects appear"
+            f"{where or self._path}: not a libsurvive recording: of {self._lines} lines, "
+            f"{self.damaged} do not read 'time_s source OP ...', and {len(self._devices)} objects appear"
         )
 
-    def recording(self, lines: int, lost: str) -> Recording:
+    def forget(self, ticks: Forgotten, before_s: float) -> None:
+        """Forget what is older than asked, so that lines without end take bounded memory.
+
+        Args:
+            ticks: ends of what is forgotten of the light [ticks].
+            before_s: of the object's poses [s].
+        """
+        keep_from(self._pulses, 4, 2, ticks.hits)
+        keep_from(self._angles, 6, 4, ticks.hits)
+        keep_from(self._poses, 8, 0, before_s)
+        self._rotors.forget(ticks.zeros, ticks.hits)
+
+    def recording(self, lost: str = "", *, whole: bool = True) -> Recording:
         """Return the collected data as arrays.
 
         Args:
-            lines: number of lines of the file.
             lost: why and where the file ends early, empty where it does not.
+            whole: whether all lines have been read; if more come, those in doubt wait for them.
 
         Raises:
             SwarmError: the lines do not make a recording of this device.
         """
-        self._clock.close()
-        tracked = self._tracked(lines, lost)
+        if whole:
+            self.clock.close()
+        tracked = self._tracked(lost)
         index = {channel: photodiode for photodiode, channel in enumerate(tracked.channels)}
         pulses, twice = once(as_rows(self._pulses, 4), (1, 2, 3))
         pulses = in_order(pulses, 2)
@@ -300,18 +331,18 @@ class _Reader:
             stations={k: _world(pose) for k, pose in self._stations.items()},
             stations_by_id={k: _world(pose) for k, pose in self._stations_by_id.items()},
             losses=Losses(
-                self._damaged + self._clock.damaged + unknown + rotors_unknown,
+                self.damaged + self.clock.damaged + unknown + rotors_unknown,
                 twice + angles_twice + poses_twice + rotors_twice,
-                self._clock.restarts,
+                self.clock.restarts,
                 lost,
             ),
         )
 
-    def _tracked(self, lines: int, lost: str) -> TrackedObject:
+    def _tracked(self, lost: str) -> TrackedObject:
         """Return the device; raise SwarmError if the lines do not make a recording of it."""
         where = f"{self._path}: {lost}" if lost else f"{self._path}"
-        if not self._devices or self._damaged > self._good:
-            raise self._no_recording(lines, where)
+        if not self._devices or self.damaged > self._good:
+            raise self._no_recording(where)
         if self._device not in self._devices:
             raise SwarmError(
                 f"{where}: no object {self._device!r} in this recording{did_you_mean(self._device, self._devices)}"
@@ -321,7 +352,10 @@ class _Reader:
                 f"{where}: object {self._device!r} has no CONFIG line, so where its photodiodes sit is not known"
             )
         number, text = self._config
-        return read_config(text, f"{self._path}, line {number}: CONFIG of {self._device!r}")
+        if self._known is None or self._known[0] != number:
+            where = f"{self._path}, line {number}: CONFIG of {self._device!r}"
+            self._known = number, read_config(text, where)
+        return self._known[1]
 
 
 def _world(pose: tuple[float, ...]) -> WorldPose:

@@ -38,6 +38,21 @@ def as_rows(values: "array[float]", columns: int) -> Floats:
     return np.array(values, dtype=np.float64).reshape(-1, columns)
 
 
+def keep_from(values: "array[float]", columns: int, column: int, first: float) -> None:
+    """Remove those collected rows of which a column is below a bound.
+
+    Args:
+        values: what is collected, row by row.
+        columns: of a row.
+        column: the one that counts.
+        first: least value that is kept.
+    """
+    rows = as_rows(values, columns)
+    kept = rows[rows[:, column] >= first]
+    if len(kept) < len(rows):
+        values[:] = array("d", kept.tobytes())
+
+
 def in_order(rows: Floats, column: int) -> Floats:
     """Return the rows in order of a column; equal ones keep their order."""
     out: Floats = rows[np.argsort(rows[:, column], kind="stable")]

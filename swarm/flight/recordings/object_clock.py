@@ -9,6 +9,9 @@ after a reconnection: then the ticks go on as the host's time does.
 from collections.abc import Callable
 from typing import NamedTuple
 
+import numpy as np
+
+from estimators.arrays import Floats
 from swarm.errors import SwarmError
 
 TICK_S = 1 / 48e6
@@ -37,7 +40,11 @@ class _Event(NamedTuple):
 
 
 class ObjectClock:
-    """One object's clock. damaged: number of events that contradicted it; restarts: of the counter."""
+    """One object's clock.
+
+    damaged: number of events that contradicted it. restarts: of the counter. last, newest: tick of the last event that
+    was taken, and the latest tick; None before the first.
+    """
 
     def __init__(self, what: str) -> None:
         """Begin without a tick; `what` names recording and object in messages."""
@@ -46,6 +53,8 @@ class ObjectClock:
         self._base: int | None = None
         self._offset_s = self._time_s = 0.0
         self.damaged = self.restarts = 0
+        self.last: int | None = None
+        self.newest: int | None = None
 
     def add(self, time_s: float, counter: int, commit: Commit) -> None:
         """Take the next event of the file.
@@ -73,6 +82,10 @@ class ObjectClock:
         elif len(self._doubtful) > DOUBTFUL:
             self._doubtful.pop(0)
             self.damaged += 1
+
+    def time_s(self, tick: Floats) -> Floats:
+        """Return the host's times [s] of ticks near the latest one, any shape."""
+        return np.asarray(tick, dtype=np.float64) * TICK_S + self._offset_s
 
     def close(self) -> None:
         """Decide about the events still in doubt: of a recording of a few events, all that agree are taken."""
@@ -120,6 +133,7 @@ class ObjectClock:
         tick = self._tick(event)
         self._offset_s += _FOLLOW * (event.time_s - tick * TICK_S - self._offset_s)
         self._time_s = event.time_s
+        self.last, self.newest = tick, tick if self.newest is None else max(self.newest, tick)
         event.commit(tick)
 
 

@@ -26,14 +26,14 @@ from swarm.flight.recordings.hits import Hits, Light, Lost, joined
 from swarm.flight.recordings.libsurvive import Recording, WorldPose, read_libsurvive
 from swarm.flight.recordings.libsurvive_config import FactoryStation, read_factory_stations
 from swarm.flight.recordings.object_clock import TICK_S
+from swarm.flight.recordings.pulse_light import PulseLight, own_angles
 from swarm.flight.recordings.rotor_light import FRAME_HZ, decode_rotor_log
 from swarm.flight.recordings.station_terms import SweepTerms
 from swarm.flight.recordings.stations_file import PlacedStation
 from swarm.flight.recordings.sweep_instants import timed
 from swarm.flight.recordings.system_config import ConfiguredStation, SystemConfig, config_beside
-from swarm.flight.recordings.windows import Source, Windows
+from swarm.flight.recordings.windows import Source
 from swarm.hardware import Photodiodes, pad
-from swarm.onboard.decoder import PulseDecoder
 
 _FROM_SURVIVE = np.diag([1.0, -1.0, -1.0])
 _FROM_BITCRAZE = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -106,21 +106,34 @@ def read_object(
     if name is None:
         raise SwarmError(f"{file}: which object?")
     recording = read_libsurvive(file, name) if recording is None else recording
+    return object_of(recording, source, calibration if calibration is not None else configuration_beside(file))
+
+
+def object_of(recording: Recording, source: Source = "pulses", calibration: str | Path | None = None) -> ObjectLight:
+    """Return the light of a libsurvive recording's object.
+
+    Args:
+        recording: of the object.
+        source: raw "pulses" or "angles", as in `read_object`.
+        calibration: libsurvive's configuration; None: none.
+
+    Raises:
+        SwarmError: the configuration cannot be read, or there is no light.
+    """
     notes = recording.losses.sentences()
-    config = calibration if calibration is not None else configuration_beside(file)
     stations = []
-    if config is not None:
-        stations = read_factory_stations(config)
-        notes.append(f"the stations' poses and calibrations are those of {config}")
-    second = recording.rotors.any() and not (len(recording.pulses.rise_tick) or len(recording.angles.middle_tick))
-    light = _second(recording, source) if second else _first(recording, source)
+    if calibration is not None:
+        stations = read_factory_stations(calibration)
+        notes.append(f"the stations' poses and calibrations are those of {calibration}")
+    second = saw_second(recording)
+    light = second_light(recording, source) if second else _first(recording, source)
     notes += light.lost.sentences()
     line = _line(recording, second)
     placed, errors = _placed(recording, stations, light, second)
     numbers = {number: s.identity for s in stations if (number := s.channel if second else s.number) is not None}
     return ObjectLight(
-        path=file,
-        name=name,
+        path=recording.path,
+        name=recording.device,
         photodiodes=recording.photodiodes,
         light=light,
         time_0_s=line[0],
@@ -135,6 +148,11 @@ def read_object(
         notes=notes,
         recording=recording,
     )
+
+
+def saw_second(recording: Recording) -> bool:
+    """Return whether the object's light is of Lighthouse 2.0."""
+    return recording.rotors.any() and not (len(recording.pulses.rise_tick) or len(recording.angles.middle_tick))
 
 
 def configuration_beside(file: Path) -> Path | None:
@@ -163,8 +181,8 @@ def _line(recording: Recording, second: bool) -> tuple[float, float]:
     return float(offset), float(slope)
 
 
-def _second(recording: Recording, source: Source) -> Light:
-    """Return light of Lighthouse 2.0."""
+def second_light(recording: Recording, source: Source) -> Light:
+    """Return light of Lighthouse 2.0; raise SwarmError where there is none."""
     log = recording.rotors
     decoded = decode_rotor_log(log)
     if source == "pulses" and len(decoded.hits.tick):
@@ -178,33 +196,11 @@ def _second(recording: Recording, source: Source) -> Light:
 
 def _first(recording: Recording, source: Source) -> Light:
     """Return light of Lighthouse 1.0."""
-    log = recording.angles
-    if source == "angles":
-        hits = joined([Hits(log.lighthouse, log.fan, log.photodiode, log.middle_tick, log.angle_rad)])
-    else:
-        hits = joined([_decoded(recording, station) for station in (0, 1)])
+    hits = own_angles(recording) if source == "angles" else PulseLight().decode(recording)
     if not len(hits.tick):
         what = "raw pulses (C lines)" if source == "pulses" else "sweep angles (A lines)"
         raise SwarmError(f"{recording.path}: no period of a station among the {what} of {recording.device!r}")
     return Light("1.0", TICK_S, hits, Lost(), {})
-
-
-def _decoded(recording: Recording, station: int) -> Hits:
-    """Return one station's hits from the raw pulses; none where it gives no period."""
-    try:
-        windows = Windows(recording, station, "pulses")
-    except SwarmError:
-        return joined([])
-    decoder = PulseDecoder(windows.photodiodes.present, windows.tick_s, frame_s=windows.frame_s, slot=windows.slot)
-    parts = []
-    for window in windows:
-        assert window.pulses is not None
-        angles = decoder.decode(window.pulses)
-        photodiode, fan = np.nonzero(np.isfinite(angles.theta[0]))
-        tick = angles.epoch_tick[0] + angles.offset_s[0, photodiode, fan] / TICK_S
-        angle = angles.theta[0, photodiode, fan] - np.pi / 2
-        parts.append(Hits(np.full(len(fan), station), fan, photodiode, tick, angle))
-    return joined(parts)
 
 
 def _placed(

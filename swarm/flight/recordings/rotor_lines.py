@@ -14,7 +14,7 @@ from array import array
 import numpy as np
 
 from estimators.lighthouse.rotor import CHANNEL_TICKS
-from swarm.flight.recordings.line_values import as_rows, finite, in_order, once, within
+from swarm.flight.recordings.line_values import as_rows, finite, in_order, keep_from, once, within
 from swarm.flight.recordings.object_clock import WRAP, ObjectClock
 from swarm.flight.recordings.rotor_light import RotorLog
 
@@ -51,6 +51,12 @@ class RotorLines:
         if abs(angle) > math.pi:
             raise ValueError
         self._clock.add(time_s, tick, lambda at: self._angles.extend((time_s, channel, photodiode, at, plane, angle)))
+
+    def forget(self, zeros: float, hits: float) -> None:
+        """Forget zeros, and all other light, before two ticks."""
+        keep_from(self._zeros, 2, 1, zeros)
+        keep_from(self._hits, 4, 3, hits)
+        keep_from(self._angles, 6, 3, hits)
 
     def log(self, photodiodes: int) -> tuple[RotorLog, int, int]:
         """Return the lines, the number of those with a photodiode that does not exist, and of repeated ones."""

@@ -36,11 +36,28 @@ class RowWindow(NamedTuple):
     peer_quaternion: Floats
 
 
+class Span(NamedTuple):
+    """Periods `first` to before `end`, of which number zero begins at a tick."""
+
+    zero_tick: float
+    first: int
+    end: int
+
+
 class RowWindows:
-    """The periods of a recording, in order; iterate for `RowWindow`s."""
+    """The periods of a recording, in order; iterate for `RowWindow`s.
+
+    frame_s: period of the filter [s]. first_tick: begin of period zero.
+    """
 
     def __init__(
-        self, source: ObjectLight, numbers: Sequence[int], frame_s: float, peer: WorldPose, false: Bools
+        self,
+        source: ObjectLight,
+        numbers: Sequence[int],
+        frame_s: float,
+        peer: WorldPose,
+        false: Bools,
+        span: Span | None = None,
     ) -> None:
         """Divide the light.
 
@@ -50,23 +67,28 @@ class RowWindows:
             frame_s: period of the filter [s].
             peer: the recording's own poses in the world of the stations.
             false: (S, K), photodiodes that are left out before a station.
+            span: the periods; None: all, from the first hit to the last.
         """
         light = source.light
         hits = light.hits.of(np.isin(light.hits.station, numbers))
         self.frame_s, self._tick_s, self._false = frame_s, light.tick_s, false
         sweep, begin = _sweeps(hits, light.tick_s)
-        self._first_tick = float(hits.tick.min()) if len(hits.tick) else 0.0
-        self._begin_s = float(source.time_s(np.array(self._first_tick)))
-        period = np.floor((begin - self._first_tick) * light.tick_s / frame_s).astype(np.int64)
+        first_tick = float(hits.tick.min()) if len(hits.tick) else 0.0
+        self.first_tick = first_tick if span is None else span.zero_tick
+        self._begin_s = float(source.time_s(np.array(self.first_tick)))
+        period = np.floor((begin - self.first_tick) * light.tick_s / frame_s).astype(np.int64)
         order = np.argsort(period, kind="stable")
         self._hits, self._sweep, period = hits.of(order), sweep[order], period[order]
         place = np.full(1 + max(numbers, default=0), -1)
         place[list(numbers)] = np.arange(len(numbers))
         self._station = place[self._hits.station]
-        count = int(period[-1]) + 1 if len(period) else 0
-        self._edges = np.searchsorted(period, np.arange(count + 1))
+        if span is None:
+            span = Span(first_tick, 0, int(period[-1]) + 1 if len(period) else 0)
+        self._span, count = span, span.end - span.first
+        self._edges = np.searchsorted(period, np.arange(span.first, span.end + 1))
         self._at = WorldPose(np.full((count, 3), np.nan), np.full((count, 4), np.nan))
-        epochs = self._first_tick + (np.arange(count, dtype=np.float64) + 0.5) * (frame_s / light.tick_s)
+        at = np.arange(span.first, span.end, dtype=np.float64) + 0.5
+        epochs = self.first_tick + at * (frame_s / light.tick_s)
         within, poses = blended(source.peer_time_s, peer, source.time_s(epochs))
         self._at.position[within], self._at.quaternion[within] = poses
 
@@ -79,14 +101,15 @@ class RowWindows:
         return len(self._edges) - 1
 
     def __iter__(self) -> Iterator[RowWindow]:
-        for i in range(len(self)):
+        for i in range(self._span.first, self._span.end):
             yield self.window(i)
 
     def window(self, i: int) -> RowWindow:
-        """Return one period."""
-        own = slice(self._edges[i], self._edges[i + 1])
+        """Return period number `i`."""
+        place = i - self._span.first
+        own = slice(self._edges[place], self._edges[place + 1])
         hits, station = self._hits.of(np.arange(own.start, own.stop)), self._station[own]
-        epoch = self._first_tick + (i + 0.5) * self.frame_s / self._tick_s
+        epoch = self.first_tick + (i + 0.5) * self.frame_s / self._tick_s
         false = self._false[station, hits.photodiode]
         rows = Rows(
             station,
@@ -103,8 +126,8 @@ class RowWindows:
             (i + 0.5) * self.frame_s,
             RowLight(batch, none, none),
             left_out,
-            self._at.position[i : i + 1],
-            self._at.quaternion[i : i + 1],
+            self._at.position[place : place + 1],
+            self._at.quaternion[place : place + 1],
         )
 
 

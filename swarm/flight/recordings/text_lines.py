@@ -10,7 +10,7 @@ import zlib
 from collections.abc import Iterator
 from io import IncrementalNewlineDecoder
 from pathlib import Path
-from typing import BinaryIO
+from typing import Protocol
 
 from swarm.errors import SwarmError
 
@@ -40,14 +40,22 @@ CONVERT = (
 )
 
 
+class Blocks(Protocol):
+    """Source of bytes, such as an open file."""
+
+    def read(self, most: int, /) -> bytes:
+        """Return the next bytes, `most` at most, and none at the end."""
+
+
 class TextLines:
     """Lines of one file; iterate once for (number, line), without blank ones. A line that is too long is cut.
 
     lost: why and where the text ends early, empty where it is whole; known after the iteration.
     """
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
+    def __init__(self, path: Path, stream: Blocks | None = None) -> None:
+        """Name the file; with a `stream` the bytes come from there, and the path is for messages only."""
+        self._path, self._stream = path, stream
         self._number = 1
         self.lost = ""
 
@@ -57,6 +65,9 @@ class TextLines:
         Raises:
             SwarmError: the file cannot be read, or is of a known kind that is no text.
         """
+        if self._stream is not None:
+            yield from self._split(self._decoded(self._blocks(self._stream)))
+            return
         try:
             file = self._path.open("rb")
         except ValueError as error:
@@ -66,13 +77,13 @@ class TextLines:
         with file:
             yield from self._split(self._decoded(self._blocks(file)))
 
-    def _read(self, file: BinaryIO) -> bytes:
+    def _read(self, file: Blocks) -> bytes:
         try:
             return file.read(BLOCK)
         except OSError as error:
             raise SwarmError(f"{self._path}: {error.strerror or error}") from None
 
-    def _blocks(self, file: BinaryIO) -> Iterator[bytes]:
+    def _blocks(self, file: Blocks) -> Iterator[bytes]:
         """Return the file's bytes in blocks, unpacked if they are packed."""
         head = self._read(file)
         if not head.startswith(_GZIP):

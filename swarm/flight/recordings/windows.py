@@ -69,8 +69,8 @@ class Window(NamedTuple):
 class Windows:
     """The periods of one station in a recording, in order; iterate for `Window`s.
 
-    frame_s: time from one epoch to the next [s]. tick_s: tick of the object's clock [s]. slot: station for a
-    `PulseDecoder` to follow. photodiodes: the object's layout.
+    start: tick of each period's X flash, (N,). frame_s: time from one epoch to the next [s]. tick_s: tick of the
+    object's clock [s]. slot: station for a `PulseDecoder` to follow. photodiodes: the object's layout.
     """
 
     def __init__(
@@ -108,7 +108,7 @@ class Windows:
                 f"{recording.path}: no period of lighthouse {lighthouse} among the {what} of {recording.device!r}"
                 + (f"; of lighthouse {1 - lighthouse} there are {other}" if other else "")
             )
-        self._start = framing.start
+        self.start = framing.start
         self.frame_s, self.tick_s = framing.turns / RATE_HZ, TICK_S
         self.slot = 1 if framing.turns == 2 and lighthouse == 0 else 0
         self.photodiodes = recording.photodiodes
@@ -116,7 +116,7 @@ class Windows:
         tick = recording.pulses.rise_tick if source == "pulses" else recording.angles.middle_tick
         # The host logs each event some milliseconds late, irregularly: fit one straight line to all of them.
         line = np.polynomial.Polynomial.fit(tick, log.time_s, 1)
-        self._time_s = line(self._start + TURN_TICKS / 2)
+        self._time_s = line(self.start + TURN_TICKS / 2)
         self._peer = _peer_poses(recording, self._time_s, station or recording.station(lighthouse))
 
     @property
@@ -125,12 +125,12 @@ class Windows:
         return float(self._time_s[0])
 
     def __len__(self) -> int:
-        return len(self._start)
+        return len(self.start)
 
     def __iter__(self) -> Iterator[Window]:
         cut: Iterator[tuple[Pulses | None, Sweeps | None]]
         if self._source == "pulses":
-            cut = ((pulses, None) for pulses in self._cut_pulses())
+            cut = ((pulses, None) for pulses in self.pulses(0, len(self)))
         else:
             cut = ((None, sweeps) for sweeps in self._cut_angles())
         for i, (pulses, sweeps) in enumerate(cut):
@@ -138,17 +138,18 @@ class Windows:
                 float(self._time_s[i]), pulses, sweeps, self._peer.position[i : i + 1], self._peer.quaternion[i : i + 1]
             )
 
-    def _cut_pulses(self) -> Iterator[Pulses]:
+    def pulses(self, first: int, end: int) -> Iterator[Pulses]:
+        """Yield the raw pulses of the periods from `first` to before `end`."""
         log = self._recording.pulses
         period = self.frame_s / TICK_S
-        edges = np.append(self._start, self._start[-1] + period) - LEAD_S / TICK_S
+        edges = np.append(self.start, self.start[-1] + period)[first : end + 1] - LEAD_S / TICK_S
         index = np.searchsorted(log.rise_tick, edges)
-        for first, last in pairwise(index):
+        for begin, last in pairwise(index):
             yield Pulses(
-                log.photodiode[None, first:last].astype(np.int16),
-                log.rise_tick[None, first:last],
-                log.width_tick[None, first:last].astype(np.int32),
-                np.array([last - first], dtype=np.int32),
+                log.photodiode[None, begin:last].astype(np.int16),
+                log.rise_tick[None, begin:last],
+                log.width_tick[None, begin:last].astype(np.int32),
+                np.array([last - begin], dtype=np.int32),
             )
 
     def _cut_angles(self) -> Iterator[Sweeps]:
@@ -158,8 +159,8 @@ class Windows:
         order = np.argsort(flash, kind="stable")
         rows, flash = rows[order], flash[order]
         period = self.frame_s / TICK_S
-        index = np.searchsorted(flash, np.append(self._start, self._start[-1] + period) - period / 8)
-        for start, first, last in zip(self._start, index[:-1], index[1:], strict=True):
+        index = np.searchsorted(flash, np.append(self.start, self.start[-1] + period) - period / 8)
+        for start, first, last in zip(self.start, index[:-1], index[1:], strict=True):
             epoch, row = round(start + TURN_TICKS / 2), rows[first:last]
             offset_s = (log.middle_tick[row] - epoch) * TICK_S
             yield Sweeps(epoch, log.photodiode[row], log.fan[row], log.angle_rad[row] + np.pi / 2, offset_s)
