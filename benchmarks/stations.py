@@ -4,6 +4,8 @@
     python benchmarks/stations.py --handover [--seeds 100]      steps of the estimate where stations change, NEES
     python benchmarks/stations.py --overlaps [--seconds 60]     hits lost to a second beam, against the closed form
     python benchmarks/stations.py --robots [--seconds 20]       speed of dotbots1000, errors, share of robots localised
+    python benchmarks/stations.py --riding [--seeds 8]          a station on a craft that tells its own estimate, NEES
+    python benchmarks/stations.py --constellation [--seconds 4] constellation16: tracking, errors, NEES, time by part
 
 crossing: a mockup at rest, 3 m from one or two Lighthouse 1.0 stations with the noise of the lighthouse (8.8 arcsec,
 rho = 0.8717), whose lines of sight cross at an angle; poses of the rows of one period alone, from the truth as a start.
@@ -16,8 +18,12 @@ station takes away of the uncertainty of a consistent filter was in its error: t
 covariance P- - P+, its square along that matrix's longest axis is 1 on average in its units, and it is below one sigma
 of P- as often as "exact filter" says, which is not always. A station that is lost takes nothing. NEES every NEES_EVERY
 periods of each walker, by the number of stations in the light, and its mean over all flights at one time against the
-95 % band.
+95 % band. In a real flight velocity is the derivative of position; MuJoCo's own steps are half a step apart, which is
+a push of jerk times half a step: `--steps` makes the steps smaller.
 With `--feedback truth` the walkers are carried: their filters do not know what moves them.
+
+riding: a chief in the light of a ground station, RIDERS craft farther away that see only the station on the chief, all
+pushed a little at random. NEES of the riders by their own covariance, and by what their filters believe.
 """
 
 import time
@@ -40,6 +46,7 @@ from estimators.lighthouse.sweep import measured_angles
 from estimators.state import State
 from swarm.flight import builders
 from swarm.flight.flight import Flight
+from swarm.onboard.settings import Status
 from swarm.onboard.turns import TurnDecoder
 from swarm.scenario import Scenario, load, validate
 from swarm.sensors.sight import Sight
@@ -52,6 +59,8 @@ SETTLED_S = 2.0
 """Time that filters have to settle [s]."""
 NEES_EVERY = 6
 """Periods between samples of NEES."""
+RIDERS = 6
+"""Craft that navigate by the station on another one."""
 STEP = 1e-6
 """Of the finite differences [m, rad]."""
 
@@ -174,13 +183,14 @@ def crossing(periods: int) -> dict[str, Any]:
     return out
 
 
-def walkers(seed: int, count: int, feedback: str) -> Scenario:
+def walkers(seed: int, count: int, feedback: str, steps: int = 8) -> Scenario:
     """Return `two-stations` with several walkers, one above the other and each somewhat later than the one before.
 
     Args:
         seed: seed of the run.
         count: number of walkers.
         feedback: pose that they steer by, "estimate" or "truth".
+        steps: physics steps per period.
     """
     data = tomllib.loads((SCENARIOS / "two-stations.toml").read_text(encoding="utf-8"))
     walker, satellite = data["craft"]
@@ -191,7 +201,7 @@ def walkers(seed: int, count: int, feedback: str) -> Scenario:
         times = [t + later for t in motion["times_s"]]
         own = {**motion, "points_m": path, "times_s": times}
         craft.append({**walker, "name": f"walker-{i}", "feedback": feedback, "motion": own})
-    data |= {"seed": seed, "craft": [*craft, satellite], "criteria": []}
+    data |= {"seed": seed, "craft": [*craft, satellite], "criteria": [], "physics": {"steps_per_period": steps}}
     return validate(data, file="two-stations", folder=SCENARIOS)
 
 
@@ -215,7 +225,7 @@ def _note(steps: Steps, step: Floats, before: Floats, after: Floats, draws: Floa
     steps.chance.append(float(np.mean(np.sum(draws**2 * value, axis=1) < sigma**2)))
 
 
-def handover(seeds: int, feedback: str) -> dict[str, Any]:
+def handover(seeds: int, feedback: str, steps_per_period: int) -> dict[str, Any]:
     """Return the steps where a station is gained or lost, and NEES by what is seen, of so many flights."""
     gained, lost = (Steps([], [], []) for _ in range(2))
     draws = np.random.default_rng(1).standard_normal((2000, 3))
@@ -223,7 +233,8 @@ def handover(seeds: int, feedback: str) -> dict[str, Any]:
     by_time: dict[int, list[float]] = {}
     blind, pose = 0, POSE_COLUMNS
     for seed in range(-(-seeds // WALKERS)):
-        flight = Flight(walkers(seed, min(WALKERS, seeds - WALKERS * seed), feedback), history=True)
+        scenario = walkers(seed, min(WALKERS, seeds - WALKERS * seed), feedback, steps_per_period)
+        flight = Flight(scenario, history=True)
         sources: dict[int, Any] = {}
         for period in flight.fly():
             e, truth, prior = period.estimate, period.truth, period.estimate.prediction
@@ -352,6 +363,113 @@ def robots(seconds: float) -> dict[str, Any]:
     }
 
 
+def nees(error: Floats, covariance: Floats) -> float:
+    """Return the normalised error squared of a pose, from an error (12,) and its covariance (12, 12)."""
+    own = error[POSE_COLUMNS]
+    return float(own @ np.linalg.solve(covariance[np.ix_(POSE_COLUMNS, POSE_COLUMNS)], own))
+
+
+def riders(seed: int, seconds: float) -> Scenario:
+    """Return a chief before a station, and craft that see only the station that rides on the chief."""
+
+    def pushed(place: list[float]) -> dict[str, Any]:
+        push = {"acceleration_m_s2": 0.02, "angular_acceleration_deg_s2": 1.2}
+        return {"kind": "drift", "position_m": place, **push}
+
+    ring = 2 * np.pi * np.arange(RIDERS) / RIDERS
+    places = [[0.0, 0.0, 3.0], *([float(np.cos(a)), float(np.sin(a)), 6.0] for a in ring)]
+    craft = [{"name": f"craft-{i}", "motion": pushed(place)} for i, place in enumerate(places)]
+    ground = {"name": "ground", "attitude": {"towards_m": [0.0, 0.0, 3.0]}}
+    rides = {"name": "rides", "craft": "craft-0", "bearer": "estimate", "position_m": [0.0, 0.0, -0.15]}
+    rides["attitude"] = {"towards_m": [0.0, 0.0, -3.0]}
+    light = {"range_max_m": 4.5}
+    data = {"name": "riding", "seed": seed, "duration_s": seconds, "lighthouse": light}
+    return validate({**data, "station": [ground, rides], "craft": craft}, file="riding", folder=Path())
+
+
+def riding(seeds: int, seconds: float) -> dict[str, Any]:
+    """Return errors and NEES of a chief, and of craft that navigate by the station on it."""
+    found: dict[bool, list[tuple[float, ...]]] = {True: [], False: []}
+    blind = 0
+    for seed in range(seeds):
+        flight = Flight(riders(seed, seconds))
+        for period in flight.fly():
+            if period.time_s < SETTLED_S or period.frame % 30:
+                continue
+            assert period.truth is not None
+            e, believed = period.estimate, flight.computer.navigator.tracks.bank.covariance
+            error = difference(period.truth, e)
+            for c, own in enumerate(error):
+                if not np.isfinite(own).all():
+                    blind += 1
+                    continue
+                away = 1e3 * float(np.linalg.norm(own[6:9])), float(np.degrees(np.linalg.norm(own[:3])))
+                found[c == 0].append((*away, nees(own, e.covariance[c]), nees(own, believed[c])))
+    out: dict[str, Any] = {"flights": seeds, "without_pose": blind, "nees_band_of_chief": band(6, len(found[True]))}
+    for chief, name in ((True, "chief"), (False, "riders")):
+        part = np.array(found[chief])
+        out[f"{name}_rms_mm"] = float(np.sqrt(np.mean(part[:, 0] ** 2)))
+        out[f"{name}_rms_deg"] = float(np.sqrt(np.mean(part[:, 1] ** 2)))
+        out[f"{name}_nees_of_6"] = float(np.mean(part[:, 2]))
+        out[f"{name}_nees_by_the_filter_alone"] = float(np.mean(part[:, 3]))
+    return out
+
+
+def constellation(seconds: float) -> dict[str, Any]:
+    """Return what 200 craft amid 16 stations know, and the time that parts of a period take, without writing."""
+    flight = Flight(load("constellation16", {"duration_s": seconds}))
+    sensors, computer = flight.sensors, flight.computer
+    part: dict[str, list[float]] = {}
+
+    def timed(owner: Any, method: str, name: str) -> None:
+        """Count the time of a method."""
+        call = getattr(owner, method)
+
+        def counted(*args: Any, **values: Any) -> Any:
+            began = time.process_time()
+            out = call(*args, **values)
+            part.setdefault(name, []).append(1e3 * (time.process_time() - began))
+            return out
+
+        setattr(owner, method, counted)
+
+    timed(flight.world, "advance", "physics")
+    timed(sensors, "sight", "rays")
+    timed(sensors, "signals", "light")
+    timed(computer.decoder, "decode", "decoder")
+    timed(computer.navigator, "step", "navigation")
+    error, tracking, normal, whole, rows = [], [], [], [], []
+    for frame in range(flight.periods):
+        began = time.process_time()
+        period = flight.period(frame)
+        whole.append(1e3 * (time.process_time() - began))
+        if period.time_s < 1.0:
+            continue
+        assert period.truth is not None
+        e = period.estimate
+        all_of = difference(period.truth, e)
+        known = np.isfinite(all_of).all(axis=1)
+        error.append(np.where(known, np.linalg.norm(all_of[:, 6:9], axis=1), np.nan))
+        tracking.append(e.status == Status.TRACKING)
+        rows.append(float(e.rows.mean()))
+        if frame % 10 == 0:
+            normal += [nees(all_of[c], e.covariance[c]) for c in np.flatnonzero(known)]
+    away = 1e3 * np.concatenate(error)
+    away = away[np.isfinite(away)]
+    out = {
+        "tracking_percent": 100 * float(np.mean(tracking)),
+        "rows_per_craft": float(np.mean(rows)),
+        "error_mm_median": float(np.median(away)),
+        "error_mm_95_percent": float(np.percentile(away, 95)),
+        "nees_of_6": float(np.mean(normal)),
+        "nees_band": band(6, len(normal)),
+        "first_period_s": 1e-3 * whole[0],
+        "period_ms_median": float(np.median(whole[10:])),
+        "times_real_time": 1e3 * flight.period_s / float(np.median(whole[10:])),
+    }
+    return out | {f"{name}_ms": float(np.median(each[10:])) for name, each in part.items()}
+
+
 def main() -> None:
     """Measure what was asked for."""
     args = options(
@@ -360,20 +478,27 @@ def main() -> None:
         handover=(False, "hand-over between stations"),
         overlaps=(False, "beams that overlap"),
         robots=(False, "dotbots1000"),
+        riding=(False, "a station on a craft that tells its estimate"),
+        constellation=(False, "constellation16"),
         periods=(1500, "periods per angle"),
         seeds=(100, "flights of the hand-over, ten at a time"),
         feedback=("estimate", "pose that its walkers steer by: estimate or truth"),
-        seconds=(20.0, "time flown of overlaps and robots"),
+        steps=(8, "physics steps per period of the hand-over"),
+        seconds=(20.0, "time flown of overlaps, robots, riders and constellation"),
     )
     found: dict[str, Any] = {}
     if args.crossing:
         found["crossing"] = crossing(args.periods)
     if args.handover:
-        found["handover"] = handover(args.seeds, args.feedback)
+        found["handover"] = handover(args.seeds, args.feedback, args.steps)
     if args.overlaps:
         found["overlaps"] = overlaps(args.seconds)
     if args.robots:
         found["robots"] = robots(args.seconds)
+    if args.riding:
+        found["riding"] = riding(args.seeds, args.seconds)
+    if args.constellation:
+        found["constellation"] = constellation(args.seconds)
     for name, part in found.items():
         rows = part.items() if name != "crossing" else [(k, *v.values()) for k, v in part.items()]
         first = next(iter(part.values()))

@@ -14,7 +14,7 @@ they are no better where four or more photodiodes are lit, and bias the distance
 attitude open. What makes few rows right is the correction about their photodiodes' centre (`estimators.pivot`).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import islice
 from typing import NamedTuple
 
@@ -456,6 +456,7 @@ def agreeing(
     covariance: Floats,
     noise: Sequence[AngleNoise],
     gate: Floats,
+    places: Mapping[int, Floats] | None = None,
 ) -> Bools | None:
     """Return the rows (n,) of one craft without those of photodiodes that must be false; None if the rest never agrees.
 
@@ -471,11 +472,15 @@ def agreeing(
         covariance: (12, 12), its covariance.
         noise: noise of the rows of each station.
         gate: (n + 1,), the largest normalised innovation squared of 0, 1, ... rows that is believed.
+        places: covariances (12, 12) of errors that all rows of a station share, as errors of the craft's own state.
     """
     y, h = linearise(rows, stations, point_m, state.rotation, state.position, state.velocity, state.angular_rate)
     front = np.isfinite(y)
     y, h = np.where(front, y, 0.0), np.where(front[:, None], h, 0.0)
     s = h @ covariance @ h.T + noise_of(rows, noise)
+    for station, own in (places or {}).items():
+        there = h * (rows.station == station)[:, None]
+        s += there @ own @ there.T
     seen = rows.station * len(point_m) + rows.photodiode
     lit = np.unique(seen[front])
 

@@ -30,18 +30,22 @@ def cross_covariance(before: Floats, a: ErrorStep, b: ErrorStep) -> Floats:
         a: the period of the first filter, without the craft axis.
         b: that of the second.
     """
-    out: Floats = a.kept @ before @ b.kept.T + a.drawn @ _same(a.instant, b.instant) @ b.drawn.T
+    out: Floats = a.kept @ before @ b.kept.T + a.drawn @ shared_draws(a.instant, b.instant) @ b.drawn.T
     return out
 
 
-def _same(a: Floats, b: Floats) -> Floats:
-    """Return 1 where two instants [s] are of one sweep, (M_a, M_b), with the sweeps of each in the order of the fans.
+def shared_draws(a: Floats, b: Floats) -> Floats:
+    """Return 1 where two instants are of one sweep, (..., M_a, M_b), with the sweeps of each in the order of the fans.
 
     Both have as many sweeps of each fan.
+
+    Args:
+        a: (..., M_a) [s].
+        b: (M_b,) [s].
     """
-    fan = np.arange(len(a)) // SWEEPS_PER_FAN
+    fan = np.arange(a.shape[-1]) // SWEEPS_PER_FAN
     with np.errstate(invalid="ignore"):
-        out: Floats = np.where((np.abs(a[:, None] - b) < SAME_S) & (fan[:, None] == fan), 1.0, 0.0)
+        out: Floats = np.where((np.abs(a[..., None] - b) < SAME_S) & (fan[:, None] == fan), 1.0, 0.0)
     return out
 
 

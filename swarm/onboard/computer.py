@@ -9,19 +9,14 @@ With several stations (`StationComputer`) the light becomes rows, and every row 
     hits or pulses -> rows of all stations -> navigation -> estimate -> ...
 """
 
-from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from estimators import rotation as rot
 from estimators.arrays import Bools, Floats, Ints
-from estimators.frame import Frame
-from estimators.lighthouse.innovation import RowBatch
-from estimators.lighthouse.rows import Station, expect_into
-from estimators.lighthouse.sweep import measured_angles
-from swarm.messages import Bearers, Command, Signals
+from estimators.lighthouse.rows import expect_into
+from swarm.messages import Command, Signals
 from swarm.onboard.beams import BeamDecoder
 from swarm.onboard.decoder import PulseDecoder, SweepAngles
 from swarm.onboard.inspection import Inspection, LidarFix
@@ -89,13 +84,6 @@ class Computer:
         return Known(angles, self.inspection.into(estimate), scans)
 
 
-class Mount(NamedTuple):
-    """A station that rides on a craft: its index, and its frame in the craft's."""
-
-    station: int
-    frame: Frame
-
-
 class StationComputer:
     """Decoder, navigation by rows, and inspection of C craft before several stations."""
 
@@ -104,9 +92,7 @@ class StationComputer:
         decoder: BeamDecoder | TurnDecoder,
         navigator: StationNavigator,
         inspection: Inspection,
-        stations: Sequence[Station],
         point_m: Floats,
-        mounts: Sequence[Mount] = (),
         own: Navigators = NO_NAVIGATORS,
     ) -> None:
         """Assemble the parts.
@@ -115,13 +101,11 @@ class StationComputer:
             decoder: circuits of the craft.
             navigator: navigation of the craft.
             inspection: LiDAR inspection; without observers it does nothing.
-            stations: the stations as the craft know them.
             point_m: photodiodes as the craft assume them, (C, K, 3) [m].
-            mounts: those that ride on craft, in the order of `Signals.bearers`.
             own: navigators of the user, in the place of the filter of some craft.
         """
         self.decoder, self.navigator, self.inspection, self._own = decoder, navigator, inspection, own
-        self._stations, self._mounts, self._point_m = list(stations), tuple(mounts), point_m
+        self._point_m = point_m
 
     def step(self, signals: Signals, command: Command | None = None, off: Bools | None = None) -> Known:
         """Advance every craft by one period.
@@ -143,39 +127,16 @@ class StationComputer:
             light = self.decoder.decode(signals.pulses)
         if off is not None and off.any():
             light = light._replace(rows=light.rows.where(~np.repeat(off, np.diff(light.rows.first))))
-        if self._mounts:
-            light = light._replace(rows=self._ridden(light.rows, signals.bearers))
         found = self.navigator.step(light, signals, command)
         estimate = self._own.step(
-            found, lambda: Rowed(light.rows, tuple(self._stations)), self.navigator.tracks, command, signals.epoch_s
+            found,
+            lambda: Rowed(self.navigator.rows, tuple(self.navigator.stations)),
+            self.navigator.tracks,
+            command,
+            signals.epoch_s,
         )
         scans = self.inspection.step(signals.scans, estimate, signals.epoch_s)
         return Known(_as_angles(light, self._point_m.shape[1]), self.inspection.into(estimate), scans)
-
-    def _ridden(self, rows: RowBatch, bearers: Bearers | None) -> RowBatch:
-        """Place the stations that ride on craft for this period, and return the rows as if they stood still in it.
-
-        With the craft's predicted place p at the instant of a row, T that of the station then and T_0 at the epoch, the
-        angle changes by h(T_0^-1 p) - h(T^-1 p): what the bearer's motion within the period does.
-        """
-        if bearers is None:
-            raise ValueError("stations that ride on craft need the signal `bearers`")
-        active, angle = self.navigator.tracks.bank.active, rows.angle.copy()
-        craft = np.repeat(np.arange(len(rows.first) - 1), np.diff(rows.first))
-        for i, (station, frame) in enumerate(self._mounts):
-            fans = self._stations[station].fans
-            rotation, position = _borne(bearers, i, frame, np.zeros(1))
-            self._stations[station] = Station(rotation[0], position[0], fans)
-            who = np.flatnonzero((rows.station == station) & active[craft])
-            there = self._places(craft[who], rows.photodiode[who], rows.offset_s[who])
-            still = (there - position) @ rotation[0]
-            rotation, position = _borne(bearers, i, frame, rows.offset_s[who])
-            moved = np.swapaxes(rotation, -1, -2) @ (there - position)[..., None]
-            change = measured_angles(still, fans) - measured_angles(moved[..., 0], fans)
-            own = change[np.arange(len(who)), rows.fan[who]]
-            angle[who] += np.where(np.isfinite(own), own, 0.0)
-        self.navigator.stations = self._stations
-        return rows._replace(angle=angle)
 
     def _expect(self, craft: Ints, station: Ints, photodiode: Ints, offset_s: Floats) -> Floats:
         """Return where hits are expected, as `BeamDecoder.decode` asks for: (N, 2) [rad]."""
@@ -188,32 +149,6 @@ class StationComputer:
             out,
         )
         return out
-
-    def _places(self, craft: Ints, photodiode: Ints, offset_s: Floats) -> Floats:
-        """Return where photodiodes are expected at instants after the epoch to come, (N, 3) [m], in the world."""
-        state = self.navigator.tracks.bank.state
-        later = offset_s[:, None] + self.navigator.settings.frame_s
-        turn = rot.exp(state.angular_rate[craft] * later) @ state.rotation[craft]
-        arm = (turn @ self._point_m[craft, photodiode][..., None])[..., 0]
-        out: Floats = state.position[craft] + state.velocity[craft] * later + arm
-        return out
-
-
-def _borne(bearers: Bearers, number: int, frame: Frame, offset_s: Floats) -> tuple[Floats, Floats]:
-    """Return where a station is that rides on a craft: rotations (N, 3, 3) and positions (N, 3) [m] in the world.
-
-    Args:
-        bearers: motion of the craft.
-        number: which of them.
-        frame: the station's frame in the craft's.
-        offset_s: instants minus the epoch, (N,) [s].
-    """
-    knot, turns, places = bearers.offset_s, bearers.rotation[:, number], bearers.position[:, number]
-    j = np.clip(np.searchsorted(knot, offset_s, side="right") - 1, 0, len(knot) - 2)
-    share = ((offset_s - knot[j]) / (knot[j + 1] - knot[j]))[:, None]
-    rotation = rot.exp(share * rot.log(turns[j + 1] @ np.swapaxes(turns[j], -1, -2))) @ turns[j]
-    position = places[j] + share * (places[j + 1] - places[j])
-    return rotation @ frame.rotation, position + rotation @ frame.position
 
 
 def _as_angles(light: RowLight, photodiodes: int) -> SweepAngles:

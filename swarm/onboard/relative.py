@@ -161,13 +161,15 @@ class RelativeNavigation:
         out.rotation[n], out.position[n], out.velocity[n], out.angular_rate[n] = there[:4]
         out.independent[n] = covariance_between(there, of_own, of_other, np.zeros((STATES, STATES)))
         out.bound[n] = covariance_bound(there, of_own, of_other)
-        if pair.known:
+        # How errors of a bearer tie two craft together is not in their messages.
+        correlated = pair.known and self._errors.bearers is None
+        if correlated:
             out.covariance[n] = covariance_between(there, of_own, of_other, pair.cross + common)
         else:
             own_part = covariance_bound(there, own.covariance, other.covariance)
             shift = there.by_a @ own.sensitivity + there.by_b @ other.sensitivity
             out.covariance[n] = own_part + (shift * variance) @ shift.T
-        out.correlated[n] = pair.known
+        out.correlated[n] = correlated
         fault = own.fault + other.fault
         fault[0] += float(np.linalg.norm(there.position)) * own.fault[1]
         level = self.quantile * np.array([_root(out.covariance[n], 6), _root(out.covariance[n], 0)]) + fault

@@ -49,6 +49,7 @@ from swarm.onboard.ccd import CameraFix, CcdCalibration, CcdFix
 from swarm.onboard.filters import filters
 from swarm.onboard.integrity import Integrity
 from swarm.onboard.motion_search import MotionSearch
+from swarm.onboard.mounts import Mount, Mounts
 from swarm.onboard.navigation import Estimate
 from swarm.onboard.relative import RelativeNavigation
 from swarm.onboard.rivals import CHOICE_RAD, CHOICE_RATIO
@@ -99,7 +100,7 @@ class _Rowed(NamedTuple):
 class StationNavigator:
     """The navigation computers of C craft before several stations: `step` takes one period's light.
 
-    tracks: the filters.
+    tracks: the filters. rows: those of the last period, of stations that ride on craft as if they stood still in it.
     """
 
     def __init__(
@@ -110,6 +111,7 @@ class StationNavigator:
         noise: Sequence[AngleNoise],
         cameras: Sequence[CcdCalibration] = (),
         inertia: Floats | None = None,
+        mounts: Sequence[Mount] = (),
     ) -> None:
         """Start with craft whose own states are unknown.
 
@@ -120,6 +122,7 @@ class StationNavigator:
             noise: noise of the rows of each.
             cameras: calibrations of the craft that carry a pair of cameras, in the order of their images.
             inertia: (C, 3, 3) [kg m^2], body frame, of craft that turn freely; NaN for the others; None: of none.
+            mounts: stations that ride on craft, in the order of `Signals.bearers`.
         """
         s, craft = settings, photodiodes.craft_count
         self.settings, self._stations, self._noise = s, list(stations), list(noise)
@@ -135,7 +138,8 @@ class StationNavigator:
         else:
             self._search = MotionSearch(self._point_m, self._stations, self._noise, s.frame_s, s.hand)
         self._cameras = CameraFix(cameras)
-        self._shared = SharedErrors(s.relations, self._stations, self._noise, self._point_m)
+        self._mounts = Mounts(mounts, self._point_m, s.frame_s)
+        self._shared = SharedErrors(s.relations, self._stations, self._noise, self._point_m, self._mounts.carried)
         self._relative = RelativeNavigation(s.relations, self._shared, s.integrity.risk)
         self._undecided = np.zeros(craft, dtype=np.bool_)
         self._held = np.zeros((2, craft))
@@ -152,9 +156,8 @@ class StationNavigator:
         """The stations as the craft know them; those that ride on craft are replaced in every period."""
         return self._stations
 
-    @stations.setter
-    def stations(self, stations: Sequence[Station]) -> None:
-        self._stations[:] = stations
+    def _place(self) -> None:
+        """Take stations to be where they are now."""
         self._packed = packed(self._stations)
         self._light = light_of(self._packed, self._noise)
         self._shared.place(self._stations)
@@ -175,13 +178,18 @@ class StationNavigator:
         """
         tracks, shared, s = self.tracks, self._shared, self.settings
         prediction = shared.predict(tracks, command, s.frame_s, history=s.history)
-        rows, rivals = self._chosen(light.rows)
+        self.rows = light.rows
+        if self._mounts:
+            bearers = None if signals is None else signals.bearers
+            self.rows = self._mounts.place(light.rows, bearers, self._stations, tracks)
+            self._place()
+        rows, rivals = self._chosen(self.rows)
         if not s.motion_compensation:
             rows = rows._replace(offset_s=np.zeros_like(rows.offset_s))
         self._search.gather(rows)
         lit = _numbers(rows, np.ones(len(rows.angle), dtype=np.bool_), self._point_m.shape[1])
         pose = self._pose(rows, self._decides(*lit))
-        fix = self._found(tracks)
+        fix = shared.placed(self._found(tracks), rows)
         taken = tracks.take_in(fix)
         shared.poses(lambda: rows, fix, taken, tracks.bank, alone=False)
         rowed = self._take_in(rows, ~fix.known, pose)
@@ -327,7 +335,8 @@ class StationNavigator:
         for c in np.flatnonzero(out.refused & self.settings.integrity.residual_test).tolist():
             own = rows.of(c)
             gate = gates(self.settings.gate_probability, len(own.angle))
-            keep = agreeing(own, self._packed, self._point_m[c], before.of(c), covariance[c], self._noise, gate)
+            places = self._shared.of_stations(c)
+            keep = agreeing(own, self._packed, self._point_m[c], before.of(c), covariance[c], self._noise, gate, places)
             out.dropped[c] = -1
             if keep is not None:
                 kept[rows.first[c] : rows.first[c + 1]] = keep
@@ -367,7 +376,8 @@ class StationNavigator:
         bank = self.tracks.bank
         found = innovations(rows, out.kept, mask, self._packed, self._point_m, bank.state, self._noise, found)
         asked = mask & (found.number > 0)
-        sums, angles = condense(found, asked, bank.covariance)
+        used = self._shared.with_bearers(found, rows, out.kept, asked)
+        sums, angles = condense(used, asked, bank.covariance)
         result = bank.update(asked, sums.y, sums.h, np.ones_like(sums.y), sums.number, sums.pivot, angles)
         out.fresh[asked], out.refused[asked] = result.accepted[asked], ~result.accepted[asked]
         out.nis[asked] = result.nis[asked]
@@ -394,8 +404,8 @@ class StationNavigator:
             rowed: fate of the rows.
         """
         after, limit = self.tracks.filtered(), self.settings.residual_limit_rad
-        alone = after.covariance
-        after = after._replace(covariance=self._shared.widened(alone))
+        alone = self._shared.alone(after.covariance)
+        after = after._replace(covariance=self._shared.widened(after.covariance))
         pose = pose._replace(solved=pose.solved & (pose.residual_rad < limit))
         integrity = self._integrity(light.rows, pose, rowed, after)
         relative = self._relative.step(after.active, after.state, alone, integrity.levels)

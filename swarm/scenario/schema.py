@@ -566,6 +566,13 @@ class Scenario(Table):
         if self.navigation.coupling == "loose":
             said = "stations are navigated by rows: their poses do not come one by one"
             yield said, "navigation.coupling", "station"
+        for i, station in enumerate(self.station):
+            if station.bearer == "estimate" and station.craft in self.craft_names:
+                bearer = self.tables[self.craft_names.index(station.craft)][1]
+                blind = not bearer.lighthouse and getattr(bearer, "ccd", None) is None
+                if bearer.passive or blind or bearer.navigator is not None:
+                    said = "tells no estimate: it is passive, sees no light, or has a navigator of its own"
+                    yield said, f"station[{i}].craft", f"station[{i}].bearer"
         for i, fault in enumerate(self.fault):
             if fault.kind in ONE_LIGHTHOUSE:
                 yield "is a fault of the one lighthouse, not of stations", f"fault[{i}].kind", "station"

@@ -100,8 +100,13 @@ class Station(Table):
     )
     craft: str | None = Field(
         default=None,
-        description="Craft on which the station rides; pose and point are then in that craft's frame, and the others "
-        "know its pose. Unset: none, the station stays where it is.",
+        description="Craft on which the station rides; pose and point are then in that craft's frame. Unset: none, the "
+        "station stays where it is.",
+    )
+    bearer: Literal["truth", "estimate"] = Field(
+        default="truth",
+        description="What the others know of the craft on which the station rides: its true pose, or the pose that its "
+        "own filter predicts, with the covariance.",
     )
     position_m: Vector = Field(default=(0.0, 0.0, 0.0), description="Position: where the planes of light start.")
     attitude: Pointing = Field(default=Pointing(), description="Direction in which the station looks.")
@@ -171,6 +176,8 @@ class Station(Table):
         for key in ("fan_x", "fan_y") if self.second else ("plane_1", "plane_2", "channel"):
             if getattr(self, key) != type(self).model_fields[key].default:
                 yield f"a station of kind {self.kind!r} has no {key}", key, "kind"
+        if self.bearer != "truth" and self.craft is None:
+            yield "the station rides on no craft: set craft, or leave bearer out", "bearer"
         if self.attitude.towards_m == self.position_m:
             yield "the station cannot look at its own place", "attitude.towards_m", "position_m"
 

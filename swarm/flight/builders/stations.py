@@ -21,8 +21,9 @@ from swarm.flight.builders.station import FAN_ERROR_MAX_RAD, WIDEST_HALF_FIELD_R
 from swarm.hardware import Photodiodes
 from swarm.onboard.beams import BeamDecoder
 from swarm.onboard.ccd import CcdCalibration
-from swarm.onboard.computer import Mount, StationComputer
+from swarm.onboard.computer import StationComputer
 from swarm.onboard.inspection import Inspection
+from swarm.onboard.mounts import Mount
 from swarm.onboard.own_navigators import Navigators
 from swarm.onboard.settings import NavigationSettings
 from swarm.onboard.stations import StationNavigator
@@ -165,14 +166,19 @@ def station_computer(
         half = min(widest / 2 + FAN_ERROR_MAX_RAD, WIDEST_HALF_FIELD_RAD)
         circuits = TurnDecoder(layout.present, light.tick_s, light.rate_hz, len(settings.station), half)
     mounts = [
-        Mount(i, Frame(known[i].rotation, known[i].position))
+        Mount(
+            i,
+            settings.craft_names.index(table.craft),
+            Frame(known[i].rotation, known[i].position),
+            table.bearer == "estimate",
+        )
         for i, table in enumerate(settings.station)
         if table.craft is not None
     ]
     relations = replace(navigation.relations, common_rad=tuple(_common_noise(settings)), turn_s=tuple(turn_s(settings)))
     navigation = replace(navigation, relations=relations)
-    navigator = StationNavigator(layout, navigation, known, station_noise(settings), cameras, inertia)
-    return StationComputer(circuits, navigator, inspection, known, layout.point_m, mounts, own)
+    navigator = StationNavigator(layout, navigation, known, station_noise(settings), cameras, inertia, mounts)
+    return StationComputer(circuits, navigator, inspection, layout.point_m, own)
 
 
 def turn_s(settings: Scenario) -> list[float]:
