@@ -380,7 +380,7 @@ def riders(seed: int, seconds: float) -> Scenario:
     places = [[0.0, 0.0, 3.0], *([float(np.cos(a)), float(np.sin(a)), 6.0] for a in ring)]
     craft = [{"name": f"craft-{i}", "motion": pushed(place)} for i, place in enumerate(places)]
     ground = {"name": "ground", "attitude": {"towards_m": [0.0, 0.0, 3.0]}}
-    rides = {"name": "rides", "craft": "craft-0", "bearer": "estimate", "position_m": [0.0, 0.0, -0.15]}
+    rides: dict[str, Any] = {"name": "rides", "craft": "craft-0", "bearer": "estimate", "position_m": [0.0, 0.0, -0.15]}
     rides["attitude"] = {"towards_m": [0.0, 0.0, -3.0]}
     light = {"range_max_m": 4.5}
     data = {"name": "riding", "seed": seed, "duration_s": seconds, "lighthouse": light}

@@ -20,9 +20,20 @@ Subject = Annotated[
 ]
 Stations = Annotated[
     int | None,
-    typer.Option("--stations", metavar="K", help="Place so many. Default: the fewest that reach the precision."),
+    typer.Option(
+        "--stations",
+        metavar="K",
+        help="Place so many. Default: as many as stand in the scenario, or the fewest that reach the precision.",
+    ),
 ]
-Kind = Annotated[str, typer.Option("--kind", metavar="KIND", help="lighthouse-2, or lighthouse-1 (at most two).")]
+Kind = Annotated[
+    str | None,
+    typer.Option(
+        "--kind",
+        metavar="KIND",
+        help="lighthouse-2, or lighthouse-1 (at most two). Default: as in the scenario, or lighthouse-2.",
+    ),
+]
 Volume = Annotated[
     str | None,
     typer.Option("--volume", metavar=BOX, help="Poses of the craft are in this box, in metres."),
@@ -113,7 +124,7 @@ Force = Annotated[bool, typer.Option("--force", help="Replace files that are the
 def place(
     subject: Subject,
     stations: Stations = None,
-    kind: Kind = "lighthouse-2",
+    kind: Kind = None,
     volume: Volume = None,
     tilt_deg: TiltDeg = 180.0,
     room: Room = None,
@@ -145,6 +156,7 @@ def place(
     swarm place mockup --position-mm 2 \\
         --volume=-1,1,-1,1,0,2 --losses 1
     swarm place my/docking.toml --stations 2 --shell-m 3
+    swarm place two-stations                  # its own stations, against the best two
     """
     given: dict[str, Any] = {key: value for key, value in locals().items() if value is not None}
     with mistakes():

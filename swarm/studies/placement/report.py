@@ -22,7 +22,7 @@ from swarm.studies.placement.task import Task
 from swarm.tables import RankedColumn, counted, fitting, table
 
 Figures = Mapping[str, Any]
-PLACED, EVEN, ALL = "placed", "even spread", "all candidates"
+PLACED, EVEN, STANDING, ALL = "placed", "even spread", "as they stand", "all candidates"
 GAP = 0.02
 """A placement within so much of the bound is as good as any."""
 
@@ -193,6 +193,8 @@ def _sentences(made: Figures, q: str) -> Iterator[tuple[str, str]]:
     even, ours = (placements[name]["all"]["percentile"]["error"] for name in (EVEN, PLACED))
     if even is not None and ours is not None:
         yield f"The even spread, aimed at the volume's middle, has {even / ours:.2f} times the error at {q}.", ""
+    if STANDING in placements:
+        yield from _standing(placements[STANDING], placements[PLACED], q)
     yield (
         "Errors are those of one period's noise; what is wrong in a station's pose and calibration adds to them.",
         "dim",
@@ -200,6 +202,22 @@ def _sentences(made: Figures, q: str) -> Iterator[tuple[str, str]]:
     if made["wanted_precision_met"] is not None:
         verdict = "met" if made["wanted_precision_met"] else "NOT met"
         yield f"The wanted precision is {verdict} at {q} of the poses.", ""
+
+
+def _standing(standing: Figures, placed: Figures, q: str) -> Iterator[tuple[str, str]]:
+    """Yield how the stations of the scenario compare with those that were placed, also with one lost."""
+    said = []
+    for which, text in (("all", ""), ("one_lost", " with one lost")):
+        theirs, ours = (each[which]["percentile"]["error"] if each[which] else None for each in (standing, placed))
+        if theirs is None:
+            said.append(f"do not decide {q} of the poses{text}")
+        elif ours is not None:
+            said.append(f"have {theirs / ours:.2f} times the error of those placed at {q}{text}")
+    if said:
+        yield (
+            f"The {counted(standing['stations'], 'station')} of the scenario, as they stand, {', and '.join(said)}.",
+            "",
+        )
 
 
 def _warnings(made: Figures) -> Iterator[tuple[str, str]]:

@@ -10,9 +10,11 @@ import numpy as np
 from estimators.arrays import Floats
 from estimators.lighthouse.integrity import AngleNoise
 from estimators.lighthouse.pnp import FEWEST_LIT
+from estimators.lighthouse.rows import Station
 from swarm import scenario
 from swarm.assets import find_model, models, scenarios
 from swarm.errors import SwarmError, did_you_mean
+from swarm.flight.builders import station_frame
 from swarm.flight.recordings.stations_file import PlacedStation, read_stations
 from swarm.scenario.load import craft as crafts
 from swarm.studies.design.flown import chosen_craft, flown
@@ -29,6 +31,7 @@ BEYOND_M = 2.0
 """Without any place for stations, they stand on a sphere so far outside of the volume's corners [m]."""
 FLOWN_TURN_RAD = radians(5.0)
 """Largest turn away from the attitudes of a flight."""
+SECOND = "lighthouse-2"
 ON = ("walls", "ceiling")
 FACES = (*ON, "floor")
 AXES = {f"{sign}{axis}": (1 if sign != "-" else -1, i) for i, axis in enumerate("xyz") for sign in ("", "+", "-")}
@@ -37,7 +40,8 @@ AXES = {f"{sign}{axis}": (1 if sign != "-" else -1, i) for i, axis in enumerate(
 class Request(NamedTuple):
     """The user's wishes.
 
-    subject: model or scenario. stations: their number; None: the fewest that reach the precision. kind: of `KINDS`.
+    subject: model or scenario. stations: their number; None: the fewest that reach the precision, or as many as stand
+    in the scenario. kind: of `KINDS`; None: that of the scenario's stations, or else the second generation.
     volume: box of the positions, x0,x1,y0,y1,z0,z1 [m]; None: those of the scenario's flight. tilt_deg: largest tilt
     of the craft's +z from `up`. room, on, shell_m, at: where a station may stand; without any, on a sphere. keep_out:
     boxes without stations. near_m, far_m: distance of a station from the volume; None: the light's range. fixed: file
@@ -48,7 +52,7 @@ class Request(NamedTuple):
 
     subject: str
     stations: int | None = None
-    kind: str = "lighthouse-2"
+    kind: str | None = None
     volume: str | None = None
     tilt_deg: float = 180.0
     room: str | None = None
@@ -76,18 +80,26 @@ class Request(NamedTuple):
 
 
 class Checked(NamedTuple):
-    """The task without its scene; settings: the scenario whose flight the poses are of, None: those of a volume."""
+    """The task without its scene; settings: the scenario whose flight the poses are of, None: those of a volume.
+
+    request: with the kind and the number of stations that it leaves open, where the scenario tells. standing: stations
+    of the scenario that stand in the world.
+    """
 
     task: Task
     settings: scenario.Scenario | None
     craft: str | None
+    request: Request
+    standing: tuple[Station, ...] = ()
 
 
 def checked(request: Request) -> Checked:
     """Return the checked request, but for the flight of its scenario. Raises SwarmError."""
-    kind = _checked_numbers(request)
     named = _names_scenario(request)
     settings = scenario.load(request.subject, request.overrides) if named else _alone(request)
+    tables = [table for table in settings.station if table.craft is None]
+    request = _filled(request, tables)
+    kind = _checked_numbers(request)
     hull = Hull(_model(request, settings) if named else find_model(request.subject))
     if (count := len(hull.shipped.point_m)) < FEWEST_LIT:
         raise SwarmError(f"{hull.path}: {count} photodiodes, and a pose needs {FEWEST_LIT}; swarm layout places some")
@@ -111,7 +123,22 @@ def checked(request: Request) -> Checked:
         radians(request.tilt_deg),
         _fixed(request, kind),
     )
-    return Checked(task, settings if request.volume is None else None, request.craft)
+    frames = [station_frame(table) for table in tables]
+    standing = tuple(Station(frame.rotation, frame.position, kind.fans) for frame in frames)
+    return Checked(task, settings if request.volume is None else None, request.craft, request, standing)
+
+
+def _filled(request: Request, tables: Sequence[scenario.Station]) -> Request:
+    """Return the request with what the stations of its scenario tell: their kind and number. Raises SwarmError."""
+    if not tables:
+        return request._replace(kind=request.kind or SECOND)
+    kind = tables[0].kind
+    if request.kind not in (None, kind):
+        raise SwarmError(f"--kind {request.kind}: the stations of {request.subject} are of kind {kind}")
+    if request.fixed is not None:
+        raise SwarmError(f"--fixed {request.fixed}: {request.subject} has stations of its own; leave one of both out")
+    given = request.stations is not None or request.precision_wanted
+    return request._replace(kind=kind, stations=request.stations if given else len(tables))
 
 
 def in_scene(request: Request, made: Checked) -> Task:
@@ -123,13 +150,16 @@ def in_scene(request: Request, made: Checked) -> Task:
     """
     assert made.settings is not None
     task = made.task
-    scene = flown(made.settings, task.hull, made.craft, FLOWN_TURN_RAD)
+    # Without the housings of its stations, which would stand in the way of others at the same place.
+    bare = made.settings.model_copy(update={"station": ()})
+    scene = flown(bare, task.hull, made.craft, FLOWN_TURN_RAD)
     path = scene.position[:, scene.craft]
     volume = Box(path.min(axis=0), path.max(axis=0))
     return task._replace(scene=scene, site=_site(request, task.table, volume, task.site.up))
 
 
 def _checked_numbers(request: Request) -> Kind:
+    assert request.kind is not None
     if request.kind not in KINDS:
         hint = did_you_mean(request.kind, KINDS)
         raise SwarmError(f"--kind {request.kind}: must be {' or '.join(KINDS)}{hint}")

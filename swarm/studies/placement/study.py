@@ -24,7 +24,7 @@ from swarm.studies.placement.candidates import Stand
 from swarm.studies.placement.figure import draw
 from swarm.studies.placement.judgement import bound, judge, sample, together
 from swarm.studies.placement.refusal import most_new, needed, refuse_uncovered
-from swarm.studies.placement.report import ALL, EVEN, PLACED, figures, where
+from swarm.studies.placement.report import ALL, EVEN, PLACED, STANDING, figures, where
 from swarm.studies.placement.request import Request, checked, in_scene
 from swarm.studies.placement.search import Found, Places, find, places
 from swarm.studies.placement.task import Task
@@ -90,7 +90,7 @@ def study(request: Request, out: Path | None, force: bool, say: Callable[[str], 
         SwarmError: something is wrong, or there is no such placement; nothing is written then.
     """
     made = checked(request)
-    task = made.task
+    request, task = made.request, made.task
     out = _default_out(request) if out is None else out
     files = files_of(out)
     if out.suffix != ".toml":
@@ -108,6 +108,7 @@ def study(request: Request, out: Path | None, force: bool, say: Callable[[str], 
     poses = sample(task)
     least = bound(task, at, found)
     named = [(PLACED, task.stations(found.stands)), (EVEN, task.stations(_even(at, count)))]
+    named += [(STANDING, made.standing)] if made.standing else []
     judged = [*judge(task, named, poses), together(task, ALL, at)]
     refuse_uncovered(task, at, judged[0], count, say)
     stations = placed_stations(task, found.stands)
