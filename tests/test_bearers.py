@@ -144,11 +144,9 @@ def ridden(*others: str, bearer: str = "estimate", **chief: Any) -> Scenario:
     place = {"a": [0.4, 0.0, 6.0], "b": [-0.4, 0.1, 6.0]}
     craft = [{"name": "chief", "motion": {"kind": "hold", "position_m": [0.0, 0.0, 3.0]}, **chief}]
     craft += [{"name": name, "motion": {"kind": "hold", "position_m": place[name]}} for name in others]
-    stations = [
-        {"name": "ground", "attitude": {"towards_m": [0.0, 0.0, 3.0]}},
-        {"name": "ride", "craft": "chief", "bearer": bearer, "position_m": [0.0, 0.0, -0.15]},
-    ]
-    stations[1]["attitude"] = {"towards_m": [0.0, 0.0, -3.0]}
+    ground = {"name": "ground", "attitude": {"towards_m": [0.0, 0.0, 3.0]}}
+    rides: dict[str, Any] = {"name": "ride", "craft": "chief", "bearer": bearer, "position_m": [0.0, 0.0, -0.15]}
+    stations = [ground, {**rides, "attitude": {"towards_m": [0.0, 0.0, -3.0]}}]
     table = {"name": "ridden", "duration_s": 0.3, "lighthouse": {"range_max_m": 4.5}}
     return validate({**table, "station": stations, "craft": craft}, file="ridden", folder=Path())
 

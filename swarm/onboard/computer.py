@@ -9,13 +9,13 @@ With several stations (`StationComputer`) the light becomes rows, and every row 
     hits or pulses -> rows of all stations -> navigation -> estimate -> ...
 """
 
+from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from estimators.arrays import Bools, Floats, Ints
-from estimators.lighthouse.rows import expect_into
+from estimators.arrays import Bools
 from swarm.messages import Command, Signals
 from swarm.onboard.beams import BeamDecoder
 from swarm.onboard.decoder import PulseDecoder, SweepAngles
@@ -34,11 +34,15 @@ class Known(NamedTuple):
     scans: list[LidarFix]
 
 
-class Computer:
-    """Decoder, navigation and inspection of C craft: `step` takes one period's signals."""
+_Decoder = TypeVar("_Decoder", bound=PulseDecoder | BeamDecoder | TurnDecoder)
+_Navigation = TypeVar("_Navigation", bound=Navigator | StationNavigator)
+
+
+class _Onboard(Generic[_Decoder, _Navigation]):
+    """Decoder, navigation, inspection and navigators of the user's own of C craft, whatever light they see."""
 
     def __init__(
-        self, decoder: PulseDecoder, navigator: Navigator, inspection: Inspection, own: Navigators = NO_NAVIGATORS
+        self, decoder: _Decoder, navigator: _Navigation, inspection: Inspection, own: Navigators = NO_NAVIGATORS
     ) -> None:
         """Assemble the parts.
 
@@ -50,6 +54,37 @@ class Computer:
         """
         self.decoder, self.navigator, self.inspection, self._own = decoder, navigator, inspection, own
 
+    def _restart(self, off: Bools) -> None:
+        """Forget everything about the craft of the mask (C,)."""
+        self.decoder.forget(off)
+        self.navigator.forget(off)
+        self._own.forget(off)
+
+    def _known(
+        self,
+        angles: SweepAngles,
+        found: Estimate,
+        rows: Callable[[], Rowed],
+        signals: Signals,
+        command: Command | None,
+    ) -> Known:
+        """Return all that is known after a period, with the user's navigators and the LiDARs.
+
+        Args:
+            angles: decoded sweep angles.
+            found: the estimate of the navigation.
+            rows: returns the rows that the user's navigators get.
+            signals: all signals that the craft receive.
+            command: orders of the craft to their actuators for the period.
+        """
+        estimate = self._own.step(found, rows, self.navigator.tracks, command, signals.epoch_s)
+        scans = self.inspection.step(signals.scans, estimate, signals.epoch_s)
+        return Known(angles, self.inspection.into(estimate), scans)
+
+
+class Computer(_Onboard[PulseDecoder, Navigator]):
+    """Decoder, navigation and inspection of C craft: `step` takes one period's signals."""
+
     def step(self, signals: Signals, command: Command | None = None, off: Bools | None = None) -> Known:
         """Advance every craft by one lighthouse period.
 
@@ -59,9 +94,7 @@ class Computer:
             off: craft whose computer is restarting, (C,): they forget everything and see nothing.
         """
         if off is not None and off.any():
-            self.decoder.forget(off)
-            self.navigator.forget(off)
-            self._own.forget(off)
+            self._restart(off)
         expected = partial(self.navigator.expected_angles, self.decoder.turn_s)
         angles = self.decoder.decode(signals.pulses, expected)
         if off is not None:
@@ -77,35 +110,11 @@ class Computer:
             command: orders of the craft to their actuators for the period.
         """
         found = self.navigator.step(angles, signals, command)
-        estimate = self._own.step(
-            found, lambda: rows_of(angles, self.navigator.settings), self.navigator.tracks, command, signals.epoch_s
-        )
-        scans = self.inspection.step(signals.scans, estimate, signals.epoch_s)
-        return Known(angles, self.inspection.into(estimate), scans)
+        return self._known(angles, found, lambda: rows_of(angles, self.navigator.settings), signals, command)
 
 
-class StationComputer:
+class StationComputer(_Onboard[BeamDecoder | TurnDecoder, StationNavigator]):
     """Decoder, navigation by rows, and inspection of C craft before several stations."""
-
-    def __init__(
-        self,
-        decoder: BeamDecoder | TurnDecoder,
-        navigator: StationNavigator,
-        inspection: Inspection,
-        point_m: Floats,
-        own: Navigators = NO_NAVIGATORS,
-    ) -> None:
-        """Assemble the parts.
-
-        Args:
-            decoder: circuits of the craft.
-            navigator: navigation of the craft.
-            inspection: LiDAR inspection; without observers it does nothing.
-            point_m: photodiodes as the craft assume them, (C, K, 3) [m].
-            own: navigators of the user, in the place of the filter of some craft.
-        """
-        self.decoder, self.navigator, self.inspection, self._own = decoder, navigator, inspection, own
-        self._point_m = point_m
 
     def step(self, signals: Signals, command: Command | None = None, off: Bools | None = None) -> Known:
         """Advance every craft by one period.
@@ -116,39 +125,18 @@ class StationComputer:
             off: craft whose computer is restarting, (C,): they forget everything and see nothing.
         """
         if off is not None and off.any():
-            self.decoder.forget(off)
-            self.navigator.forget(off)
-            self._own.forget(off)
+            self._restart(off)
+        navigator = self.navigator
         if isinstance(self.decoder, BeamDecoder):
             if signals.beams is None:
                 raise ValueError("Lighthouse 2.0 stations need the signal `beams`")
-            light = self.decoder.decode(signals.beams, self._expect)
+            light = self.decoder.decode(signals.beams, navigator.expected_angles)
         else:
             light = self.decoder.decode(signals.pulses)
         if off is not None and off.any():
             light = light._replace(rows=light.rows.where(~np.repeat(off, np.diff(light.rows.first))))
-        found = self.navigator.step(light, signals, command)
-        estimate = self._own.step(
-            found,
-            lambda: Rowed(self.navigator.rows, tuple(self.navigator.stations)),
-            self.navigator.tracks,
-            command,
-            signals.epoch_s,
-        )
-        scans = self.inspection.step(signals.scans, estimate, signals.epoch_s)
-        return Known(_as_angles(light, self._point_m.shape[1]), self.inspection.into(estimate), scans)
-
-    def _expect(self, craft: Ints, station: Ints, photodiode: Ints, offset_s: Floats) -> Floats:
-        """Return where hits are expected, as `BeamDecoder.decode` asks for: (N, 2) [rad]."""
-        out = np.empty((len(craft), 2))
-        expect_into(
-            (craft, station, photodiode, offset_s + self.navigator.settings.frame_s),
-            self.navigator.tracks.bank.state,
-            self._point_m,
-            self.navigator.packed,
-            out,
-        )
-        return out
+        found, angles = navigator.step(light, signals, command), _as_angles(light, navigator.photodiodes)
+        return self._known(angles, found, lambda: Rowed(navigator.rows, tuple(navigator.stations)), signals, command)
 
 
 def _as_angles(light: RowLight, photodiodes: int) -> SweepAngles:

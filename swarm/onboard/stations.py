@@ -41,7 +41,7 @@ from estimators.lighthouse.integrity import AngleNoise, shown_to_gate
 from estimators.lighthouse.pnp import PoseSolution
 from estimators.lighthouse.row_faults import row_faults
 from estimators.lighthouse.row_pose import RowPose, solve_rows
-from estimators.lighthouse.rows import Packed, Station, packed, row_into
+from estimators.lighthouse.rows import Station, expect_into, packed, row_into
 from estimators.state import STATES, State
 from swarm.hardware import Photodiodes
 from swarm.messages import Command, Signals
@@ -147,11 +147,6 @@ class StationNavigator:
         self._unit_rad = float(np.sqrt(np.mean([own**2 + shared**2 for own, shared in self._noise])))
 
     @property
-    def packed(self) -> Packed:
-        """The stations as kernels take them."""
-        return self._packed
-
-    @property
     def stations(self) -> list[Station]:
         """The stations as the craft know them; those that ride on craft are replaced in every period."""
         return self._stations
@@ -161,6 +156,28 @@ class StationNavigator:
         self._packed = packed(self._stations)
         self._light = light_of(self._packed, self._noise)
         self._shared.place(self._stations)
+
+    @property
+    def photodiodes(self) -> int:
+        """Number of photodiodes of a craft."""
+        return self._point_m.shape[1]
+
+    def expected_angles(self, craft: Ints, station: Ints, photodiode: Ints, offset_s: Floats) -> Floats:
+        """Return where hits are expected at instants after the epoch to come, as `BeamDecoder.decode` asks for.
+
+        Args:
+            craft: (N,).
+            station: (N,).
+            photodiode: (N,).
+            offset_s: (N,) [s].
+
+        Returns:
+            Angles of both planes, (N, 2) [rad].
+        """
+        out = np.empty((len(craft), 2))
+        asked = craft, station, photodiode, offset_s + self.settings.frame_s
+        expect_into(asked, self.tracks.bank.state, self._point_m, self._packed, out)
+        return out
 
     def forget(self, mask: Bools) -> None:
         """Forget all results of the craft of the mask (C,), as after a restart of their computers."""

@@ -178,7 +178,7 @@ def station_computer(
     relations = replace(navigation.relations, common_rad=tuple(_common_noise(settings)), turn_s=tuple(turn_s(settings)))
     navigation = replace(navigation, relations=relations)
     navigator = StationNavigator(layout, navigation, known, station_noise(settings), cameras, inertia, mounts)
-    return StationComputer(circuits, navigator, inspection, layout.point_m, own)
+    return StationComputer(circuits, navigator, inspection, own)
 
 
 def turn_s(settings: Scenario) -> list[float]:
