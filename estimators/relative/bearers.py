@@ -64,7 +64,7 @@ def with_common_error(y: Floats, h: Floats, covariance: Floats) -> tuple[Floats,
 
 
 class Told(NamedTuple):
-    """What m bearers tell of a period: transition (m, 12, 12), F of their prediction; covariance (m, 12, 12), D of
+    """Messages of m bearers for a period: transition (m, 12, 12), F of their prediction; covariance (m, 12, 12), D of
     their predicted errors, all that they know of themselves; joint (12 m, 12 m), S^-, without errors that stay.
     """
 

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from swarm.cli import completion
+from swarm.cli.options import AttitudeDeg, ForceFiles, PositionMm, SearchSeed
 from swarm.cli.terminal import mistakes
 
 Model = Annotated[
@@ -19,12 +20,6 @@ Model = Annotated[
 Photodiodes = Annotated[
     int | None,
     typer.Option("--photodiodes", metavar="N", help="Place so many. Default: the fewest that reach the precision."),
-]
-AttitudeDeg = Annotated[
-    float | None, typer.Option("--attitude-deg", metavar="DEG", help="Reach this attitude precision, 1 sigma.")
-]
-PositionMm = Annotated[
-    float | None, typer.Option("--position-mm", metavar="MM", help="Reach this position precision, 1 sigma.")
 ]
 DistanceM = Annotated[
     list[float] | None,
@@ -75,11 +70,9 @@ Overrides = Annotated[
         "--set", metavar="KEY=VALUE", help="Change one value: of the scene, or else lighthouse.KEY. Repeatable."
     ),
 ]
-Seed = Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Use this seed for the search.")]
 Out = Annotated[
     Path | None, typer.Option("--out", metavar="FILE", help="Write the new craft model here. Default: below runs/.")
 ]
-Force = Annotated[bool, typer.Option("--force", help="Replace files that are there already.")]
 
 
 def layout(
@@ -96,9 +89,9 @@ def layout(
     scene: Scene = None,
     craft: CraftName = None,
     overrides: Overrides = None,
-    seed: Seed = 0,
+    seed: SearchSeed = 0,
     out: Out = None,
-    force: Force = False,
+    force: ForceFiles = False,
 ) -> None:
     """Find where a craft's photodiodes should sit.
 

@@ -25,3 +25,11 @@ Out = Annotated[
 ]
 Force = Annotated[bool, typer.Option("--force", help="Replace a run that is there already.")]
 NoRecording = Annotated[bool, typer.Option("--no-recording", help="Write no recording for the viewer.")]
+AttitudeDeg = Annotated[
+    float | None, typer.Option("--attitude-deg", metavar="DEG", help="Reach this attitude precision, 1 sigma.")
+]
+PositionMm = Annotated[
+    float | None, typer.Option("--position-mm", metavar="MM", help="Reach this position precision, 1 sigma.")
+]
+SearchSeed = Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Use this seed for the search.")]
+ForceFiles = Annotated[bool, typer.Option("--force", help="Replace files that are there already.")]

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from swarm.cli import completion
+from swarm.cli.options import AttitudeDeg, ForceFiles, PositionMm, SearchSeed
 from swarm.cli.terminal import mistakes
 
 BOX = "x0,x1,y0,y1,z0,z1"
@@ -75,12 +76,6 @@ FarM = Annotated[
 Fixed = Annotated[
     str | None, typer.Option("--fixed", metavar="FILE", help="Stations of this stations.toml stand already.")
 ]
-AttitudeDeg = Annotated[
-    float | None, typer.Option("--attitude-deg", metavar="DEG", help="Reach this attitude precision, 1 sigma.")
-]
-PositionMm = Annotated[
-    float | None, typer.Option("--position-mm", metavar="MM", help="Reach this position precision, 1 sigma.")
-]
 Share = Annotated[
     float,
     typer.Option("--share", metavar="SHARE", help="Share of the poses that must be decided, and precise. 1: all."),
@@ -114,11 +109,9 @@ Overrides = Annotated[
         "--set", metavar="KEY=VALUE", help="Change one value: of the scenario, or else lighthouse.KEY. Repeatable."
     ),
 ]
-Seed = Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Use this seed for the search.")]
 Out = Annotated[
     Path | None, typer.Option("--out", metavar="FILE", help="Write the stations here (.toml). Default: below runs/.")
 ]
-Force = Annotated[bool, typer.Option("--force", help="Replace files that are there already.")]
 
 
 def place(
@@ -144,9 +137,9 @@ def place(
     rotor_correlation: RotorCorrelation = None,
     craft: CraftName = None,
     overrides: Overrides = None,
-    seed: Seed = 0,
+    seed: SearchSeed = 0,
     out: Out = None,
-    force: Force = False,
+    force: ForceFiles = False,
 ) -> None:
     """Find where lighthouse stations should stand.
 

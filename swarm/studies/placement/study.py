@@ -108,7 +108,8 @@ def study(request: Request, out: Path | None, force: bool, say: Callable[[str], 
     poses = sample(task)
     least = bound(task, at, found)
     named = [(PLACED, task.stations(found.stands)), (EVEN, task.stations(_even(at, count)))]
-    named += [(STANDING, made.standing)] if made.standing else []
+    if made.standing:
+        named.append((STANDING, list(made.standing)))
     judged = [*judge(task, named, poses), together(task, ALL, at)]
     refuse_uncovered(task, at, judged[0], count, say)
     stations = placed_stations(task, found.stands)
