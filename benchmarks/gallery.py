@@ -40,7 +40,11 @@ Every scenario that comes along, flown whole, but for large crowds, of which the
 of `swarm video RUN FILE.png`: the craft, the light that reaches them, and the axes of their bodies as they believe to
 be turned. `swarm list NAME` tells more about one, and `swarm view RUN` shows all of it in the viewer. Times are
 processor times on a busy machine ({machine}), with whatever had to be compiled. Scenarios without a picture were not
-flown for this page yet.
+flown for this page yet.{older}
+"""
+OLDER = """
+The figures of these were measured before the filter had [several models of motion](filter.md), and are different since, mostly
+smaller: {names}.
 """
 
 
@@ -56,6 +60,7 @@ def flown(name: str, folder: Path) -> dict[str, Any]:
     return {
         "processor_s": took_s,
         "criteria_held": run.summary.get("criteria_held"),
+        "models": scenario.navigation.quiet.models,
         "groups": {
             group: {key: each.get(key) for key in keys} for group, each in run.summary.get("groups", {}).items()
         },
@@ -97,7 +102,9 @@ def main() -> None:
         kept.write_text(json.dumps(known, indent=2) + "\n")
         print(name, known["scenarios"][name], file=sys.stderr)
     parts = [entry(name, known["scenarios"].get(name)) for name in scenarios()]
-    parts.insert(0, FIRST.format(machine=known["machine"]))
+    old = [name for name in scenarios() if "models" not in known["scenarios"].get(name, {"models": 0})]
+    older = OLDER.format(names=", ".join(old)) if old else ""
+    parts.insert(0, FIRST.format(machine=known["machine"], older=older))
     PAGE.write_text("\n".join(parts), encoding="utf-8")
 
 
