@@ -43,9 +43,9 @@ processor times on a busy machine ({machine}), with whatever had to be compiled.
 flown for this page yet.{older}
 """
 OLDER = """
-The figures of these were measured before the filter had [several models of motion](filter.md), and are different since, mostly
-smaller: {names}.
-"""
+
+The figures of these were measured before the filter had [several models of motion](filter.md), and are different since,
+mostly smaller: {names}."""
 
 
 def flown(name: str, folder: Path) -> dict[str, Any]:
