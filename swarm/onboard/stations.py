@@ -160,7 +160,7 @@ class StationNavigator:
     @property
     def photodiodes(self) -> int:
         """Number of photodiodes of a craft."""
-        return self._point_m.shape[1]
+        return int(self._point_m.shape[1])
 
     def expected_angles(self, craft: Ints, station: Ints, photodiode: Ints, offset_s: Floats) -> Floats:
         """Return where hits are expected at instants after the epoch to come, as `BeamDecoder.decode` asks for.
