@@ -58,7 +58,9 @@ class IntegritySettings:
     missed_detection: probabilities of the residual test, per pose. risk: probability of an error beyond its protection
     level, per estimate. alert_position_m, alert_attitude_rad: limits of the filter's protection levels; infinite for
     none. tick_s: tick of the clock; None: the rotor's speed is not monitored. speed_tolerance: relative error of a
-    turn's length that is attributed to the clock.
+    turn's length that is attributed to the clock. false_photodiodes: number of photodiodes that may be false all the
+    time, for which the filter's levels allow by separation of solutions; 0: by the slope of one that is missed in a
+    pose. unseen_acceleration_m_s2, unseen_angular_acceleration_rad_s2: that a craft may have without light.
     """
 
     residual_test: bool = True
@@ -69,6 +71,9 @@ class IntegritySettings:
     alert_attitude_rad: float = np.inf
     tick_s: float | None = None
     speed_tolerance: float = 20e-6
+    false_photodiodes: int = 0
+    unseen_acceleration_m_s2: float = 0.0
+    unseen_angular_acceleration_rad_s2: float = 0.0
 
 
 class Integrity(NamedTuple):
@@ -92,6 +97,15 @@ class Integrity(NamedTuple):
     def levels(self) -> Floats:
         """The protection levels of the filters, (2, C): position [m], attitude [rad]."""
         return np.stack([self.position_m, np.radians(self.attitude_deg)])
+
+
+class Separated(NamedTuple):
+    """Levels of the filters of C craft by separation of solutions. levels: (2, C), position [m] and attitude [deg].
+    covered: (C,), whether any false photodiode of the last pose is separated; fewer lit than five leave none out.
+    """
+
+    levels: Floats
+    covered: Bools
 
 
 class Screened(NamedTuple):
@@ -212,7 +226,13 @@ class Monitor:
         return None if found is None else found.lit
 
     def levels(
-        self, screened: Screened, precision: Dilution, taken: Taken, after: Filtered, sweep_fault: Floats
+        self,
+        screened: Screened,
+        precision: Dilution,
+        taken: Taken,
+        after: Filtered,
+        sweep_fault: Floats,
+        separated: Separated | None = None,
     ) -> Integrity:
         """Return the protection levels of this period's poses, and of the filters after them.
 
@@ -222,6 +242,7 @@ class Monitor:
             taken: result of the update of every filter with its pose.
             after: filters after every fix of the period.
             sweep_fault: (2, C), what a false photodiode among single sweeps may do: position [m], attitude [deg].
+            separated: levels of the filters by separation of solutions, where they are known so.
         """
         s, out, active = self.settings, np.empty((4, len(screened.used))), after.active
         _levels_into(
@@ -239,6 +260,9 @@ class Monitor:
         )
         out[:2, ~screened.solution.solved] = np.nan
         out[2:] += sweep_fault
+        if separated is not None:
+            own = np.where(active, separated.levels + sweep_fault, np.nan)
+            out[2:] = np.where(separated.covered, own, np.fmax(out[2:], own))
         if (refused := taken.refused & active).any():
             at, pose = np.flatnonzero(refused), screened.solution
             distance = np.linalg.norm(pose.position[at] - after.state.position[at], axis=1)

@@ -16,14 +16,15 @@ from estimators import rotation as rot
 from estimators.arrays import Bools, Floats, Ints
 from estimators.filter.error_state import POSE_COLUMNS
 from estimators.lighthouse.dop import Dilution, dilution
-from estimators.lighthouse.integrity import AngleNoise, Sweeps
+from estimators.lighthouse.integrity import AngleNoise, Sweeps, linearised
 from estimators.lighthouse.planar import Rows, Side, Spread, bends, is_flat, pose_rows, spread
 from estimators.lighthouse.pnp import refine
+from estimators.lighthouse.separation import Linear
 from estimators.lighthouse.sweep import HALF_PI, correct, lighthouse_1, measured_angles
 from estimators.state import State
 from swarm.onboard.acquisition import DECISIVE, NONE, Hypotheses, Sighting, advance, search
 from swarm.onboard.decoder import SweepAngles
-from swarm.onboard.integrity import Integrity, Monitor, Screened
+from swarm.onboard.integrity import Integrity, Monitor, Screened, Separated
 from swarm.onboard.settings import MIN_LIT, NavigationSettings, Sensor
 from swarm.onboard.tracks import UNKNOWN_RATE, Filtered, PoseFix, Taken, Tracks
 
@@ -38,13 +39,15 @@ class Light(NamedTuple):
 
     visible: number of photodiodes seen by both fans, (C,). theta: measured sweep angles, less the rotor's speed, NaN
     where not seen, (C, K, 2) [rad]. screened: poses after the residual test. dilution: dilution of precision at those
-    poses, or at the predictions of craft that take single sweeps.
+    poses, or at the predictions of craft that take single sweeps. linear: the poses to first order, where levels by
+    separation need them.
     """
 
     visible: Ints
     theta: Floats
     screened: Screened
     dilution: Dilution
+    linear: Linear | None = None
 
 
 class _Start(NamedTuple):
@@ -80,6 +83,11 @@ class LighthouseFix:
         self._size_m = np.linalg.norm(np.nan_to_num(point_m), axis=2).max(axis=1, initial=0.0)
         self._sigma_rad, self._rho = settings.angle_noise_rad, settings.rotor_correlation
         self._monitor = Monitor(settings.integrity, self._noise, settings.angle_noise_rad, (craft, most))
+
+    @property
+    def own_rad(self) -> float:
+        """Noise of one photodiode's angle, beside what all of a sweep share [rad]."""
+        return self._noise.own_rad
 
     def assume(self, noise: AngleNoise) -> None:
         """Take angles to have this noise from now on."""
@@ -156,13 +164,19 @@ class LighthouseFix:
             self._rho,
             screened.solution.solved | unsolved,
         )
+        linear: Linear | None = None
+        if s.integrity.false_photodiodes:
+            used, solution = sweeps._replace(lit=screened.lit), screened.solution
+            linear = Linear(*linearised(used, solution.rotation, solution.position)[:2], screened.lit)
         rotation, position = s.station.pose_out(screened.solution.rotation, screened.solution.position)
         rows = self._rows(sweeps, screened, precision, predicted, tracks)
         screened = screened._replace(solution=screened.solution._replace(rotation=rotation, position=position))
         fix = self._spread_out(self._fix(screened, precision), start.spread)._replace(rows=rows)
-        return Light(visible, turned, screened, precision), fix
+        return Light(visible, turned, screened, precision, linear), fix
 
-    def levels(self, light: Light, taken: Taken, after: Filtered, sweep_fault: Floats) -> Integrity:
+    def levels(
+        self, light: Light, taken: Taken, after: Filtered, sweep_fault: Floats, separated: Separated | None = None
+    ) -> Integrity:
         """Return the protection levels of this period's poses, and of the filters after all fixes.
 
         Args:
@@ -170,8 +184,9 @@ class LighthouseFix:
             taken: result of the update of every filter with its pose.
             after: filters after all fixes.
             sweep_fault: (2, C), of single sweeps, as in `Monitor.levels`.
+            separated: levels of the filters by separation of solutions, where they are known so.
         """
-        return self._monitor.levels(light.screened, light.dilution, taken, after, sweep_fault)
+        return self._monitor.levels(light.screened, light.dilution, taken, after, sweep_fault, separated)
 
     def _ideal(self, angles: SweepAngles) -> tuple[Floats, Floats, Bools]:
         """Return the angles (C, K, 2) less rotor speed, and less fan errors too, and the mask (C, K) of the latter."""

@@ -35,6 +35,7 @@ from swarm.onboard.integrity import Integrity
 from swarm.onboard.lighthouse_fix import Light, LighthouseFix
 from swarm.onboard.reference_craft import ReferenceCraft
 from swarm.onboard.relative import RelativeNavigation, RelativePoses
+from swarm.onboard.separation import Separation
 from swarm.onboard.settings import MIN_LIT, Coupling, NavigationSettings, Sensor, Status
 from swarm.onboard.shared_errors import SharedErrors
 from swarm.onboard.single_sweeps import SingleSweeps, SweepsTaken
@@ -122,6 +123,7 @@ class Navigator:
             self._reference = ReferenceCraft(place, point_m, (s.fan_x, s.fan_y), s.noise, common)
         self._shared = SharedErrors(s.relations, [station], [s.noise], photodiodes.point_m)
         self._relative = RelativeNavigation(s.relations, self._shared, s.integrity.risk)
+        self._separation = Separation(s.integrity, photodiodes.present.shape, s.station.rotation)
 
     def forget(self, mask: Bools) -> None:
         """Forget all results of the craft of the mask (C,), as after a restart of their computers."""
@@ -145,11 +147,16 @@ class Navigator:
         """
         tracks, shared, s = self.tracks, self._shared, self.settings
         angles = self._referred(angles)
+        self._separation.begin(tracks.bank, s.frame_s)
         prediction = shared.predict(tracks, command, s.frame_s, history=s.history)
         light, fix = self._light.find(angles, tracks)
         fixes, taken = [fix], [tracks.take_in(fix)]
         shared.poses(lambda: self._solved_from(angles, light), fix, taken[0], tracks.bank)
+        self._separation.poses(fix, taken[0], tracks.bank, separated=True)
+        before = tracks.bank.covariance if self._separation.wanted else None
         sweeps = self._single(angles, light, fix, tracks)
+        if before is not None:
+            self._separation.rows(sweeps.fresh, before, tracks.bank)
         shared.rows(sweeps.batch, sweeps.kept, sweeps.fresh, tracks.bank)
         seen = None
         if signals is not None and signals.images is not None:
@@ -157,6 +164,7 @@ class Navigator:
             fixes.append(fix)
             taken.append(tracks.take_in(fix))
             shared.poses(None, fix, taken[-1], tracks.bank)
+            self._separation.poses(fix, taken[-1], tracks.bank, separated=False)
             seen = seen._replace(nis=taken[-1].nis)
         pose = np.any([part.fresh for part in taken], axis=0)
         refused = np.any([part.refused for part in taken], axis=0)
@@ -201,7 +209,9 @@ class Navigator:
     def _integrity(self, light: Light, taken: Taken, sweeps: SweepsTaken, after: Filtered) -> Integrity:
         """Return the integrity of poses and filters; rows of as many photodiodes as decide a pose count as one."""
         pose = taken._replace(fresh=taken.fresh | sweeps.decided)
-        found = self._light.levels(light, pose, after, sweeps.fault)
+        self._separation.end(light.linear, taken.fresh, after, self._light.own_rad)
+        separated = self._separation.levels(after, self.tracks.since_update_s)
+        found = self._light.levels(light, pose, after, sweeps.fault, separated)
         return found._replace(dropped=np.where(sweeps.dropped != 0, sweeps.dropped, found.dropped))
 
     def _estimate(

@@ -57,6 +57,35 @@ class Relations:
         return bool(self.pairs or self.fan_sigma)
 
 
+def counted(
+    step: ErrorStep,
+    fix: PoseFix,
+    taken: Taken,
+    ran: Bools,
+    covariance: Floats,
+    off: tuple[Floats, Floats, Floats],
+) -> ErrorStep:
+    """Return the period with poses that the filters took in.
+
+    Args:
+        step: the period so far.
+        fix: the poses.
+        taken: their fate.
+        ran: (C,), filters that ran before.
+        covariance: (C, 12, 12), of the filters afterwards.
+        off: by how much a pose is off by the draws (C, 6, M), by the constant errors (C, 6, Q), and the draws' instants
+            (C, M) [s].
+    """
+    accepted, craft = taken.fresh & ran, len(ran)
+    by_rows = np.zeros_like(ran) if fix.rows is None else accepted & fix.rows.mask
+    whole = np.broadcast_to(np.eye(6), (craft, 6, 6))
+    as_pose = sums_of_pose(whole, fix.coupling, off, accepted & ~by_rows, fix.covariance)
+    step = updated(step, accepted & ~by_rows, covariance, as_pose)
+    if fix.rows is not None:
+        step = updated(step, by_rows, covariance, sums_of_pose(fix.rows.pose, fix.rows.rates, off, by_rows))
+    return started(step, taken.fresh & ~ran, *off)
+
+
 class SharedErrors:
     """The shared errors of C craft in one period after the other: `predict`, what was taken in, `end`.
 
@@ -256,20 +285,11 @@ class SharedErrors:
         """
         if not self.wanted or not taken.fresh.any():
             return
-        covariance, ran, craft = bank.covariance, self._ran, len(self._ran)
+        covariance, ran = bank.covariance, self._ran
         off = self._off(rows(), fix, taken.fresh) if rows is not None else self._nothing()
         if not alone:
             off = np.zeros_like(off[0]), off[1], np.full_like(off[2], np.nan)
-        accepted = taken.fresh & ran
-        by_rows = np.zeros_like(ran) if fix.rows is None else accepted & fix.rows.mask
-        whole = np.broadcast_to(np.eye(6), (craft, 6, 6))
-        as_pose = sums_of_pose(whole, fix.coupling, off, accepted & ~by_rows, fix.covariance)
-        self.step = updated(self.step, accepted & ~by_rows, covariance, as_pose)
-        if fix.rows is not None:
-            self.step = updated(
-                self.step, by_rows, covariance, sums_of_pose(fix.rows.pose, fix.rows.rates, off, by_rows)
-            )
-        self.step = started(self.step, taken.fresh & ~ran, *off)
+        self.step = counted(self.step, fix, taken, ran, covariance, off)
         self._ran = ran | taken.fresh
 
     def _nothing(self) -> tuple[Floats, Floats, Floats]:

@@ -185,6 +185,7 @@ RARE = Why(
     "a test that is wrong half of the time is no test",
 )
 RISK = Why(RARE.low, "the bound of a protection level is proven for errors rarer than one in five")
+FALSE_PHOTODIODES = Why(_NOT_NEGATIVE, "three at once are more than most craft could do without")
 ALERT = Why("a millionth of a millimetre is finer than any pose", "an error of 1 km is beyond every position")
 ALERT_ATTITUDE = Why("a millionth of a degree is finer than any pose", _HALF_TURN)
 

@@ -25,6 +25,7 @@ from swarm.scenario.limits import (
     COAST,
     COUNT,
     DURATION,
+    FALSE_PHOTODIODES,
     FIELD,
     GATE,
     INCIDENCE,
@@ -310,6 +311,32 @@ class Integrity(Table):
         le=180,
         description="Protection level of the attitude above which the craft raises an alert. Unset: never.",
     )
+    false_photodiodes: Annotated[int, FALSE_PHOTODIODES] = Field(
+        default=0,
+        ge=0,
+        le=2,
+        description="Number of photodiodes that may be false all the time without an error beyond the filter's "
+        "protection level, by separation of solutions: filters that leave out one or two of them (docs/integrity.md). "
+        "0: the level has what one false photodiode may do that a pose's residual test misses.",
+    )
+    unseen_acceleration_m_s2: Annotated[float, PUSH] = Field(
+        default=0.0,
+        ge=0,
+        le=100,
+        description="Largest unknown acceleration for which levels by separation of solutions allow without light.",
+    )
+    unseen_angular_acceleration_deg_s2: Annotated[float, TURNING_PUSH] = Field(
+        default=0.0,
+        ge=0,
+        le=36000,
+        description="Largest unknown angular acceleration for which they allow without light.",
+    )
+
+    def between_keys(self) -> Iterator[Mistake]:
+        """Refuse unseen accelerations where levels are not by separation of solutions."""
+        for key in ("unseen_acceleration_m_s2", "unseen_angular_acceleration_deg_s2"):
+            if getattr(self, key) and not self.false_photodiodes:
+                yield "has no effect without levels by separation of solutions", key, "false_photodiodes"
 
 
 class Quiet(Table):
@@ -500,6 +527,9 @@ class Scenario(Table):
         """Require a craft, distinct names, craft that exist where named, and waypoints that begin within the run."""
         names, tables = self.craft_names, self.tables
         yield from self._noise_mistakes()
+        if self.navigation.integrity.false_photodiodes and self.navigation.coupling == "tight":
+            told = "separates poses; with tight coupling sweep angles go into the filter without one"
+            yield told, "navigation.integrity.false_photodiodes", "navigation.coupling"
         yield from mistakes(self.station, names)
         yield from self._station_use()
         if not names:
@@ -563,6 +593,9 @@ class Scenario(Table):
             yield "is of the one lighthouse; a [[station]] has `calibrated`", "navigation.calibration", "station"
         if self.navigation.reference is not None:
             yield "is for the sweeps of the one lighthouse", "navigation.reference", "station"
+        if self.navigation.integrity.false_photodiodes:
+            said = "separates poses of the one lighthouse; rows of stations are searched for a false one as it comes"
+            yield said, "navigation.integrity.false_photodiodes", "station"
         if self.navigation.coupling == "loose":
             said = "stations are navigated by rows: their poses do not come one by one"
             yield said, "navigation.coupling", "station"

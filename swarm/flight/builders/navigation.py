@@ -96,6 +96,9 @@ def _integrity(settings: Scenario, calibration: StationCalibration | None) -> In
         alert_attitude_rad=inf if table.alert_attitude_rad is None else table.alert_attitude_rad,
         tick_s=station.tick_s,
         speed_tolerance=max(SPEED_TOLERANCE, doubt),
+        false_photodiodes=table.false_photodiodes,
+        unseen_acceleration_m_s2=table.unseen_acceleration_m_s2,
+        unseen_angular_acceleration_rad_s2=table.unseen_angular_acceleration_rad_s2,
     )
 
 

@@ -29,6 +29,7 @@ class Batch(NamedTuple):
 
     body: the truth, or the estimate. ccd_seen: (P, 2, L), lights seen by the P pairs of cameras. ccd_error: (C, 2),
     distance [m] and angle [deg]. station_rows: (C, number of stations). shown: (C, S), the columns of `Shown`.
+    pair_levels: (number of pairs, 2), protection level of the relative position [m] and whether there is an alert.
     """
 
     time_s: Floats
@@ -54,6 +55,7 @@ class Batch(NamedTuple):
     ccd_error: Floats
     ccd_nis: Floats
     shown: Floats
+    pair_levels: Floats
     clouds: tuple[Cloud, ...] = ()
 
 
@@ -91,6 +93,7 @@ def kept(period: Period, errors: Errors, shown: Floats) -> Batch:
         ccd_error=ccd_error,
         ccd_nis=ccd_nis,
         shown=copy(shown),
+        pair_levels=_pair_levels(period),
         clouds=tuple(Cloud(period.time_s, period.frame, scan.craft, scan.cloud) for scan in period.scans),
     )
 
@@ -107,6 +110,12 @@ def _station_rows(period: Period) -> Ints:
     """Return the rows of each of several stations in the filters, (C, S); of the one lighthouse, (C, 0)."""
     used = period.estimate.station_rows
     return np.zeros((len(period.estimate.status), 0), dtype=np.int64) if used is None else np.array(used)
+
+
+def _pair_levels(period: Period) -> Floats:
+    """Return level and alert of every pair, (P, 2)."""
+    found = period.estimate.relative
+    return np.zeros((0, 2)) if found is None else np.stack([found.position_level_m, found.alert], axis=1)
 
 
 def stacked(rows: Sequence[Batch]) -> Batch:

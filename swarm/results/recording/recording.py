@@ -47,6 +47,7 @@ from swarm.results.recording.layer import Layer, Stage
 from swarm.results.recording.lidars import Lidars
 from swarm.results.recording.lighthouse import Lighthouse
 from swarm.results.recording.orbit import Orbit, tips
+from swarm.results.recording.pairs import Pairs
 from swarm.results.recording.plots import Plot, craft_plots, shown_plots, swarm_plots
 from swarm.results.recording.rays import Rays
 from swarm.results.recording.stations import Stations
@@ -133,6 +134,7 @@ class Recording:
             Bodies(stage),
             Estimates(stage),
             Rays(stage),
+            *([Pairs(stage)] if scene.pairs else []),
             *([Cameras(stage)] if scene.ccd else []),
             *([Lidars(stage)] if scene.lidar else []),
             Trails(stage),
