@@ -1,14 +1,16 @@
 """Tracking without a model, scan against scan: where its accumulated error stays below 2 degrees. As a table.
 
     PYTHONPATH=. python benchmarks/lidar_scan_to_scan.py [--map] [--ranges 3 5] [--lines 16 64] [--steps 1 3 10]
-                                                         [--tracks 2] [--scans 25] [--seed 0] [--json]
+                                                         [--tracks 2] [--scans 25] [--turn] [--seed 0] [--json]
 
 The satellite on the turntable (`swarm.studies.papers.lidar`), a LiDAR of so many lines over 30 degrees, so far away,
 and attitudes that walk: every scan turns by the step about an axis that is drawn anew, and never leaves the paper's 10
 degrees about each axis. From the true first pose: mean and largest error over all scans, and the mean of the last
 scans. A setting holds where the largest stays below 2 degrees. The paper's own way is `chain` of
 `estimators.lidar.tracking`, each scan against the last; `--map` joins the scans to a map of the target
-(`estimators.lidar.local_map`), and tries turns about the last pose where the step is more than 5 degrees.
+(`estimators.lidar.local_map`), and tries turns about the last pose where the step is more than 5 degrees. `--turn`: one
+whole turn about Z instead, in steps of the size given, and on until the first sides are seen again for five scans: the
+error before the first side comes back, and after it.
 """
 
 import argparse
@@ -38,6 +40,12 @@ def walk(scans: int, step_deg: float, rng: np.random.Generator) -> Floats:
         if np.abs(there).max() <= LIMIT_DEG:
             angles.append(there)
     return turned(np.array(angles))
+
+
+def whole_turn(step_deg: float) -> Floats:
+    """Return the attitudes (n, 3, 3) of a whole turn about Z, and of five steps more."""
+    yaw = step_deg * np.arange(round(360 / step_deg) + 6)
+    return turned(np.stack([np.zeros_like(yaw), np.zeros_like(yaw), yaw], axis=1))
 
 
 def track(bench: Turntable, truths: Floats) -> Floats:
@@ -78,6 +86,7 @@ def main() -> None:
     parser.add_argument("--scans", type=int, default=25)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--map", action="store_true", help="each scan against the map of all before it")
+    parser.add_argument("--turn", action="store_true", help="a whole turn about Z")
     parser.add_argument("--ranges", nargs="+", type=float, default=list(RANGES_M), help="m")
     parser.add_argument("--lines", nargs="+", type=int, default=list(LINES))
     parser.add_argument("--steps", nargs="+", type=float, default=list(STEPS_DEG), help="deg")
@@ -94,8 +103,11 @@ def main() -> None:
         for step_deg in given.steps:
             rng = np.random.default_rng(given.seed)
             walks = [walk(given.scans, step_deg, rng) for _ in range(given.tracks)]
+            if given.turn:
+                walks = [whole_turn(step_deg)]
             errors = np.array([track_by_map(bench, w, step_deg) if given.map else track(bench, w) for w in walks])
             row = {"range_m": range_m, "lines": lines, "step_deg": step_deg, "mean_deg": float(errors.mean())}
+            row |= {"halfway_deg": float(errors[:, errors.shape[1] // 2].mean())}
             row |= {"largest_deg": float(errors.max()), "last_deg": float(errors[:, -5:].mean())}
             rows.append(row | {"held": bool(errors.max() < HELD_DEG)})
             if not given.json:

@@ -8,6 +8,7 @@ from lidar_target import NOISE_M, attitudes, crooked, directions, scan_of
 
 from estimators import rotation as rot
 from estimators.arrays import Floats
+from estimators.free_rotation import free_turns
 from estimators.state import State
 from swarm.messages import LidarPattern, LidarScan
 from swarm.onboard.inspection import LIDAR_SENSOR, Inspection, InspectionSettings, Observer
@@ -196,3 +197,27 @@ def test_a_scan_is_moved_to_its_epoch():
     assert found.point == pytest.approx(still.point, abs=1e-9)
     unmoved = at_epoch(scan, PATTERN, me, None, 0.0)
     assert np.abs(unmoved.point - still.point).max() > 0.02
+
+
+def test_ten_seconds_without_a_scan_and_tracked_again_by_the_first():
+    """The target tumbles by Euler's equation; its rates and its inertia are found from the scans before."""
+    rng, tensor = np.random.default_rng(9), np.diag([32.0, 16.0, 26.0])[None]
+    computer = Inspection(observers(1), InspectionSettings(frame_s=0.25))
+    attitude, rate, where = attitudes(1, seed=8)[0], np.radians([3.0, -2.0, 4.0]), np.array([5.0, 0.2, -0.1])
+    one, nothing = np.ones(1, dtype=np.bool_), [None]
+    for i in range(81):
+        step = free_turns(one, attitude[None], rate[None], tensor, np.linalg.inv(tensor), 0.25)
+        attitude, rate = rot.exp(step.turn[0]) @ rot.exp(rate * 0.25) @ attitude, rate + step.rate[0]
+        seen = i < 40 or i == 80
+        scan = [seen_by(0, attitude, where, rng, i * 0.25)] if seen else nothing
+        fixes = computer.step(scan, own(), i * 0.25)
+        if i == 79:
+            known = computer.into(own())
+            off = np.concatenate([rot.log(attitude @ known.rotation[TARGET].T), where - known.position[TARGET]])
+            columns = np.ix_([0, 1, 2, 6, 7, 8], [0, 1, 2, 6, 7, 8])
+            covariance = known.covariance[TARGET][columns]
+            assert known.status[TARGET] == Status.COASTING
+    assert off @ np.linalg.solve(covariance, off) < 21.0, "99.8 % of six degrees of freedom"
+    assert np.degrees(np.sqrt(np.trace(covariance[:3, :3]))) < 5.0, "not by saying that nothing is known"
+    assert (fixes[0].outcome, fixes[0].acquired) == ("tracked", False)
+    assert np.degrees(rot.angle_between(attitude, fixes[0].rotation)) < 0.7

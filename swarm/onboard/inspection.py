@@ -19,6 +19,12 @@ fix lasts longer than a scan, and is considered as what it is, correlated from s
 an age tau; wrong rates of the target shift the pose by tau times their error, which is the filter's coupling B = tau I.
 
 The observers' poses of one target also update one further filter, observer by observer: the target's fused estimate.
+
+All of these filters run several models of motion (`estimators.filter.interacting`), from the process noise of the
+settings to a twentieth of it, and turn by Euler's equation with the ratios of inertia that the attitudes so far have
+told (`estimators.filter.tumble`). While no scan comes in, attitude, rate and their covariance are those of that
+estimate, which knows how far its inertia may be wrong; filters go on as long as what they predict is near enough for
+tracking.
 """
 
 from collections.abc import Sequence
@@ -35,8 +41,10 @@ from estimators.filter.error_state import (
     POSE_COLUMNS,
     RATE_COLUMNS,
 )
-from estimators.filter.filterpy_bank import PoseFilterBank
+from estimators.filter.filterpy_interacting import FilterpyInteractingBank
 from estimators.filter.smoother import Prediction, predicted
+from estimators.filter.tumble import PARTS, Tumble, tensors
+from estimators.free_rotation import free_turns
 from estimators.lidar.acquisition import Verdict, acquire
 from estimators.lidar.scan import Scan
 from estimators.lidar.shape import Shape
@@ -53,6 +61,16 @@ LIDAR_SENSOR = 6
 """Code of `swarm.results.columns.core.SENSORS`: no sum of `Sensor`s, as a pair of cameras is never one camera too."""
 UNKNOWN_RATE = (0.3, 0.3)
 """Standard deviation per axis of a target's rates before they are known: angular [rad/s], linear [m/s]."""
+MODELS, QUIETEST = 4, 0.05
+"""Models of the target's motion, and the process noise of the quietest against the liveliest."""
+QUIET_S, MANOEUVRE_S = 20.0, 2.0
+"""Mean times after which a target begins to move more, and less [s]."""
+BLIND_S = 0.5
+"""Time without a pose from which on the tumbling body predicts [s]."""
+LASTS = 8.0
+"""Scans through which an error of the observer's own fix lasts: so many say of it no more than one."""
+NEAR_RAD, NEAR = 0.1, 0.08
+"""Standard deviations of attitude, and of position against the shape's radius, from which tracking starts safely."""
 POSE, RATES = POSE_COLUMNS, RATE_COLUMNS
 """Indices of (attitude, position) and of their rates in the filter's state."""
 
@@ -161,12 +179,18 @@ class Inspection:
         self.observers, self.settings = tuple(observers), settings
         self.targets = sorted({o.target for o in observers})
         rows = len(self.observers) + len(self.targets)
-        self._filter = PoseFilterBank(
-            rows,
-            acceleration_noise_m_s2=settings.acceleration_noise_m_s2,
-            angular_acceleration_noise_rad_s2=settings.angular_acceleration_noise_rad_s2,
-            gate_probability=settings.gate_probability,
+        most = settings.acceleration_noise_m_s2, settings.angular_acceleration_noise_rad_s2
+        self._filter = FilterpyInteractingBank(
+            [(share * most[0], share * most[1]) for share in np.geomspace(1, QUIETEST, MODELS).tolist()],
+            QUIET_S,
+            MANOEUVRE_S,
+            np.full(rows, MODELS),
+            settings.gate_probability,
         )
+        self._target = np.array([o.target for o in self.observers] + self.targets, dtype=np.int64)
+        self._tumble: dict[int, Tumble] = {}
+        self._waits_s = dict.fromkeys(self.targets, 0.0)
+        self._refused = dict.fromkeys(self.targets, 0)
         fused = [(self._fused(i), i) for i in range(len(self.observers))]
         self._own = OwnErrors(
             [(i, i) for i in range(len(self.observers))] + fused,
@@ -199,14 +223,67 @@ class Inspection:
             mine = {i: (own.angular_rate[o.craft], own.covariance[o.craft]) for i, o in enumerate(self.observers)}
             self._own.predict(s.frame_s, bank.transition(s.frame_s), mine)
         if own.prediction is None:
-            bank.predict(s.frame_s, bank.active)
+            self._predict()
         else:
-            self._prediction = predicted(bank, s.frame_s, lambda: bank.predict(s.frame_s, bank.active))
+            self._prediction = predicted(bank, s.frame_s, self._predict)
         self._since_s += s.frame_s
+        self._wait()
         self._nis[:] = np.nan
         fixes = [self._observe(i, scan, own, epoch_s) for i, scan in enumerate(scans) if scan is not None]
-        bank.stop(bank.active & (self._since_s > s.coast_limit_s))
+        bank.stop(bank.active & (self._since_s > s.coast_limit_s) & ~self._near())
         return fixes
+
+    def _predict(self) -> Floats | None:
+        """Move all filters on by a period; return what free turns make of an error of attitude and rate."""
+        bank, dt = self._filter, self.settings.frame_s
+        active = bank.active
+        free = active & np.isin(self._target, list(self._tumble))
+        turns = None
+        if free.any():
+            ratio = np.array([self._tumble[t].ratio if t in self._tumble else np.zeros(PARTS) for t in self._target])
+            turns = free_turns(free, bank.rotation, bank.angular_rate, *tensors(ratio), dt)
+        bank.predict(dt, active)
+        if turns is None:
+            return None
+        still = np.zeros_like(turns.turn)
+        bank.add_motion(free, turns.turn, turns.rate, still, still, turns.coupling)
+        return turns.coupling
+
+    def _wait(self) -> None:
+        """Let the tumbling bodies move on; where no scan comes in, they are what the filters know of the attitude."""
+        bank, dt = self._filter, self.settings.frame_s
+        blind = bank.active & (self._since_s > BLIND_S)
+        for target, body in self._tumble.items():
+            self._waits_s[target] += dt
+            rows = blind & (self._target == target)
+            if rows.any():
+                self._move(target)
+                state, covariance = bank.state, bank.covariance
+                state.rotation[rows], state.angular_rate[rows] = body.rotation, body.angular_rate
+                covariance[rows, :6, :] = 0.0
+                covariance[rows, :, :6] = 0.0
+                covariance[rows, :6, :6] = body.covariance[:6, :6]
+                bank.adopt(rows, state, covariance)
+
+    def _move(self, target: int) -> Tumble:
+        """Return the tumbling body of a target, moved on to the present."""
+        body = self._tumble[target]
+        if self._waits_s[target] > 0:
+            body.predict(self._waits_s[target])
+            self._waits_s[target] = 0.0
+        return body
+
+    def _near(self) -> Bools:
+        """Return the filters (R,) whose predictions are near enough to start tracking from."""
+        bank = self._filter
+        radius = {o.target: o.shape.radius_m for o in self.observers}
+        out = bank.active
+        for row in np.flatnonzero(out):
+            covariance = bank.covariance_of(row)
+            turn, place = np.diag(covariance)[:3].max(), np.diag(covariance)[6:9].max()
+            tumbles = self._target[row] in self._tumble
+            out[row] = tumbles and turn < NEAR_RAD**2 and place < (NEAR * radius[self._target[row]]) ** 2
+        return out
 
     def into(self, own: Estimate) -> Estimate:
         """Return the estimate of all craft, with each target's row replaced by the fused estimate of its observers."""
@@ -291,6 +368,7 @@ class Inspection:
         covariance = of_own @ mine @ of_own.T + both @ found.covariance @ both.T
         measured = _Measured(rotation, position, (covariance + covariance.T) / 2, of_own, mine, age)
         self._take_in(i, measured, found.acquired)
+        self._watch(o.target, measured)
         return self._fix(i, found, (rotation, position), measured.covariance, cloud)
 
     def _found(self, i: int, seen: Scan, o: Observer, known: State | None, turn: Floats, place: Floats) -> _Pose:
@@ -356,6 +434,20 @@ class Inspection:
             bank.start(only, turns, places, covariances, UNKNOWN_RATE, couplings)
             self._own.restart(row, i, m.of_own, m.own)
             self._since_s[row], self._started[row] = 0.0, True
+
+    def _watch(self, target: int, m: _Measured) -> None:
+        """Let the tumbling body of a target take in an attitude; it begins anew where it disagrees several times."""
+        own = m.of_own @ m.own @ m.of_own.T
+        covariance = m.covariance[:3, :3] + (LASTS - 1) * own[:3, :3]
+        if target in self._tumble:
+            if self._move(target).update(m.rotation, covariance, m.age_s):
+                self._refused[target] = 0
+                return
+            self._refused[target] += 1
+            if self._refused[target] < self.settings.lost_after:
+                return
+        self._tumble[target] = Tumble(m.rotation, covariance, UNKNOWN_RATE[0])
+        self._waits_s[target], self._refused[target] = 0.0, 0
 
     def _updated(self, row: int, i: int, only: Bools, m: _Measured) -> bool:
         """Update one filter with a pose; return whether it was accepted."""
