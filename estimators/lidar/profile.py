@@ -12,8 +12,9 @@ Its likelihood exp(-(c(s) - min c) / 2 k) has the mean s and the variance v, and
 
     P = (N + u u^T / v)^-1
 
-A ray that disagrees costs 16, which is right for a point off a surface and far too much for one that passes a rim
-within its jitter: k makes it one unit of logarithm.
+and v is no less than the square of half the way that the pose has come: two answers of one scan that differ are no more
+certain than that. A ray that disagrees costs 16, which is right for a point off a surface and far too much for one that
+passes a rim within its jitter: k makes it one unit of logarithm.
 """
 
 from typing import NamedTuple
@@ -61,6 +62,7 @@ def profiled(scan: Scan, shape: Shape, rotation: Floats, position: Floats) -> Pr
         position: (3,) [m], likewise.
     """
     unit = np.array([WEAK_ATTITUDE_RAD] * 3 + [WEAK_POSITION * shape.radius_m] * 3)
+    before = rotation, position
     for _ in range(2):
         normal = information(scan.point, shape, rotation, position, scan.noise_m)
         if normal is None:
@@ -84,6 +86,8 @@ def profiled(scan: Scan, shape: Shape, rotation: Floats, position: Floats) -> Pr
     variance = float(likelihood @ (s - mean) ** 2) + (s[1] - s[0]) ** 2 / 12
     rotation, position = _moved(rotation, position, mean * along)
     seen = agreement(scan, shape, rotation, position)
+    way = np.concatenate([rot.log(rotation @ before[0].T), position - before[1]]) / unit
+    variance = max(variance, float(weakest @ way) ** 2 / 4)
     inverse = np.linalg.inv(scaled + np.outer(weakest, weakest) / variance + 1e-12 * np.eye(6))
     covariance = unit[:, None] * inverse * unit
     return Profiled(rotation, position, covariance, float(np.sqrt(variance)), seen.cost, seen.overlap)

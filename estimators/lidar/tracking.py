@@ -32,6 +32,8 @@ TRIED = 3
 CLEARLY = 0.7
 """Cost, against another's, below which a pose explains the rays better even if it is not determined."""
 
+HALF = 0.5
+"""Likewise, for a pose that takes the place of one that is determined: the least cost is below that of the truth."""
 BETTER = 25.0
 """Squared sigmas by which ranges must fit better without edges than with them, for these to be false: six parameters
 gain so much by chance in one of 3000 scans.
@@ -129,7 +131,7 @@ def track(
     if not seen.overlap >= s.overlap_profile:
         # Perhaps edges, matched with others, have moved it where ranges say nothing; all rays together do.
         better = profiled(part, shape, fit.rotation, fit.position)
-        if better is not None and better.cost < CLEARLY * seen.cost:
+        if better is not None and better.cost < HALF * seen.cost:
             turn, place = better.rotation, better.position
             fit = fit._replace(rotation=turn, position=place, covariance=better.covariance, degenerate=better.sigma > 1)
             seen = agreement(part, shape, turn, place)

@@ -21,7 +21,7 @@ an age tau; wrong rates of the target shift the pose by tau times their error, w
 The observers' poses of one target also update one further filter, observer by observer: the target's fused estimate.
 
 All of these filters run several models of motion (`estimators.filter.interacting`), from the process noise of the
-settings to a twentieth of it, and turn by Euler's equation with the ratios of inertia that the attitudes so far have
+settings to a tenth of it, and turn by Euler's equation with the ratios of inertia that the attitudes so far have
 told (`estimators.filter.tumble`). While no scan comes in, attitude, rate and their covariance are those of that
 estimate, which knows how far its inertia may be wrong; filters go on as long as what they predict is near enough for
 tracking.
@@ -61,7 +61,7 @@ LIDAR_SENSOR = 6
 """Code of `swarm.results.columns.core.SENSORS`: no sum of `Sensor`s, as a pair of cameras is never one camera too."""
 UNKNOWN_RATE = (0.3, 0.3)
 """Standard deviation per axis of a target's rates before they are known: angular [rad/s], linear [m/s]."""
-MODELS, QUIETEST = 4, 0.05
+MODELS, QUIETEST = 4, 0.1
 """Models of the target's motion, and the process noise of the quietest against the liveliest."""
 QUIET_S, MANOEUVRE_S = 20.0, 2.0
 """Mean times after which a target begins to move more, and less [s]."""
@@ -278,7 +278,7 @@ class Inspection:
         bank = self._filter
         radius = {o.target: o.shape.radius_m for o in self.observers}
         out = bank.active
-        for row in np.flatnonzero(out):
+        for row in np.flatnonzero(out).tolist():
             covariance = bank.covariance_of(row)
             turn, place = np.diag(covariance)[:3].max(), np.diag(covariance)[6:9].max()
             tumbles = self._target[row] in self._tumble
