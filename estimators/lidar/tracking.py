@@ -21,8 +21,8 @@ from estimators.lidar.agreement import agreement
 from estimators.lidar.point_cloud import align_principal
 from estimators.lidar.point_cloud import checked as checked_points
 from estimators.lidar.pose_search import search
-from estimators.lidar.profile import profiled
-from estimators.lidar.registration import JUMP, register
+from estimators.lidar.profile import Profiled, profiled
+from estimators.lidar.registration import JUMP, Registration, register
 from estimators.lidar.scan import Scan, checked
 from estimators.lidar.shape import Shape
 
@@ -34,6 +34,8 @@ CLEARLY = 0.7
 
 HALF = 0.5
 """Likewise, for a pose that takes the place of one that is determined: the least cost is below that of the truth."""
+APART_RAD = 0.025
+"""Turn, or shift against the radius, below which a profile does not take the place of a registration."""
 BETTER = 25.0
 """Squared sigmas by which ranges must fit better without edges than with them, for these to be false: six parameters
 gain so much by chance in one of 3000 scans.
@@ -131,7 +133,7 @@ def track(
     if not seen.overlap >= s.overlap_profile:
         # Perhaps edges, matched with others, have moved it where ranges say nothing; all rays together do.
         better = profiled(part, shape, fit.rotation, fit.position)
-        if better is not None and better.cost < HALF * seen.cost:
+        if better is not None and better.cost < HALF * seen.cost and _apart(better, fit, shape):
             turn, place = better.rotation, better.position
             fit = fit._replace(rotation=turn, position=place, covariance=better.covariance, degenerate=better.sigma > 1)
             seen = agreement(part, shape, turn, place)
@@ -146,6 +148,12 @@ def track(
     elif float(rot.angle_between(fit.rotation, rotation)) > s.walk_most_rad:
         outcome = Outcome.WALKED_AWAY
     return Track(fit.rotation, fit.position, fit.covariance, outcome, fit.residual_m, overlap, len(point))
+
+
+def _apart(better: Profiled, fit: Registration, shape: Shape) -> bool:
+    """Return whether two poses are further apart than the choice of edges at one place makes them."""
+    turned = float(rot.angle_between(better.rotation, fit.rotation))
+    return turned > APART_RAD or float(np.linalg.norm(better.position - fit.position)) > APART_RAD * shape.radius_m
 
 
 def chain(scan: Scan, previous: Scan, rotation: Floats, position: Floats) -> tuple[Floats, Floats]:
