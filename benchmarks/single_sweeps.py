@@ -184,7 +184,6 @@ def fly(
     rng, craft = np.random.default_rng(seed), len(lit)
     layout: Photodiodes = pad([points] * craft, [np.tile([0.0, 0.0, 1.0], (len(points), 1))] * craft)
     navigator, step = Navigator(layout, settings), model.frame_s
-    every = np.broadcast_to(points, (craft, *points.shape))
     truth = Truth(
         np.broadcast_to(HOLD, (craft, 3, 3)) @ rot.exp(0.02 * rng.standard_normal((craft, 3))),
         np.zeros((craft, 3)),
@@ -192,10 +191,7 @@ def fly(
         np.zeros((craft, 3)),
     )
     information = np.broadcast_to(np.diag(np.repeat([1.0, 1.0, 100.0, 4.0], 3)), (craft, 12, 12))
-    few = np.zeros((craft, len(points)), dtype=np.bool_)
-    few[np.arange(craft)[:, None], lit] = True
     order = np.zeros((2, craft, 3))
-    none = np.zeros(craft, dtype=np.int64)
     out, known = {}, truth
     begin = round(CONVERGE_S / step)
     last = begin + round(max(at_s) / step)
@@ -212,24 +208,17 @@ def fly(
             shift, change = (3 * before + order) * step**2 / 8, (before + order) * step / 2
             shift, change = shift + noise * step**2 / 2, change + noise * step
             truth = truth.ahead(step).moved(np.concatenate([shift[1], change[1], shift[0], change[0]], axis=1))
-        seen = few if frame > begin else np.ones_like(few)
-        angle, instant = sweep(truth, every, step)
-        if frame > begin:
-            bright = every[np.arange(craft)[:, None], lit], instant[np.arange(craft)[:, None], lit]
-        else:
-            bright = every, instant
-        information = information + model.light(truth, *bright)
+        shown = lit if frame > begin else np.broadcast_to(np.arange(len(points)), (craft, len(points)))
+        bright = points[shown]
+        angle, instant = sweep(truth, bright, step)
+        information = information + model.light(truth, bright, instant)
         rotor, own = rng.standard_normal((craft, 1, 2)), rng.standard_normal(angle.shape)
         noisy = angle + model.sigma * (np.sqrt(model.rho) * rotor + np.sqrt(1 - model.rho) * own)
-        theta = np.where(seen[..., None], np.pi / 2 + noisy, np.nan)
-        instant = np.where(seen[..., None], instant + (noisy - angle) * step / (2 * np.pi), 0.0)
-        estimate = navigator.step(
-            SweepAngles(theta, instant, seen, none, none, none), None, Command(order[0], order[1]) if frame else None
-        )
+        light = _light(np.pi / 2 + noisy, instant + (noisy - angle) * step / (2 * np.pi), shown, len(points))
+        estimate = navigator.step(light, None, Command(order[0], order[1]) if frame else None)
         known = Truth(estimate.rotation, estimate.angular_rate, estimate.position, estimate.velocity)
         if frame in instants:
-            centre = every[np.arange(craft)[:, None], lit].mean(axis=1)
-            out[instants[frame]] = _samples(truth, known, estimate.covariance, information, centre)
+            out[instants[frame]] = _samples(truth, known, estimate.covariance, information, points[lit].mean(axis=1))
         lost = ~np.isfinite(known.position[:, 0])
         if lost.any():  # a craft without an estimate orders nothing
             known = Truth(
@@ -239,6 +228,16 @@ def fly(
                 )
             )
     return out
+
+
+def _light(theta: Floats, offset_s: Floats, shown: Ints, photodiodes: int) -> SweepAngles:
+    """Return the angles (C, n, 2) of those photodiodes (C, n) of K that are lit as the decoder has them."""
+    craft = len(theta)
+    at = np.arange(craft)[:, None], shown
+    every, instant = np.full((craft, photodiodes, 2), np.nan), np.zeros((craft, photodiodes, 2))
+    every[at], instant[at] = theta, offset_s
+    none = np.zeros(craft, dtype=np.int64)
+    return SweepAngles(every, instant, np.isfinite(every[..., 0]), none, none, none)
 
 
 def _held(craft: int) -> Truth:

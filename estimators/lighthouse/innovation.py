@@ -429,13 +429,14 @@ def fault_slopes(
     seen = h @ covariance @ h.T
     shown = np.linalg.inv(seen + r)
     gain = FORGOTTEN * covariance @ h.T @ np.linalg.inv(FORGOTTEN * seen + r)
-    place, turn = 0.0, 0.0
-    for k in np.unique(rows.photodiode):
-        own = np.flatnonzero(rows.photodiode == k)
-        root = np.linalg.inv(np.linalg.cholesky(shown[np.ix_(own, own)])).T
-        moved = gain[:, own] @ root
-        turned, rate, shifted, speed = (float(np.linalg.norm(moved[i : i + 3], 2)) for i in (0, 3, 6, 9))
-        place, turn = max(place, shifted + open_s * speed), max(turn, turned + open_s * rate)
+    photodiodes, number = np.unique(rows.photodiode, return_counts=True)
+    moved = np.zeros((len(photodiodes), STATES, number.max()))
+    for k, photodiode in enumerate(photodiodes):
+        own = np.flatnonzero(rows.photodiode == photodiode)
+        moved[k, :, : len(own)] = gain[:, own] @ np.linalg.inv(np.linalg.cholesky(shown[np.ix_(own, own)])).T
+    # Of attitude, angular rate, position and velocity, of each photodiode.
+    most = np.linalg.svd(moved.reshape(len(moved), 4, 3, -1), compute_uv=False)[..., 0]
+    turn, place = (float(np.max(most[:, i] + open_s * most[:, i + 1])) for i in (0, 2))
     return OVERSHOOT * place, OVERSHOOT * turn
 
 

@@ -26,10 +26,12 @@ from swarm.onboard.acquisition import DECISIVE, NONE, Hypotheses, Sighting, adva
 from swarm.onboard.decoder import SweepAngles
 from swarm.onboard.integrity import Integrity, Monitor, Screened, Separated
 from swarm.onboard.settings import MIN_LIT, NavigationSettings, Sensor
-from swarm.onboard.tracks import UNKNOWN_RATE, Filtered, PoseFix, Taken, Tracks
+from swarm.onboard.tracks import UNKNOWN_RATE, Filtered, Pair, PoseFix, Taken, Tracks
 
 SIDE_PERIODS = 6
 """Periods after which the evidence on the sign of a tilt is forgotten: a craft may have turned meanwhile."""
+PAIR_APART = 36.0
+"""Squared distance of two poses, in the covariance of both, beyond which a filter is started at each."""
 LARGEST_BLIND_S = 0.25
 """Time without a pose or single sweeps [s] beyond which a track predicts no angle."""
 
@@ -66,7 +68,8 @@ class _Start(NamedTuple):
 class LighthouseFix:
     """The lighthouse's pose sensor on board of C craft; searching craft keep their hypotheses between periods.
 
-    undecided: craft whose measurements fit more than one pose, (C,).
+    undecided: craft whose measurements fit more than one pose, (C,). pairs: those that this period leaves with two,
+    by index.
     """
 
     def __init__(self, point_m: Floats, settings: NavigationSettings) -> None:
@@ -75,6 +78,9 @@ class LighthouseFix:
         self.settings, self._point_m = settings, point_m
         self._hypotheses: list[Hypotheses] = [NONE] * craft
         self.undecided = np.zeros(craft, dtype=np.bool_)
+        self.pairs: dict[int, Pair] = {}
+        # What craft share is counted in of filters that have started.
+        self._pairs_wanted = settings.coupling != "loose" and not settings.relations.any
         self._fans = lighthouse_1(settings.fan_x, settings.fan_y)
         self._side: list[tuple[int, Side] | None] = [None] * craft
         self._flat = [(b"", False)] * craft
@@ -126,8 +132,14 @@ class LighthouseFix:
             out[known, :, fan] = HALF_PI + measured_angles(points, self._fans[fan : fan + 1])[..., 0]
         return out
 
-    def find(self, angles: SweepAngles, tracks: Tracks) -> tuple[Light, PoseFix]:
-        """Return the poses that all craft derive from their angles, starting from the filters' predictions."""
+    def find(self, angles: SweepAngles, tracks: Tracks, imaged: Bools) -> tuple[Light, PoseFix]:
+        """Return the poses that all craft derive from their angles, starting from the filters' predictions.
+
+        Args:
+            angles: sweep angles of all craft.
+            tracks: their filters.
+            imaged: craft (C,) whose mirror image is followed: a pose would be of one of both.
+        """
         s, active = self.settings, tracks.bank.active
         predicted = s.station.state_into(tracks.bank.state)
         turned, theta, lit = self._ideal(angles)
@@ -137,7 +149,7 @@ class LighthouseFix:
         start = self._acquire(theta, lit, angles.offset_s, enough, lost, predicted, tracks)
         # In tight mode the sweeps themselves go into a filter that runs; a pose only starts one, or finds it again.
         solved = lost if s.coupling == "tight" else active
-        known = enough & (solved | start.found)
+        known = enough & (solved | start.found) & ~imaged
         # The motion within the period as each craft estimates it; a craft with its first pose has no estimate of it.
         moves = active[:, None] & s.motion_compensation
         sweeps = Sweeps(
@@ -291,6 +303,7 @@ class LighthouseFix:
         """
         active = tracks.bank.active
         self._period += 1
+        self.pairs = {}
         start = _Start(np.zeros(len(enough), dtype=np.bool_), predicted.rotation, predicted.position, {})
         who = np.flatnonzero(enough & (lost | ~active))
         before = [self._hypotheses[i] for i in who]
@@ -320,7 +333,33 @@ class LighthouseFix:
                 hypotheses = NONE
             self._hypotheses[i] = hypotheses
             self.undecided[i] = len(hypotheses.evidence) > 0
+            if not active[i] and (pair := self._pair(i, hypotheses, sighting)) is not None:
+                self.pairs[i], self._hypotheses[i], self.undecided[i] = pair, NONE, False
         return start
+
+    def _pair(self, craft: int, hypotheses: Hypotheses, seen: Sighting) -> Pair | None:
+        """Return the two poses that are left to a searching craft; None if more or fewer are, or if they are so near
+        each other that a covariance does not tell each.
+        """
+        s, evidence = self.settings, hypotheses.evidence
+        if not self._pairs_wanted or len(evidence) < 2 or np.count_nonzero(evidence - evidence[0] < DECISIVE) != 2:
+            return None
+        rotation, position = hypotheses.rotation[:2], hypotheses.position[:2]
+        two = _at_rest(seen).of(np.zeros(2, dtype=np.int64))
+        both = np.ones(2, dtype=np.bool_)
+        precision = dilution(
+            rotation, position, two.lit, two.point_m, two.offset_s, two.angular_rate, two.velocity, self._rho, both
+        )
+        away = np.concatenate([rot.log(rotation[1] @ rotation[0].T), position[1] - position[0]])
+        both_covariances = self._sigma_rad**2 * precision.covariance.sum(axis=0)
+        if not np.isfinite(both_covariances).all() or away @ np.linalg.solve(both_covariances, away) < PAIR_APART:
+            return None
+        return Pair(
+            *s.station.pose_out(rotation, position),
+            s.station.matrix_out(self._sigma_rad**2 * precision.covariance),
+            s.station.matrix_out(precision.rate_coupling),
+            float(evidence[1] - evidence[0]),
+        )
 
     def _possible(self, craft: int, hypotheses: Hypotheses, seen: Sighting) -> Spread | None:
         """Return the poses that a searching craft's angles allow; None if first order tells them."""

@@ -33,6 +33,7 @@ from swarm.onboard.decoder import SweepAngles
 from swarm.onboard.filters import filters
 from swarm.onboard.integrity import Integrity
 from swarm.onboard.lighthouse_fix import Light, LighthouseFix
+from swarm.onboard.mirror_images import MirrorImages
 from swarm.onboard.reference_craft import ReferenceCraft
 from swarm.onboard.relative import RelativeNavigation, RelativePoses
 from swarm.onboard.separation import Separation
@@ -115,6 +116,7 @@ class Navigator:
         )
         self._light = LighthouseFix(photodiodes.point_m, s)
         self._sweeps = SingleSweeps(photodiodes.point_m, s)
+        self._images = MirrorImages(filters(craft, s, inertia), self.tracks, self._sweeps)
         self._cameras = CameraFix(cameras)
         station = Station(s.station.rotation, s.station.position, lighthouse_1(s.fan_x, s.fan_y))
         self._reference: ReferenceCraft | None = None
@@ -129,6 +131,7 @@ class Navigator:
         """Forget all results of the craft of the mask (C,), as after a restart of their computers."""
         self.tracks.forget(mask)
         self._light.forget(mask)
+        self._images.forget(mask)
 
     def expected_angles(self, turn_s: float, craft: Ints | None = None) -> Floats:
         """Return the angles (N, K, 2) [rad] at which the next sweeps should meet the photodiodes, NaN without a track.
@@ -149,7 +152,9 @@ class Navigator:
         angles = self._referred(angles)
         self._separation.begin(tracks.bank, s.frame_s)
         prediction = shared.predict(tracks, command, s.frame_s, history=s.history)
-        light, fix = self._light.find(angles, tracks)
+        self._images.predict(command)
+        open_before = self._images.open
+        light, fix = self._light.find(angles, tracks, open_before)
         fixes, taken = [fix], [tracks.take_in(fix)]
         shared.poses(lambda: self._solved_from(angles, light), fix, taken[0], tracks.bank)
         self._separation.poses(fix, taken[0], tracks.bank, separated=True)
@@ -157,6 +162,8 @@ class Navigator:
         sweeps = self._single(angles, light, fix, tracks)
         if before is not None:
             self._separation.rows(sweeps.fresh, before, tracks.bank)
+        self._images.step(sweeps)
+        self._images.start(self._light.pairs)
         shared.rows(sweeps.batch, sweeps.kept, sweeps.fresh, tracks.bank)
         seen = None
         if signals is not None and signals.images is not None:
@@ -178,8 +185,8 @@ class Navigator:
         estimate = self._estimate(angles, light, seen, fixes, taken, sweeps)
         if prediction is None:
             return estimate
-        # A filter that was stopped in this period has no estimate that could be smoothed.
-        return estimate._replace(prediction=prediction.continuing(tracks.bank.active))
+        # A filter that was stopped in this period has no estimate that could be smoothed, nor one that was two.
+        return estimate._replace(prediction=prediction.continuing(tracks.bank.active & ~open_before))
 
     def _referred(self, angles: SweepAngles) -> SweepAngles:
         """Return the angles without the errors of their sweeps that a reference craft has found, if there is one."""
@@ -223,7 +230,7 @@ class Navigator:
         taken: Sequence[Taken],
         sweeps: SweepsTaken,
     ) -> Estimate:
-        after = self.tracks.filtered()
+        after = self._images.reported(self.tracks.filtered())
         alone = after.covariance
         after = after._replace(covariance=self._shared.widened(alone))
         integrity = self._integrity(light, taken[0], sweeps, after)
@@ -234,7 +241,7 @@ class Navigator:
         sensor = np.where(sweeps.fresh, sensor | Sensor.LIGHTHOUSE, sensor)
         tight = sweeps.fresh & after.active
         coupling = np.where(tight, Coupling.TIGHT, np.where(taken[0].fresh, Coupling.LOOSE, Coupling.NONE))
-        status = np.where(self._light.undecided, Status.AMBIGUOUS, Status.SEARCHING)
+        status = np.where(self._light.undecided | self._images.hidden, Status.AMBIGUOUS, Status.SEARCHING)
         fresh = np.where(self.tracks.since_update_s == 0.0, Status.SINGLE_SWEEPS, Status.COASTING)
         fresh = np.where(self.tracks.since_pose_s == 0.0, Status.TRACKING, fresh)
         return Estimate(

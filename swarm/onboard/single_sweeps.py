@@ -16,12 +16,24 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
-from estimators.filter.bank import gates
+from estimators.filter.bank import FilterBank, UpdateResult, gates
 from estimators.kernel import kernel
-from estimators.lighthouse.innovation import RowBatch, agreeing, condense, fault_slopes, innovations, rows_of_sweeps
+from estimators.lighthouse.curvature import to_second_order
+from estimators.lighthouse.innovation import (
+    Innovations,
+    RowBatch,
+    agreeing,
+    condense,
+    fault_slopes,
+    innovations,
+    noise_of,
+    rows_of_sweeps,
+)
 from estimators.lighthouse.integrity import AngleNoise, shown_to_gate
-from estimators.lighthouse.rows import Rows, Station, packed
+from estimators.lighthouse.planar import bends as is_coarse
+from estimators.lighthouse.rows import Rows, Station, linearise, packed
 from estimators.lighthouse.sweep import lighthouse_1
+from estimators.state import State
 from swarm.onboard.settings import MIN_LIT, NavigationSettings
 from swarm.onboard.tracks import Filtered, Tracks
 
@@ -33,7 +45,8 @@ class SweepsTaken(NamedTuple):
     normalised by its covariance, NaN without rows. rows: number of rows in the filter. photodiodes: number of
     photodiodes that they come from. dropped: number of photodiodes left out as false; -1: none agreed. fault: what a
     false one among fewer than MIN_LIT may do to position [m] and attitude [deg], (2, C); zero elsewhere. batch: all
-    rows, None without any; kept: (N,), those of them that were used.
+    rows, None without any; kept: (N,), those of them that were used. log_determinant: of the innovations' covariance,
+    NaN without rows. before: the filters' predictions; None without rows.
     """
 
     fresh: Bools
@@ -45,6 +58,8 @@ class SweepsTaken(NamedTuple):
     fault: Floats
     batch: RowBatch | None
     kept: Bools
+    log_determinant: Floats
+    before: Filtered | None = None
 
     @property
     def decided(self) -> Bools:
@@ -52,7 +67,7 @@ class SweepsTaken(NamedTuple):
         return self.fresh & (self.photodiodes >= MIN_LIT)
 
 
-def _none(craft: int, batch: RowBatch | None = None) -> SweepsTaken:
+def _none(craft: int, batch: RowBatch | None = None, before: Filtered | None = None) -> SweepsTaken:
     return SweepsTaken(
         fresh=np.zeros(craft, dtype=np.bool_),
         refused=np.zeros(craft, dtype=np.bool_),
@@ -63,6 +78,8 @@ def _none(craft: int, batch: RowBatch | None = None) -> SweepsTaken:
         fault=np.zeros((2, craft)),
         batch=batch,
         kept=np.ones(0 if batch is None else len(batch.angle), dtype=np.bool_),
+        log_determinant=np.full(craft, np.nan),
+        before=before,
     )
 
 
@@ -75,6 +92,7 @@ class SingleSweeps:
         fans = lighthouse_1(s.fan_x, s.fan_y)
         self._stations = packed([Station(s.station.rotation, s.station.position, fans)])
         self._point_m = point_m
+        self._size_m = np.linalg.norm(np.nan_to_num(point_m), axis=2).max(axis=1, initial=0.0)
         self._compensated = s.motion_compensation
         self._noise = [s.noise]
         self._gate = gates(s.gate_probability, 2 * point_m.shape[1])
@@ -99,13 +117,14 @@ class SingleSweeps:
             return _none(len(mask))
         instants = offset_s if self._compensated else np.zeros_like(offset_s)
         rows = rows_of_sweeps(theta, instants, np.isfinite(theta) & mask[:, None, None])
-        out, predicted = _none(len(mask), rows), tracks.filtered() if self._screens else None
+        predicted = tracks.filtered()
+        out = _none(len(mask), rows, predicted)
         kept = out.kept
         self._update(rows, kept, mask, tracks, out)
-        if predicted is not None:
+        if self._screens:
             self._without_false(rows, kept, predicted, tracks, out)
         _count_photodiodes(rows.first, rows.photodiode, kept, out.fresh, self._point_m.shape[1], out.photodiodes)
-        if predicted is not None:
+        if self._screens:
             for c in np.flatnonzero(out.fresh & (out.photodiodes < MIN_LIT)):
                 own = slice(rows.first[c], rows.first[c + 1])
                 used = Rows._make(part[kept[own]] for part in rows.of(int(c)))
@@ -117,13 +136,56 @@ class SingleSweeps:
 
     def _update(self, rows: RowBatch, kept: Bools, mask: Bools, tracks: Tracks, out: SweepsTaken) -> None:
         """Give the kept rows of the craft of the mask to their filters, and write their fate."""
-        bank = tracks.bank
-        found = innovations(rows, kept, mask, self._stations, self._point_m, bank.state, self._noise)
-        asked = mask & (found.number > 0)
-        sums, angles = condense(found, asked, bank.covariance)
-        result = bank.update(asked, sums.y, sums.h, np.ones_like(sums.y), sums.number, sums.pivot, angles)
+        result, angles = self.give(rows, kept, mask, tracks.bank)
+        asked = np.isfinite(result.nis)
         out.fresh[asked], out.refused[asked] = result.accepted[asked], ~result.accepted[asked]
         out.nis[asked], out.rows[asked] = result.nis[asked], np.where(result.accepted, angles, 0)[asked]
+        out.log_determinant[asked] = result.log_determinant[asked]
+
+    def give(self, rows: RowBatch, kept: Bools, mask: Bools, bank: FilterBank) -> tuple[UpdateResult, Ints]:
+        """Give the kept rows of the craft of the mask to filters; return their fate and the numbers of rows, (C,).
+
+        Args:
+            rows: of all craft.
+            kept: (N,), those that are used; becomes False where a row cannot be.
+            mask: (C,), the craft concerned.
+            bank: their filters.
+        """
+        found = innovations(rows, kept, mask, self._stations, self._point_m, bank.state, self._noise)
+        asked, covariance = mask & (found.number > 0), bank.covariance
+        bent = asked & self.bends(covariance, bank.position)
+        if bent.any():
+
+            def there(state: State, mask: Bools) -> Innovations:
+                return innovations(rows, kept.copy(), mask, self._stations, self._point_m, state, self._noise)
+
+            to_second_order(found, bent, bank.state, covariance, there)
+        sums, angles = condense(found, asked, covariance)
+        return bank.update(asked, sums.y, sums.h, np.ones_like(sums.y), sums.number, sums.pivot, angles), angles
+
+    def rows_of(self, craft: int, rows: RowBatch, kept: Bools) -> Rows:
+        """Return the kept rows of one craft."""
+        return Rows._make(part[kept[rows.first[craft] : rows.first[craft + 1]]] for part in rows.of(craft))
+
+    def centre(self, craft: int, rows: Rows) -> Floats:
+        """Return the centre of the photodiodes that rows of one craft come from, (3,) [m], body frame."""
+        out: Floats = self._point_m[craft, rows.photodiode].mean(axis=0)
+        return out
+
+    def whitened(self, craft: int, rows: Rows, state: State) -> tuple[Floats, Floats]:
+        """Return the innovations (n,) of rows of one craft at a state, and their derivatives (n, 12), with independent
+        noise of variance one; NaN where a photodiode is not in front of the station.
+        """
+        y, h = linearise(rows, self._stations, self._point_m[craft], *_in_order(state))
+        root = np.linalg.inv(np.linalg.cholesky(noise_of(rows, self._noise)))
+        return root @ y, root @ h
+
+    def bends(self, covariance: Floats, position: Floats) -> Bools:
+        """Return where the attitude is so coarse that angles are no longer linear about the prediction, (C,)."""
+        with np.errstate(invalid="ignore"):
+            sigma = np.sqrt(np.trace(covariance[:, :3, :3], axis1=1, axis2=2))
+        away = np.linalg.norm(position - self._stations.position[0], axis=1)
+        return is_coarse(sigma, self._size_m, away, self._noise[0])
 
     def _without_false(
         self, rows: RowBatch, kept: Bools, predicted: Filtered, tracks: Tracks, out: SweepsTaken
@@ -151,6 +213,10 @@ class SingleSweeps:
         found = innovations(rows, used, mask, self._stations, self._point_m, tracks.bank.state, self._noise)
         n = found.number[craft]
         return n >= 2 * MIN_LIT and tracks.push(craft, found.y[craft, :n], found.h[craft, :n], np.eye(n))
+
+
+def _in_order(state: State) -> tuple[Floats, Floats, Floats, Floats]:
+    return state.rotation, state.position, state.velocity, state.angular_rate
 
 
 @kernel

@@ -67,6 +67,18 @@ class PoseFix(NamedTuple):
     tested: bool = False
 
 
+class Pair(NamedTuple):
+    """Two poses, axis 2, that a search leaves to one craft: rotation (2, 3, 3), position (2, 3) [m], covariance and
+    coupling, as in `PoseFix`, (2, 6, 6); lead: evidence for the first.
+    """
+
+    rotation: Floats
+    position: Floats
+    covariance: Floats
+    coupling: Floats
+    lead: float
+
+
 class Taken(NamedTuple):
     """Result of the filters' update with a fix, (C,) each.
 
@@ -134,6 +146,12 @@ class Tracks:
         self._turns_freely: Bools = np.isfinite(self.inertia).all(axis=(1, 2))
         self._inverse = np.full((craft, 3, 3), np.nan)
         self._inverse[self._turns_freely] = np.linalg.inv(self.inertia[self._turns_freely])
+
+    def beside(self, bank: FilterBank) -> "Tracks":
+        """Return other filters of the same craft, not started, with the same limits, orders and surroundings."""
+        out = Tracks(bank, self._frame_s, self._limits, self._orbit, self.inertia)
+        out._command = self._command
+        return out
 
     def forget(self, mask: Bools) -> None:
         """Forget everything about the craft of the mask (C,)."""

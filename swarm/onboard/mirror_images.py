@@ -1,0 +1,255 @@
+"""Mirror images: a second filter beside that of a craft whose light fits two poses.
+
+Three photodiodes, or a plane, fit two poses. Where both are within reach of what a filter knows, it cannot tell which
+one it follows, and its own covariance says nothing of the other. Both are then followed: the craft's own filter, and
+one beside it that takes in the same sweep angles, row by row. With the innovations' likelihoods N(y; 0, S), the lead of
+the own filter over its mirror image is
+
+    lead = sum over periods of (NIS + log det S)_image - (NIS + log det S)_own
+
+and where one leads by `DECISIVE`, as in `swarm.onboard.acquisition`, the other is given up. Until then a craft
+that had a pose reports the mean and the covariance of both, weighted by 1 : exp(-lead / 2), and one that searches
+reports none. Of a craft that moves, filters tell two images apart sooner than poses do: each has to move as its light
+says.
+
+Three photodiodes fit two poses, which meet at a *fold*, a critical attitude: along the direction that is known worst,
+what the rows leave over is a parabola, and the fold its vertex. A filter that reaches over it is parted there: with t ~
+N(0, 1) the error along that direction in sigmas and the fold at f, into its parts t < f and t > f with the mean and the
+variance that a normal distribution has there, and the weights F(f) and 1 - F(f). Neither passes for the other then.
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import log_ndtr
+
+from estimators.arrays import Bools, Floats
+from estimators.filter.bank import FilterBank
+from estimators.filter.error_state import POSE_COLUMNS, correct, difference_into
+from estimators.lighthouse.rows import Rows
+from estimators.pivot import ARMS, turn_about
+from estimators.state import STATES, State
+from swarm.messages import Command
+from swarm.onboard.acquisition import DECISIVE
+from swarm.onboard.single_sweeps import DETERMINED, SingleSweeps, SweepsTaken
+from swarm.onboard.tracks import UNKNOWN_RATE, Filtered, Pair, Tracks
+
+REACH = 3.0
+"""Distance of a fold from a filter's estimate, in its sigmas, within which the other side of it counts."""
+NEAR = 2.0
+"""Likewise, within which the filter itself is only what is on its own side: beyond, that is all of it."""
+LIKELIER = 4.0
+"""By how much the other side of a fold leads, twice in logarithms, over an image that it takes the place of."""
+AGAIN, OVERLAPPING = 1.0, 9.0
+"""Likewise, within which two filters that are no farther apart than that, squared, are parted anew."""
+ONE = 0.25
+"""Squared distance, in the covariance of both, below which two filters are one."""
+
+
+class _Fold(NamedTuple):
+    """Where two images of one craft meet: `at` sigmas from its estimate along `side` (12,), the error of one sigma
+    along its attitude's coarsest axis; pivot: (3,) [m].
+    """
+
+    at: float
+    side: Floats
+    pivot: Floats
+
+
+class MirrorImages:
+    """The mirror images of C craft; `open` (C,): craft of which one is followed. hidden: (C,), those whose two poses
+    are both of a search, so that none is reported until one leads.
+    """
+
+    def __init__(self, bank: FilterBank, tracks: Tracks, sweeps: SingleSweeps) -> None:
+        """Begin without an image.
+
+        Args:
+            bank: filters for the images, not started.
+            tracks: the craft's own filters.
+            sweeps: gives rows to filters.
+        """
+        self._images, self._tracks, self._sweeps = tracks.beside(bank), tracks, sweeps
+        self._lead = np.zeros(len(bank.active))
+        self.hidden: Bools = np.zeros(len(bank.active), dtype=np.bool_)
+
+    @property
+    def open(self) -> Bools:
+        """The craft (C,) whose mirror image is followed."""
+        return self._images.bank.active
+
+    def forget(self, mask: Bools) -> None:
+        """Forget the images of the craft of the mask (C,)."""
+        self._images.forget(mask)
+        self.hidden[mask] = False
+
+    def predict(self, command: Command | None) -> None:
+        """Predict the images to the next epoch."""
+        self._images.predict(command)
+
+    def start(self, pairs: Mapping[int, Pair]) -> None:
+        """Start both filters of craft, by index, that a search leaves with two poses."""
+        own, other = self._tracks.bank, self._images.bank
+        mask = np.zeros_like(self.hidden)
+        for c, pair in pairs.items():
+            mask[c], self._lead[c] = True, pair.lead
+        mask &= ~own.active
+        if not mask.any():
+            return
+        for i, bank in enumerate((own, other)):
+            arrays = [np.zeros((len(mask), *part.shape[1:])) for part in next(iter(pairs.values()))[:4]]
+            for c, pair in pairs.items():
+                for array, part in zip(arrays, pair[:4], strict=True):
+                    array[c] = part[i]
+            rotation, position, covariance, coupling = arrays
+            bank.start(mask, rotation, position, covariance, UNKNOWN_RATE, coupling)
+        self.hidden |= mask
+
+    def step(self, taken: SweepsTaken) -> None:
+        """Give this period's rows to the images, decide where they tell, and look for new ones.
+
+        taken: what the craft's own filters made of them.
+        """
+        own, other = self._tracks.bank, self._images.bank
+        other.stop(other.active & ~own.active)
+        self.hidden &= other.active
+        if taken.batch is None or taken.before is None:
+            return
+        asked = other.active & (taken.fresh | taken.refused)
+        if asked.any():
+            self._weigh(taken, asked)
+        self._merge()
+        self._seek(taken)
+        self.hidden &= other.active
+
+    def _weigh(self, taken: SweepsTaken, asked: Bools) -> None:
+        own, other = self._tracks.bank, self._images.bank
+        assert taken.batch is not None
+        result = self._sweeps.give(taken.batch, taken.kept.copy(), asked, other)[0]
+        asked = asked & (result.accepted | taken.fresh) & np.isfinite(result.nis)
+        ahead = result.nis + result.log_determinant - taken.nis - taken.log_determinant
+        self._lead[asked] += np.clip(ahead[asked], -DECISIVE, DECISIVE)
+        behind = other.active & (self._lead < -LIKELIER)
+        if behind.any():
+            before = own.state, own.covariance
+            own.adopt(behind, other.state, other.covariance)
+            other.adopt(behind, *before)
+            self._lead[behind] *= -1
+        other.stop(other.active & (self._lead >= DECISIVE))
+
+    def _merge(self) -> None:
+        """Make one filter of two that have come to the same."""
+        own, other = self._tracks.bank, self._images.bank
+        one = np.zeros_like(own.active)
+        if not other.active.any():
+            return
+        state, covariance = own.state, own.covariance
+        for c in np.flatnonzero(other.active).tolist():
+            if self._apart(c) < ONE:
+                one[c] = True
+                self._mixed(c, state, covariance)
+        own.adopt(one, state, covariance)
+        other.stop(one)
+
+    def _mixed(self, c: int, state: State, covariance: Floats) -> None:
+        """Write the mean and the covariance of craft c's two filters in the place of its own."""
+        other = self._images.bank
+        share = 1 / (1 + np.exp(np.clip(self._lead[c], -2 * DECISIVE, 2 * DECISIVE) / 2))
+        away = _difference(other.state.of(c), state.of(c))
+        mean, rest = share * away, (1 - share) * away
+        covariance[c] = (1 - share) * (covariance[c] + np.outer(mean, mean))
+        covariance[c] += share * (other.covariance_of(c) + np.outer(rest, rest))
+        correct(state.rotation[c], state.angular_rate[c], state.position[c], state.velocity[c], mean)
+
+    def reported(self, after: Filtered) -> Filtered:
+        """Return the filters with the mean and covariance of both where a mirror image is followed, as inactive where
+        both are of a search.
+        """
+        for c in np.flatnonzero(self.open & after.active & ~self.hidden).tolist():
+            self._mixed(c, after.state, after.covariance)
+        if not self.hidden.any():
+            return after
+        for part in (*after.state, after.covariance):
+            part[self.hidden] = np.nan
+        return after._replace(active=after.active & ~self.hidden)
+
+    def _seek(self, taken: SweepsTaken) -> None:
+        """Part every filter that reaches over the fold between two images into one on either side."""
+        own, other = self._tracks.bank, self._images.bank
+        asked = taken.fresh & own.active & ~self.hidden & (taken.photodiodes == DETERMINED)
+        asked &= self._sweeps.bends(own.covariance, own.position)
+        if not asked.any():
+            return
+        assert taken.batch is not None
+        parted, near, own_mixed, close = np.zeros((4, len(asked)), dtype=np.bool_)
+        first, second = (own.state, own.covariance), (own.state, own.covariance)
+        for c in np.flatnonzero(asked).tolist():
+            rows = self._sweeps.rows_of(c, taken.batch, taken.kept)
+            fold = self._fold(c, rows, *first)
+            again = fold is not None and abs(fold.at) < AGAIN and other.active[c] and self._apart(c) < OVERLAPPING
+            if again:
+                # Both reach over the fold by now, so that neither is on one side of it.
+                self._mixed(c, *first)
+                for part, mixed in zip((*second[0], second[1]), (*first[0], first[1]), strict=True):
+                    part[c] = mixed[c]
+                fold = self._fold(c, rows, *first)
+                own_mixed[c] = True
+                close[c] = fold is None
+            if fold is None:
+                continue
+            lead = 2 * float(log_ndtr(abs(fold.at)) - log_ndtr(-abs(fold.at)))
+            if other.active[c] and not again and lead + LIKELIER > self._lead[c]:
+                continue
+            parted[c], self._lead[c] = True, lead
+            near[c] = again or abs(fold.at) < NEAR
+            over = 1.0 if fold.at >= 0 else -1.0
+            for (state, covariance), side in ((first, -over), (second, over)):
+                # The part of a normal distribution on one side of the fold.
+                ratio = float(np.exp(-(fold.at**2) / 2 - log_ndtr(-side * fold.at)) / np.sqrt(2 * np.pi))
+                mean = side * ratio
+                variance = 1 + side * fold.at * ratio - ratio**2
+                moved = _moved(state.of(c), mean * fold.side, fold.pivot)
+                for part, found in zip(state, moved, strict=True):
+                    part[c] = found
+                covariance[c] -= (1 - variance) * np.outer(fold.side, fold.side)
+        own.adopt(near | own_mixed, *first)
+        other.stop(close)
+        other.adopt(parted, *second)
+
+    def _apart(self, c: int) -> float:
+        """Return the squared distance of craft c's two filters, in the covariance of both."""
+        own, other = self._tracks.bank, self._images.bank
+        away = _difference(other.state.of(c), own.state.of(c))
+        return float(away @ np.linalg.solve(own.covariance_of(c) + other.covariance_of(c), away))
+
+    def _fold(self, c: int, rows: Rows, states: State, covariances: Floats) -> _Fold | None:
+        """Return the fold that craft c's filter, of all states and covariances, reaches over; None if there is none."""
+        if len(rows.angle) != 2 * DETERMINED:
+            return None
+        state, covariance = states.of(c), covariances[c]
+        pivot = self._sweeps.centre(c, rows)
+        variance, axes = np.linalg.eigh(covariance[:3, :3])
+        side = covariance[:, :3] @ axes[:, 2] / np.sqrt(variance[2])
+        here, h = self._sweeps.whitened(c, rows, state)
+        ahead, behind = (self._sweeps.whitened(c, rows, _moved(state, s * side, pivot))[0] for s in (1.0, -1.0))
+        # What the five other coordinates of the pose cannot take up is a parabola.
+        scale = np.sqrt(np.diag(covariance)[POSE_COLUMNS])
+        others = np.linalg.svd((side[POSE_COLUMNS] / scale)[None])[2][1:].T
+        free = np.linalg.qr(h[:, POSE_COLUMNS] * scale @ others, mode="complete")[0][:, -1]
+        slope, bend = float((ahead - behind) @ free) / 2, float((ahead + behind - 2 * here) @ free)
+        return _Fold(-slope / bend, side, pivot) if abs(slope) < REACH * abs(bend) else None
+
+
+def _moved(state: State, x: Floats, pivot: Floats) -> State:
+    """Return a state without the craft axis, moved by the error x (12,) about the pivot (3,) [m]."""
+    out = State._make(part.copy() for part in state)
+    turn_about(out.rotation, out.angular_rate, out.position, out.velocity, x, pivot, np.empty(ARMS))
+    return out
+
+
+def _difference(one: State, other: State) -> Floats:
+    """Return the error (12,) by which one state is off another, both without the craft axis."""
+    out = np.empty(STATES)
+    difference_into(State._make(part[None] for part in one), State._make(part[None] for part in other), 0, out)
+    return out
