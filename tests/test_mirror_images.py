@@ -154,7 +154,8 @@ def mixture(rng: np.random.Generator, window: int, probability: list[float]) -> 
     )
 
 
-GRID = Grid(*np.geomspace(0.2, 5e-5, 6)[None].repeat(2, axis=0), 0.5, 1 / 30)
+NOISES = np.geomspace(0.2, 5e-5, 6)
+GRID = Grid(NOISES, NOISES, 0.5, 1 / 30)
 
 
 def test_mixing_moves_probabilities_to_the_next_models_only_and_keeps_what_is_known() -> None:

@@ -48,8 +48,10 @@ ONE = 0.25
 
 
 class _Fold(NamedTuple):
-    """Where two images of one craft meet: `at` sigmas from its estimate along `side` (12,), the error of one sigma
-    along its attitude's coarsest axis; pivot: (3,) [m].
+    """The place at which two images of one craft meet.
+
+    at: sigmas from its estimate along `side`. side: (12,), the error of one sigma along its attitude's coarsest axis.
+    pivot: (3,) [m].
     """
 
     at: float

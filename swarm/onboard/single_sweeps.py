@@ -164,7 +164,13 @@ class SingleSweeps:
         return bank.update(asked, sums.y, sums.h, np.ones_like(sums.y), sums.number, sums.pivot, angles), angles
 
     def rows_of(self, craft: int, rows: RowBatch, kept: Bools) -> Rows:
-        """Return the kept rows of one craft."""
+        """Return the kept rows of one craft.
+
+        Args:
+            craft: its index.
+            rows: of all craft.
+            kept: (N,), those that are used.
+        """
         return Rows._make(part[kept[rows.first[craft] : rows.first[craft + 1]]] for part in rows.of(craft))
 
     def centre(self, craft: int, rows: Rows) -> Floats:
@@ -175,6 +181,11 @@ class SingleSweeps:
     def whitened(self, craft: int, rows: Rows, state: State) -> tuple[Floats, Floats]:
         """Return the innovations (n,) of rows of one craft at a state, and their derivatives (n, 12), with independent
         noise of variance one; NaN where a photodiode is not in front of the station.
+
+        Args:
+            craft: its index.
+            rows: n of its rows.
+            state: without the craft axis.
         """
         y, h = linearise(rows, self._stations, self._point_m[craft], *_in_order(state))
         root = np.linalg.inv(np.linalg.cholesky(noise_of(rows, self._noise)))
