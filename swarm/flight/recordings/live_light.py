@@ -28,6 +28,8 @@ from swarm.flight.recordings.windows import Source
 
 SETTLE_S = {"1.0": 2 / RATE_HZ + 2 * SWEEP_GAP_S, "2.0": max(CHANNEL_TICKS) / CHANNEL_CLOCK_HZ + 2 * SWEEP_GAP_S}
 """Time after its end at which a period is complete [s]: a turn of the station, and the rest of a sweep, twice."""
+KEEPS_UP = 3
+"""Periods that become complete at once, at most, where the start has been caught up with."""
 DARK_S = 0.5
 """Time without light [s] after which periods go on without: hosts log events up to some tenths of a second late."""
 ZEROS_S, HITS_S, POSES_S = 1.2, 0.15, 2.0
@@ -114,20 +116,21 @@ class LiveWindows:
             lines = self._lines.take(WAIT_S)
             over = self._lines.ended
             self._read(lines, done)
-            if not lines:
-                # What came while the program was starting has been flown: from now on it keeps up.
-                self._since_s = min(self._since_s, time.monotonic())
             end = self._complete(quiet=not lines)
             if end <= done and not over:
                 continue
             light = self._part.decoded(whole=over)
             if over:
                 end = max(done, self._lit(light))
+            few = end - done <= KEEPS_UP
             span = Span(self._zero_tick, done, end)
             for window in RowWindows(light, numbers, self._frame_s, peer(light), false, span):
                 yield window
                 done += 1
                 self.latency.told(self._tick(done), time.monotonic(), self._since_s)
+            if few:
+                # What came while the program was starting has been flown: from now on it keeps up.
+                self._since_s = min(self._since_s, time.monotonic())
             self._part.forget(self._tick(done))
 
     def _tick(self, period: int) -> float:
