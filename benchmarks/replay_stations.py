@@ -1,6 +1,9 @@
 """Replay by several stations on public recordings: residuals, disagreement, and errors against motion capture.
 
-    python benchmarks/replay_stations.py DATA [--only lh2_move] [--stations lh2.toml] [--stations lh1.toml]
+    python benchmarks/replay_stations.py DATA [--only lh2_move] [--stations lh2.toml] [--stations lh1.toml] [--all]
+
+prints a row per recording and choice of stations while it runs, of all stations and, unless `--all`, of each alone;
+`--json FILE` keeps all figures.
 
 DATA is a folder with `lighthouse-v1/lh1_test_cal.rec.gz`, `lighthouse-v2/lh2_test_cal.rec.gz` and `crazyflie/lh1_move`,
 `crazyflie/lh2_move`; what is missing is left out. Per recording and choice of stations (all, and each alone):
@@ -9,7 +12,8 @@ DATA is a folder with `lighthouse-v1/lh1_test_cal.rec.gz`, `lighthouse-v2/lh2_te
 - of libsurvive's recordings: median offset from its own pose, and scatter about it
 - of the Crazyflie's: distance from motion capture after one rigid transformation, one time shift and the marker's place
   on the craft (fitted, soft L1): median, 90 % and maximum over the periods with light in the filter, and over
-  those that track; how many of these are off by more than 100 mm, and by three times what the filter says as well
+  those that track; how many of these are off by more than 100 mm, and by three times what the filter says as well;
+  the mean square of error over sigma, (error^2 / tr P), which is one where covariances are honest
 """
 
 import argparse
@@ -103,11 +107,11 @@ def against(truth: Trajectory, found: dict[str, Any]) -> dict[str, float] | None
         seen = (at > known_s[0]) & (at < known_s[-1]) & (known_s[after] - known_s[after - 1] < GAP_S)
         return np.stack([np.interp(at, known_s, column) for column in truth.position.T], axis=1), seen
 
-    def rigid(shift: float) -> tuple[float, Floats, Floats]:
-        place, seen = marker(time_s + shift)
+    def rigid(shift: float, every: int = 1) -> tuple[float, Floats, Floats]:
+        place, seen = marker(time_s[::every] + shift)
         if np.count_nonzero(seen) < max(0.3 * len(seen), 20):
             return np.inf, np.zeros(3), np.zeros(3)
-        a, b = position[seen], place[seen]
+        a, b = position[::every][seen], place[seen]
         turn = Rotation.align_vectors(b - b.mean(axis=0), a - a.mean(axis=0))[0]
         rest = b - turn.apply(a)
         middle = np.median(rest, axis=0)
@@ -115,7 +119,7 @@ def against(truth: Trajectory, found: dict[str, Any]) -> dict[str, float] | None
         return cost, turn.as_rotvec(), middle
 
     shifts = np.arange(-time_s[-1] / 2, known_s[-1], 0.05)
-    shift = float(shifts[int(np.argmin([rigid(s)[0] for s in shifts]))])
+    shift = float(shifts[int(np.argmin([rigid(s, 10)[0] for s in shifts]))])
     _, turn, middle = rigid(shift)
     seen = marker(time_s + shift)[1]
 
@@ -140,13 +144,42 @@ def against(truth: Trajectory, found: dict[str, Any]) -> dict[str, float] | None
         "tracking_percentile_90_mm": float(np.quantile(tracked, 0.9)) if len(tracked) else np.nan,
         "tracking_largest_mm": float(tracked.max(initial=0.0)),
         "tracking_periods": len(tracked),
+        "tracking_square_over_trace_mean_median": [
+            float(np.mean(np.square(tracked / sigma[tracking]))),
+            float(np.median(np.square(tracked / sigma[tracking]))),
+        ]
+        if len(tracked)
+        else None,
         "tracking_over_100_mm": int(np.count_nonzero(far)),
         "tracking_over_100_mm_and_3_sigma": int(np.count_nonzero(far & (error > 3 * sigma))),
         "marker_mm": (1e3 * fit.x[6:9]).tolist(),
     }
 
 
-def case(folder: Path, name: str, files: list[PlacedStations]) -> dict[str, Any]:
+HEAD = (
+    f"{'recording':14}{'stations':11}{'median':>8}{'90 %':>8}{'most':>8} mm{'track':>7}{'sweeps':>8}{'other':>7} %"
+    f"{'wrong':>7}{'nis':>7}{'e2/trP':>8}"
+)
+
+
+def _told(name: str, key: str, found: dict[str, Any]) -> str:
+    """Return a row: errors of the tracking periods, shares of the states, periods that are wrong and certain."""
+    share, truth = found["status_percent"], found.get("motion_capture")
+    text = f"{name:14}{key:11}"
+    if truth is None:
+        text += f"{'':27}"
+    else:
+        errors = (truth[f"tracking_{what}_mm"] for what in ("median", "percentile_90", "largest"))
+        text += "".join(f"{value:8.1f}" for value in errors) + "   "
+    tracking, sweeps = share.get("tracking", 0.0), share.get("single_sweeps", 0.0)
+    text += f"{tracking:7.1f}{sweeps:8.1f}{100 - tracking - sweeps:7.1f}  "
+    wrong = "" if truth is None else truth["tracking_over_100_mm_and_3_sigma"]
+    text += f"{wrong:>7}{found['nis_per_row_mean_median'][0]:7.2f}"
+    square = None if truth is None else truth["tracking_square_over_trace_mean_median"]
+    return text + ("" if square is None else f"{square[0]:8.2f}")
+
+
+def case(folder: Path, name: str, files: list[PlacedStations], *, only_all: bool) -> dict[str, Any]:
     """Figures of one recording, of all stations and of each alone; of the files that of its generation is taken."""
     place, device, mocap = CASES[name]
     source = read_object(folder / place, device)
@@ -154,7 +187,8 @@ def case(folder: Path, name: str, files: list[PlacedStations]) -> dict[str, Any]
     file = next((f for f in files if all(station.generation == own for station in f.stations)), None)
     truth = None if mocap is None else read_trajectory((folder / place).with_name(mocap))
     out: dict[str, Any] = {"notes": source.notes}
-    for key, which in {"all": None, **{f"station {n}": n for n in source.light.stations()}}.items():
+    each = {} if only_all else {f"station {n}": n for n in source.light.stations()}
+    for key, which in {"all": None, **each}.items():
         try:
             found = flown(source, file, which)
         except SwarmError as error:
@@ -163,6 +197,9 @@ def case(folder: Path, name: str, files: list[PlacedStations]) -> dict[str, Any]
         if truth is not None:
             found["motion_capture"] = against(truth, found)
         out[key] = {name: value for name, value in found.items() if not name.startswith("_")}
+        print(_told(name, key, found), flush=True)
+    if only_all:
+        return out
     if name.endswith("test_cal"):
         bare = {
             n: placed._replace(errors=(type(placed.errors[0])(), type(placed.errors[1])()))
@@ -174,7 +211,7 @@ def case(folder: Path, name: str, files: list[PlacedStations]) -> dict[str, Any]
 
 
 def main() -> None:
-    """Print the figures as JSON."""
+    """Print a row per replay, and keep the figures as JSON."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("data", type=Path, help="folder with the recordings")
     parser.add_argument("--only", choices=CASES, action="append", help="only this recording; repeatable")
@@ -185,13 +222,17 @@ def main() -> None:
         default=[],
         help="file of stations to take instead of the recordings' own of this generation; repeatable",
     )
+    parser.add_argument("--all", action="store_true", help="all stations together, and none alone")
+    parser.add_argument("--json", type=Path, help="file for all figures")
     given = parser.parse_args()
     files = [read_stations(path) for path in given.stations]
+    print(HEAD)
     out: dict[str, Any] = {"machine": platform.platform(), "numpy": version("numpy"), "scipy": version("scipy")}
     for name in given.only or CASES:
         if (given.data / CASES[name][0]).exists():
-            out[name] = case(given.data, name, files)
-    print(json.dumps(out, indent=1))
+            out[name] = case(given.data, name, files, only_all=given.all)
+    if given.json is not None:
+        given.json.write_text(json.dumps(out, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -90,13 +90,14 @@ def test_the_watch_starts_only_a_filter_that_is_wrong_again(wrong: str) -> None:
     if wrong == "place":
         state = true._replace(position=true.position + 0.2)
     watch = search()
-    looks = [watch.watched(0, state.of(0), covariance)]
+    looks = [watch.watched(0, state.of(0), covariance, doubted=False)]
     for _ in range(4):
         watch.gather(RowBatch._make((np.zeros(2, dtype=np.int64), *(part[:0] for part in frames()[0][1:]))))
-        looks.append(watch.watched(0, state.of(0), covariance))
+        looks.append(watch.watched(0, state.of(0), covariance, doubted=False))
     found = next((look for look in looks if look.state is not None), None)
     if wrong == "nothing":
         assert found is None
+        assert any(look.confirmed for look in looks)
         return
     assert found is not None
     assert found.state is not None

@@ -22,6 +22,7 @@ def placed() -> PlacedStations:
     )
     sigma = np.array([1e-3, 2e-3, 3e-3])
     two = PlacedStation("2", 11, "2.0", None, rotation[1], np.zeros(3), (TILTED, TILTED), sigma / 7, sigma)
+    two = two._replace(covariance=np.outer(np.arange(6), np.arange(6)) + np.eye(6) / 3, systematic_rad=1e-4 / 3)
     return PlacedStations("mocap00.npy", (one, two))
 
 
@@ -44,6 +45,9 @@ def test_a_file_reads_as_it_was_written(tmp_path: Path) -> None:
         np.testing.assert_allclose(a.rotation, b.rotation, atol=1e-15)
     assert found.stations[0].position_sigma is None
     np.testing.assert_array_equal(found.stations[1].rotation_sigma, written.stations[1].rotation_sigma)
+    np.testing.assert_array_equal(found.stations[1].pose_covariance, written.stations[1].covariance)
+    assert found.stations[1].systematic_rad == written.stations[1].systematic_rad
+    np.testing.assert_array_equal(found.stations[0].pose_covariance, np.zeros((6, 6)))
     assert found.numbered(11) is found.stations[1]
     assert found.numbered(3) is None
     point = np.array([[0.2, -0.1, 2.0]])
@@ -57,6 +61,8 @@ def test_a_file_reads_as_it_was_written(tmp_path: Path) -> None:
         (("number = 11", "number = 16"), ["[[station]] 2", "number", "0 to 15", "16"]),
         (("number = 11", "number = 0"), ["[[station]] 2", "number 0", 'the "old" one']),
         (("number = 11", "number = true"), ["number", "True"]),
+        (("covariance = [", "covariance = [[1.0],"), ["[[station]] 2", "covariance", "6 x 6"]),
+        (("systematic_rad = 3", "systematic_rad = -3"), ["systematic_rad", "0 to 1"]),
         (('generation = "2.0"', 'generation = "3.0"'), ["generation", "'1.0' or '2.0'", "'3.0'"]),
         (("position_m = [0.0, 0.0, 0.0]", "position_m = [0.0, 0.0]"), ["position_m", "3 numbers"]),
         (("position_m = [0.0, 0.0, 0.0]", "postion_m = [0.0, 0.0, 0.0]"), ["postion_m", "did you mean 'position_m'"]),

@@ -31,6 +31,7 @@ from swarm.flight.recordings.stations_file import PlacedStation, PlacedStations
 from swarm.hardware import Photodiodes
 from swarm.onboard.decoder import SweepAngles
 from swarm.onboard.own_navigators import Rowed
+from swarm.onboard.place_errors import PlaceSigma
 from swarm.onboard.settings import NavigationSettings
 from swarm.onboard.stations import StationNavigator
 from swarm.results.filter_history import keeps_history
@@ -61,7 +62,7 @@ PLACE_M = 1e-4
 """By how much photodiodes are off their places [m], 1 sigma: what a user's object is made to."""
 GUESSED_OWN_RAD, GUESSED_SHARED_RAD = 1e-4, 1e-3
 """Noise with which a recording is flown to find its own."""
-TRIALS, TRIAL_PERIODS = 4, 600
+TRIALS, TRIAL_PERIODS = 8, 120
 """Stretches of a recording from which its noise is found, and their length."""
 DISAGREEMENT_RAD = 3e-4
 """Noise of whole sweeps [rad] beyond which it is not the rotors', but of places or calibrations."""
@@ -202,7 +203,8 @@ class StationPlayback:
         self.notes += self._findings(settings)
         self.history = settings.swarm.navigator is None and keeps_history(settings.recording.filter, len(self.windows))
         tested = self.found.noise is not None
-        self._navigation = replace(self._navigation_of(self.settings, tested=tested), history=self.history)
+        navigation = self._navigation_of(self.settings, tested=tested)
+        self._navigation = replace(navigation, history=self.history, places=self._places())
         self.scene = Scene(
             craft=(source.name,),
             visuals=[()],
@@ -282,7 +284,13 @@ class StationPlayback:
             "acceleration_noise_m_s2": self.likely.acceleration_m_s2,
             "angular_acceleration_noise_deg_s2": float(np.degrees(self.likely.angular_acceleration_rad_s2)),
         }
-        return _unless_given(settings, given, {key: max(value, LEAST_MOTION[key]) for key, value in found.items()})
+        settings = _unless_given(settings, given, {key: max(value, LEAST_MOTION[key]) for key, value in found.items()})
+        quiet = settings.navigation.quiet
+        if self.likely.acceleration_m_s2 < AT_REST_M_S2 or "craft" in quiet.model_fields_set:
+            return settings
+        # A hand pushes all the time: the one model that was found, and none that is quieter.
+        table = settings.navigation.model_copy(update={"quiet": quiet.model_copy(update={"craft": "none"})})
+        return settings.model_copy(update={"navigation": table})
 
     def _noise(self, settings: Scenario) -> list[AngleNoise]:
         """Return the noise of each station's rows: as the settings give it, or as found, or as guessed."""
@@ -316,6 +324,15 @@ class StationPlayback:
             place_sigma_m=PLACE_M,
             hand=HandMotion(),
             search_again_s=SEARCH_AGAIN_S,
+        )
+
+    def _places(self) -> PlaceSigma:
+        """Return how far the stations, as their file tells, and the photodiodes may be off."""
+        return PlaceSigma(
+            np.array([placed.pose_covariance for placed in self.placed]),
+            np.array([placed.systematic_rad for placed in self.placed]),
+            PLACE_M,
+            np.array([noise.own_rad for noise in self.noise]),
         )
 
     def _told_noise(self, of_periods: list[AngleNoise]) -> list[AngleNoise]:

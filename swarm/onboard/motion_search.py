@@ -6,12 +6,14 @@ one plane, before a station in the direction u, with n the rig's normal in its b
 
     R' = (1 - 2 u u^T) R (1 - 2 n n^T)
 
-looks nearly the same. One solution is certain where every other one's F is larger by `DECISIVE`, in units of its own F
-per degree of freedom. A filter is started, or started again, with the state and the covariance of all twelve numbers.
+looks nearly the same. Rows that contradict a solution are left out of it (`estimators.lighthouse.row_snooping`), and it
+is solved again. One solution is certain where every other one's F is larger by `DECISIVE`, in units of its own F per
+degree of freedom. A filter is started, or started again, with the state and the covariance of all twelve numbers.
 
 The watch does the same for an object with a filter, every `WATCH_S` in which two stations have seen it, from its
 filter's state and that state's mirror images. Where a certain solution is another pose than the filter's, the filter
-has the wrong mirror image, or has lost the object: it is started again there.
+has the wrong mirror image, or has lost the object: it is started again there. Where one station alone sees an object in
+one plane, its filter may slip to the mirror image whenever that is within a few standard deviations of the attitude.
 """
 
 from collections.abc import Sequence
@@ -24,6 +26,7 @@ from estimators.arrays import Bools, Floats
 from estimators.lighthouse.innovation import RowBatch, gathered, light_of
 from estimators.lighthouse.integrity import AngleNoise
 from estimators.lighthouse.row_motion import MOTION, HandMotion, RowMotion, solve_motion
+from estimators.lighthouse.row_snooping import LIMIT, snooped
 from estimators.lighthouse.row_start import row_starts
 from estimators.lighthouse.rows import Rows, Station, packed
 from estimators.state import State
@@ -47,16 +50,23 @@ DISTINCT_RAD = 0.05
 OTHER_RAD, OTHER_M, OTHER_SIGMAS = 0.5, 0.1, 6.0
 """A solution is another pose than the filter's beyond this turn [rad]; or beyond this distance [m], and so many
 standard deviations of both."""
+FLAT = 0.1
+"""Thickness of a rig relative to its width below which it is in one plane."""
+MIRROR_SIGMAS = 4.0
+"""Standard deviations of the attitude that a mirror image must be away for a track not to slip there."""
 
 
 class MotionFound(NamedTuple):
     """Result of one object's search: its state without the craft axis and covariance (12, 12), None where none is
-    certain; undecided: whether several fit.
+    certain; undecided: whether several fit; rows: those that the state was solved from; confirmed: whether what is
+    certain is the filter's own state.
     """
 
     state: State | None
     covariance: Floats | None
     undecided: bool
+    rows: Rows | None = None
+    confirmed: bool = False
 
 
 NOTHING = MotionFound(None, None, False)
@@ -84,7 +94,9 @@ class MotionSearch:
         """
         self._point_m, self._stations, self._noise, self._hand = point_m, list(stations), list(noise), hand
         self._frame_s = frame_s
-        self._light = light_of(packed(self._stations), self._noise)
+        self._packed = packed(self._stations)
+        self._light = light_of(self._packed, self._noise)
+        self._flat = [_flat(point) for point in point_m]
         self._flip = [_reflection(_normal(point)) for point in point_m]
         self._batches: list[RowBatch] = []
         self._known = np.zeros(len(point_m), dtype=np.int64)
@@ -117,16 +129,17 @@ class MotionSearch:
         start = State(np.array([r for r, _ in poses]), np.array([p for _, p in poses]), still, still)
         return self._decided(craft, rows, start)
 
-    def watched(self, craft: int, state: State, covariance: Floats) -> MotionFound:
+    def watched(self, craft: int, state: State, covariance: Floats, *, doubted: bool) -> MotionFound:
         """Return the state of one object that has a filter, where it is certain and another than the filter's.
 
         Args:
             craft: the object.
             state: its filter's, without the craft axis.
             covariance: (12, 12), likewise.
+            doubted: whether to look where one station alone has seen the object, too.
         """
         rows = self._joined(craft, KEPT_S) if self._wait == 0 else None
-        if rows is None or not _enough(rows) or len(np.unique(rows.station)) < 2:
+        if rows is None or not _enough(rows) or not (doubted or len(np.unique(rows.station)) > 1):
             return NOTHING
         poses = [(state.rotation, state.position), *self._mirrors(craft, rows, state.rotation, state.position)]
         many = len(poses)
@@ -143,7 +156,23 @@ class MotionSearch:
         away = found.state.position - state.position
         both = found.covariance[6:9, 6:9] + covariance[6:9, 6:9]
         far = float(np.linalg.norm(away)) > OTHER_M and float(away @ np.linalg.solve(both, away)) > OTHER_SIGMAS**2
-        return found if turned > OTHER_RAD or far else NOTHING
+        return found if turned > OTHER_RAD or far else NOTHING._replace(confirmed=True)
+
+    def mirror_doubtful(self, craft: int, rows: Rows, state: State, covariance: Floats) -> bool:
+        """Return whether one object's filter may have slipped to its mirror image before the only station that sees it.
+
+        Args:
+            craft: the object.
+            rows: of this period.
+            state: the filter's, without the craft axis.
+            covariance: (12, 12), likewise.
+        """
+        if not self._flat[craft] or len(np.unique(rows.station)) != 1:
+            return False
+        turn = self._mirrors(craft, rows, state.rotation, state.position)[0][0] @ state.rotation.T
+        away = rot.log(turn[None])[0]
+        square = float(away @ away)
+        return square**2 < MIRROR_SIGMAS**2 * float(away @ covariance[:3, :3] @ away)
 
     def _joined(self, craft: int, span_s: float) -> Rows | None:
         """Return one object's rows of the last `span_s`, their sweeps told apart; None without any."""
@@ -167,24 +196,51 @@ class MotionSearch:
 
     def _decided(self, craft: int, rows: Rows, start: State) -> MotionFound:
         """Return the one state that fits the rows, from several starts."""
-        many = len(start.position)
-        one = gathered(np.zeros(len(rows.angle), dtype=np.int64), rows, 1)
-        batch = RowBatch._make(
-            (len(rows.angle) * np.arange(many + 1, dtype=np.int64), *(np.tile(part, many) for part in one[1:]))
-        )
-        point = np.broadcast_to(self._point_m[craft], (many, *self._point_m.shape[1:]))
-        found = solve_motion(batch, self._light, point, start, self._hand)
+        found, used = self._solved(craft, rows, start)
         order = _distinct(found)
         if not order:
             return NOTHING
         best = order[0]
-        unit = max(1.0, float(found.cost[best]) / max(len(rows.angle) - MOTION, 1))
+        unit = max(1.0, float(found.cost[best]) / max(int(used[best].sum()) - MOTION, 1))
         covariance = found.covariance[best] * unit
         if unit > POOR or float(np.sqrt(np.trace(covariance[:3, :3]))) > WIDE_RAD:
             return MotionFound(None, None, len(order) > 1)
         if len(order) > 1 and float(found.cost[order[1]] - found.cost[best]) < DECISIVE * unit:
             return MotionFound(None, None, True)
-        return MotionFound(found.state.of(best), covariance, True)
+        own = Rows._make(part[used[best]] for part in rows)
+        return MotionFound(found.state.of(best), covariance, True, own)
+
+    def _solved(self, craft: int, rows: Rows, start: State) -> tuple[RowMotion, list[Bools]]:
+        """Return the solutions from several starts without the rows that contradict each one, and which rows each has;
+        a row that is left out costs as much as it may at most.
+        """
+        point = np.broadcast_to(self._point_m[craft], (len(start.position), *self._point_m.shape[1:]))
+        every: Bools = np.ones(len(rows.angle), dtype=np.bool_)
+        used = [every] * len(start.position)
+        found = solve_motion(_side_by_side(rows, used), self._light, point, start, self._hand)
+        wide = np.diag(np.repeat(np.square([1.0, self._hand.angular_rate, 1.0, self._hand.velocity]), 3))
+        for i in np.flatnonzero(found.solved).tolist():
+            used[i] = snooped(
+                rows,
+                self._packed,
+                self._point_m[craft],
+                found.state.of(i),
+                wide,
+                self._noise,
+                self._hand.acceleration,
+            )
+        if all(kept.all() for kept in used):
+            return found, used
+        again = solve_motion(_side_by_side(rows, used), self._light, point, found.state, self._hand)
+        lost = np.array([np.count_nonzero(~kept) for kept in used])
+        return again._replace(solved=again.solved & found.solved, cost=again.cost + lost * LIMIT**2), used
+
+
+def _side_by_side(rows: Rows, used: Sequence[Bools]) -> RowBatch:
+    """Return the used rows of one object as those of as many objects as there are masks."""
+    parts = [Rows._make(part[kept] for part in rows) for kept in used]
+    craft = np.repeat(np.arange(len(used)), [len(part.angle) for part in parts])
+    return gathered(craft, Rows._make(np.concatenate(column) for column in zip(*parts, strict=True)), len(used))
 
 
 def _enough(rows: Rows) -> bool:
@@ -200,6 +256,12 @@ def _distinct(found: RowMotion) -> list[int]:
         if found.solved[i] and np.all(turned > DISTINCT_RAD):
             order.append(i)
     return order
+
+
+def _flat(point: Floats) -> bool:
+    """Return whether points (K, 3) are nearly in one plane, so that mirror images look alike."""
+    size = np.linalg.svd(point - point.mean(axis=0), compute_uv=False)
+    return bool(size[2] < FLAT * size[1])
 
 
 def _normal(point: Floats) -> Floats:

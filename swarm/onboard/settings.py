@@ -14,6 +14,7 @@ from estimators.lighthouse.row_motion import HandMotion
 from estimators.lighthouse.sweep import FanErrors
 from estimators.relative_orbit import RelativeOrbit
 from swarm.onboard.integrity import IntegritySettings
+from swarm.onboard.place_errors import PlaceSigma
 from swarm.onboard.reference_craft import ReferencePlace
 from swarm.onboard.shared_errors import Relations
 
@@ -96,6 +97,7 @@ class NavigationSettings:
     time [m], which limits what several stations' rows tell of mirror images. relations: errors that craft share, and
     who navigates relative to whom. reference: craft at a known place that takes each sweep's error off all angles.
     hand: how a hand moves the craft; None: searches take them to be at rest, and nothing watches mirror images.
+    places: how far stations and photodiodes may be off, which covariances consider; None: not at all.
     """
 
     frame_s: float
@@ -122,6 +124,7 @@ class NavigationSettings:
     reference: ReferencePlace | None = None
     relations: Relations = field(default_factory=Relations)
     hand: HandMotion | None = None
+    places: PlaceSigma | None = None
 
     @property
     def noise(self) -> AngleNoise:

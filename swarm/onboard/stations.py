@@ -41,7 +41,8 @@ from estimators.lighthouse.integrity import AngleNoise, shown_to_gate
 from estimators.lighthouse.pnp import PoseSolution
 from estimators.lighthouse.row_faults import row_faults
 from estimators.lighthouse.row_pose import RowPose, solve_rows
-from estimators.lighthouse.rows import Station, expect_into, packed, row_into
+from estimators.lighthouse.row_snooping import snooped
+from estimators.lighthouse.rows import Packed, Station, expect_into, packed, row_into
 from estimators.state import STATES, State
 from swarm.hardware import Photodiodes
 from swarm.messages import Command, Signals
@@ -51,6 +52,7 @@ from swarm.onboard.integrity import Integrity
 from swarm.onboard.motion_search import MotionSearch
 from swarm.onboard.mounts import Mount, Mounts
 from swarm.onboard.navigation import Estimate
+from swarm.onboard.place_errors import PlaceErrors
 from swarm.onboard.relative import RelativeNavigation
 from swarm.onboard.rivals import CHOICE_RAD, CHOICE_RATIO
 from swarm.onboard.row_search import Found, RowSearch, scatter
@@ -62,6 +64,9 @@ FEWEST_CROSSED = 3
 """Photodiodes whose rows decide a pose where several stations see them."""
 HARDER, HAND_HARDER = (4.0, 16.0, 64.0), (4.0,)
 """Factors of the accelerations that a manoeuvre is taken to have, tried one after the other; and that of a hand."""
+STRANGE_SHARE, STRANGE_SIGMAS = 0.8, 6.0
+"""Share of the innovations' squares that counts a period later, and by how many standard deviations their sum may
+exceed what it should be."""
 _POSE = 6
 _TABLE = 32
 
@@ -140,8 +145,10 @@ class StationNavigator:
         self._cameras = CameraFix(cameras)
         self._mounts = Mounts(mounts, self._point_m, s.frame_s)
         self._shared = SharedErrors(s.relations, self._stations, self._noise, self._point_m, self._mounts.carried)
+        self._places = PlaceErrors(s.places, self._stations, self._noise, self._point_m)
         self._relative = RelativeNavigation(s.relations, self._shared, s.integrity.risk)
-        self._undecided = np.zeros(craft, dtype=np.bool_)
+        self._undecided, self._doubted = np.zeros((2, craft), dtype=np.bool_)
+        self._strange = np.zeros((2, craft))
         self._held = np.zeros((2, craft))
         self._quantile = -float(ndtri(s.integrity.risk / 2))
         self._unit_rad = float(np.sqrt(np.mean([own**2 + shared**2 for own, shared in self._noise])))
@@ -184,6 +191,7 @@ class StationNavigator:
         self.tracks.forget(mask)
         self._search.forget(mask)
         self._undecided[mask], self._held[:, mask] = False, 0.0
+        self._doubted[mask], self._strange[:, mask] = False, 0.0
 
     def step(self, light: RowLight, signals: Signals | None = None, command: Command | None = None) -> Estimate:
         """Advance every craft by one period of the filter, to its epoch.
@@ -194,6 +202,7 @@ class StationNavigator:
             command: orders of the craft to their actuators for this period.
         """
         tracks, shared, s = self.tracks, self._shared, self.settings
+        self._places.begin(tracks.bank, s.frame_s)
         prediction = shared.predict(tracks, command, s.frame_s, history=s.history)
         self.rows = light.rows
         if self._mounts:
@@ -211,6 +220,7 @@ class StationNavigator:
         shared.poses(lambda: rows, fix, taken, tracks.bank, alone=False)
         rowed = self._take_in(rows, ~fix.known, pose)
         shared.rows(rows, rowed.kept, rowed.fresh, tracks.bank)
+        self._places.rows(rows, rowed.kept, rowed.fresh, tracks.bank)
         fixes, fates, seen = [fix], [taken], None
         if signals is not None and signals.images is not None:
             seen, camera = self._cameras.find(signals.images, tracks)
@@ -222,6 +232,8 @@ class StationNavigator:
         if s.hand is not None:
             # One fan alone measures one angle of three.
             decided &= _fans(rows, rowed.kept & np.repeat(rowed.fresh, np.diff(rows.first))) > 1
+            self._doubt(rows, rowed)
+            decided &= ~self._doubted
         fresh, refused = (np.any([part[i] for part in fates], axis=0) for i in (0, 1))
         tracks.count(
             fresh | (rowed.fresh & decided),
@@ -305,12 +317,16 @@ class StationNavigator:
                 found = search.search(c)
                 self._undecided[c] = found.undecided
             else:
-                found = search.watched(c, state.of(c), covariance[c])
+                found = search.watched(c, state.of(c), covariance[c], doubted=bool(self._doubted[c]))
+            if found.state is not None or found.confirmed or not active[c]:
+                self._doubted[c], self._strange[:, c] = False, 0.0
             if found.state is None:
                 continue
             known[c], self._undecided[c] = True, False
             for own, given in zip((*state, covariance), (*found.state, found.covariance), strict=True):
                 own[c] = given
+            if found.rows is not None:
+                self._places.started(c, found.rows, state.of(c), covariance[c])
         sensor = np.full(len(active), Sensor.LIGHTHOUSE, dtype=np.int64)
         pose = covariance[:, POSE_COLUMNS[:, None], POSE_COLUMNS]
         still = np.zeros_like(pose)
@@ -343,6 +359,8 @@ class StationNavigator:
             dropped=np.zeros(craft, dtype=np.int64),
             kept=kept,
         )
+        if self.settings.hand is not None and self.settings.integrity.residual_test:
+            self._snoop(rows, mask, out)
         found = self._update(rows, mask, out)
         if out.refused.any():
             # The filters of refused rows are still at their predictions.
@@ -365,6 +383,30 @@ class StationNavigator:
         photodiodes, stations = _numbers(rows, kept & np.repeat(out.fresh, np.diff(rows.first)), most)
         out.photodiodes[:], out.stations[:] = photodiodes, stations
         return out._replace(found=found)
+
+    def _doubt(self, rows: RowBatch, rowed: _Rowed) -> None:
+        """Doubt filters of objects in hands whose innovations are too large over some periods, or whose mirror image
+        is near before the only station that sees them; until a search or the watch has decided.
+        """
+        bank = self.tracks.bank
+        assert isinstance(self._search, MotionSearch)
+        state, covariance = bank.state, bank.covariance
+        for c in np.flatnonzero(rowed.fresh & bank.active).tolist():
+            self._strange[:, c] = STRANGE_SHARE * self._strange[:, c] + (rowed.nis[c], rowed.rows[c])
+            square, number = self._strange[:, c]
+            strange = square > number + STRANGE_SIGMAS * np.sqrt(2 * number)
+            own = rows.of(c)
+            self._doubted[c] |= strange or self._search.mirror_doubtful(c, own, state.of(c), covariance[c])
+
+    def _snoop(self, rows: RowBatch, mask: Bools, out: _Rowed) -> None:
+        """Leave the rows of the craft of the mask out that contradict the others."""
+        bank, most = self.tracks.bank, self._point_m.shape[1]
+        state, covariance = bank.state, bank.covariance
+        for c in np.flatnonzero(mask & (np.diff(rows.first) > 0)).tolist():
+            own = rows.of(c)
+            keep = snooped(own, self._packed, self._point_m[c], state.of(c), covariance[c], self._noise)
+            out.kept[rows.first[c] : rows.first[c + 1]] = keep
+            out.dropped[c] = len(np.unique((own.station * most + own.photodiode)[~keep]))
 
     def _manoeuvre(self, rows: RowBatch, pose: RowPose, out: _Rowed, found: Innovations) -> None:
         """Try again with a wider prediction where the rows agree with each other and not with it: the craft is pushed
@@ -422,7 +464,7 @@ class StationNavigator:
         """
         after, limit = self.tracks.filtered(), self.settings.residual_limit_rad
         alone = self._shared.alone(after.covariance)
-        after = after._replace(covariance=self._shared.widened(after.covariance))
+        after = after._replace(covariance=self._places.widened(self._shared.widened(after.covariance)))
         pose = pose._replace(solved=pose.solved & (pose.residual_rad < limit))
         integrity = self._integrity(light.rows, pose, rowed, after)
         relative = self._relative.step(after.active, after.state, alone, integrity.levels)

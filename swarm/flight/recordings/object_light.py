@@ -273,6 +273,7 @@ def _of_crazyflie(log: CrazyflieLog, config: SystemConfig | None, source: Source
             light = Light(generation, found.tick_s, found.hits, Lost(), {})
             notes += [f"angles that were logged before, left out: {found.repeated}"] if found.repeated else []
             notes += [f"angles without a pulse, left out: {found.untimed}"] if found.untimed else []
+            notes += [f"angles of which only the pulses were logged, taken: {found.added}"] if found.added else []
             if not found.exact and len(log.angles.tick):
                 notes.append("the angles have the times at which they were logged, some milliseconds late")
     if not len(light.hits.tick):

@@ -8,14 +8,17 @@ covariance of the innovations y of a period,
     -2 log L = sum over periods of  log |S| + min(y^T S^-1 y, gate)
 
 is made least over (a, b, acceleration, angular acceleration), with the gate at which a filter refuses a period's rows:
-a false row costs as much as it would with any noise.
+a false row costs as much as it would with any noise. Rows that contradict the others
+(`estimators.lighthouse.row_snooping`) are left out before, as the navigator leaves them out, and again with the noise
+that was found: noise is what honest rows have, and what they lose beyond the limit is made good as for normal noise.
 """
 
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import minimize
+from scipy.optimize import brentq, minimize
+from scipy.special import ndtr
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.filter.bank import gates
@@ -23,6 +26,7 @@ from estimators.filter.compiled import CompiledFilterBank
 from estimators.lighthouse.innovation import RowBatch, gathered, innovations
 from estimators.lighthouse.integrity import AngleNoise
 from estimators.lighthouse.row_motion import HandMotion
+from estimators.lighthouse.row_snooping import LIMIT, snooped
 from estimators.lighthouse.rows import Rows, Station, packed
 from estimators.state import State
 from swarm.flight.recordings.row_windows import RowWindows
@@ -35,10 +39,15 @@ TRIES = 12
 FEWEST = 4
 """Stretches below which nothing is told."""
 GATE = 0.9999
-EVALUATIONS = 90
+ROUNDS = ((0.7, 50), (0.3, 30), (0.2, 30))
+"""First steps and number of trials of noise and motion, after rows are left out anew in each round."""
+CORE = 0.4
+"""Share of the noise of single periods with which rows are first left out. From too little, the noise grows with the
+rows that it admits; from too much, false rows are noise."""
 _LEAST = np.log([5e-6, 5e-6, 0.05, np.radians(10.0)])
 _MOST = np.log([3e-3, 1e-2, 60.0, np.radians(20000.0)])
-_START = np.array([1e-4, 2e-4, 8.0, np.radians(1500.0)])
+_START = np.array([2e-4, 8.0, np.radians(1500.0)])
+"""Shared noise, acceleration and angular acceleration at first."""
 
 
 class Likely(NamedTuple):
@@ -56,12 +65,13 @@ class Likely(NamedTuple):
 
 class _Stretches(NamedTuple):
     """Stretches side by side: state and covariance at their beginnings, (C, ...), and the rows of every period after
-    that, of all stretches. The filter's period is frame_s.
+    that, of all stretches, with those that are used. The filter's period is frame_s.
     """
 
     state: State
     covariance: Floats
     periods: list[RowBatch]
+    kept: list[Bools]
     frame_s: float
 
 
@@ -75,17 +85,19 @@ def likely(
         stations: that its rows name.
         point_m: (K, 3) [m], photodiodes in the body frame.
         hand: how a hand may move the object.
-        own: what the photodiodes of a sweep agree to, per station [rad]; only the ratios count.
+        own: what the photodiodes of a sweep agree to, per station [rad]: a start, and the stations' ratios.
     """
-    ratio = np.array(own) / np.sqrt(np.mean(np.square(own)))
-    noise = [AngleNoise(float(_START[0] * r), float(_START[1])) for r in ratio]
-    found = _stretches(windows, stations, point_m, noise, hand)
-    if found is None:
-        return None
-    points = np.broadcast_to(point_m, (len(found.state.position), *point_m.shape)).copy()
+    middle = float(np.sqrt(np.mean(np.square(own))))
+    ratio = np.array(own) / middle
 
     def noise_of(x: Floats) -> list[AngleNoise]:
         return [AngleNoise(float(np.exp(x[0]) * r), float(np.exp(x[1]))) for r in ratio]
+
+    x = np.clip(np.log([CORE * middle, *_START]), _LEAST, _MOST)
+    found = _stretches(windows, stations, point_m, noise_of(x), hand)
+    if found is None:
+        return None
+    points = np.broadcast_to(point_m, (len(found.state.position), *point_m.shape)).copy()
 
     def cost(x: Floats) -> float:
         inside = np.clip(x, _LEAST, _MOST)
@@ -93,17 +105,36 @@ def likely(
         value, _ = _run(found, stations, points, noise_of(inside), np.exp(inside[2:]))
         return value + 1e3 * outside
 
-    start = np.log(_START)
-    simplex = np.concatenate([start[None], start + 0.7 * np.eye(4)])
-    best = minimize(
-        cost,
-        start,
-        method="Nelder-Mead",
-        options={"initial_simplex": simplex, "maxfev": EVALUATIONS, "xatol": 0.03, "fatol": 1.0},
-    )
-    x = np.clip(best.x, _LEAST, _MOST)
+    for step, evaluations in ROUNDS:
+        _run(found, stations, points, noise_of(x), np.exp(x[2:]), clean=True)
+        best = minimize(
+            cost,
+            x,
+            method="Nelder-Mead",
+            options={
+                "initial_simplex": np.concatenate([x[None], x + step * np.eye(4)]),
+                "maxfev": evaluations,
+                "xatol": 0.03,
+                "fatol": 1.0,
+            },
+        )
+        cut, x = LIMIT * np.exp(x[0]), np.clip(best.x, _LEAST, _MOST)
+        x[0] = np.clip(np.log(_before_cut(float(np.exp(x[0])), float(cut))), _LEAST[0], _MOST[0])
     _, nis = _run(found, stations, points, noise_of(x), np.exp(x[2:]))
     return Likely(noise_of(x), float(np.exp(x[2])), float(np.exp(x[3])), nis)
+
+
+def _before_cut(sigma: float, cut: float) -> float:
+    """Return the standard deviation of normal noise of which `sigma` is left without what lies beyond `cut`."""
+
+    def left(value: float) -> float:
+        c = cut / value
+        lost = 2 * c * np.exp(-c * c / 2) / np.sqrt(2 * np.pi) / (2 * ndtr(c) - 1)
+        return float(value * np.sqrt(max(1 - lost, 0.0)) - sigma)
+
+    if left(sigma) >= 0:
+        return sigma
+    return float(brentq(left, sigma, 2 * sigma)) if left(2 * sigma) > 0 else 2 * sigma
 
 
 def _stretches(
@@ -136,11 +167,18 @@ def _stretches(
         rows = Rows._make(np.concatenate(column) for column in zip(*parts, strict=True))
         periods.append(gathered(np.concatenate(craft), rows, len(begins)))
     state = State._make(np.stack(part) for part in zip(*states, strict=True))
-    return _Stretches(state, np.stack(covariances), periods, windows.frame_s)
+    kept = [np.ones(len(rows.angle), dtype=np.bool_) for rows in periods]
+    return _Stretches(state, np.stack(covariances), periods, kept, windows.frame_s)
 
 
 def _run(
-    stretches: _Stretches, stations: Sequence[Station], points: Floats, noise: list[AngleNoise], motion: Floats
+    stretches: _Stretches,
+    stations: Sequence[Station],
+    points: Floats,
+    noise: list[AngleNoise],
+    motion: Floats,
+    *,
+    clean: bool = False,
 ) -> tuple[float, float]:
     """Return -2 log L of all stretches, and the mean normalised square per row of periods within the gate.
 
@@ -150,6 +188,7 @@ def _run(
         points: (C, K, 3) [m].
         noise: of each station.
         motion: acceleration [m/s^2] and angular acceleration [rad/s^2].
+        clean: find out on the way which rows are used, and note them in `stretches`.
     """
     craft = len(points)
     bank = CompiledFilterBank(
@@ -162,9 +201,16 @@ def _run(
     bank.adopt(every, stretches.state, stretches.covariance)
     total = square = number = 0.0
     known = packed(stations)
-    for rows in stretches.periods:
+    for rows, used in zip(stretches.periods, stretches.kept, strict=True):
         bank.predict(stretches.frame_s, every)
-        kept = np.ones(len(rows.angle), dtype=np.bool_)
+        if clean:
+            state, covariance = bank.state, bank.covariance
+            for c in range(craft):
+                own = rows.of(c)
+                used[rows.first[c] : rows.first[c + 1]] = snooped(
+                    own, known, points[c], state.of(c), covariance[c], noise
+                )
+        kept = used.copy()
         found = innovations(rows, kept, every, known, points, bank.state, noise)
         asked = found.number > 0
         result = bank.update(asked, found.y, found.h, np.ones_like(found.y), found.number, found.pivot)

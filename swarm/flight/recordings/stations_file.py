@@ -11,6 +11,8 @@
     quaternion_wxyz = [1.0, 0.0, 0.0, 0.0]   # world from station; the station's axes are x right, y down, z ahead
     position_sigma_m = [0.0, 0.0, 0.0]       # optional: standard deviation along the world's axes
     rotation_sigma_rad = [0.0, 0.0, 0.0]     # optional: about the world's axes
+    covariance = [[...], ...]                # optional: 6 x 6, of the turn and the place, about and along them
+    systematic_rad = 0.0                     # optional: standard deviation of what calibration leaves of an angle
 
     [station.fan_0]                          # optional: errors as in `FanErrors` (1.0) or `TiltedErrors` (2.0)
     phase_rad = 0.0586
@@ -45,7 +47,7 @@ _LARGEST_M = 1e5
 """Largest coordinate of a station [m], as of a trajectory."""
 _KEYS = (
     *("name", "number", "generation", "id", "position_m", "quaternion_wxyz"),
-    *("position_sigma_m", "rotation_sigma_rad", "fan_0", "fan_1"),
+    *("position_sigma_m", "rotation_sigma_rad", "covariance", "systematic_rad", "fan_0", "fan_1"),
 )
 _UNIT = 1e-2
 """Deviation of a quaternion's length from 1 that rounding by hand may leave."""
@@ -58,7 +60,8 @@ class PlacedStation(NamedTuple):
 
     name: as it is shown. number: in recordings, for Lighthouse 2.0 its channel. generation: "1.0" or "2.0". identity:
     its id, None if not known. rotation: R_w_s, (3, 3). position: (3,) [m]. errors: of both fans. rotation_sigma: about
-    the world's axes (3,) [rad], position_sigma: (3,) [m], None if not known.
+    the world's axes (3,) [rad], position_sigma: (3,) [m], covariance: (6, 6) of both, None if not known.
+    systematic_rad: standard deviation of what its calibration leaves of an angle.
     """
 
     name: str
@@ -70,6 +73,16 @@ class PlacedStation(NamedTuple):
     errors: tuple[Errors, Errors]
     rotation_sigma: Floats | None = None
     position_sigma: Floats | None = None
+    covariance: Floats | None = None
+    systematic_rad: float = 0.0
+
+    @property
+    def pose_covariance(self) -> Floats:
+        """Return the covariance (6, 6) of turn and place [rad, m], from the standard deviations alone if need be."""
+        if self.covariance is not None:
+            return self.covariance
+        sigma = [np.zeros(3) if part is None else part for part in (self.rotation_sigma, self.position_sigma)]
+        return np.diag(np.square(np.concatenate(sigma)))
 
     @property
     def fans(self) -> tuple[Fan, Fan]:
@@ -119,6 +132,10 @@ def stations_text(placed: PlacedStations, head: Iterable[str] = (), remarks: Seq
             lines.append(f"position_sigma_m = {_row(station.position_sigma)}")
         if station.rotation_sigma is not None:
             lines.append(f"rotation_sigma_rad = {_row(station.rotation_sigma)}")
+        if station.covariance is not None:
+            lines += ["covariance = [", *(f"    {_row(row)}," for row in station.covariance), "]"]
+        if station.systematic_rad:
+            lines.append(f"systematic_rad = {station.systematic_rad!r}")
         for fan, errors in enumerate(station.errors):
             lines += ["", f"[station.fan_{fan}]"]
             lines += [f"{key} = {float(value)!r}" for key, value in zip(errors._fields, errors, strict=True)]
@@ -183,6 +200,8 @@ def _station(table: dict[str, Any], where: str) -> PlacedStation:
         (first, second),
         _sigma(table, "rotation_sigma_rad", where),
         _sigma(table, "position_sigma_m", where),
+        _covariance(table, where),
+        _systematic(table, where),
     )
 
 
@@ -203,6 +222,28 @@ def _sigma(table: dict[str, Any], key: str, where: str) -> Floats | None:
     if values is not None and np.any(values < 0):
         raise SwarmError(f"{where}: {key} must not be negative, not {_value(table[key])}")
     return values
+
+
+def _covariance(table: dict[str, Any], where: str) -> Floats | None:
+    if "covariance" not in table:
+        return None
+    try:
+        values = np.array(table["covariance"], dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        values = np.empty(0)
+    good = values.shape == (6, 6) and bool(np.isfinite(values).all())
+    if not good or not np.allclose(values, values.T) or np.linalg.eigvalsh(values)[0] < -_UNIT * np.trace(values):
+        raise SwarmError(
+            f"{where}: covariance must be 6 x 6 numbers, symmetric and not negative, not {_value(table['covariance'])}"
+        )
+    return values
+
+
+def _systematic(table: dict[str, Any], where: str) -> float:
+    value = table.get("systematic_rad", 0.0)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < 1:
+        raise SwarmError(f"{where}: systematic_rad must be an angle from 0 to 1, not {_value(value)}")
+    return float(value)
 
 
 def _numbers(table: dict[str, Any], key: str, count: int, where: str, *, needed: bool = True) -> Floats | None:

@@ -5,15 +5,20 @@ did not sweep since: an angle that a photodiode, station and fan repeats to the 
 have exact instants but no station, and not all of them are logged. They fit together: an angle a is a pulse
 (a + pi/2) / (2 pi 60 Hz) after a flash, which is a pulse, too. Angles whose pulses are there tell when each station's
 fans begin their sweeps, every 1/30 s to some ten microseconds; that and the time of logging give the others' instants.
+
+The firmware logs no angles of a period in which it has lost a flash, a third of the time where the craft is carried,
+but its pulses are there: those within the sweep of a station's fan, whose begin is known, are angles as well, from the
+mean of the pulses that are that flash.
 """
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import median_filter
 
 from estimators.arrays import Bools, Floats, Ints
-from swarm.flight.recordings.hits import Hits
+from swarm.flight.recordings.hits import Hits, joined
 from swarm.flight.recordings.rotor_light import FRAME_HZ, FrameLog
 
 RATE_HZ = 60.0
@@ -26,13 +31,20 @@ FEWEST = 50
 """Angles of a station and fan whose pulses must be found; with fewer, the times of logging are taken."""
 PERIOD_TICKS = FRAME_HZ / 30.0
 """A fan's period, where two stations take turns [ticks of 24 MHz]."""
+WIDEST_RAD = np.radians(75.0)
+"""Angle from boresight up to which a pulse is a sweep's; beyond it are the flashes."""
+FLASH_TICKS = 150
+"""Distance from a sweep's predicted begin within which pulses are its flash [ticks]."""
+_AHEAD = FRAME_HZ / RATE_HZ / 4
+"""Time from a sweep's begin to boresight [ticks of 24 MHz]."""
 _NEIGHBOURS, _AWAY = 15, 200.0
 """Sweeps of whose begins the median is taken, and largest distance from it [ticks]."""
 
 
 class Timed(NamedTuple):
     """Hits with instants. tick_s: tick of their clock [s]. repeated: number of old angles left out. untimed: number of
-    angles left out because no pulse belongs to them. exact: whether instants are those of pulses.
+    angles left out because no pulse belongs to them. exact: whether instants are those of pulses. added: number of
+    angles that only pulses tell.
     """
 
     hits: Hits
@@ -40,6 +52,28 @@ class Timed(NamedTuple):
     repeated: int
     untimed: int
     exact: bool
+    added: int = 0
+
+
+class _Rotor(NamedTuple):
+    """One fan's sweeps, as far as they are known: sweep number[i] begins off[i] after first + number[i] periods
+    [ticks].
+    """
+
+    first: float
+    number: Floats
+    off: Floats
+
+    def begin(self, number: Floats) -> Floats:
+        """Return the ticks at which sweeps begin."""
+        out: Floats = self.first + number * PERIOD_TICKS + np.interp(number, self.number, self.off)
+        return out
+
+    def of(self, tick: Floats, after: Floats | float) -> Floats:
+        """Return the number of the sweep that begins nearest to `after` before each tick."""
+        since = tick - after - self.first
+        out: Floats = np.round((since - np.interp(since / PERIOD_TICKS, self.number, self.off)) / PERIOD_TICKS)
+        return out
 
 
 def timed(angles: Hits, tick_s: float, frames: FrameLog) -> Timed:
@@ -54,43 +88,88 @@ def timed(angles: Hits, tick_s: float, frames: FrameLog) -> Timed:
     repeated = len(fresh) - int(np.count_nonzero(fresh))
     kept = angles.of(fresh)
     if len(frames.tick) and len(kept.tick):
-        tick = _by_rotors(kept, *_instants(kept, kept.tick * tick_s, frames))
+        pulse, logged = _instants(kept, kept.tick * tick_s, frames)
+        rotors = _rotors(kept, pulse)
+        tick = _by_rotors(kept, pulse, logged, rotors)
         found = np.isfinite(tick)
         if found.any():
             hits = kept.of(found)._replace(tick=tick[found])
-            order = np.argsort(hits.tick, kind="stable")
-            return Timed(hits.of(order), 1 / FRAME_HZ, repeated, len(tick) - int(np.count_nonzero(found)), True)
+            more = [_of_pulses(key, rotor, hits, frames) for key, rotor in rotors.items()]
+            untimed, added = len(tick) - len(hits.tick), sum(len(part.tick) for part in more)
+            return Timed(joined([hits, *more]), 1 / FRAME_HZ, repeated, untimed, True, added)
     return Timed(kept, tick_s, repeated, 0, False)
 
 
-def _by_rotors(angles: Hits, tick: Floats, logged: Floats) -> Floats:
-    """Return the instants of all angles whose station and fan have enough pulses, (N,) ticks; NaN for the others.
+def _rotors(angles: Hits, tick: Floats) -> dict[int, _Rotor]:
+    """Return the sweeps of each fan, 2 station + fan, that has enough pulses.
 
     Args:
         angles: N angles.
-        tick: instants of their pulses, NaN where not found.
-        logged: times of logging on the same clock.
+        tick: (N,), instants of their pulses, NaN where not found.
     """
-    after = _after(angles.angle)
-    out = np.full(len(tick), np.nan)
-    for key in np.unique(angles.station * 2 + angles.fan):
-        rows = np.flatnonzero(angles.station * 2 + angles.fan == key)
-        found = rows[np.isfinite(tick[rows])]
+    key, after, out = angles.station * 2 + angles.fan, _after(angles.angle), {}
+    for k in np.unique(key).tolist():
+        found = np.flatnonzero((key == k) & np.isfinite(tick))
         if len(found) < FEWEST:
             continue
         begin = np.sort(tick[found] - after[found])
         number = np.round((begin - begin[0]) / PERIOD_TICKS)
         off = begin - begin[0] - number * PERIOD_TICKS
         near = np.abs(off - median_filter(off, _NEIGHBOURS, mode="nearest")) < _AWAY
-        number, off = number[near], median_filter(off[near], _NEIGHBOURS, mode="nearest")
-        late = float(np.median((logged - tick)[found]))
-        swept = logged[rows] - late - after[rows] - begin[0]
-        # Of which period an angle is, its own pulse tells best.
-        exact = tick[rows] - after[rows] - begin[0]
-        swept = np.where(np.isfinite(exact), exact, swept)
-        mine = np.round((swept - np.interp(swept / PERIOD_TICKS, number, off)) / PERIOD_TICKS)
-        out[rows] = begin[0] + mine * PERIOD_TICKS + np.interp(mine, number, off) + after[rows]
+        out[k] = _Rotor(float(begin[0]), number[near], median_filter(off[near], _NEIGHBOURS, mode="nearest"))
     return out
+
+
+def _by_rotors(angles: Hits, tick: Floats, logged: Floats, rotors: Mapping[int, _Rotor]) -> Floats:
+    """Return the instants of all angles of fans whose sweeps are known, (N,) ticks; NaN for the others.
+
+    Args:
+        angles: N angles.
+        tick: instants of their pulses, NaN where not found.
+        logged: times of logging on the same clock.
+        rotors: sweeps of the fans.
+    """
+    after = _after(angles.angle)
+    out = np.full(len(tick), np.nan)
+    for key, rotor in rotors.items():
+        rows = np.flatnonzero(angles.station * 2 + angles.fan == key)
+        late = float(np.nanmedian((logged - tick)[rows]))
+        # Of which period an angle is, its own pulse tells best.
+        swept = np.where(np.isfinite(tick[rows]), tick[rows], logged[rows] - late)
+        out[rows] = rotor.begin(rotor.of(swept, after[rows])) + after[rows]
+    return out
+
+
+def _of_pulses(key: int, rotor: _Rotor, known: Hits, frames: FrameLog) -> Hits:
+    """Return the angles of one fan that no angle was logged of, from the pulses.
+
+    Args:
+        key: 2 station + fan.
+        rotor: its sweeps.
+        known: angles with their instants, of all fans.
+        frames: the receiver's pulses.
+    """
+    tick, photodiode = frames.tick, frames.photodiode
+    number = rotor.of(tick, _AHEAD)
+    swept = np.abs(tick - rotor.begin(number) - _AHEAD) < WIDEST_RAD / np.pi * 2 * _AHEAD
+    swept &= (number >= rotor.number[0]) & (number <= rotor.number[-1])
+    tick, photodiode, number = tick[swept], photodiode[swept], number[swept]
+    begin, flash, pulses = (
+        rotor.begin(number),
+        np.sort(frames.tick),
+        np.concatenate([[0.0], np.cumsum(np.sort(frames.tick))]),
+    )
+    first, end = (np.searchsorted(flash, begin + side) for side in (-FLASH_TICKS, FLASH_TICKS))
+    seen = end > first
+    late = (pulses[end] - pulses[first])[seen] / (end - first)[seen] - begin[seen]
+    # The firmware's zero is where its angles have it, a constant from the mean flash.
+    begin[seen] += late - (float(np.median(late)) if len(late) else 0.0)
+    own = known.of(known.station * 2 + known.fan == key)
+    told = rotor.of(own.tick, _after(own.angle)) * 64 + own.photodiode
+    new = ~np.isin(number * 64 + photodiode, told)
+    angle = (tick - begin)[new] / (2 * _AHEAD) * np.pi - np.pi / 2
+    count = np.zeros(int(new.sum()), dtype=np.int64)
+    return Hits(count + key // 2, count + key % 2, photodiode[new], tick[new], angle)
 
 
 def _after(angle: Floats) -> Floats:

@@ -39,6 +39,8 @@ def placed_stations(result: Result) -> PlacedStations:
                 result.found.room.errors(at),
                 None if s == first else sigma[:3],
                 None if s == first else sigma[3:],
+                None if s == first else result.covariance[6 * at : 6 * at + 6, 6 * at : 6 * at + 6],
+                result.found.systematic_rad,
             )
         )
     return PlacedStations(result.frame, tuple(out))
