@@ -37,8 +37,8 @@ class PlaceSigma:
     """How far stations and photodiodes may be off.
 
     pose: (S, 6, 6), covariance of each station's turn about the world's axes and place [rad, m]. phase_rad: (S,),
-    standard deviation of a fan's zero. place_m: of each coordinate of a photodiode on the body. lasting_rad: (S,), of an
-    angle of one photodiode by one fan, which lasts while the object hardly turns.
+    standard deviation of a fan's zero. place_m: of each coordinate of a photodiode on the body. lasting_rad: (S,), of
+    an angle of one photodiode by one fan, which lasts while the object hardly turns.
     """
 
     pose: Floats
