@@ -142,4 +142,5 @@ class PlaceErrors:
         d[every[:, None], (POSE + FANS) * stations + 3 * rows.photodiode[:, None] + np.arange(3)] = u @ state.rotation
         stream = (FANS * rows.station + rows.fan) * len(points) + rows.photodiode
         d[every, (POSE + FANS) * stations + 3 * len(points) + stream] = 1.0
-        return h, d, np.linalg.inv(noise_of(rows, self._noise))
+        weight: Floats = np.linalg.inv(noise_of(rows, self._noise))
+        return h, d, weight
