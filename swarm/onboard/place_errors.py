@@ -34,7 +34,7 @@ POSE, FANS = 6, 2
 
 @dataclass(frozen=True)
 class PlaceSigma:
-    """How far stations and photodiodes may be off.
+    """Standard deviations of the stations' and photodiodes' places.
 
     pose: (S, 6, 6), covariance of each station's turn about the world's axes and place [rad, m]. phase_rad: (S,),
     standard deviation of a fan's zero. place_m: of each coordinate of a photodiode on the body. lasting_rad: (S,), of
