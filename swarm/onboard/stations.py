@@ -42,7 +42,7 @@ from estimators.lighthouse.pnp import PoseSolution
 from estimators.lighthouse.row_faults import row_faults
 from estimators.lighthouse.row_pose import RowPose, solve_rows
 from estimators.lighthouse.row_snooping import snooped
-from estimators.lighthouse.rows import Packed, Station, expect_into, packed, row_into
+from estimators.lighthouse.rows import Station, expect_into, packed, row_into
 from estimators.state import STATES, State
 from swarm.hardware import Photodiodes
 from swarm.messages import Command, Signals
