@@ -142,5 +142,4 @@ class PlaceErrors:
         d[every[:, None], (POSE + FANS) * stations + 3 * rows.photodiode[:, None] + np.arange(3)] = u @ state.rotation
         stream = (FANS * rows.station + rows.fan) * len(points) + rows.photodiode
         d[every, (POSE + FANS) * stations + 3 * len(points) + stream] = 1.0
-        weight: Floats = np.linalg.inv(noise_of(rows, self._noise))
-        return h, d, weight
+        return h, d, np.asarray(np.linalg.inv(noise_of(rows, self._noise)), dtype=np.float64)
