@@ -62,6 +62,8 @@ PARTNERS = {
     "sun_beta_deg": {"altitude_km": 400.0},
     "from_m": {"to_m": 0.0},
     "to_m": {"from_m": 10000.0},
+    "unseen_acceleration_m_s2": {"false_photodiodes": 1},
+    "unseen_angular_acceleration_deg_s2": {"false_photodiodes": 1},
 }
 WANDER: dict[str, dict[str, Any]] = {
     "speed_m_s": {"size_m": [100.0, 100.0, 100.0], "bandwidth_hz": 30.0},
@@ -252,9 +254,9 @@ def _of_the_rest(name: str, values: dict[str, Any], said: str) -> str:
         "Integrity": "navigation.integrity",
         "Quiet": "navigation.quiet",
     }[name]
-    if name in ("Lighthouse", "Orbit"):
+    if name in ("Lighthouse", "Orbit", "Integrity"):
         partner = PARTNERS.get(next(iter(values)), {})
-        lines += "".join(f"\n{key} = {min(value, 1000.0)}" for key, value in partner.items())
+        lines += "".join(f"\n{key} = {min(value, 1000)}" for key, value in partner.items())
     quiet = "\n[lighthouse]\nangle_noise_arcsec = 0.0\n" if name == "Navigation" else ""
     return _motion(HOLD) + f"[{head}]\n{lines}\n{quiet}"
 

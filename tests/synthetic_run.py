@@ -54,6 +54,7 @@ class Estimate(NamedTuple):
     rows: Ints | int = 0
     symmetry: tuple[()] = ()
     station_rows: Ints | None = None
+    relative: None = None
 
 
 def period_of(

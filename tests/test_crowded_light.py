@@ -20,6 +20,10 @@ from swarm.world.craft import load_craft
 SHAPE = mujoco.mjtGeom
 
 
+VARIED = sorted(set(models()) - {"shuttle"}, key=lambda name: (name != "satellite", name))
+"""The shipped models, the satellite in every crowd; without the shuttle, whose nine metres leave a crowd no light."""
+
+
 def shipped_crowd(count: int, names: list[str]) -> tuple[mujoco.MjModel, Photodiodes, list[int]]:
     """`count` craft of these models in turn, in the world's model, and their layout."""
     spec = mujoco.MjSpec()
@@ -45,7 +49,7 @@ def crowded(rng: np.random.Generator, count: int, spread_m: float, around: bool)
 
 
 @pytest.mark.parametrize("count", [10, 100])
-@pytest.mark.parametrize("names", [["mockup"], ["cubesat6u"], sorted(models())])
+@pytest.mark.parametrize("names", [["mockup"], ["cubesat6u"], VARIED])
 def test_equal_to_mujocos_ray_for_the_shipped_models(
     names: list[str], count: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:

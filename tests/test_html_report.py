@@ -231,7 +231,7 @@ def test_a_run_has_a_page_too(
     assert capsys.readouterr().out.startswith("runs/formation-7/report.html")
     seen = Seen(Path("runs/formation-7/report.html"))
     check_self_contained(seen)
-    assert len(seen.pictures) == 6
+    assert len(seen.pictures) == 7
     for word in (
         "craft-0",
         "craft-4",

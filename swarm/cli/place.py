@@ -149,7 +149,7 @@ def place(
     swarm place mockup --position-mm 2 \\
         --volume=-1,1,-1,1,0,2 --losses 1
     swarm place my/docking.toml --stations 2 --shell-m 3
-    swarm place two-stations                  # its own stations, against the best two
+    swarm place two-stations
     """
     given: dict[str, Any] = {key: value for key, value in locals().items() if value is not None}
     with mistakes():

@@ -114,7 +114,8 @@ def replay(
     swarm replay walk.rec.gz --list
     swarm replay FLIGHT/log00 --stations stations.toml
     swarm replay walk.rec.gz --lighthouse 0 --truth mocap.npy
-    some-program | swarm replay - --live --stations stations.toml
+    some-program | swarm replay - --live \\
+        --stations stations.toml
     """
     with mistakes():
         lines, file = _found(recording, list_only)
