@@ -44,8 +44,8 @@ flown for this page yet.{older}
 """
 OLDER = """
 
-The figures of these were measured before the filter had [several models of motion](filter.md), and are different since,
-mostly smaller: {names}."""
+The figures of these were measured before the filter had [several models of motion](filter.md), and have changed since:
+{names}."""
 
 
 def flown(name: str, folder: Path) -> dict[str, Any]:
