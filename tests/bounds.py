@@ -52,7 +52,7 @@ COSTLY = {
 }
 
 
-PARTNERS = {
+PARTNERS: dict[str, dict[str, Any]] = {
     "range_min_m": {"range_max_m": 10000.0},
     "range_max_m": {"range_min_m": 0.0},
     "image_noise_um": {"believed_noise_um": 1.0},
