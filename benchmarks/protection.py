@@ -20,6 +20,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from pushed_motion import pushed
 
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats
@@ -96,13 +97,7 @@ class Batch:
         dt, shape = s.frame_s, truth.position.shape
         push = s.acceleration_noise_m_s2 * rng.standard_normal(shape) + dark * self._push[0]
         twist = s.angular_acceleration_noise_rad_s2 * rng.standard_normal(shape) + dark * self._push[1]
-        ahead = truth.ahead(dt)
-        self.truth = State(
-            rot.exp(twist * dt**2 / 2) @ ahead.rotation,
-            ahead.position + push * dt**2 / 2,
-            truth.velocity + push * dt,
-            truth.angular_rate + twist * dt,
-        )
+        self.truth = pushed(truth, push, twist, dt)
         return self.navigator.step(self._angles(dark))
 
     def _angles(self, dark: bool) -> SweepAngles:

@@ -19,6 +19,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from pushed_motion import pushed
 from scipy.stats import chi2
 
 from estimators import rotation as rot
@@ -159,13 +160,7 @@ class Pairs:
         model = s.quiet if self.case.quiet and s.quiet is not None else s
         push = model.acceleration_noise_m_s2 * rng.standard_normal(truth.position.shape)
         twist = model.angular_acceleration_noise_rad_s2 * rng.standard_normal(truth.position.shape)
-        ahead = truth.ahead(dt)
-        self.truth = truth = State(
-            rot.exp(twist * dt**2 / 2) @ ahead.rotation,
-            ahead.position + push * dt**2 / 2,
-            truth.velocity + push * dt,
-            truth.angular_rate + twist * dt,
-        )
+        self.truth = truth = pushed(truth, push, twist, dt)
         return self.navigator.step(self._angles(truth))
 
     def _angles(self, truth: State) -> SweepAngles:

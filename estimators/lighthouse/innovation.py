@@ -60,10 +60,11 @@ class RowBatch(NamedTuple):
     offset_s: Floats
     angle: Floats
 
-    def of(self, craft: int) -> Rows:
-        """Return the rows of one craft."""
+    def of(self, craft: int, kept: Bools | None = None) -> Rows:
+        """Return the rows of one craft; only those of a mask (N,), if one is given."""
         own = slice(self.first[craft], self.first[craft + 1])
-        return Rows._make(part[own] for part in self[1:])
+        rows = Rows._make(part[own] for part in self[1:])
+        return rows if kept is None else Rows._make(part[kept[own]] for part in rows)
 
     def where(self, kept: Bools) -> "RowBatch":
         """Return the rows of a mask (N,) only."""

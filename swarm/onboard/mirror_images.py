@@ -187,7 +187,7 @@ class MirrorImages:
         parted, near, own_mixed, close = np.zeros((4, len(asked)), dtype=np.bool_)
         first, second = (own.state, own.covariance), (own.state, own.covariance)
         for c in np.flatnonzero(asked).tolist():
-            rows = self._sweeps.rows_of(c, taken.batch, taken.kept)
+            rows = taken.batch.of(c, taken.kept)
             fold = self._fold(c, rows, *first)
             again = fold is not None and abs(fold.at) < AGAIN and other.active[c] and self._apart(c) < OVERLAPPING
             if again:

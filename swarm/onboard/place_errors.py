@@ -101,8 +101,7 @@ class PlaceErrors:
             return
         state = bank.state
         for c in np.flatnonzero(fresh).tolist():
-            used = kept[rows.first[c] : rows.first[c + 1]]
-            own = Rows._make(part[used] for part in rows.of(c))
+            own = rows.of(c, kept)
             h, d, weight = self._derivatives(c, own, state.of(c))
             gain = bank.covariance_of(c) @ h.T @ weight
             self._sensitivity[c] += gain @ (d - h @ self._sensitivity[c])

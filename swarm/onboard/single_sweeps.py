@@ -126,8 +126,7 @@ class SingleSweeps:
         _count_photodiodes(rows.first, rows.photodiode, kept, out.fresh, self._point_m.shape[1], out.photodiodes)
         if self._screens:
             for c in np.flatnonzero(out.fresh & (out.photodiodes < MIN_LIT)):
-                own = slice(rows.first[c], rows.first[c + 1])
-                used = Rows._make(part[kept[own]] for part in rows.of(int(c)))
+                used = rows.of(int(c), kept)
                 before = predicted.state.of(int(c)), predicted.covariance[c]
                 open_s = float(tracks.since_pose_s[c]) if out.photodiodes[c] < DETERMINED else 0.0
                 slopes = fault_slopes(used, self._stations, self._point_m[c], *before, self._noise, open_s)
@@ -162,16 +161,6 @@ class SingleSweeps:
             to_second_order(found, bent, bank.state, covariance, there)
         sums, angles = condense(found, asked, covariance)
         return bank.update(asked, sums.y, sums.h, np.ones_like(sums.y), sums.number, sums.pivot, angles), angles
-
-    def rows_of(self, craft: int, rows: RowBatch, kept: Bools) -> Rows:
-        """Return the kept rows of one craft.
-
-        Args:
-            craft: its index.
-            rows: of all craft.
-            kept: (N,), those that are used.
-        """
-        return Rows._make(part[kept[rows.first[craft] : rows.first[craft + 1]]] for part in rows.of(craft))
 
     def centre(self, craft: int, rows: Rows) -> Floats:
         """Return the centre of the photodiodes that rows of one craft come from, (3,) [m], body frame."""
