@@ -40,6 +40,8 @@ _PAGE: dict[Any, Any] = {
     "legend.fontsize": 8.0,
     "svg.fonttype": "none",
 }
+FEW_DECADES = 2.5
+"""Axes of fewer decades than these have numbers at 1, 2 and 5 of each."""
 
 
 def page(rows: int, columns: int, height_in: float, width_in: float = 7.0) -> tuple[Figure, NDArray[np.object_]]:
@@ -157,8 +159,16 @@ def plain_log_y(axes: Axes) -> None:
     axes.set_yscale("log", subs=[2, 5])
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     low, high = axes.get_ylim()
-    few = np.log10(high / low) < 2.5
+    few = np.log10(high / low) < FEW_DECADES
     axes.yaxis.set_minor_formatter(FuncFormatter(lambda value, _: f"{value:g}") if few else NullFormatter())
+
+
+def decade_ticks(low: float, high: float) -> list[float]:
+    """Return 1, 2 and 5 of every decade from `low` to `high`; of many decades, the powers of ten."""
+    first, last = np.log10(low), np.log10(high)
+    steps = (1.0, 2.0, 5.0) if last - first < FEW_DECADES else (1.0,)
+    decades = range(int(np.floor(first)), int(np.ceil(last)) + 1)
+    return [step * 10.0**n for n in decades for step in steps if first <= np.log10(step) + n <= last]
 
 
 def plain_log_x(axes: Axes, ticks: Sequence[float]) -> None:

@@ -10,14 +10,12 @@ from typing import Any
 import numpy as np
 
 from estimators.arrays import Floats
-from swarm.figures import Axes, Figure, plain_log_x, plain_log_y
+from swarm.figures import Axes, Figure, decade_ticks, plain_log_x, plain_log_y
 from swarm.report.figures import SERIES, Picture, legend, panels, picture, thin
 from swarm.report.sections.errors import WIDE
 from swarm.report.subject import Subject
 
 QUANTITIES = (("position", "m", "mm", 1000.0), ("attitude", "deg", "°", 1.0))
-FEW_DECADES = 2.5
-"""Axes of fewer decades than these have numbers at 1, 2 and 5 of each."""
 CAPTION = (
     "Root mean square over the craft of the error of the filter's estimate, over time, and the share of the periods in"
     " which it is below a size. Dashed: what the filter believes, in a run without truth."
@@ -86,10 +84,7 @@ def _plain_log(axes: Axes, values: Floats) -> None:
     """Make the axis of sizes logarithmic, with plain numbers."""
     known = values[np.isfinite(values) & (values > 0)]
     if known.size:
-        low, high = np.log10(known.min()), np.log10(known.max())
-        steps = (1.0, 2.0, 5.0) if high - low < FEW_DECADES else (1.0,)
-        decades = range(int(np.floor(low)), int(np.ceil(high)) + 1)
-        plain_log_x(axes, [step * 10.0**n for n in decades for step in steps if low <= np.log10(step) + n <= high])
+        plain_log_x(axes, decade_ticks(float(known.min()), float(known.max())))
 
 
 def _settle(axes: Axes, values: Floats) -> None:

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimators.arrays import Floats
-from swarm.figures import Axes, Figure, plain_log_y
+from swarm.figures import Axes, Figure, decade_ticks, plain_log_x, plain_log_y
 from swarm.report.figures import BLUE, GREY, ORANGE, RED, Picture, legend, panels, picture
 from swarm.report.page import Section, number, prose
 from swarm.report.series import Series
@@ -106,7 +106,6 @@ def _paint(axes: Axes, kind: Levelled) -> None:
     every = -(-len(kind.error) // MOST_DOTS)
     error, level = np.maximum(kind.error, LEAST_MM)[::every], np.maximum(kind.level, LEAST_MM)[::every]
     low, high = float(min(error.min(), level.min())) / 1.5, 1.5 * float(max(error.max(), level.max(), kind.limit or 0))
-    axes.set_xscale("log")
     dots: dict[str, Any] = {"markersize": 3, "markeredgewidth": 0, "rasterized": True}
     axes.plot(error, level, ".", color=BLUE, alpha=0.3, label="estimates", **dots)
     beyond = kind.error > kind.level
@@ -117,6 +116,7 @@ def _paint(axes: Axes, kind: Levelled) -> None:
         axes.axhline(kind.limit, color=ORANGE, linestyle=":", label="alert limit")
         axes.axvline(kind.limit, color=ORANGE, linestyle=":")
     plain_log_y(axes)
+    plain_log_x(axes, decade_ticks(low, high))
     axes.set_xlim(low, high)
     axes.set_ylim(low, high)
     axes.set_title(kind.title)
