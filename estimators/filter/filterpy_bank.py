@@ -21,6 +21,9 @@ from estimators.filter.error_state import (
 )
 from estimators.pivot import ARMS, is_wide, shear, turn_about
 
+ErrorFilter = ExtendedKalmanFilter
+"""The type of `error_filter`'s filter."""
+
 
 class PoseFilterBank(FilterBank):
     """A bank of filterpy's filters: the reference, and slow, for it takes a Python loop over the craft."""

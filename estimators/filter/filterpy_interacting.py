@@ -3,12 +3,14 @@
 What makes several filters one, the mixing and the weights, is that of `estimators.filter.interacting`.
 """
 
+from functools import cached_property
+
 import numpy as np
 
 from estimators.arrays import Bools, Floats
 from estimators.filter.bank import Given, Independent, UpdateResult
 from estimators.filter.error_state import correct, process_noise_into, propagate, transition_into
-from estimators.filter.filterpy_bank import error_filter, taken_by
+from estimators.filter.filterpy_bank import ErrorFilter, error_filter, taken_by
 from estimators.filter.interacting import (
     InteractingBank,
     centre,
@@ -28,8 +30,13 @@ from estimators.state import STATES
 class FilterpyInteractingBank(InteractingBank):
     """Interacting filters by filterpy: the reference, and slow, for it takes a Python loop over craft and models."""
 
+    @cached_property
+    def _filter(self) -> ErrorFilter:
+        """The one filter that takes the mean and covariance of every model in turn."""
+        return error_filter()
+
     def _predict(self, mask: Bools, step: Floats) -> None:
-        mixtures, state, grid, f = self._mixtures, self._state, self.grid, error_filter()
+        mixtures, state, grid, f = self._mixtures, self._state, self.grid, self._filter
         for c in np.flatnonzero(mask).tolist():
             mix_if_due(c, step[c], grid, mixtures)
             transition_into(state.angular_rate[c], step[c], f.F)
@@ -43,7 +50,7 @@ class FilterpyInteractingBank(InteractingBank):
             combine(c, mixtures, self._covariance[c])
 
     def _update(self, mask: Bools, given: Given | Independent, result: UpdateResult) -> int:
-        mixtures, f, x = self._mixtures, error_filter(), np.empty(STATES)
+        mixtures, f, x = self._mixtures, self._filter, np.empty(STATES)
         for c in np.flatnonzero(mask).tolist():
             n = given.rows[c]
             if isinstance(given, Independent):

@@ -174,8 +174,9 @@ class TelemetryTable:
             yield self.part(first, min(first + rows, begin + len(self)))
 
     def forget(self) -> None:
-        """Drop the columns that were read, for all parts."""
+        """Drop the columns that were read, for all parts, and give their memory back."""
         self._values.clear()
+        pa.default_memory_pool().release_unused()
 
 
 def doubles(table: pa.Table, name: str) -> Floats:

@@ -56,35 +56,51 @@ class _Slope:
         return [number(b) for b in slope], [number(b) for b in sigma], explained
 
 
-def motion_bias(rows: TelemetryTable) -> dict[str, Any]:
-    """Return slopes, their 1 sigma, and how much of the error they explain; null where there are no rows."""
-    frame = rows.frame
-    first = int(frame.min()) if len(frame) else 0
-    frames = int(frame.max()) - first + 1 if len(frame) else 0
-    position, attitude = _Slope(frames), _Slope(frames)
-    along, moving = 0.0, 0
+def position_bias(rows: TelemetryTable) -> dict[str, Any]:
+    """Return the slope per axis, its 1 sigma, how much of the position error it explains, and the error along the
+    velocity; null where there are no rows.
+    """
+    first, frames = _frames(rows)
+    slope, along, moving = _Slope(frames), 0.0, 0
     for part in rows.blocks(BLOCK):
         solution, truth = part.position("pnp"), part.position("true")
         known = np.isfinite(solution).all(axis=1) & np.isfinite(truth).all(axis=1)
-        error, at = (solution - truth)[known], part.frame[known] - first
+        error = (solution - truth)[known]
         velocity = part.stacked("true_vx_m_s", "true_vy_m_s", "true_vz_m_s")[known]
-        rate = part.stacked("true_wx_rad_s", "true_wy_rad_s", "true_wz_rad_s")[known]
-        turn = np.empty((len(at), 3))
-        attitude_errors_into(part.quaternion("true")[known], part.quaternion("pnp")[known], turn)
-        position.add(at, error, velocity)
-        attitude.add(at, turn, rate)
+        slope.add(part.frame[known] - first, error, velocity)
         speed = np.linalg.norm(velocity, axis=1)
         moves = speed > MIN_RATE
         along += float(np.sum(np.sum(error * velocity, axis=1)[moves] / speed[moves]))
         moving += int(np.count_nonzero(moves))
-    slope, sigma, explained = position.solve()
-    turn_slope, turn_sigma, turn_explained = attitude.solve()
+    of_position, sigma, explained = slope.solve()
     return {
-        "position_slope_s": slope,
+        "position_slope_s": of_position,
         "position_slope_sigma_s": sigma,
         "position_rms_m": explained,
         "along_velocity_m": along / moving if moving else None,
-        "attitude_slope_s": turn_slope,
-        "attitude_slope_sigma_s": turn_sigma,
-        "attitude_rms_deg": None if turn_explained is None else float(np.degrees(turn_explained)),
     }
+
+
+def attitude_bias(rows: TelemetryTable) -> dict[str, Any]:
+    """Return the slope per axis, its 1 sigma, and how much of the attitude error it explains; null likewise."""
+    first, frames = _frames(rows)
+    slope = _Slope(frames)
+    for part in rows.blocks(BLOCK):
+        solution, truth = part.quaternion("pnp"), part.quaternion("true")
+        known = np.isfinite(solution).all(axis=1) & np.isfinite(truth).all(axis=1)
+        turn = np.empty((np.count_nonzero(known), 3))
+        attitude_errors_into(truth[known], solution[known], turn)
+        rate = part.stacked("true_wx_rad_s", "true_wy_rad_s", "true_wz_rad_s")[known]
+        slope.add(part.frame[known] - first, turn, rate)
+    of_attitude, sigma, explained = slope.solve()
+    return {
+        "attitude_slope_s": of_attitude,
+        "attitude_slope_sigma_s": sigma,
+        "attitude_rms_deg": None if explained is None else float(np.degrees(explained)),
+    }
+
+
+def _frames(rows: TelemetryTable) -> tuple[int, int]:
+    """Return the first frame, and the number of frames from there to the last."""
+    frame = rows.frame
+    return (int(frame.min()), int(frame.max() - frame.min()) + 1) if len(frame) else (0, 0)

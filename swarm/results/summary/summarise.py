@@ -12,8 +12,7 @@ import numpy as np
 import pyarrow as pa
 
 from swarm.results.reasons import docking
-from swarm.results.summary.figures import figures
-from swarm.results.summary.motion_bias import motion_bias
+from swarm.results.summary.figures import Setting, figures
 from swarm.results.summary.scans import scans
 from swarm.results.summary.statistics import largest, mean
 from swarm.results.table import TelemetryTable
@@ -73,17 +72,10 @@ def _summary(table: TelemetryTable) -> dict[str, Any]:
         return {"periods": 0, "duration_s": 0.0, "craft_count": 0, "swarm": None, "craft": {}, "notes": NOTES}
     still = set(table.without_sensors)
     everything, parts, own, groups = _by_craft(table, still)
-    frame, time_s = everything.frame, everything.column("time_s")
-    span = int(frame.max() - frame.min())
-    period_s = float(time_s.max() - time_s.min()) / span if span else 0.0
-    # The bias takes half of all columns, and nothing else needs them.
+    table.forget()
+    periods, span, period_s = _times(everything)
     every = [own, *groups.values(), *(craft.rows for craft in parts)]
-    without = "peer_px_m" in table.columns
-    # Of craft with different sensors, it is not kept.
-    bias = [None if without or (groups and rows is own) else motion_bias(rows) for rows in every]
-    everything.forget()
-    noise_rad = table.angle_noise_rad
-    swarm, *rest = (figures(rows, period_s, drift, noise_rad) for rows, drift in zip(every, bias, strict=True))
+    swarm, *rest = figures(every, Setting(period_s, table.angle_noise_rad))
     alike, single = dict(zip(groups, rest, strict=False)), rest[len(groups) :]
     if groups:
         swarm = {key: value if key in COMMON else None for key, value in swarm.items()}
@@ -101,7 +93,7 @@ def _summary(table: TelemetryTable) -> dict[str, Any]:
         by_own = [delta_v for craft, delta_v in zip(parts, spent, strict=True) if not craft.aside]
         swarm["delta_v_m_s"] = mean(np.array(by_own, dtype=np.float64))
     return {
-        "periods": len(np.unique(frame)),
+        "periods": periods,
         "duration_s": (span + 1) * period_s,
         "craft_count": len(table.names_of("craft")),
         "swarm": swarm,
@@ -109,6 +101,13 @@ def _summary(table: TelemetryTable) -> dict[str, Any]:
         "craft": {craft.name: of_craft for craft, of_craft in zip(parts, single, strict=True)},
         "notes": NOTES,
     }
+
+
+def _times(rows: TelemetryTable) -> tuple[int, int, float]:
+    """Return the number of periods, the last one's number from the first, and the length of a period [s]."""
+    frame, time_s = rows.frame, rows.column("time_s")
+    span = int(frame.max() - frame.min())
+    return len(np.unique(frame)), span, float(time_s.max() - time_s.min()) / span if span else 0.0
 
 
 def _by_craft(table: TelemetryTable, still: set[str]) -> _Sorted:
