@@ -3,20 +3,22 @@
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
 
 from estimators.rotation import exp
+from swarm.assets import find_model
 from swarm.errors import SwarmError
-from swarm.exports.video import FAN_TURN_S, FROM_Z_UP, Options, fans, low_corner, video, view_of
+from swarm.exports.video import FAN_TURN_S, FROM_Z_UP, Options, fans, half_angle_deg, low_corner, video, view_of
 from swarm.flight.simulate import simulate
 from swarm.hardware import Photodiodes
 from swarm.results.replayed import FILE, read_replayed, replayed_bytes
 from swarm.results.scene import Scene, StationScene
 from swarm.scenario import load
-from swarm.world.picture import FIELD_DEG
+from swarm.world.picture import FIELD_DEG, Picture, Subject
 
 ROOT = Path(__file__).parents[1]
 
@@ -40,14 +42,40 @@ def test_the_camera_sees_the_lighthouse_and_every_craft(ratio: float) -> None:
 def test_each_fan_sweeps_its_half_of_the_turn_within_the_field() -> None:
     seen = []
     for time_s in np.linspace(0.0, FAN_TURN_S, 41)[:-1]:
-        (plate,) = fans(120.0, 5.0, float(time_s))
-        ahead, axle = plate.rotation[:, 2], plate.rotation[:, 1]
-        assert np.allclose(plate.rotation.T @ plate.rotation, np.eye(3), atol=1e-12)
+        (wedge,) = fans(120.0, 30.0, 5.0, float(time_s))
+        one, other = wedge.corners_m
+        assert not wedge.tip_m.any(), "light comes from the lighthouse"
+        assert np.allclose([np.linalg.norm(one), np.linalg.norm(other)], 5.0)
+        assert np.isclose(np.degrees(np.arccos(one @ other / 25)), 60)
+        ahead, axle = (one + other) / np.linalg.norm(one + other), np.abs(other - one)
         assert np.degrees(np.arccos(ahead[2])) <= 60 + 1e-9
-        seen.append((int(abs(axle[1]) < 0.5), ahead))
+        seen.append((int(axle[1] < axle[0]), ahead))
     assert [fan for fan, _ in seen] == [0] * 20 + [1] * 20
     assert all(ahead[1] == 0 for fan, ahead in seen if fan == 0), "fan X turns about y"
     assert all(ahead[0] == 0 for fan, ahead in seen if fan == 1), "fan Y turns about x"
+
+
+def test_fans_are_as_wide_as_the_craft_need_within_the_field() -> None:
+    place = np.array([[[0.0, np.tan(np.radians(40)), 1.0], [np.nan, 0.0, 1.0]]])
+    assert np.isclose(half_angle_deg(120.0, place), 44)
+    assert half_angle_deg(70.0, place) == 35
+    assert half_angle_deg(120.0, place * [1, 0, 1]) == half_angle_deg(120.0, np.full((2, 1, 3), np.nan)) == 12
+
+
+def test_crowds_are_drawn_in_the_colours_of_their_models(monkeypatch: pytest.MonkeyPatch) -> None:
+    # MuJoCo draws 1000 materials at most, and each copy of a craft has its own.
+    made: list[Any] = []
+    monkeypatch.setattr("mujoco.Renderer", lambda model, *_, **__: made.append(model))
+    path = find_model("cubesat6u")
+    for count in (2, 400):
+        Picture([Subject(f"c{i}", path, False) for i in range(count)], [], 96, 64, 0)
+    few, many = made
+    each = few.ngeom // 2
+    assert few.nmat > 0
+    assert many.nmat == 0
+    assert many.ngeom == 400 * each
+    ink = np.where(few.geom_matid[:, None] < 0, few.geom_rgba, few.mat_rgba[few.geom_matid])
+    assert np.array_equal(many.geom_rgba[-each:], ink[:each])
 
 
 def test_the_object_is_shown_near_by_where_nothing_else_is() -> None:
@@ -132,6 +160,6 @@ def test_a_video_plays(tmp_path: Path) -> None:
     assert ((middle[..., 1] - middle[..., 0] > 15).sum()) > 20, "green beams"
     words = [str(tmp_path / "run"), str(tmp_path / "run.png"), "--size", "320x180", "--at", "0.01"]
     subprocess.run([sys.executable, "-m", "swarm", "video", *words], check=True, cwd=ROOT)
-    with Image.open(tmp_path / "run.png") as picture:
-        assert picture.size == (320, 180)
+    with Image.open(tmp_path / "run.png") as drawn:
+        assert drawn.size == (320, 180)
     assert [path.name for path in tmp_path.iterdir() if path.suffix in (".tmp", ".mp4")] == ["run.mp4"]

@@ -2,8 +2,8 @@
 
     craft, lighthouse   as their models say, at the true poses of the telemetry
     light               a beam from every station that stays where it is to every lit craft, in the colour of its
-                        navigation's status; of the one lighthouse at the origin also the two fans, which are shown
-                        turning once in `FAN_TURN_S` (they turn 60 times a second)
+                        navigation's status; of the one lighthouse at the origin also the two fans as wedges, as wide as
+                        the craft need, turning once in `FAN_TURN_S` (they turn 60 times a second)
     estimate            the axes x, y, z of the body (red, green, blue) at the estimated pose, its last seconds as a
                         track, and a ball of three standard deviations
     text                scenario, time, how many craft track, RMS errors
@@ -35,18 +35,22 @@ from swarm.results.run_folder import open_run
 from swarm.results.table import TelemetryTable
 from swarm.scenario import Scenario, craft, load
 from swarm.world.assembly import Standing, at_origin
-from swarm.world.picture import FIELD_DEG, Mark, Picture, Plate, Subject, View
+from swarm.world.picture import FIELD_DEG, Mark, Picture, Plate, Subject, View, Wedge
 
 FAN_TURN_S = 4.0
+LEAST_FAN_DEG, MOST_FAN_DEG = 12.0, 55.0
+"""Least and largest half angle of a fan that is drawn."""
 TRACK_S = 4.0
 """Length of the tracks behind the craft."""
 TRACK_STEPS = 24
 MOST_OVERLAID = 64
-"""Of more craft, only the beams are drawn."""
+"""Of more craft, only a dot and faint beams are drawn."""
 COLOURS = {"tracking": (0.35, 0.9, 0.55), "single_sweeps": (0.55, 0.8, 0.95), "coasting": (0.95, 0.7, 0.25)}
 """Colours of beams and tracks by status; all others are red."""
 BY_LIGHT = ("tracking", "single_sweeps")
 LOST = (0.95, 0.3, 0.25)
+LAMP = (1.0, 0.9, 0.6, 1.0)
+"""Colour of a dot at each station, which is dark and small itself."""
 AXES = ((0.95, 0.25, 0.25), (0.3, 0.85, 0.35), (0.35, 0.55, 1.0))
 SIDE = np.array([0.62, -0.42, -0.66])
 """Direction from what is watched to the camera: from the right, above and behind the lighthouse."""
@@ -147,13 +151,15 @@ class Stage:
             stations = [_turned(one) for one in stations]
         self._lamps = [Lamp(one.position, film.lit_by(one.name) if several else film.lit) for one in stations]
         self._field_deg = None if several else scenario.lighthouse.field_deg
+        self._half_deg = half_angle_deg(scenario.lighthouse.field_deg, film.position)
         self._reach = float(np.nanmax(np.linalg.norm(film.position, axis=2)))
         self._view = view_of(film.position, [lamp.position for lamp in self._lamps], looks.width / looks.height)
         seen = np.concatenate([film.position[:, 0], *(lamp.position[None] for lamp in self._lamps)])
         self._low = low_corner(self._view, seen, looks.width / looks.height)
         away = float(np.linalg.norm(self._view.eye_m - self._view.target_m))
         self._pixel_m = 2 * np.tan(np.radians(FIELD_DEG / 2)) * away / looks.height
-        self._caption = _Caption(scenario, looks, self._replayed is not None)
+        dark = [] if self._replayed is not None else [table.passive for _, table in scenario.tables]
+        self._caption = _Caption(scenario, looks, self._replayed is not None, ~np.array(dark or [False], dtype=bool))
         most = len(film.names) * (TRACK_STEPS + 6 + len(stations)) + 8
         most += 0 if self._replayed is None else 2 * len(self._replayed.point_m)
         self._picture = Picture(subjects, stations, looks.width, looks.height, most)
@@ -164,24 +170,24 @@ class Stage:
         k = int(np.abs(film.time_s - time_s).argmin())
         marks = list(_marks(film, k, self._lamps, self._pixel_m))
         since_s = time_s - float(film.time_s[0])
-        plates = [] if self._field_deg is None else fans(self._field_deg, self._reach, since_s)
+        wedges = [] if self._field_deg is None else fans(self._field_deg, self._half_deg, self._reach, since_s)
         if self._replayed is None:
-            drawn = self._picture.draw(film.position[k], film.quaternion[k], self._view, marks, plates)
+            drawn = self._picture.draw(film.position[k], film.quaternion[k], self._view, marks, wedges=wedges)
         else:
-            drawn = self._object(self._replayed, k, marks, plates)
+            drawn = self._object(self._replayed, k, marks, wedges)
         return self._caption.over(drawn, film, k)
 
-    def _object(self, replayed: Replayed, k: int, marks: list[Mark], plates: list[Plate]) -> NDArray[np.uint8]:
+    def _object(self, replayed: Replayed, k: int, marks: list[Mark], wedges: list[Wedge]) -> NDArray[np.uint8]:
         """Return the picture of a replay: the object as its photodiodes, and once more near by in a corner."""
         nothing, place = (np.zeros((0, 3)), np.zeros((0, 4))), self.film.believed[k, 0]
         if not np.isfinite(place).all():
-            return self._picture.draw(*nothing, self._view, marks, plates)
+            return self._picture.draw(*nothing, self._view, marks, wedges=wedges)
         turn = matrix_from_quaternion(self.film.turned[k, 0])
         ink = COLOURS.get(str(self.film.status[k, 0]), LOST)
         size = max(float(np.ptp(replayed.point_m, axis=0).max()), 0.01)
         body = [_box(replayed.point_m, place, turn)]
         far = [*marks, *_photodiodes(replayed, place, turn, max(0.02 * size, self._pixel_m), ink)]
-        whole = self._picture.draw(*nothing, self._view, far, [*body, *plates])
+        whole = self._picture.draw(*nothing, self._view, far, body, wedges)
         away = self._view.eye_m - self._view.target_m
         near = View(place + 2.6 * size * away / np.linalg.norm(away), place)
         close = list(_photodiodes(replayed, place, turn, 0.02 * size, ink))
@@ -375,15 +381,19 @@ def _in_corner(whole: NDArray[np.uint8], part: NDArray[np.uint8], low: bool) -> 
 def _marks(film: Film, k: int, lamps: Sequence[Lamp], pixel_m: float) -> Iterator[Mark]:
     """Yield the beams, and of not too many craft the estimates, in one period; lines are `pixel_m` wide or more."""
     few = film.shape[1] <= MOST_OVERLAID
+    beam = 0.45 * min(1.0, (MOST_OVERLAID / film.shape[1]) ** 0.7)
     since = np.flatnonzero(film.time_s >= film.time_s[k] - TRACK_S)[0]
     past = np.unique(np.linspace(since, k, TRACK_STEPS + 1).round().astype(np.int64))
     size = 0.02 * float(np.linalg.norm(film.position[k], axis=1).max())
+    yield from (Mark(lamp.position, None, 3 * pixel_m, LAMP) for lamp in lamps)
     for i in range(film.shape[1]):
         colour = COLOURS.get(str(film.status[k, i]), LOST)
         place, believed = film.position[k, i], film.believed[k, i]
         if np.isfinite(place).all():
             lit = [lamp.position for lamp in lamps if lamp.lit[k, i]]
-            yield from (Mark(lamp, place, 0.7 * pixel_m, (*colour, 0.45)) for lamp in lit)
+            yield from (Mark(lamp, place, 0.7 * pixel_m, (*colour, beam)) for lamp in lit)
+            if not few:
+                yield Mark(place, None, 1.6 * pixel_m, (*colour, 1.0))
         if not few or not np.isfinite(believed).all():
             continue
         turn = matrix_from_quaternion(film.turned[k, i])
@@ -397,15 +407,16 @@ def _marks(film: Film, k: int, lamps: Sequence[Lamp], pixel_m: float) -> Iterato
                 yield Mark(a, b, 0.6 * pixel_m, (*colour, 0.7))
 
 
-def fans(field_deg: float, reach: float, time_s: float) -> list[Plate]:
-    """Return the fan that sweeps, as a thin plate from the lighthouse on: X, then Y, each from one side to the other.
+def fans(field_deg: float, half_deg: float, reach: float, time_s: float) -> list[Wedge]:
+    """Return the fan that sweeps, as a wedge from the lighthouse on: X, then Y, each from one side to the other.
 
     Args:
         field_deg: Full width of the lighthouse's field [deg].
-        reach: Length of the plate [m].
+        half_deg: Half angle of the wedge [deg].
+        reach: Length of the wedge's sides [m].
         time_s: Time since the start [s].
     """
-    field = np.radians(field_deg) / 2
+    field, half = np.radians(field_deg) / 2, np.radians(half_deg)
     out = []
     for fan, begin in enumerate((0.0, 0.5)):
         share = (time_s / FAN_TURN_S - begin) % 1.0
@@ -416,20 +427,37 @@ def fans(field_deg: float, reach: float, time_s: float) -> list[Plate]:
         # The fan's plane holds the direction at this angle from boresight, and the axis that the fan turns about.
         ahead = np.array([s, 0.0, c]) if fan == 0 else np.array([0.0, s, c])
         axle = np.array([0.0, 1.0, 0.0]) if fan == 0 else np.array([1.0, 0.0, 0.0])
-        rotation = np.stack([np.cross(axle, ahead), axle, ahead], axis=1)
-        half = np.array([0.001 * reach, 0.35 * reach, 0.5 * reach])
-        out.append(Plate(0.5 * reach * ahead, half, rotation, (1.0, 0.85, 0.4, 0.10)))
+        one, other = (reach * (np.cos(half) * ahead + side * np.sin(half) * axle) for side in (-1, 1))
+        out.append(Wedge(np.zeros(3), (one, other), (1.0, 0.85, 0.4, 0.14)))
     return out
+
+
+def half_angle_deg(field_deg: float, position: Floats) -> float:
+    """Return the half angle [deg] of wedges, as seen from the lighthouse, that reach past all places (..., 3) [m].
+
+    Args:
+        field_deg: Full width of the lighthouse's field [deg], which no wedge leaves.
+        position: Places of the craft; NaN where they are not known.
+    """
+    seen = position[np.isfinite(position).all(axis=-1) & (position[..., 2] > 0)]
+    if not len(seen):
+        return LEAST_FAN_DEG
+    widest = float(np.degrees(np.arctan2(np.abs(seen[:, :2]).max(axis=1), seen[:, 2]).max()))
+    return min(max(1.1 * widest, LEAST_FAN_DEG), field_deg / 2, MOST_FAN_DEG)
 
 
 class _Caption:
     """The text in a picture's corners."""
 
-    def __init__(self, scenario: Scenario, looks: Options, replay: bool) -> None:
+    def __init__(self, scenario: Scenario, looks: Options, replay: bool, navigates: NDArray[np.bool_]) -> None:
+        """Take what does not change. navigates: which craft have photodiodes, (craft,)."""
         from PIL import ImageFont
 
+        self._navigates = navigates
+
         self._legend = "beam and track: green by light, orange coasting, red lost; "
-        self._legend += "object at its estimate" if replay else "axes: estimate; fans slowed"
+        axes = "axes: estimate; " if len(navigates) <= MOST_OVERLAID else ""
+        self._legend += "object at its estimate" if replay else f"{axes}fans slowed"
 
         size = max(looks.height // 36, 10)
         self._font: Any = ImageFont.load_default(size)
@@ -445,8 +473,8 @@ class _Caption:
         pen, height = ImageDraw.Draw(image), image.height
         lines = [self._title, f"{film.time_s[k]:.2f} s{self._speed}"]
         known = np.isfinite(film.error_m[k])
-        by_light = int(np.isin(film.status[k], BY_LIGHT).sum())
-        below = [f"{by_light} of {film.shape[1]} craft navigate by light"]
+        by_light = int((np.isin(film.status[k], BY_LIGHT) & self._navigates).sum())
+        below = [f"{by_light} of {int(self._navigates.sum())} craft navigate by light"]
         if known.any():
             rms = [np.sqrt(np.mean(each[k][known] ** 2)) for each in (film.error_m, film.error_deg)]
             below.append(f"error of the estimates, RMS: {1000 * rms[0]:.2f} mm, {rms[1]:.3f}°")

@@ -26,6 +26,8 @@ SAMPLES = 4
 """Samples per pixel."""
 AMBIENT, DIFFUSE, SPECULAR = (np.full(3, share) for share in (0.35, 0.75, 0.3))
 """The light of the camera's lamp, which is the only one."""
+MOST_MATERIALS = 900
+"""Most materials of all craft together; MuJoCo draws 1000. More craft are drawn in plain colours."""
 LIBRARIES = "Debian: libegl1 libgl1-mesa-dri, or libosmesa6"
 
 
@@ -62,6 +64,14 @@ class Plate(NamedTuple):
     rgba: tuple[float, float, float, float]
 
 
+class Wedge(NamedTuple):
+    """A thin see-through triangle: its tip (3,) and the two other corners (3,), as far from it as each other [m]."""
+
+    tip_m: Floats
+    corners_m: tuple[Floats, Floats]
+    rgba: tuple[float, float, float, float]
+
+
 class Picture:
     """Draws craft and lighthouse. As a context manager it gives its memory back."""
 
@@ -75,16 +85,20 @@ class Picture:
             stations: The lighthouse stations that stay where they are.
             width: Width of a picture [px].
             height: Its height.
-            marks: Most marks and plates of a picture.
+            marks: Most marks, plates and halves of wedges of a picture.
 
         Raises:
             SwarmError: A model is refused, or this machine cannot draw.
         """
         models = [load_craft(each.model, each.passive) for each in craft]
         rest = np.array([1.0, 0.0, 0.0, 0.0])
+        specs = [model.spec for model in models]
+        if sum(len(spec.materials) for spec in specs) > MOST_MATERIALS:
+            plain = {model.path: _plain(model.spec) for model in models}
+            specs = [plain[model.path] for model in models]
         placements = [
-            Placement(each.name, model.spec, model.file_pose, np.zeros(3), rest)
-            for each, model in zip(craft, models, strict=True)
+            Placement(each.name, spec, model.file_pose, np.zeros(3), rest)
+            for each, model, spec in zip(craft, models, specs, strict=True)
         ]
         self._model = assemble(placements, stations, 0.001)
         seen = self._model.vis
@@ -104,7 +118,13 @@ class Picture:
         self._ratio = width / height
 
     def draw(
-        self, position: Floats, quaternion: Floats, view: View, marks: Sequence[Mark] = (), plates: Sequence[Plate] = ()
+        self,
+        position: Floats,
+        quaternion: Floats,
+        view: View,
+        marks: Sequence[Mark] = (),
+        plates: Sequence[Plate] = (),
+        wedges: Sequence[Wedge] = (),
     ) -> NDArray[np.uint8]:
         """Return a picture, (height, width, 3).
 
@@ -114,6 +134,7 @@ class Picture:
             view: The camera.
             marks: Lines and balls.
             plates: Thin boxes, drawn in front of what is behind them.
+            wedges: Thin triangles, likewise.
         """
         self._pose[:, :3], self._pose[:, 3:] = position, quaternion
         mujoco.mj_kinematics(self._model, self._data)
@@ -132,6 +153,8 @@ class Picture:
                 mujoco.mjv_connector(geom, mujoco.mjtGeom.mjGEOM_CAPSULE, mark.width_m, mark.a_m, mark.b_m)
         for plate in plates:
             _fill(_next(scene), mujoco.mjtGeom.mjGEOM_BOX, plate.half_m, plate.centre_m, plate.rotation, plate.rgba)
+        for wedge in wedges:
+            _fan_out(scene, wedge)
         drawn: NDArray[np.uint8] = renderer.render()
         return drawn
 
@@ -160,11 +183,39 @@ class Picture:
         self.close()
 
 
+def _plain(spec: mujoco.MjSpec) -> mujoco.MjSpec:
+    """Return a copy of a craft whose parts have the colours of their materials, and no materials."""
+    out = spec.copy()
+    ink = {each.name: np.array(each.rgba) for each in out.materials}
+    for geom in out.geoms:
+        if geom.material in ink:
+            geom.rgba = ink[geom.material]
+            geom.material = ""
+    for asset in [*out.materials, *out.textures]:
+        out.delete(asset)
+    return out
+
+
 def _next(scene: Any) -> Any:
     if scene.ngeom >= scene.maxgeom:
         raise ValueError("more marks than the picture was made for")
     scene.ngeom += 1
     return scene.geoms[scene.ngeom - 1]
+
+
+def _fan_out(scene: Any, wedge: Wedge) -> None:
+    """Add a wedge as two right triangles, the only ones that MuJoCo draws."""
+    foot = (wedge.corners_m[0] + wedge.corners_m[1]) / 2
+    down = wedge.tip_m - foot
+    high = float(np.linalg.norm(down))
+    for corner, turned in zip(wedge.corners_m, (False, True), strict=True):
+        wide = float(np.linalg.norm(corner - foot))
+        legs = [((corner - foot) / wide, wide), (down / high, high)]
+        # Both halves face the same side, which the light tells.
+        (x, first), (y, second) = legs[::-1] if turned else legs
+        rotation = np.stack([x, y, np.cross(x, y)], axis=1)
+        size = np.array([first, second, 0.0])
+        _fill(_next(scene), mujoco.mjtGeom.mjGEOM_TRIANGLE, size, foot, rotation, wedge.rgba)
 
 
 def _fill(
