@@ -122,6 +122,7 @@ def test_every_default_is_written_and_what_is_unset_says_so() -> None:
             "lighthouse.angle_noise = 3: unknown key; did you mean 'angle_noise_arcsec' (in arcsec)?",
         ),
         ("[lighthouze]\n", "lighthouze: unknown key; did you mean 'lighthouse'?"),
+        ("[navigation.quiet]\nmodel = 3", "navigation.quiet.model = 3: unknown key; did you mean 'models'?"),
         ("count = 3", "count = 3: unknown key here; it belongs to [swarm]"),
         ("sede = 3", "sede = 3: unknown key; did you mean 'seed'?"),
         (

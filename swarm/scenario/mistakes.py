@@ -25,6 +25,8 @@ Path = tuple[str | int, ...]
 
 TYPES = {"float": "a number", "int": "a whole number", "bool": "true or false", "string": "a string", "tuple": "a list"}
 EITHER = "expected a whole number, or a list of whole numbers"
+TYPO = 0.85
+"""Similarity from which on another key of the same table is meant rather than the same key of another table."""
 LIMITS = {
     "greater_than": ("above", "gt"),
     "greater_than_equal": ("at least", "ge"),
@@ -286,10 +288,11 @@ def _meant(key: str, table: type[Table], root: type[Table]) -> str:
     if kind_of(table):
         # Another kind of the same thing is meant more likely than another table.
         elsewhere.sort(key=lambda owner: not owner.startswith("kind "))
-    if not same and elsewhere:
+    typo = get_close_matches(key, fields, n=1, cutoff=TYPO)
+    if not same and not typo and elsewhere:
         own = f" of kind {kind_of(table)!r}" if kind_of(table) else " here"
         return f"{own}; it belongs to {' or '.join(elsewhere)}"
-    near = same or get_close_matches(key, fields, n=1, cutoff=0.5)
+    near = same or typo or get_close_matches(key, fields, n=1, cutoff=0.5)
     if not near:
         return did_you_mean(key, fields)
     unit = written_unit(near[0])
