@@ -14,7 +14,7 @@ import pytest
 from synthetic_run import estimate_of, period_of, truth_at
 
 from swarm.errors import SwarmError
-from swarm.results.disk import outputs, refuse_existing, write_all, write_text
+from swarm.results.disk import outputs, refuse_existing, unwritten, write_all, write_text, writing
 from swarm.results.files import PARTS
 from swarm.results.parquet import GrowingParquet, is_there, read_table
 from swarm.results.run_folder import RunFolder, open_run
@@ -187,6 +187,14 @@ def full_disk(monkeypatch):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
 
     return lambda: monkeypatch.setattr(Path, "write_text", refuse)
+
+
+def test_a_library_that_finds_the_disk_full_says_so_in_the_same_words(tmp_path):
+    with pytest.raises(SwarmError) as ours, writing(tmp_path):
+        raise OSError(errno.ENOSPC, "full")
+    said = "Failed to encode LogMsg: Failed to write: No space left on device (os error 28)"
+    assert str(unwritten(tmp_path, RuntimeError(said))) == str(ours.value)
+    assert str(unwritten(tmp_path, RuntimeError("broken"))) == f"cannot write {tmp_path}: broken"
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), OSError(errno.ENOSPC, "full")])

@@ -64,6 +64,7 @@ def survey(
     \b
     swarm survey walk.rec.gz --out stations.toml
     swarm survey walk.rec.gz --adjust phase,tilt
+    swarm survey handheld
     swarm survey FLIGHT/log0* --truth FLIGHT/mocap0*
     swarm replay walk.rec.gz --stations stations.toml
     """
@@ -76,6 +77,7 @@ def survey(
         from rich.text import Text
 
         from estimators.survey.terms import PARTS
+        from swarm.assets import find_recording, own_recording
         from swarm.flight.recordings.calibration_file import place_for, write_calibration
         from swarm.flight.recordings.formats import Format, format_of
         from swarm.flight.recordings.stations_file import read_stations
@@ -86,6 +88,9 @@ def survey(
 
         parts, file = adjusted_parts(adjust, tuple(PARTS)), place_for(out, force=force)
         # A shell gives the second and later files of `--truth FLIGHT/mocap*` as arguments.
+        files = [one if one.exists() else find_recording(one) for one in files]
+        if calibration is None and len(files) == 1 and (own := own_recording(files[0])):
+            calibration = own.calibration
         kinds = [format_of(one) for one in files]
         truths = list(truth or []) + [f for f, kind in zip(files, kinds, strict=True) if kind is Format.TRAJECTORY]
         recordings = [f for f, kind in zip(files, kinds, strict=True) if kind is not Format.TRAJECTORY]

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -58,6 +59,13 @@ def writing(path: Path) -> Iterator[None]:
     except OSError as error:
         reason = _ADVICE.get(error.errno or 0) or error.strerror or str(error)
         raise SwarmError(f"cannot write {path}: {reason}") from error
+
+
+def unwritten(path: Path, error: RuntimeError) -> SwarmError:
+    """Return what `writing` would say of a library's own error, whose text has the system's number where it has one."""
+    number = re.search(r"os error (\d+)", str(error))
+    reason = _ADVICE.get(int(number[1])) if number else None
+    return SwarmError(f"cannot write {path}: {reason or error}")
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from rerun.blueprint import Blueprint
 from estimators.arrays import Bools, Floats, Ints
 from estimators.rotation import xyzw_from_wxyz
 from swarm.errors import SwarmError
-from swarm.results.disk import writing
+from swarm.results.disk import unwritten, writing
 from swarm.results.recording.drawing import Solid
 from swarm.results.recording.viewer import start_live
 
@@ -39,7 +39,7 @@ class Canvas:
         try:
             self._stream.set_sinks(*sinks)
         except RuntimeError as error:
-            raise SwarmError(f"cannot write {path}: {error}") from error
+            raise unwritten(path, error) from error
         self._stream.send_recording_name(path.absolute().parent.name)
 
     def lay_out(self, blueprint: Blueprint) -> None:
@@ -63,7 +63,7 @@ class Canvas:
         try:
             self._stream.flush()
         except RuntimeError as error:
-            raise SwarmError(f"cannot write {self._path}: the disk is full, or gone ({error})") from error
+            raise unwritten(self._path, error) from error
 
     def close(self) -> None:
         """Complete the file."""

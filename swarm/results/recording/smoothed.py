@@ -19,7 +19,7 @@ from rerun.chunk import RrdReader
 
 from estimators.arrays import Bools, Floats
 from swarm.errors import SwarmError
-from swarm.results.disk import writing
+from swarm.results.disk import unwritten, writing
 from swarm.results.files import RECORDING, SCENARIO
 from swarm.results.recording import drawing
 from swarm.results.recording.canvas import ink
@@ -70,11 +70,12 @@ class SmoothedRecording:
         self._ways: list[Floats] = []
         with writing(path), path.open("wb"):
             pass
+        self._path = path
         self._stream = rr.RecordingStream("lighthouse-swarm", recording_id=_id(run.folder / RECORDING))
         try:
             self._stream.set_sinks(rr.FileSink(path))
         except RuntimeError as error:
-            raise SwarmError(f"cannot write {path}: {error}") from error
+            raise unwritten(path, error) from error
         for plot in (plot for plots in self._plots.values() for plot in plots):
             lines = rr.SeriesLines(
                 names=[line.name for line in plot.lines],
@@ -109,7 +110,7 @@ class SmoothedRecording:
                 self._draw_ways(np.concatenate(self._ways[::-1]))
             self._stream.flush()
         except RuntimeError as error:
-            raise SwarmError(f"cannot write the recording: the disk is full, or gone ({error})") from error
+            raise unwritten(self._path, error) from error
         finally:
             self._stream.disconnect()
 
