@@ -39,9 +39,10 @@ FIRST = """# Gallery
 Every scenario that comes along, flown whole, but for large crowds, of which the first seconds are. The picture is one
 of `swarm video RUN FILE.png`: the craft, the light that reaches them, and the axes of their bodies as they believe to
 be turned. `swarm list NAME` tells more about one, and `swarm view RUN` shows all of it in the viewer. Times are
-processor times on a busy machine ({machine}), with whatever had to be compiled. Scenarios without a picture were not
-flown for this page yet.{older}
+processor times on a busy machine ({machine}), with whatever had to be compiled: on an idle one they are shorter.{notes}
 """
+MISSING = """ Scenarios without
+a picture were not flown for this page yet."""
 OLDER = """
 
 The figures of these were measured before the filter had [several models of motion](filter.md), and have changed since:
@@ -103,8 +104,9 @@ def main() -> None:
         print(name, known["scenarios"][name], file=sys.stderr)
     parts = [entry(name, known["scenarios"].get(name)) for name in scenarios()]
     old = [name for name in scenarios() if "models" not in known["scenarios"].get(name, {"models": 0})]
-    older = OLDER.format(names=", ".join(old)) if old else ""
-    parts.insert(0, FIRST.format(machine=known["machine"], older=older))
+    notes = MISSING if set(scenarios()) - set(known["scenarios"]) else ""
+    notes += OLDER.format(names=", ".join(old)) if old else ""
+    parts.insert(0, FIRST.format(machine=known["machine"], notes=notes))
     PAGE.write_text("\n".join(parts), encoding="utf-8")
 
 

@@ -34,6 +34,7 @@ from swarm.results.replayed import Replayed, read_replayed
 from swarm.results.run_folder import open_run
 from swarm.results.table import TelemetryTable
 from swarm.scenario import Scenario, craft, load
+from swarm.scenario.schema import SingleCraft
 from swarm.world.assembly import Standing, at_origin
 from swarm.world.picture import FIELD_DEG, Mark, Picture, Plate, Subject, View, Wedge
 
@@ -158,8 +159,8 @@ class Stage:
         self._low = low_corner(self._view, seen, looks.width / looks.height)
         away = float(np.linalg.norm(self._view.eye_m - self._view.target_m))
         self._pixel_m = 2 * np.tan(np.radians(FIELD_DEG / 2)) * away / looks.height
-        dark = [] if self._replayed is not None else [table.passive for _, table in scenario.tables]
-        self._caption = _Caption(scenario, looks, self._replayed is not None, ~np.array(dark or [False], dtype=bool))
+        navigates = np.ones(1, dtype=bool) if self._replayed is not None else _navigate(scenario)
+        self._caption = _Caption(scenario, looks, self._replayed is not None, navigates)
         most = len(film.names) * (TRACK_STEPS + 6 + len(stations)) + 8
         most += 0 if self._replayed is None else 2 * len(self._replayed.point_m)
         self._picture = Picture(subjects, stations, looks.width, looks.height, most)
@@ -311,6 +312,14 @@ def _subjects(scenario: Scenario, film: Film, folder: Path) -> list[Subject]:
     return [Subject(one.name, one.model, dark) for one, dark in zip(craft(scenario), passive, strict=True)]
 
 
+def _navigate(scenario: Scenario) -> NDArray[np.bool_]:
+    """Return which craft have photodiodes or cameras to navigate by, (craft,)."""
+    by_cameras = [isinstance(table, SingleCraft) and table.ccd is not None for _, table in scenario.tables]
+    by_light = [table.lighthouse and not table.passive for _, table in scenario.tables]
+    out: NDArray[np.bool_] = np.array(by_cameras) | np.array(by_light)
+    return out
+
+
 def _stations(scenario: Scenario, replayed: Replayed | None) -> tuple[list[Standing], bool]:
     """Return the stations that stay where they are, and whether they are several in a frame of the world."""
     model = find_model(scenario.lighthouse.model)
@@ -450,7 +459,7 @@ class _Caption:
     """The text in a picture's corners."""
 
     def __init__(self, scenario: Scenario, looks: Options, replay: bool, navigates: NDArray[np.bool_]) -> None:
-        """Take what does not change. navigates: which craft have photodiodes, (craft,)."""
+        """Take what does not change. navigates: which craft have photodiodes or cameras, (craft,)."""
         from PIL import ImageFont
 
         self._navigates = navigates
