@@ -137,6 +137,11 @@ def folder() -> Path:
     return wanted[0]
 
 
+def kept() -> bool:
+    """Return whether kernels are kept for the next run: whether `folder` can be written."""
+    return os.access(folder(), os.W_OK)
+
+
 def _write(file: Path, data: bytes) -> None:
     _remove_old_files(file.parent)
     number, name = tempfile.mkstemp(dir=file.parent, suffix=".partial")

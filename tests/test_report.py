@@ -389,6 +389,18 @@ def test_compiling_is_counted_a_line_every_ten_seconds_and_told_once_at_the_end(
     ]
 
 
+def test_kernels_that_nothing_keeps_are_not_said_to_be_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("estimators.kernel_cache.folder", lambda: tmp_path / "missing")
+    out = io.StringIO()
+    with ProgressDisplay(Console(file=out, width=40), "formation") as show:
+        show.compiling(Compilation(True, 0, 9))
+        show.compiling(Compilation(False, 1, 9))
+    last = out.getvalue().splitlines()[-1]
+    assert "the next run compiles them again" in last
+    assert f"{tmp_path}/missing" in last
+    assert "NUMBA_CACHE_DIR" in last
+
+
 @pytest.mark.parametrize("width", [60, 80])
 def test_on_a_terminal_compiling_is_one_line_that_changes(width: int, monkeypatch: pytest.MonkeyPatch) -> None:
     clock = [100.0]

@@ -4,6 +4,7 @@ Exit codes: 0 done, 1 done but a criterion of the scenario did not hold or a run
 user (one message, no traceback), 128 + n stopped by signal n (130: Ctrl-C; 141: the reader of the output has gone).
 """
 
+import logging
 import os
 import signal
 import sys
@@ -73,6 +74,8 @@ def main(outside: Handler = signal.default_int_handler) -> int:
     """Run the command line, and return the exit code. outside: handler of Ctrl-C before it and after it."""
     # Batches of small matrices: threads of the linear algebra only wait for each other, at twice the processor time.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # It warns on standard error where the user's folder of settings cannot be made, which nothing here needs.
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
     with open_streams(), stopping_once(outside):
         try:
             try:

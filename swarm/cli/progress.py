@@ -75,7 +75,7 @@ class ProgressDisplay:
             self._line(last)
         if self._compilation is not None and kind is None:
             kernels = counted(self._compilation.done, "kernel")
-            self._line(f"{kernels} compiled in {self._compiling_s:.0f} s; the next run finds them in the cache")
+            self._line(f"{kernels} compiled in {self._compiling_s:.0f} s; {_next_time()}")
 
     def run(self, progress: Progress) -> None:
         """Show how far a run is. Raises Stopped where a library has swallowed the signal that asked it to end."""
@@ -161,6 +161,16 @@ class ProgressDisplay:
     def _line(self, text: str) -> None:
         self._last_line, self._last_line_s = text, time.monotonic()
         self._console.print(f"{self._title}: {text}", markup=False, highlight=False, soft_wrap=True)
+
+
+def _next_time() -> str:
+    from estimators.kernel_cache import folder, kept
+
+    if kept():
+        return "the next run finds them in the cache"
+    return (
+        f"the next run compiles them again: {folder()} cannot be written, NUMBA_CACHE_DIR=FOLDER chooses another place"
+    )
 
 
 class _Words(ProgressColumn):
