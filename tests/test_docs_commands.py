@@ -15,7 +15,8 @@ from swarm.scenario import load
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
-FENCE = re.compile(r"^ *```(?:sh|)\n(.*?)^ *```", re.MULTILINE | re.DOTALL)
+PAGES += sorted((ROOT / "docs").glob("*.rst"))
+FENCE = re.compile(r"^ *```(?:sh|)\n(.*?)^ *```|^\.\. code-block:: sh\n(.*?)^\S", re.MULTILINE | re.DOTALL)
 INLINE = re.compile(r"`((?:swarm|python) [^`]+)`")
 OWN = re.compile(r"^(?:my|our|runs|probe|FLIGHT)\b|[./*]|^[A-Z_]+$|^(?:walk|NAME)")
 """Files of the reader, and placeholders."""
@@ -24,7 +25,9 @@ OWN = re.compile(r"^(?:my|our|runs|probe|FLIGHT)\b|[./*]|^[A-Z_]+$|^(?:walk|NAME
 def commands(page: Path) -> Iterator[list[str]]:
     """Yield the words of the page's commands, in blocks and in sentences."""
     text = page.read_text(encoding="utf-8")
-    lines = [line for block in FENCE.findall(text) for line in block.replace("\\\n", " ").splitlines()]
+    lines = [
+        line for blocks in FENCE.findall(text) for block in blocks for line in block.replace("\\\n", " ").splitlines()
+    ]
     inline = [" ".join(one.split()) for one in INLINE.findall(FENCE.sub("", text))]
     # Of a command in a sentence often only its name is told, or an option.
     inline = [one for one in inline if "..." not in one and not re.fullmatch(r"swarm \S+(?: --\S+)?", one)]

@@ -62,7 +62,8 @@ def _print_table(console: "Console", kind: "type[Entry]", listed: "list[Entry]")
 
     heads = kind.columns if console.width >= WIDE else ()
     console.print(Text(kind.head, "bold"))
-    made = table("name", *heads, left=1, tight=True)
+    made = table("name" if heads else "", *heads, left=1, tight=True)
+    made.show_header = bool(heads)
     made.add_column("", overflow="fold")
     made.columns[0].no_wrap = True
     for entry in listed:

@@ -6,6 +6,7 @@ nobody has (errors against the truth, in a replay) has no column. Errors are the
 
 import math
 import shlex
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -126,7 +127,9 @@ def print_report(console: Console, summary: Mapping[str, Any], folder: Path) -> 
     files = list(written(folder))
     width = max((len(file) for file, _ in files), default=0)
     for file, meaning in files:
-        console.print(Text.assemble(f"  {file:<{width}}", (f"  {meaning}", "dim")))
+        below = "\n" + " " * (width + 4)
+        words = below.join(textwrap.wrap(meaning, max(console.width - width - 4, 20)))
+        console.print(Text.assemble(f"  {file:<{width}}", (f"  {words}", "dim")))
     if (folder / RECORDING).exists():
         console.print("Look at it: ", end="")
         console.print(
