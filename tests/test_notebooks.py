@@ -37,7 +37,6 @@ def test_a_notebook_is_small_and_has_no_outputs_and_no_paths_of_a_machine(book: 
             compile("".join(cell["source"]), book.stem, "exec")
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("book", BOOKS, ids=lambda book: book.stem)
 def test_the_code_of_a_notebook_runs_and_draws(book: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     mpl.use("Agg")
