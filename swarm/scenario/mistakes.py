@@ -286,8 +286,8 @@ def _meant(key: str, table: type[Table], root: type[Table]) -> str:
     same = [k for k in fields if split_unit(k)[0] == stem] or [k for k in fields if k.startswith(f"{stem}_")]
     elsewhere = _owners(key, root)
     if kind_of(table):
-        # Another kind of the same thing is meant more likely than another table.
-        elsewhere.sort(key=lambda owner: not owner.startswith("kind "))
+        # Another kind of the same thing is meant, not another table, where one has the key.
+        elsewhere = [owner for owner in elsewhere if owner.startswith("kind ")] or elsewhere
     typo = get_close_matches(key, fields, n=1, cutoff=TYPO)
     if not same and not typo and elsewhere:
         own = f" of kind {kind_of(table)!r}" if kind_of(table) else " here"
