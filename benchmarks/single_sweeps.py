@@ -6,7 +6,7 @@
 Mockups 3 m from the lighthouse move exactly as the filter assumes, white accelerations, and hold their places by their
 own estimates: their orders are known motion. They see all photodiodes for `CONVERGE_S`, then only some, drawn anew for
 every craft. The on-board code is the real one, decoder apart; every craft has a rotor of its own here, so that craft
-and seeds are independent samples.
+and seeds are independent samples. The table is written after every seed.
 
 The bound is the information recursion of Tichavsky, Muravchik and Nehorai (IEEE Trans. Signal Process. 46, 1998), with
 Jacobians at the truth by finite differences, of a model that is written here once more:
@@ -86,13 +86,16 @@ def angles_at(truth: Truth, points: Floats, instant: Floats) -> Floats:
     turn = rot.exp(truth.rate[:, None, None] * instant[..., None])
     arm = np.einsum("ckfij,cjl,ckl->ckfi", turn, truth.rotation, points)
     q = truth.position[:, None, None] + truth.velocity[:, None, None] * instant[..., None] + arm
-    return np.stack([-np.arctan2(q[..., f, f], q[..., f, 2]) for f in (0, 1)], axis=-1)
+    out: Floats = -np.arctan2(np.stack([q[..., 0, 0], q[..., 1, 1]], axis=-1), q[..., 2])
+    return out
 
 
-def differences(function: Any, truth: Truth) -> Floats:
-    """Return the derivative (C, m, 12) of a function of the state with values (C, m), by central differences."""
+def differences(function: Any, truth: Truth, of: slice = slice(0, 12)) -> Floats:
+    """Return the derivative (C, m, 12) of a function of the state with values (C, m), by central differences; `of`:
+    only that by these coordinates.
+    """
     columns = []
-    for i in range(12):
+    for i in range(12)[of]:
         x = np.zeros((len(truth.rate), 12))
         x[:, i] = STEP
         columns.append((function(truth.moved(x)) - function(truth.moved(-x))) / (2 * STEP))
@@ -127,8 +130,10 @@ class Model(NamedTuple):
     def light(self, truth: Truth, points: Floats, instant: Floats) -> Floats:
         """Return the information (C, 12, 12) of the angles of photodiodes (C, n, 3) at these instants (C, n, 2)."""
         craft, count, _ = points.shape
-        h = differences(lambda state: angles_at(state, points, instant).reshape(craft, -1), truth)
-        h = h.reshape(craft, count, 2, 12)
+        h = differences(lambda state: angles_at(state, points, instant).reshape(craft, -1), truth, slice(0, 9))
+        h = h.reshape(craft, count, 2, 9)
+        # A velocity is a displacement that grows with the time since the epoch.
+        h = np.concatenate([h, h[..., 6:] * instant[..., None]], axis=-1)
         total = np.zeros((craft, 12, 12))
         own, shared = (1 - self.rho) * self.sigma**2, self.rho * self.sigma**2
         k = shared / (own + count * shared)
@@ -327,19 +332,18 @@ def main() -> None:
 
         settings = replace(settings, rotor_correlation=0.0)
     points, result = mockup(), {}
-    for count in chosen.photodiodes:
-        samples: dict[float, list[Samples]] = {time: [] for time in chosen.at_s}
-        for seed in range(chosen.seeds):
+    samples: dict[str, list[Samples]] = {f"{n} lit, {time:g} s": [] for n in chosen.photodiodes for time in chosen.at_s}
+    for seed in range(chosen.seeds):
+        for count in chosen.photodiodes:
             rng = np.random.default_rng([seed, count])
             lit = np.argsort(rng.random((chosen.craft, len(points))), axis=1)[:, :count]
             for time, one in fly(settings, model, points, lit, chosen.at_s, 1000 * count + seed).items():
-                samples[time].append(one)
-        for time, some in samples.items():
-            result[f"{count} lit, {time:g} s"] = figures(some)
-            print(f"{count} lit, {time:g} s", result[f"{count} lit, {time:g} s"], flush=True)
-    names = list(next(iter(result.values())))
-    show("by single sweeps", ["", *names], [[key, *value.values()] for key, value in result.items()])
-    finish("single_sweeps", {"coupling": chosen.coupling, "cases": result}, chosen.out)
+                samples[f"{count} lit, {time:g} s"].append(one)
+        # After every seed, so that a run that is stopped says something.
+        result = {key: figures(some) for key, some in samples.items()}
+        rows = [[key, *value.values()] for key, value in result.items()]
+        show(f"by single sweeps, {seed + 1} of {chosen.seeds} seeds", ["", *next(iter(result.values()))], rows)
+        finish("single_sweeps", {"coupling": chosen.coupling, "seeds": seed + 1, "cases": result}, chosen.out)
 
 
 if __name__ == "__main__":

@@ -7,9 +7,9 @@ from scipy.optimize import least_squares
 from scipy.stats import chi2
 
 from estimators import rotation as rot
-from estimators.lighthouse.innovation import fault_slopes, innovations, light_of, noise_of
+from estimators.lighthouse.innovation import innovations, light_of, noise_of
 from estimators.lighthouse.integrity import AngleNoise
-from estimators.lighthouse.row_faults import row_faults
+from estimators.lighthouse.row_faults import FORGOTTEN, OVERSHOOT, row_faults
 from estimators.lighthouse.row_pose import solve_rows
 from estimators.lighthouse.row_start import directions, row_starts
 from estimators.lighthouse.rows import linearise, packed
@@ -164,21 +164,30 @@ def test_the_tilt_of_a_plane_that_is_face_on_is_as_uncertain_as_its_fit_says():
     assert np.mean(np.linalg.norm(error[solved], axis=1) > 3 * sigma[solved]) <= 0.05
 
 
-def test_compiled_fault_slopes_are_those_of_the_plain_ones():
-    """Of one station, whose photodiodes are all false before the same one; for `open_s` of zero."""
-    noise = [NOISE]
-    stations = room((1,))
+@pytest.mark.parametrize("shown", [2, 12])
+def test_fault_slopes_are_those_of_the_covariance_form(shown):
+    """Of one station, whose photodiodes are all false before the same one."""
+    noise, stations = [NOISE], room((1,))
     rng = np.random.default_rng(13)
     state = drawn(2, 14)
     rows = seen(stations, BODY, state, noise, rng)
     root = rng.normal(size=(2, 12, 12)) * np.repeat([1e-3, 0.1, 1e-3, 0.05], 3)[:, None]
-    covariance = root @ np.swapaxes(root, 1, 2)
-    kept, point = rng.random(len(rows.angle)) < 0.9, np.tile(BODY, (2, 1, 1))
+    covariance, open_s = root @ np.swapaxes(root, 1, 2), np.array([0.0, 2.0])
+    kept, point = (rng.random(len(rows.angle)) < 0.9) & (rows.photodiode < shown), np.tile(BODY, (2, 1, 1))
     both, known = np.ones(2, dtype=np.bool_), packed(stations)
     inner = innovations(rows, kept, both, known, point, state, noise)
-    found = row_faults(rows, kept, both, inner, light_of(known, noise), covariance)
+    found = row_faults(rows, kept, both, inner, light_of(known, noise), covariance, open_s)
     for c in range(2):
-        one = rows.where(kept).of(c)
-        plain = fault_slopes(one, packed(stations), BODY, state.of(c), covariance[c], noise, 0.0)
+        one, own = rows.where(kept).of(c), state.of(c)
+        h = linearise(one, known, BODY, own.rotation, own.position, own.velocity, own.angular_rate).matrix
+        r = noise_of(one, noise)
+        shown_to_gate = np.linalg.inv(h @ covariance[c] @ h.T + r)
+        gain = FORGOTTEN * covariance[c] @ h.T @ np.linalg.inv(FORGOTTEN * h @ covariance[c] @ h.T + r)
+        worst = np.zeros(2)
+        for photodiode in np.unique(one.photodiode):
+            false = np.flatnonzero(one.photodiode == photodiode)
+            root = np.linalg.cholesky(shown_to_gate[np.ix_(false, false)])
+            moved = np.linalg.norm((gain[:, false] @ np.linalg.inv(root).T).reshape(4, 3, -1), ord=2, axis=(1, 2))
+            worst = np.maximum(worst, OVERSHOOT * (moved[[2, 0]] + open_s[c] * moved[[3, 1]]))
         # Two orders of inverting matrices of condition 1e6.
-        assert found[:, c] == pytest.approx(plain, rel=1e-6)
+        assert found[:, c] == pytest.approx(worst, rel=1e-6)

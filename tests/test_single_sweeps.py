@@ -23,11 +23,12 @@ from estimators.lighthouse.innovation import (
     RowBatch,
     agreeing,
     condense,
-    fault_slopes,
     innovations,
+    light_of,
     rows_of_sweeps,
 )
 from estimators.lighthouse.integrity import AngleNoise, shown_to_gate
+from estimators.lighthouse.row_faults import row_faults
 from estimators.lighthouse.rows import AT_ORIGIN, linearise, packed
 from estimators.lighthouse.sweep import ideal_theta
 from estimators.pivot import ARMS, shear_into, turn_about
@@ -207,10 +208,10 @@ def test_what_an_undetected_fault_does_is_within_the_slope(shown):
         followed.adopt(every(1), bank.state, bank.covariance)
         rows = rows_of_sweeps(lying, offset, np.isfinite(lying))
         for period in range(60):
-            open_s = period * T if shown < 3 else 0.0
-            place, turn = fault_slopes(
-                rows.of(0), STATION, POINTS, followed.state.of(0), followed.covariance[0], [NOISE], open_s
-            )
+            kept, light = np.ones(len(rows.angle), np.bool_), light_of(STATION, [NOISE])
+            found = innovations(rows, kept, every(1), STATION, POINTS[None], followed.state, [NOISE])
+            open_s = np.array([period * T if shown < 3 else 0.0])
+            place, turn = row_faults(rows, kept, every(1), found, light, followed.covariance, open_s)[:, 0]
             give(followed, rows)
             away = float(np.linalg.norm(followed.position - state.position))
             turned = float(np.linalg.norm(rot.log(followed.rotation[0] @ state.rotation[0].T)))

@@ -27,13 +27,8 @@ from estimators.lighthouse.rows import Packed, Rows, linearise, row_into
 from estimators.lighthouse.sweep import HALF_PI
 from estimators.state import STATES, State
 
-FORGOTTEN = 100.0
-"""Factor of the covariance of a filter that follows a false photodiode for long: its own state counts a tenth."""
 SWEEPS = 1 << 20
 """More sweeps of one fan than there are in a period."""
-OVERSHOOT = 1.25
-"""By how much a filter that has rates in its state exceeds a step that it follows: 21 % with the damping of a Kalman
-filter of constant velocity, 1 / sqrt(2)."""
 CONDENSED = 8
 """Rows of a craft above which their sums take their place."""
 NEGLIGIBLE = 1e-5
@@ -393,52 +388,6 @@ def _condense(y: Floats, h: Floats, n: int, p: Floats, sum_y: Floats, sum_h: Flo
         sum_y[count], sum_h[count] = np.sqrt(max(square, 0.0)), 0.0
         count += 1
     return count
-
-
-def fault_slopes(
-    rows: Rows,
-    stations: Packed,
-    point_m: Floats,
-    state: State,
-    covariance: Floats,
-    noise: Sequence[AngleNoise],
-    open_s: float,
-) -> tuple[float, float]:
-    """Return what a false photodiode among the rows of one craft does to its position [m] and attitude [rad].
-
-    Photodiode k errs by b = (b_x, b_y). The gate sees the noncentrality b^T E^T S^-1 E b of it, with the selection E of
-    its rows and S = H P H^T + R. A filter that follows the error in the end, as if it knew nothing, moves by
-
-        o G b,   G = Q H^T (H Q H^T + R)^-1 E,   Q = `FORGOTTEN` P,   o = `OVERSHOOT`
-
-    and the slope is the largest ratio of |o G b| to the root of the noncentrality, over b and k: with the least
-    noncentrality L that the gate does not miss, the error is at most slope sqrt(L). One or two photodiodes leave turns
-    and the distance open; there nothing takes back what the error has put into the rates, and their part grows with the
-    time for which this has lasted.
-
-    Args:
-        rows: the rows that were taken in.
-        stations: stations that they name.
-        point_m: (K, 3) [m], photodiodes in the body frame.
-        state: predicted state of the craft, without the craft axis.
-        covariance: (12, 12), its covariance P.
-        noise: noise of the rows of each station.
-        open_s: time for which the light has left a part of the pose open [s].
-    """
-    _, h = linearise(rows, stations, point_m, state.rotation, state.position, state.velocity, state.angular_rate)
-    r = noise_of(rows, noise)
-    seen = h @ covariance @ h.T
-    shown = np.linalg.inv(seen + r)
-    gain = FORGOTTEN * covariance @ h.T @ np.linalg.inv(FORGOTTEN * seen + r)
-    photodiodes, number = np.unique(rows.photodiode, return_counts=True)
-    moved = np.zeros((len(photodiodes), STATES, number.max()))
-    for k, photodiode in enumerate(photodiodes):
-        own = np.flatnonzero(rows.photodiode == photodiode)
-        moved[k, :, : len(own)] = gain[:, own] @ np.linalg.inv(np.linalg.cholesky(shown[np.ix_(own, own)])).T
-    # Of attitude, angular rate, position and velocity, of each photodiode.
-    most = np.linalg.svd(moved.reshape(len(moved), 4, 3, -1), compute_uv=False)[..., 0]
-    turn, place = (float(np.max(most[:, i] + open_s * most[:, i + 1])) for i in (0, 2))
-    return OVERSHOOT * place, OVERSHOOT * turn
 
 
 def noise_of(rows: Rows, noise: Sequence[AngleNoise]) -> Floats:

@@ -1,7 +1,16 @@
 """Errors that a false photodiode among the rows of C craft may bring into their filters, as a kernel.
 
-The slopes of `innovation.fault_slopes`, in information form: with W H the whitened rows of a period, the covariance P,
-Z = R^-1 H = W^T W H and Q = f P,
+Photodiode k errs by b, one number per row. The gate sees the noncentrality b^T E^T S^-1 E b of it, with the selection E
+of its rows and S = H P H^T + R. A filter that follows the error in the end, as if it knew nothing, moves by
+
+    o G b,   G = Q H^T (H Q H^T + R)^-1 E,   Q = f P,   f = `FORGOTTEN`,   o = `OVERSHOOT`
+
+and the slope is the largest ratio of |o G b| to the root of the noncentrality, over b and k: with the least
+noncentrality L that the gate does not miss, the error is at most slope sqrt(L). One or two photodiodes leave turns and
+the distance open; there nothing takes back what the error has put into the rates, and their part grows with the time
+for which this has lasted.
+
+It is computed in information form: with W H the whitened rows of a period and Z = R^-1 H = W^T W H,
 
     S^-1 = R^-1 - Z (P^-1 + H^T Z)^-1 Z^T,      Q H^T (H Q H^T + R)^-1 = (Q^-1 + H^T Z)^-1 Z^T
 
@@ -13,20 +22,25 @@ import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
-from estimators.lighthouse.innovation import (
-    FORGOTTEN,
-    OVERSHOOT,
-    SWEEPS,
-    Innovations,
-    RowBatch,
-    StationArrays,
-)
+from estimators.lighthouse.innovation import SWEEPS, Innovations, RowBatch, StationArrays
 from estimators.linear import cholesky_into, sweep_out
 from estimators.state import STATES
 
+FORGOTTEN = 100.0
+"""Factor of the covariance of a filter that follows a false photodiode for long: its own state counts a tenth."""
+OVERSHOOT = 1.25
+"""By how much a filter that has rates in its state exceeds a step that it follows: 21 % with the damping of a Kalman
+filter of constant velocity, 1 / sqrt(2)."""
+
 
 def row_faults(
-    rows: RowBatch, kept: Bools, mask: Bools, found: Innovations, light: StationArrays, covariance: Floats
+    rows: RowBatch,
+    kept: Bools,
+    mask: Bools,
+    found: Innovations,
+    light: StationArrays,
+    covariance: Floats,
+    open_s: Floats,
 ) -> Floats:
     """Return the largest error per root of noncentrality, (2, C): of position [m] and of attitude [rad].
 
@@ -39,9 +53,10 @@ def row_faults(
         found: innovations of the kept rows of the craft of the mask, with their derivatives.
         light: stations with the noise of their rows.
         covariance: (C, 12, 12), P.
+        open_s: (C,) [s], time for which the light has left a part of the pose open.
     """
     out = np.zeros((2, len(mask)))
-    _faults_into(mask, rows, kept, found, light, covariance, out)
+    _faults_into(mask, rows, kept, found, light, covariance, open_s, out)
     return out
 
 
@@ -53,6 +68,7 @@ def _faults_into(
     found: Innovations,
     light: StationArrays,
     covariance: Floats,
+    open_s: Floats,
     out: Floats,
 ) -> None:
     """Write the slopes of every craft of the mask."""
@@ -73,7 +89,7 @@ def _faults_into(
         if not _inverses(covariance[c], found.h[c], n, inverse):
             out[:, c] = np.inf
             continue
-        _worst(z, n, work, light, source, inverse, out[:, c])
+        _worst(z, n, work, light, source, inverse, open_s[c], out[:, c])
 
 
 @kernel
@@ -121,12 +137,14 @@ def _inverses(covariance: Floats, h: Floats, n: int, out: Floats) -> bool:
 
 
 @kernel
-def _worst(z: Floats, n: int, work: Ints, light: StationArrays, source: Ints, inverse: Floats, out: Floats) -> None:
+def _worst(
+    z: Floats, n: int, work: Ints, light: StationArrays, source: Ints, inverse: Floats, open_s: float, out: Floats
+) -> None:
     """Write the largest slopes (2,) of any photodiode before a station."""
     of, done, common = np.empty(n, np.int64), np.zeros(n, np.bool_), np.empty(n)
     _commons_into(n, work, light, common)
     shown, lower = np.empty((n, n)), np.empty((n, n))
-    moved, seen = np.empty((6, n)), np.empty((2, STATES))
+    moved, seen = np.empty((STATES, n)), np.empty((2, STATES))
     for first in range(n):
         if done[first]:
             continue
@@ -143,8 +161,8 @@ def _worst(z: Floats, n: int, work: Ints, light: StationArrays, source: Ints, in
                 for p in range(STATES):
                     seen[0, p] += factor * inverse[0, m, p]
                     seen[1, p] += factor * inverse[1, m, p]
-            for m in range(3):
-                moved[m, i], moved[3 + m, i] = seen[1, m], seen[1, 6 + m]
+            for m in range(STATES):
+                moved[m, i] = seen[1, m]
             for j in range(i + 1):
                 value = 0.0
                 if work[0, of[i]] == work[0, of[j]]:
@@ -156,13 +174,13 @@ def _worst(z: Floats, n: int, work: Ints, light: StationArrays, source: Ints, in
             out[:] = np.inf
             return
         # G L^-T, row by row: L x = g.
-        for m in range(6):
+        for m in range(STATES):
             for i in range(b):
                 for j in range(i):
                     moved[m, i] -= lower[i, j] * moved[m, j]
                 moved[m, i] /= lower[i, i]
-        out[0] = max(out[0], OVERSHOOT * _norm(moved[3:6], b))
-        out[1] = max(out[1], OVERSHOOT * _norm(moved[0:3], b))
+        out[0] = max(out[0], OVERSHOOT * (_norm(moved[6:9], b) + open_s * _norm(moved[9:12], b)))
+        out[1] = max(out[1], OVERSHOOT * (_norm(moved[0:3], b) + open_s * _norm(moved[3:6], b)))
 
 
 @kernel

@@ -16,7 +16,7 @@ Per lighthouse period, after PnP:
   filter that coasts keeps the second term of the last pose that it took in. If its gate refuses a pose, one of the
   two is wrong: the filter's level then covers the distance to the pose and the pose's own level.
 - A filter that takes in single sweeps of one to three photodiodes has the term of its last pose and one for the false
-  photodiode among these, which the gate has missed (`estimators.lighthouse.innovation.fault_slopes`).
+  photodiode among these, which the gate has missed (`estimators.lighthouse.row_faults`).
 - The alert is raised if the filter's level exceeds its limit, or if there is no estimate.
 
 The rotor's speed is monitored as well. Flashes come once per turn; a turn that is too long or too short by the craft's

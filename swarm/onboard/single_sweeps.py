@@ -24,13 +24,14 @@ from estimators.lighthouse.innovation import (
     RowBatch,
     agreeing,
     condense,
-    fault_slopes,
     innovations,
+    light_of,
     noise_of,
     rows_of_sweeps,
 )
 from estimators.lighthouse.integrity import AngleNoise, shown_to_gate
 from estimators.lighthouse.planar import bends as is_coarse
+from estimators.lighthouse.row_faults import row_faults
 from estimators.lighthouse.rows import Rows, Station, linearise, packed
 from estimators.lighthouse.sweep import lighthouse_1
 from estimators.state import State
@@ -125,12 +126,7 @@ class SingleSweeps:
             self._without_false(rows, kept, predicted, tracks, out)
         _count_photodiodes(rows.first, rows.photodiode, kept, out.fresh, self._point_m.shape[1], out.photodiodes)
         if self._screens:
-            for c in np.flatnonzero(out.fresh & (out.photodiodes < MIN_LIT)):
-                used = rows.of(int(c), kept)
-                before = predicted.state.of(int(c)), predicted.covariance[c]
-                open_s = float(tracks.since_pose_s[c]) if out.photodiodes[c] < DETERMINED else 0.0
-                slopes = fault_slopes(used, self._stations, self._point_m[c], *before, self._noise, open_s)
-                out.fault[:, c] = self._missed[len(used.angle)] * np.array([slopes[0], np.degrees(slopes[1])])
+            self._faults(rows, kept, predicted, tracks, out)
         return out
 
     def _update(self, rows: RowBatch, kept: Bools, mask: Bools, tracks: Tracks, out: SweepsTaken) -> None:
@@ -186,6 +182,17 @@ class SingleSweeps:
             sigma = np.sqrt(np.trace(covariance[:, :3, :3], axis1=1, axis2=2))
         away = np.linalg.norm(position - self._stations.position[0], axis=1)
         return is_coarse(sigma, self._size_m, away, self._noise[0])
+
+    def _faults(self, rows: RowBatch, kept: Bools, before: Filtered, tracks: Tracks, out: SweepsTaken) -> None:
+        """Write what a false one of fewer than MIN_LIT photodiodes may do to their craft."""
+        few = out.fresh & (out.photodiodes < MIN_LIT)
+        if not few.any():
+            return
+        open_s = np.where(out.photodiodes < DETERMINED, tracks.since_pose_s, 0.0)
+        found = innovations(rows, kept, few, self._stations, self._point_m, before.state, self._noise)
+        light = light_of(self._stations, self._noise)
+        slopes = row_faults(rows, kept, few, found, light, before.covariance, open_s)[:, few]
+        out.fault[:, few] = self._missed[out.rows[few]] * np.stack([slopes[0], np.degrees(slopes[1])])
 
     def _without_false(
         self, rows: RowBatch, kept: Bools, predicted: Filtered, tracks: Tracks, out: SweepsTaken

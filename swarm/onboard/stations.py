@@ -513,7 +513,7 @@ class StationNavigator:
         self._held[:, ~active] = 0.0
         fresh = rowed.fresh & active
         if s.residual_test and rowed.found is not None and fresh.any():
-            slopes = row_faults(rows, rowed.kept, fresh, rowed.found, self._light, covariance)
+            slopes = row_faults(rows, rowed.kept, fresh, rowed.found, self._light, covariance, np.zeros(craft))
             table = _shown(self.settings.gate_probability, s.missed_detection, int(rowed.rows.max()))
             missed = table[rowed.rows[fresh]]
             self._held[:, fresh] = missed * slopes[0, fresh], missed * np.degrees(slopes[1, fresh])
