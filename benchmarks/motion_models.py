@@ -1,10 +1,13 @@
 """What are several models of motion worth? Error and NEES by scenario, with one process noise and with a series.
 
     python benchmarks/motion_models.py [--scenarios free-flight formation crossing docking tumble] [--seeds 1]
-                                       [--duration-s 15] [--settle-s 1] [--models 6]
+                                       [--duration-s 15] [--settle-s 1] [--models 6] [--ways one several]
 
-Every scenario flies once per seed and navigates twice on the same light and orders: by the one model of
-`navigation.quiet.craft = "none"` and by several. The motion itself is that of the latter, which steers.
+Every scenario flies once per seed and navigates several ways on the same light and orders: `one`, by the one model of
+`navigation.quiet.craft = "none"`; `several`, as shipped; `loose`, by one model and by poses only, as it was before
+single sweeps and models of motion. The motion itself is that of the shipped way, which steers. Results are written
+after every scenario. `few` are the periods with fewer than four photodiodes lit; `without` is the share of the
+craft-periods without an estimate.
 
 Periods of one craft are not independent. The band is of one period per craft and seed, the last one with a pose:
 `nees_last` may be compared with it. `nees`, the mean over all periods, is what the summary of a run tells.
@@ -27,6 +30,9 @@ from swarm.results.period import Period
 from swarm.scenario import load
 
 POSE = np.array([0, 1, 2, 6, 7, 8])
+SHIPPED = "several"
+FEW = 4
+"""Photodiodes below which a craft has no pose of its own."""
 
 
 def errors(period: Period, estimate: Estimate) -> Floats:
@@ -43,35 +49,57 @@ def errors(period: Period, estimate: Estimate) -> Floats:
     return out
 
 
-def fly(name: str, seed: int, duration_s: float, models: int) -> Floats:
-    """Return the errors (2, T, C, 3) of one flight, by one model and by several."""
+def fly(name: str, seed: int, duration_s: float, models: int, ways: Sequence[str]) -> Floats:
+    """Return the errors and the numbers of lit photodiodes (W, T, C, 4) of one flight, by every way.
+
+    Args:
+        name: the scenario.
+        seed: of the flight.
+        duration_s: of the flight [s].
+        models: number of models of motion of the craft that fly.
+        ways: W of WAYS.
+    """
     values = [f"duration_s={duration_s}", f"navigation.quiet.models={models}", 'navigation.filter="compiled"']
     scenario = load(name, values, seed=seed)
     flight = Flight(scenario)
     own = flight.computer.navigator
     layout = builders.assembly.own_layout(scenario, flight.world)
-    other = Navigator(layout, replace(own.settings, quiet=None), (), own.tracks.inertia)
-    out: list[list[Floats]] = [[], []]
+    settings = {"one": replace(own.settings, quiet=None), "loose": replace(own.settings, quiet=None, coupling="loose")}
+    others = {way: Navigator(layout, settings[way], (), own.tracks.inertia) for way in ways if way != SHIPPED}
+    out: dict[str, list[Floats]] = {way: [] for way in ways}
     for period in flight.fly():
-        one = other.step(period.angles, None, flight.command)
-        out[0].append(errors(period, one))
-        out[1].append(errors(period, period.estimate))
-    return np.array(out)
+        for way in ways:
+            by = others[way].step(period.angles, None, flight.command) if way != SHIPPED else period.estimate
+            out[way].append(np.column_stack([errors(period, by), period.estimate.visible]))
+    return np.array(list(out.values()))
+
+
+def _rms(values: Floats) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(known**2))) if len(known) else float("nan")
 
 
 def figures(flown: Sequence[Floats]) -> dict[str, Any]:
-    """Return RMS and NEES of flights (T, C, 3) of one scenario."""
-    every = np.concatenate([one.reshape(-1, 3) for one in flown])
+    """Return RMS and NEES of flights (T, C, 4) of one scenario."""
+    every = np.concatenate([one.reshape(-1, 4) for one in flown])
+    few = every[every[:, 3] < FEW]
+    few = few if np.isfinite(few[:, 0]).any() else np.full((1, 4), np.nan)
     last = np.array([own[np.isfinite(own)][-1] for one in flown for own in one[:, :, 2].T if np.isfinite(own).any()])
     low, high = chi2.ppf([0.025, 0.975], 6 * len(last)) / len(last)
     return {
-        "position_rms_mm": 1e3 * float(np.sqrt(np.nanmean(every[:, 0] ** 2))),
-        "attitude_rms_deg": float(np.degrees(np.sqrt(np.nanmean(every[:, 1] ** 2)))),
+        "position_rms_mm": 1e3 * _rms(every[:, 0]),
+        "attitude_rms_deg": float(np.degrees(_rms(every[:, 1]))),
         "nees": float(np.nanmean(every[:, 2])),
         "nees_last": float(last.mean()),
         "nees_low": float(low),
         "nees_high": float(high),
         "samples": len(last),
+        "without": float(np.mean(np.isnan(every[:, 0]))),
+        "worst_mm": 1e3 * float(np.nanmax(every[:, 0])),
+        "worst_deg": float(np.degrees(np.nanmax(every[:, 1]))),
+        "few_rms_mm": 1e3 * _rms(few[:, 0]),
+        "few_rms_deg": float(np.degrees(_rms(few[:, 1]))),
+        "few_nees": float(np.mean(few[np.isfinite(few[:, 2]), 2])) if np.isfinite(few[:, 2]).any() else float("nan"),
     }
 
 
@@ -84,17 +112,17 @@ def main() -> None:
         duration_s=(15.0, "of every flight [s]"),
         settle_s=(1.0, "time at the start that is left out [s]"),
         models=(6, "models of motion"),
+        ways=(["one", "several"], "ways to navigate: loose, one, several"),
     )
     result: dict[str, Any] = {}
     for name in chosen.scenarios:
-        flown = [fly(name, seed, chosen.duration_s, chosen.models) for seed in range(1, chosen.seeds + 1)]
+        seeds = range(1, chosen.seeds + 1)
+        flown = [fly(name, seed, chosen.duration_s, chosen.models, chosen.ways) for seed in seeds]
         begin = round(chosen.settle_s / chosen.duration_s * flown[0].shape[1])
-        result[name] = {
-            label: figures([one[k, begin:] for one in flown]) for k, label in enumerate(("one model", "several"))
-        }
-    rows = [[f"{name}, {label}", *of.values()] for name, both in result.items() for label, of in both.items()]
-    show("models of motion", ["", *next(iter(next(iter(result.values())).values()))], rows)
-    finish("motion_models", {"scenarios": result}, chosen.out)
+        result[name] = {way: figures([one[k, begin:] for one in flown]) for k, way in enumerate(chosen.ways)}
+        columns = ["", *next(iter(result[name].values()))]
+        show("models of motion", columns, [[f"{name}, {way}", *of.values()] for way, of in result[name].items()])
+        finish("motion_models", {"scenarios": result}, chosen.out)
 
 
 if __name__ == "__main__":

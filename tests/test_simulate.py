@@ -14,11 +14,13 @@ from scipy.stats import chi2
 import swarm
 import swarm.scenario as swarm_scenario
 from estimators import rotation as rot
+from estimators.arrays import Floats
 from swarm.assets import scenarios
 from swarm.errors import SwarmError
 from swarm.flight import builders
 from swarm.flight.flight import Flight
 from swarm.report.run_table import print_report
+from swarm.results.period import Period
 from swarm.results.run_folder import Run
 from swarm.results.summary import consistency
 
@@ -99,7 +101,38 @@ def test_tumbling_craft_keep_their_pose_by_single_sweeps(flown):
     assert np.sqrt(np.mean(attitude_deg**2)) <= 1.24 / 3
 
 
-def test_drift_is_consistent_with_the_chi_square_band():
+def bound(flight: Flight, period: Period) -> Floats:
+    """Return the posterior Cramer-Rao bound (C, 12, 12) of craft that keep the pose and the light of a period.
+
+    By the information recursion of Tichavsky, Muravchik and Nehorai: J' = (Q + F J^-1 F^T)^-1 + sum of H^T R^-1 H.
+    """
+    settings, truth, seen = flight.computer.navigator.settings, period.truth, period.angles.seen
+    assert truth is not None
+    dt, noise = settings.frame_s, settings.noise
+    arm = np.einsum("cij,ckj->cki", rot.matrix_from_quaternion(truth.quaternion), flight.world.photodiodes.point_m)
+    q, light = truth.position[:, None] + arm, np.zeros((len(seen), 12, 12))
+    for fan, begin in enumerate((-0.25, 0.25)):
+        across, away = q[..., fan], q[..., 2]
+        tau = (begin - np.arctan2(across, away) / (2 * np.pi)) * dt
+        slope = np.zeros(q.shape)
+        slope[..., fan], slope[..., 2] = -away / (across**2 + away**2), across / (across**2 + away**2)
+        turn = np.cross(arm, slope)
+        h = np.concatenate([turn, turn * tau[..., None], slope, slope * tau[..., None]], axis=-1)
+        h = np.where(seen[..., None], h, 0.0)
+        both, count = h.sum(axis=1), seen.sum(axis=1)
+        k = noise.shared_rad**2 / (noise.own_rad**2 + count * noise.shared_rad**2)
+        light += (np.swapaxes(h, 1, 2) @ h - k[:, None, None] * both[:, :, None] * both[:, None]) / noise.own_rad**2
+    sigma = settings.angular_acceleration_noise_rad_s2, settings.acceleration_noise_m_s2
+    gamma, ahead = np.array([dt**2 / 2, dt]), np.array([[1.0, dt], [0.0, 1.0]])
+    q_noise = np.kron(np.diag(np.square(sigma)), np.kron(np.outer(gamma, gamma), np.eye(3)))
+    f = np.kron(np.eye(2), np.kron(ahead, np.eye(3)))
+    p = np.tile(np.diag(np.repeat([0.1, 1.0, 0.1, 1.0], 3)), (len(seen), 1, 1))
+    for _ in range(60):
+        p = np.linalg.inv(np.linalg.inv(f @ p @ f.T + q_noise) + light)
+    return p
+
+
+def test_drift_is_consistent_with_the_chi_square_band_and_near_the_posterior_bound():
     """Over 1000 independent values of NEES: their mean is known to 1.8 % (1 sigma), so that 12 % of P is 6 sigma away.
 
     Independent are the values after their correlation in time and the rotor's noise, which the craft share.
@@ -107,12 +140,15 @@ def test_drift_is_consistent_with_the_chi_square_band():
     craft, pose = 24, np.ix_(*[[0, 1, 2, 6, 7, 8]] * 2)
     values = [f"swarm.count={craft}", "swarm.motion.spacing_m=0.6", "duration_s=10", "navigation.filter=compiled"]
     flight = Flight(swarm.load("drift", values))
-    nees, nis = [], []
+    nees, nis, errors, bounds = [], [], [], []
     for period in flight.fly():
         truth, estimate = period.truth, period.estimate
         assert truth is not None
+        if period.frame % 120 == 60:
+            bounds.append(np.diagonal(bound(flight, period), axis1=1, axis2=2))
         turn = rot.log(rot.matrix_from_quaternion(truth.quaternion) @ np.swapaxes(estimate.rotation, 1, 2))
         error = np.concatenate([turn, truth.position - estimate.position], axis=1)[..., None]
+        errors.append(error[..., 0])
         covariance = np.stack([own[pose] for own in estimate.covariance])
         nees.append((np.swapaxes(error, 1, 2) @ np.linalg.solve(covariance, error))[:, 0, 0])
         nis.append(estimate.nis)
@@ -126,6 +162,11 @@ def test_drift_is_consistent_with_the_chi_square_band():
         assert effective > 1000
         low, high = chi2.ppf([0.0005, 0.9995], 6 * effective) / effective
         assert low < found["mean"] < high
+    square, best = np.array(errors)[30:], np.array(bounds)
+    for part, of in ((slice(0, 3), slice(0, 3)), (slice(3, 6), slice(6, 9))):
+        ratio = np.sqrt(np.nanmean(np.sum(square[..., part] ** 2, axis=2)) / np.mean(np.sum(best[..., of], axis=2)))
+        # 3 % is two sigmas of an RMS of over 1000 independent errors.
+        assert 0.97 < ratio < 1.05
 
 
 def test_the_time_of_a_period_is_its_epoch():
