@@ -146,8 +146,8 @@ class Model(NamedTuple):
 
 
 class Samples(NamedTuple):
-    """Squared errors and traces of the bound of the C craft at one instant, of attitude and position, (2, C) each; and
-    their NEES (C,).
+    """Squared errors and traces of the bound of the C craft at one instant, (3, C) each, of attitude, position and the
+    centre of the lit photodiodes in straight coordinates; and their NEES (C,).
     """
 
     square: Floats
@@ -223,7 +223,7 @@ def fly(
         estimate = navigator.step(light, None, Command(order[0], order[1]) if frame else None)
         known = Truth(estimate.rotation, estimate.angular_rate, estimate.position, estimate.velocity)
         if frame in instants:
-            out[instants[frame]] = _samples(truth, known, estimate.covariance, information, points[lit].mean(axis=1))
+            out[instants[frame]] = _samples(truth, known, estimate.covariance, information, points[lit])
         lost = ~np.isfinite(known.position[:, 0])
         if lost.any():  # a craft without an estimate orders nothing
             known = Truth(
@@ -250,24 +250,96 @@ def _held(craft: int) -> Truth:
     return Truth(np.broadcast_to(HOLD, (craft, 3, 3)), zero, np.broadcast_to(PLACE, (craft, 3)), zero)
 
 
-def _samples(truth: Truth, known: Truth, covariance: Floats, information: Floats, centre: Floats) -> Samples:
-    """Return the errors, the bound, and the NEES of the attitude and of the lit photodiodes' centre (C, 3) [m]: there
-    the error of a turn about them is straight (`estimators.pivot`), and the covariance holds for wide errors too.
+def _samples(truth: Truth, known: Truth, covariance: Floats, information: Floats, lit: Floats) -> Samples:
+    """Return the errors, the bound, and the NEES of the attitude and of the centre of the lit photodiodes (C, n, 3)
+    [m]: there the error of a turn about them is straight (`estimators.pivot`), and the covariance holds for wide errors
+    too. Of two, the attitude is three angles, and the distance that which they appear to have.
     """
-    error, bound = truth.less(known), np.linalg.inv(information)
+    error, bound, centre = truth.less(known), np.linalg.inv(information), lit.mean(axis=1)
     pose = np.array([0, 1, 2, 6, 7, 8])
-    square = np.stack([np.sum(error[:, part] ** 2, axis=1) for part in (slice(0, 3), slice(6, 9))])
-    traces = np.stack([np.trace(bound[:, part, part], axis1=1, axis2=2) for part in (slice(0, 3), slice(6, 9))])
-    arm = np.einsum("cij,cj->ci", known.rotation, centre)
-    turn = np.tile(np.eye(6), (len(error), 1, 1))
-    turn[:, 3:, :3] = -rot.skew(arm)
-    p = turn @ covariance[:, pose[:, None], pose] @ np.swapaxes(turn, 1, 2)
+
+    def at_centre(state: Truth, p: Floats) -> tuple[Floats, Floats]:
+        arm = np.einsum("cij,cj->ci", state.rotation, centre)
+        turn = np.tile(np.eye(6), (len(error), 1, 1))
+        turn[:, 3:, :3] = -rot.skew(arm)
+        return arm, turn @ p[:, pose[:, None], pose] @ np.swapaxes(turn, 1, 2)
+
+    arm, p = at_centre(known, covariance)
+    own, best = at_centre(truth, bound)
+    e = error[:, pose]
+    e[:, 3:] += own - arm
+    if lit.shape[1] == 2:
+        line = lit[:, 1] - lit[:, 0]
+        e[:, :3] = _three_angles(truth, known, known.position + arm, line)
+        e[:, 3:] += _unbent(e, truth, known, own, arm, line)
+    parts = error[:, :3], error[:, 6:9], e[:, 3:]
+    square = np.stack([np.sum(part**2, axis=1) for part in parts])
+    blocks = bound[:, :3, :3], bound[:, 6:9, 6:9], best[:, 3:, 3:]
+    traces = np.stack([np.trace(block, axis1=1, axis2=2) for block in blocks])
     there = np.isfinite(error).all(axis=1)
     nees = np.full(len(error), np.nan)
-    e = error[there][:, pose]
-    e[:, 3:] += (np.einsum("cij,cj->ci", truth.rotation, centre) - arm)[there]
-    nees[there] = np.einsum("ci,ci->c", e, np.linalg.solve(p[there], e[..., None])[..., 0])
+    nees[there] = np.einsum("ci,ci->c", e[there], np.linalg.solve(p[there], e[there, :, None])[..., 0])
     return Samples(square, traces, nees)
+
+
+def _three_angles(truth: Truth, known: Truth, centre: Floats, line: Floats) -> Floats:
+    """Return the attitude's error (C, 3) as angles about the line of sight, of tilt, and about the line of the two.
+
+    Args:
+        truth: states.
+        known: estimates.
+        centre: (C, 3) [m], of the two photodiodes, estimated.
+        line: (C, 3) [m], between the two, body frame.
+    """
+    sight = centre / np.linalg.norm(centre, axis=1, keepdims=True)
+    aside = np.cross(line, [0.3, 0.5, 0.8])
+
+    def frame(rotation: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        along = np.einsum("cij,cj->ci", rotation, line)
+        along /= np.linalg.norm(along, axis=1, keepdims=True)
+        tilt = np.cross(along, sight)
+        cosine = np.linalg.norm(tilt, axis=1)
+        side = np.einsum("cij,cj->ci", rotation, aside)
+        tilt /= cosine[:, None]
+        spin = np.arctan2(np.einsum("ci,ci->c", side, np.cross(along, tilt)), np.einsum("ci,ci->c", side, tilt))
+        return along, tilt, np.arctan2(np.einsum("ci,ci->c", sight, along), cosine), spin
+
+    (_, there, tilted, spun), (along, here, tilt, spin) = frame(truth.rotation), frame(known.rotation)
+    lies = np.arctan2(np.einsum("ci,ci->c", sight, np.cross(here, there)), np.einsum("ci,ci->c", here, there))
+    turned = np.angle(np.exp(1j * (spun - spin)))
+    out: Floats = lies[:, None] * sight + (tilted - tilt)[:, None] * here + turned[:, None] * along
+    return out
+
+
+def _unbent(error: Floats, truth: Truth, known: Truth, own: Floats, arm: Floats, line: Floats) -> Floats:
+    """Return what the distance of two photodiodes' centre must change by, (C, 3) [m], to be straight.
+
+    It is known by how long the line between them appears, so that its error follows that of the line's tilt.
+
+    Args:
+        error: (C, 6), of attitude and centre.
+        truth: states.
+        known: estimates.
+        own: (C, 3) [m], the centre from the craft's origin.
+        arm: likewise, estimated.
+        line: (C, 3) [m], between the two, body frame.
+    """
+
+    def length(rotation: Floats, centre: Floats) -> Floats:
+        far = np.linalg.norm(centre, axis=1)
+        sight, turned = centre / far[:, None], np.einsum("cij,cj->ci", rotation, line)
+        out: Floats = np.log(far) - np.log(np.linalg.norm(np.cross(turned, sight), axis=1))
+        return out
+
+    centre, d = known.position + arm, error[:, :3]
+    far = np.linalg.norm(centre, axis=1)
+    apart = length(truth.rotation, truth.position + own) - length(known.rotation, centre)
+    step = 1e-3
+    tilt = [length(rot.exp(sign * step * d) @ known.rotation, centre) for sign in (1, -1)]
+    along = far * (apart - (tilt[0] - tilt[1]) / (2 * step))
+    sight = centre / far[:, None]
+    out: Floats = sight * (along - np.einsum("ci,ci->c", sight, error[:, 3:]))[:, None]
+    return out
 
 
 def figures(samples: list[Samples]) -> dict[str, Any]:
@@ -276,7 +348,7 @@ def figures(samples: list[Samples]) -> dict[str, Any]:
     known = np.isfinite(nees)
     rms = np.sqrt(square[:, known].mean(axis=1))
     best = np.sqrt(bound[:, known].mean(axis=1))
-    median = np.sqrt(np.median(square[:, known], axis=1))
+    median, best_median = (np.sqrt(np.median(part[:, known], axis=1)) for part in (square, bound))
     n = int(known.sum())
     low, high = chi2.ppf([0.025, 0.975], 6 * n) / n
     mean = float(nees[known].mean())
@@ -285,9 +357,13 @@ def figures(samples: list[Samples]) -> dict[str, Any]:
         "position_rms_mm": 1e3 * float(rms[1]),
         "position_median_mm": 1e3 * float(median[1]),
         "position_bound_mm": 1e3 * float(best[1]),
+        "position_bound_median_mm": 1e3 * float(best_median[1]),
         "position_ratio": float(rms[1] / best[1]),
+        "straight_ratio": float(rms[2] / best[2]),
         "attitude_rms_deg": float(np.degrees(rms[0])),
+        "attitude_median_deg": float(np.degrees(median[0])),
         "attitude_bound_deg": float(np.degrees(best[0])),
+        "attitude_bound_median_deg": float(np.degrees(best_median[0])),
         "attitude_ratio": float(rms[0] / best[0]),
         "nees": mean,
         "nees_low": float(low),

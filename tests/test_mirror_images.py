@@ -15,7 +15,7 @@ from estimators.lighthouse.innovation import Innovations, innovations, rows_of_s
 from estimators.lighthouse.integrity import AngleNoise
 from estimators.lighthouse.rows import AT_ORIGIN, packed
 from estimators.lighthouse.sweep import ideal_theta
-from estimators.pivot import ARMS, turn_about
+from estimators.pivot import ARMS, PIVOT, turn_about
 from estimators.state import STATES, State
 from swarm.hardware import pad
 from swarm.onboard.decoder import SweepAngles
@@ -63,7 +63,7 @@ def off(state: State, x: Floats, points: Floats) -> State:
     out = State._make(part.copy() for part in state)
     for c in range(len(x)):
         place = out.rotation[c], out.angular_rate[c], out.position[c], out.velocity[c]
-        turn_about(*place, x[c], points.mean(axis=0), np.empty(ARMS))
+        turn_about(*place, x[c], np.append(points.mean(axis=0), np.zeros(PIVOT - 3)), np.empty(ARMS))
     return out
 
 

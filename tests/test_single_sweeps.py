@@ -31,7 +31,7 @@ from estimators.lighthouse.integrity import AngleNoise, shown_to_gate
 from estimators.lighthouse.row_faults import row_faults
 from estimators.lighthouse.rows import AT_ORIGIN, linearise, packed
 from estimators.lighthouse.sweep import ideal_theta
-from estimators.pivot import ARMS, shear_into, turn_about
+from estimators.pivot import ARMS, PIVOT, shear_into, turn_about
 from estimators.state import State
 from swarm.hardware import pad
 from swarm.onboard.decoder import SweepAngles
@@ -101,7 +101,7 @@ def test_whitened_rows_have_the_information_of_the_rows(shown):
         white, scale = found.h[c, :n], np.sqrt(np.diag(h.T @ inverse @ h))
         np.testing.assert_allclose(white.T @ white, h.T @ inverse @ h, rtol=0, atol=1e-9 * np.outer(scale, scale).max())
         np.testing.assert_allclose(found.y[c, :n] @ found.y[c, :n], y @ inverse @ y, rtol=1e-9)
-        np.testing.assert_allclose(found.pivot[c], POINTS[:shown].mean(axis=0), atol=1e-15)
+        np.testing.assert_allclose(found.pivot[c, :3], POINTS[:shown].mean(axis=0), atol=1e-15)
 
 
 def started(kind: type[FilterBank], state: State, wide: float = 1.0) -> FilterBank:
@@ -141,7 +141,7 @@ def test_a_large_turn_leaves_the_pivot_in_its_place_and_the_shear_is_its_derivat
 
     def moved(error: Floats, arms: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         state = r.copy(), w.copy(), p.copy(), v.copy()
-        turn_about(*state, error, b, arms)
+        turn_about(*state, error, np.append(b, np.zeros(PIVOT - 3)), arms)
         return state
 
     turned, rate, position, velocity = moved(x, np.empty(ARMS))
@@ -159,6 +159,55 @@ def test_a_large_turn_leaves_the_pivot_in_its_place_and_the_shear_is_its_derivat
         turn = rot.log(one[0] @ base[0].T) - rot.log(other[0] @ base[0].T)
         column = np.concatenate([turn, *(a - c for a, c in zip(one[1:], other[1:], strict=True))]) / 2e-6
         np.testing.assert_allclose((after @ column)[6:], before[6:, i], atol=1e-8)
+
+
+def test_of_two_photodiodes_what_the_light_leaves_open_is_straight():
+    """Apparent direction and length of the line between them, its tilt and the turn about it, and their rates."""
+    rng = np.random.default_rng(5)
+    turned, station, line = rot.exp(rng.standard_normal(3)), np.array([0.2, -0.1, 0.0]), np.array([0.05, 0.02, -0.01])
+    p, w, b = np.array([0.3, 0.2, 3.0]), 0.2 * rng.standard_normal(3), 0.03 * rng.standard_normal(3)
+    arm = turned @ b
+    n = (p + arm - station) / np.linalg.norm(p + arm - station)
+    base = State(turned, p, 0.05 * n - np.cross(w, arm), w)
+    aside = np.cross(line, [1.0, 0.0, 0.0])
+
+    def angles(s: State) -> Floats:
+        q, e, f = s.position + s.rotation @ b - station, s.rotation @ line, s.rotation @ aside
+        n = q / np.linalg.norm(q)
+        across = e - n * (n @ e)
+        k = np.cross(e, n)
+        spin = np.arctan2(f @ np.cross(e / np.linalg.norm(e), k), f @ k)
+        lies = np.arctan2(across @ np.cross(n, [1.0, 0.0, 0.0]), across[0])
+        return np.array(
+            [lies, np.arctan2(n @ e, np.linalg.norm(across)), spin, np.log(np.linalg.norm(q) / np.linalg.norm(across))]
+        )
+
+    def seen(s: State) -> Floats:
+        ahead, behind = (angles(s.ahead(h)) for h in (1e-4, -1e-4))
+        return np.concatenate([angles(s), (ahead - behind) / 2e-4])
+
+    def moved(s: State, x: Floats, arms: Floats) -> State:
+        out, pivot = State._make(part.copy() for part in s), np.concatenate([b, line, station])
+        turn_about(out.rotation, out.angular_rate, out.position, out.velocity, x, pivot, arms)
+        return out
+
+    def plain(s: State, x: Floats) -> State:
+        return State(rot.exp(x[:3]) @ s.rotation, s.position + x[6:9], s.velocity + x[9:], s.angular_rate + x[3:6])
+
+    def slope(s: State) -> Floats:
+        pairs = [[seen(plain(s, h * one)) for h in (1e-5, -1e-5)] for one in np.eye(12)]
+        return np.array([(one - other) / 2e-5 for one, other in pairs]).T
+
+    # Errors of turn and rate about the pivot, and along the line of sight.
+    along = [np.concatenate([np.zeros(6), n, np.zeros(3)]), np.concatenate([np.zeros(9), n])]
+    free = np.linalg.inv(of_pivot(arm, w)) @ np.vstack([np.eye(12)[:6], along]).T
+    arms, matrix = np.empty(ARMS), np.empty((12, 12))
+    x = free @ np.array([0.2, -0.25, 0.15, 0.1, 0.05, -0.1, 0.1, 0.02])
+    after = moved(base, x, arms)
+    shear_into(arms, matrix)
+    np.testing.assert_allclose(seen(after), seen(base) + slope(base) @ x, atol=1e-6)
+    np.testing.assert_allclose(slope(after) @ matrix @ free, slope(base) @ free, atol=1e-5)
+    assert np.abs(slope(after) @ free - slope(base) @ free).max() > 0.05, "the slopes themselves are others"
 
 
 def of_pivot(arm: Floats, rate: Floats) -> Floats:
@@ -240,7 +289,7 @@ def test_a_row_that_the_prediction_has_behind_the_station_is_not_counted():
     kept = np.ones(len(rows.angle), np.bool_)
     found = innovations(rows, kept, every(1), STATION, POINTS[None], bank.state, [NOISE])
     np.testing.assert_array_equal(kept, rows.photodiode != 2)
-    np.testing.assert_allclose(found.pivot[0], POINTS[:2].mean(axis=0), atol=1e-15)
+    np.testing.assert_allclose(found.pivot[0, :3], POINTS[:2].mean(axis=0), atol=1e-15)
 
     tracks = Tracks(bank, T, TrackLimits(2.0, 6), None)
     settings = replace(SETTINGS, motion_compensation=False)

@@ -24,6 +24,7 @@ from estimators.filter.error_state import (
     transitions_into,
 )
 from estimators.kernel import kernel
+from estimators.pivot import PIVOT
 from estimators.rotation import exp
 from estimators.state import State
 
@@ -52,7 +53,7 @@ class Given(NamedTuple):
 
 class Independent(NamedTuple):
     """Measurements of C craft whose noise is independent from row to row, checked: as `Given`, with the variances of
-    the rows (C, m) in the place of r; pivot (C, 3): points of the bodies about which corrections turn them; freedoms
+    the rows (C, m) in the place of r; pivot (C, PIVOT): points about which corrections turn the bodies; freedoms
     (C,): numbers of measurements that the rows stand for, by which they are gated.
     """
 
@@ -280,7 +281,7 @@ class FilterBank(ABC):
             h: (C, m, 12), derivatives H by the error state x.
             r: (C, m, m), covariances of the noise; or (C, m), variances of rows with independent noise.
             count: (C,), the number of rows of each craft, the first of the m; None: all m.
-            pivot: (C, 3) [m], body frame: where large corrections turn the bodies about, with independent rows
+            pivot: (C, PIVOT) [m]: where large corrections turn the bodies about, with independent rows
                 (`estimators.pivot`); None: their origins.
             freedoms: (C,), with independent rows: the numbers of measurements that they stand for, as the sums of many
                 in fewer rows; the gate is that of as many. None: every row is one.
@@ -323,7 +324,7 @@ class FilterBank(ABC):
             self._shaped("r", r, (rows,)),
             used,
             gates(self.gate_probability, int(free[mask].max(initial=rows))),
-            self._argument("pivot", np.zeros((craft, 3)) if pivot is None else pivot, (3,), mask),
+            self._argument("pivot", np.zeros((craft, PIVOT)) if pivot is None else pivot, (PIVOT,), mask),
             free,
         )
         if (wrong := _wrong_row(mask, out)) >= 0:

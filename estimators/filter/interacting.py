@@ -398,7 +398,7 @@ def shear_models(c: int, arms: Floats, mixtures: Mixtures) -> None:
             mixtures.covariance[c, :, :, at] = p
             for i in range(STATES):
                 total = 0.0
-                for k in range(i + 1):
+                for k in range(STATES):
                     total += s[i, k] * x[k]
                 mixtures.mean[c, i, at] = total
 

@@ -25,6 +25,7 @@ from estimators.kernel import kernel
 from estimators.lighthouse.integrity import AngleNoise, dropped_sets
 from estimators.lighthouse.rows import Packed, Rows, linearise, row_into
 from estimators.lighthouse.sweep import HALF_PI
+from estimators.pivot import PIVOT
 from estimators.state import STATES, State
 
 SWEEPS = 1 << 20
@@ -87,7 +88,7 @@ def of_one(rows: Rows) -> RowBatch:
 
 class Innovations(NamedTuple):
     """Innovations of C craft with independent noise of variance one: y (C, m), h (C, m, 12), of which each craft has
-    the first `number` (C,). pivot: (C, 3) [m], the centre of the photodiodes that they come from, body frame.
+    the first `number` (C,). pivot: (C, PIVOT), of `estimators.pivot`, in the centre of the photodiodes concerned.
     """
 
     y: Floats
@@ -155,7 +156,7 @@ def innovations(
             np.empty((craft, most)),
             np.empty((craft, most, STATES)),
             np.zeros(craft, dtype=np.int64),
-            np.zeros((craft, 3)),
+            np.zeros((craft, PIVOT)),
         )
     _innovations_into(mask, rows, kept, light_of(stations, noise), np.ascontiguousarray(point_m), state, out)
     return out
@@ -247,8 +248,7 @@ def whitened_into(
     """
     n = 0
     square, front = 0.0, True
-    for i in range(3):
-        out.pivot[c, i] = 0.0
+    out.pivot[c] = 0.0
     for r in range(rows.first[c], rows.first[c + 1]):
         if not kept[r]:
             continue
@@ -280,8 +280,38 @@ def whitened_into(
     out.number[c] = n
     for i in range(3):
         out.pivot[c, i] /= max(n, 1)
+    _line_into(c, rows, kept, light, point[c], out.pivot[c])
     _whiten(out.y[c], out.h[c], work[0], n, work[1], light)
     return square, front
+
+
+@kernel
+def _line_into(c: int, rows: RowBatch, kept: Bools, light: StationArrays, point: Floats, pivot: Floats) -> None:
+    """Write the line between two photodiodes, if all kept rows of a craft are of these and of one station.
+
+    Args:
+        c: the craft.
+        rows: rows of C craft.
+        kept: (N,), the rows that are used.
+        light: stations.
+        point: (K, 3) [m], photodiodes of the craft.
+        pivot: (PIVOT,), receives it with the station's place; its line is zero before.
+    """
+    first, second, station = -1, -1, -1
+    for r in range(rows.first[c], rows.first[c + 1]):
+        if not kept[r]:
+            continue
+        k = rows.photodiode[r]
+        if first < 0:
+            first, station = k, rows.station[r]
+        elif k != first and second < 0:
+            second = k
+        if rows.station[r] != station or (k != first and k != second):
+            return
+    if second >= 0:
+        for i in range(3):
+            pivot[3 + i] = point[second, i] - point[first, i]
+            pivot[6 + i] = light.position[station, i]
 
 
 @kernel

@@ -23,6 +23,7 @@ from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
 from estimators.lighthouse.innovation import Innovations, RowBatch, StationArrays, whitened_into
 from estimators.linear import invert_spd_into, solve_spd
+from estimators.pivot import PIVOT
 from estimators.rotation import exp_into, multiply_into
 from estimators.state import STATES, State
 
@@ -80,7 +81,10 @@ def solve_rows(
         np.zeros(craft, dtype=np.int64),
     )
     inner = Innovations(
-        np.empty((craft, most)), np.empty((craft, most, STATES)), np.zeros(craft, dtype=np.int64), np.zeros((craft, 3))
+        np.empty((craft, most)),
+        np.empty((craft, most, STATES)),
+        np.zeros(craft, dtype=np.int64),
+        np.zeros((craft, PIVOT)),
     )
     work = State._make(np.ascontiguousarray(part, dtype=np.float64).copy() for part in start)
     _solve_all(mask, rows, kept, light, np.ascontiguousarray(point_m), work, inner, out)

@@ -51,7 +51,7 @@ class _Fold(NamedTuple):
     """The place at which two images of one craft meet.
 
     at: sigmas from its estimate along `side`. side: (12,), the error of one sigma along its attitude's coarsest axis.
-    pivot: (3,) [m].
+    pivot: (PIVOT,), of `estimators.pivot`.
     """
 
     at: float
@@ -244,7 +244,7 @@ class MirrorImages:
 
 
 def _moved(state: State, x: Floats, pivot: Floats) -> State:
-    """Return a state without the craft axis, moved by the error x (12,) about the pivot (3,) [m]."""
+    """Return a state without the craft axis, moved by the error x (12,) about the pivot (PIVOT,)."""
     out = State._make(part.copy() for part in state)
     turn_about(out.rotation, out.angular_rate, out.position, out.velocity, x, pivot, np.empty(ARMS))
     return out

@@ -34,6 +34,7 @@ from estimators.lighthouse.planar import bends as is_coarse
 from estimators.lighthouse.row_faults import row_faults
 from estimators.lighthouse.rows import Rows, Station, linearise, packed
 from estimators.lighthouse.sweep import lighthouse_1
+from estimators.pivot import PIVOT
 from estimators.state import State
 from swarm.onboard.settings import MIN_LIT, NavigationSettings
 from swarm.onboard.tracks import Filtered, Tracks
@@ -159,8 +160,9 @@ class SingleSweeps:
         return bank.update(asked, sums.y, sums.h, np.ones_like(sums.y), sums.number, sums.pivot, angles), angles
 
     def centre(self, craft: int, rows: Rows) -> Floats:
-        """Return the centre of the photodiodes that rows of one craft come from, (3,) [m], body frame."""
-        out: Floats = self._point_m[craft, rows.photodiode].mean(axis=0)
+        """Return the pivot (PIVOT,) of `estimators.pivot` in the centre of the photodiodes of one craft's rows."""
+        out = np.zeros(PIVOT)
+        out[:3] = self._point_m[craft, rows.photodiode].mean(axis=0)
         return out
 
     def whitened(self, craft: int, rows: Rows, state: State) -> tuple[Floats, Floats]:
