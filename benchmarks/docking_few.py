@@ -29,9 +29,9 @@ DARK_M = 0.5
 """Distance of the ports at which the fourth photodiode goes dark."""
 SHORT = [
     "duration_s=40",
-    "craft[0].motion.from_m=[0.01,0.44,1.24]",
+    "craft[0].motion.from_m=[0.01,0.44,1.40]",
     "craft[0].motion.hold_ranges_m=[0.55]",
-    "craft[0].motion.hold_s=[0.5]",
+    "craft[0].motion.hold_s=[0.2]",
     "craft[0].scatter.position_m=0.02",
     "recording.enabled=false",
     "navigation.filter=compiled",
