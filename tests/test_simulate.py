@@ -106,7 +106,7 @@ def bound(flight: Flight, period: Period) -> Floats:
 
     By the information recursion of Tichavsky, Muravchik and Nehorai: J' = (Q + F J^-1 F^T)^-1 + sum of H^T R^-1 H.
     """
-    settings, truth, seen = flight.computer.navigator.settings, period.truth, period.angles.seen
+    settings, truth, seen = flight.computer.navigator.settings, period.truth, period.angles.lit
     assert truth is not None
     dt, noise = settings.frame_s, settings.noise
     arm = np.einsum("cij,ckj->cki", rot.matrix_from_quaternion(truth.quaternion), flight.world.photodiodes.point_m)
