@@ -17,7 +17,7 @@ from swarm.errors import SwarmError
 from swarm.results.disk import outputs, refuse_existing, unwritten, write_all, write_text, writing
 from swarm.results.files import PARTS
 from swarm.results.parquet import GrowingParquet, is_there, read_table
-from swarm.results.run_folder import RunFolder, open_run
+from swarm.results.run_folder import RunFolder, open_run, refuse_run
 from swarm.results.telemetry import Telemetry
 
 FULL = Path("/dev/full")
@@ -235,6 +235,8 @@ def test_a_place_that_is_closed_is_told_before_the_work(tmp_path, monkeypatch):
     monkeypatch.setattr(os, "access", lambda *_: False)
     with pytest.raises(SwarmError, match=r"out\.txt: no permission to write there; choose another place with --out"):
         refuse_existing(tmp_path / "new" / "out.txt", force=False)
+    with pytest.raises(SwarmError, match=r"new/run: no permission to write there; choose another place with --out"):
+        refuse_run("formation", 7, tmp_path / "new" / "run")
 
 
 def test_a_run_that_ends_on_a_full_disk_says_so_in_its_summary(tmp_path, full_disk):

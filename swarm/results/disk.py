@@ -177,10 +177,10 @@ def refuse_existing(*files: Path, force: bool) -> None:
         if file.exists() and not force:
             raise SwarmError(f"{file} is there already; --force replaces it, --out writes elsewhere")
         with writing(file):
-            _refuse_closed(file.parent)
+            refuse_closed(file.parent)
 
 
-def _refuse_closed(folder: Path) -> None:
+def refuse_closed(folder: Path) -> None:
     """Raise an OSError where no file can be made in a folder, or in the one that it would be made in."""
     while not folder.exists():
         folder = folder.parent

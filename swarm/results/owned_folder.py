@@ -25,7 +25,7 @@ from types import MappingProxyType, TracebackType
 from typing import Any, Literal, NamedTuple, Self
 
 from swarm.errors import SwarmError, question
-from swarm.results.disk import FolderLock, overwrite, replacing, write_text, writing
+from swarm.results.disk import FolderLock, overwrite, refuse_closed, replacing, write_text, writing
 from swarm.user_text import parse_json, read_text, user_path
 
 PROGRAM = "lighthouse-swarm"
@@ -150,10 +150,12 @@ def refuse_taken(path: Path, contents: Contents, force: bool) -> None:
         force: An earlier result may be replaced.
 
     Raises:
-        SwarmError: There is a result already, or files stand in the way.
+        SwarmError: There is a result already, files stand in the way, or nothing can be written there.
     """
     if path.exists() and not path.is_dir():
         raise SwarmError(f"cannot write {path}: a file is in its place; choose another --out")
+    with writing(path):
+        refuse_closed(path)
     if marker_in(path, contents) is not None:
         if not force:
             raise SwarmError(f"{path} holds {contents.what} already; {contents.instead}")
