@@ -8,10 +8,15 @@ A batch is so many craft for 240 periods. Per case prints, in JSON: craft-period
 beyond the level, the largest error as a share of its level, the RMS error, the level (root mean square over time and
 craft, and median) and the ratio of the former to the RMS error, all after the first second.
 
-Cases: `clean`; `reflections` and `small reflections`, 5 % of all sweeps off by up to 5 degrees or 0.03; `two false`,
-two photodiodes of every craft off all the time by angles of any size from a tenth of the noise to a thousand times;
-`dark`, a second without light, in which a constant push of up to 0.2 m/s^2 and 20 deg/s^2 per axis comes on top, which
-the craft are told to allow for.
+Poses of one lighthouse, with two photodiodes that may be false: `clean`; `reflections` and `small reflections`, 5 % of
+all sweeps off by up to 5 degrees or 0.03; `two false`, two photodiodes of every craft off all the time by angles of any
+size from a tenth of the noise to a thousand times; `dark`, a second without light, in which a constant push of up to
+0.2 m/s^2 and 20 deg/s^2 per axis comes on top, which the craft are told to allow for.
+
+Row by row, by filters of one model of motion: `tight` and `tight, one false`, one photodiode that may be false;
+before two stations whose lines of sight cross at 90 degrees, one of which may be false: `stations`, `stations, biased`,
+all angles of one off by any size from a tenth of the noise to a thousand times, and `stations, moved`, one of them not
+where it is taken to be, by 0.1 to 100 mm and up to 10 mrad.
 """
 
 import argparse
@@ -24,30 +29,38 @@ from pushed_motion import pushed
 
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats
+from estimators.lighthouse.innovation import gathered
+from estimators.lighthouse.rows import Rows, Station
 from estimators.lighthouse.sweep import HALF_PI, LIGHTHOUSE_1, measured_angles
 from estimators.rotation import angle_between
 from estimators.state import State
 from swarm.flight import builders
+from swarm.flight.builders.stations import station_noise
 from swarm.flight.flight import Flight
 from swarm.hardware import Photodiodes
 from swarm.onboard.decoder import SweepAngles
 from swarm.onboard.navigation import Estimate, Navigator
+from swarm.onboard.stations import RowLight, StationNavigator
 from swarm.scenario import load
 
 PERIODS, SETTLED = 240, 60
 DARK = range(120, 180)
+QUIET_OFF = ["navigation.quiet.craft=none"]
 PUSH_M_S2, PUSH_RAD_S2 = 0.2, np.radians(20.0)
 
 
 class Case(NamedTuple):
     """share, spread_rad: of sweeps that are reflections, and how far off. false: number of false photodiodes. dark:
-    whether there is a second without light, and a push in it.
+    whether there is a second without light, and a push in it. coupling: of the navigation. station: "" before the one
+    lighthouse; before two, what is wrong with one of them.
     """
 
     share: float = 0.0
     spread_rad: float = 0.0
     false: int = 0
     dark: bool = False
+    coupling: str = "auto"
+    station: str = ""
 
 
 CASES = {
@@ -56,6 +69,11 @@ CASES = {
     "small reflections": Case(share=0.05, spread_rad=np.radians(0.03)),
     "two false": Case(false=2),
     "dark": Case(dark=True),
+    "tight": Case(coupling="tight"),
+    "tight, one false": Case(coupling="tight", false=1),
+    "stations": Case(station="clean"),
+    "stations, biased": Case(station="biased"),
+    "stations, moved": Case(station="moved"),
 }
 
 
@@ -64,7 +82,13 @@ class Batch:
 
     def __init__(self, craft: int, seed: int, case: Case, false_photodiodes: int) -> None:
         """Place them."""
-        scenario = load("drift", [f"navigation.integrity.false_photodiodes={false_photodiodes}"])
+        if case.coupling == "tight":
+            false_photodiodes = min(false_photodiodes, 1)
+        changes = [
+            f"navigation.integrity.false_photodiodes={false_photodiodes}",
+            f"navigation.coupling={case.coupling}",
+        ]
+        scenario = load("drift", [*changes, *(QUIET_OFF if case.coupling == "tight" else [])])
         flight = Flight(scenario)
         self.case, self.rng = case, np.random.default_rng(seed)
         rng, settings = self.rng, replace(builders.navigation(scenario), filter="compiled")
@@ -125,6 +149,82 @@ class Batch:
         return SweepAngles(theta, offset, lit, none, none, none)
 
 
+class StationBatch:
+    """Craft of one batch before two stations, of whose noise each sweep has one draw and each photodiode another."""
+
+    def __init__(self, craft: int, seed: int, case: Case) -> None:
+        """Place them."""
+        scenario = load("two-stations", ["navigation.integrity.false_stations=1", *QUIET_OFF])
+        flight = Flight(load("drift"))
+        self.rng, self.craft = np.random.default_rng(seed), craft
+        rng = self.rng
+        self.settings = replace(builders.navigation(scenario), filter="compiled")
+        self.layout = Photodiodes._make(np.repeat(part[:1], craft, axis=0) for part in flight.world.photodiodes)
+        facing = rot.matrix_from_quaternion(flight.motions.start().quaternion[:1])
+        at = rng.uniform([-0.5, -0.5, 2.5], [0.5, 0.5, 3.5], (craft, 3))
+        turn = rot.exp(rng.uniform(-0.3, 0.3, (craft, 3))) @ facing
+        self.truth = State(turn, at, np.zeros((craft, 3)), np.zeros((craft, 3)))
+        self.noise = station_noise(scenario)
+        known, up = [], np.array([0.0, 1.0, 0.0])
+        for side in (-3.0, 3.0):
+            ahead = np.array([-side, 0.0, 3.0]) / np.hypot(side, 3.0)
+            across = np.stack([np.cross(up, ahead), up, ahead], axis=1)
+            known.append(Station(across, np.array([side, 0.0, 0.0]), LIGHTHOUSE_1))
+        relations = replace(self.settings.relations, common_rad=(0.0, 0.0), turn_s=(self.settings.frame_s,) * 2)
+        self.settings = replace(self.settings, relations=relations)
+        self.navigator = StationNavigator(self.layout, self.settings, known, self.noise)
+        self.known, self.bias = known, np.zeros((craft, 2))
+        self.moved = np.zeros((craft, 3)), np.tile(np.eye(3), (craft, 1, 1))
+        self.wrong = rng.integers(0, 2, craft)
+        direction = rng.standard_normal((2, craft, 3))
+        direction /= np.linalg.norm(direction, axis=2, keepdims=True)
+        if case.station == "biased":
+            angle = rng.uniform(0, 2 * np.pi, craft)
+            size = np.hypot(*self.noise[0]) * 10 ** rng.uniform(-1, 3, craft)
+            self.bias = size[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        elif case.station == "moved":
+            shift = direction[0] * 10 ** rng.uniform(-4, -1, craft)[:, None]
+            self.moved = shift, rot.exp(direction[1] * 10 ** rng.uniform(-5, -2, craft)[:, None])
+
+    def period(self, number: int) -> Estimate:
+        """Move on by one period, measure and navigate."""
+        s, rng, shape = self.settings, self.rng, self.truth.position.shape
+        push = s.acceleration_noise_m_s2 * rng.standard_normal(shape)
+        twist = s.angular_acceleration_noise_rad_s2 * rng.standard_normal(shape)
+        self.truth = pushed(self.truth, push, twist, s.frame_s)
+        none = np.zeros(self.craft, dtype=np.int64)
+        parts = [self._rows(station, fan, number) for station in (0, 1) for fan in (0, 1)]
+        craft = np.concatenate([part[0] for part in parts])
+        rows = Rows._make(np.concatenate(column) for column in zip(*(part[1] for part in parts), strict=True))
+        return self.navigator.step(RowLight(gathered(craft, rows, self.craft), none, none))
+
+    def _rows(self, station: int, fan: int, number: int) -> tuple[Any, Rows]:
+        """The craft and the rows of one sweep."""
+        truth, known, rng = self.truth, self.known[station], self.rng
+        wrong = self.wrong == station
+        shift, turn = np.where(wrong[:, None], self.moved[0], 0.0), self.moved[1].copy()
+        turn[~wrong] = np.eye(3)
+        tau = -self.settings.frame_s * (0.125 + 0.25 * (2 * station + fan))
+        at = truth.position + tau * truth.velocity
+        now = rot.exp(truth.angular_rate * tau) @ truth.rotation
+        where = at[:, None] + np.einsum("cij,ckj->cki", now, self.layout.point_m)
+        normal = np.einsum("cij,ckj->cki", now, self.layout.normal)
+        away = where - (known.position + shift)[:, None]
+        toward = -away / np.linalg.norm(away, axis=2, keepdims=True)
+        seen = self.layout.present & (np.einsum("cki,cki->ck", normal, toward) > np.cos(np.radians(80)))
+        there = np.einsum("cki,cij->ckj", away, turn @ known.rotation)
+        angle = measured_angles(there, known.fans[fan : fan + 1])[..., 0]
+        own, shared = self.noise[station]
+        angle += own * rng.standard_normal(angle.shape) + shared * rng.standard_normal((len(angle), 1))
+        angle += np.where(wrong, self.bias[:, fan], 0.0)[:, None]
+        craft, photodiode = np.nonzero(seen & np.isfinite(angle))
+        every = np.ones(len(craft), dtype=np.int64)
+        sweep = number * every
+        return craft, Rows(
+            station * every, fan * every, photodiode, sweep, np.full(len(craft), tau), angle[craft, photodiode]
+        )
+
+
 class Tally:
     """Errors and levels of a case."""
 
@@ -135,7 +235,7 @@ class Tally:
         self.level: list[Floats] = []
         self.beyond_by: list[list[float]] = []
 
-    def add(self, batch: Batch) -> None:
+    def add(self, batch: Batch | StationBatch) -> None:
         """Fly it."""
         for number in range(PERIODS):
             estimate, truth = batch.period(number), batch.truth
@@ -192,7 +292,13 @@ def main() -> None:
     for name in asked.only:
         tally = Tally()
         for number in range(asked.batches):
-            tally.add(Batch(asked.craft, asked.seed + number, CASES[name], asked.false_photodiodes))
+            seed, case = asked.seed + number, CASES[name]
+            alone = not case.station
+            tally.add(
+                Batch(asked.craft, seed, case, asked.false_photodiodes)
+                if alone
+                else StationBatch(asked.craft, seed, case)
+            )
         out[name] = tally.figures()
     print(json.dumps(out, indent=2))
 

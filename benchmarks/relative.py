@@ -11,6 +11,9 @@ settled the error of each pair's relative pose, in the axes of its first craft, 
 difference of independent errors over the true one, of the filter and of poses of one period. Figures of fan errors are
 those of 2 % of what the fans of a real station have (scenarios/survey.toml): its own errors times 0.02 where they stand
 alone, drawn with that standard deviation beside noise.
+
+`theory` is what two filters of one model of motion, each for itself, reach (`benchmarks/filter_theory.py`), and `bound`
+the least that any navigation of both could, which had the errors of the fans among its states.
 """
 
 import argparse
@@ -19,16 +22,18 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from filter_theory import Model, Seen, separate, together
 from pushed_motion import pushed
 from scipy.stats import chi2
 
 from estimators import rotation as rot
 from estimators.arrays import Floats
 from estimators.lighthouse.innovation import light_of, rows_of_sweeps
-from estimators.lighthouse.rows import Station, packed
+from estimators.lighthouse.rows import Station, linearise, packed
 from estimators.lighthouse.shared import Common, considered_errors, pose_sensitivity, shared_sums
 from estimators.lighthouse.sweep import HALF_PI, LIGHTHOUSE_1, FanErrors, FanPair, lighthouse_1, measured_angles
-from estimators.state import State
+from estimators.relative.pose import covariance_between, relative
+from estimators.state import STATES, State
 from swarm.flight import builders
 from swarm.flight.flight import Flight
 from swarm.hardware import Photodiodes
@@ -44,6 +49,8 @@ REAL: FanPair = FanErrors(**SURVEY.fan_x.model_dump()), FanErrors(**SURVEY.fan_y
 SETTLE, SETTLE_QUIET, APART = 60, 300, 45
 """Periods before the first sample of a pair, and between two of its samples."""
 POSE = np.array([0, 1, 2, 6, 7, 8])
+THEORY = 16
+"""Pairs that theory is the mean of."""
 
 
 def gibbous(errors: FanErrors) -> complex:
@@ -80,7 +87,7 @@ class Case(NamedTuple):
     """One case. share: of the fan errors that is left over; drawn: at random with that size, or as they are. coupling:
     of the navigation. turned: largest turn of either craft of a pair against the other, per axis [rad]. noisy: whether
     angles have noise and craft are pushed; the filters assume both. quiet: craft that nothing but the process noise of
-    the quietest model of motion pushes, by a filter of several models.
+    the quietest model of motion pushes, by a filter of several models; alone: by that model alone.
     """
 
     share: float = 0.0
@@ -89,6 +96,7 @@ class Case(NamedTuple):
     turned: float = 0.05
     noisy: bool = True
     quiet: bool = False
+    alone: bool = False
 
 
 CASES = {
@@ -96,6 +104,7 @@ CASES = {
     "noise, turned by 20 deg": Case(turned=0.35),
     "noise, tight": Case(coupling="tight"),
     "noise, quiet": Case(quiet=True),
+    "noise, quiet, one model": Case(quiet=True, alone=True),
     "fan errors alone": Case(share=0.02, noisy=False),
     "fan errors and noise": Case(share=0.02, drawn=True),
     "fan errors and noise, turned by 20 deg": Case(share=0.02, drawn=True, turned=0.35),
@@ -133,6 +142,14 @@ class Pairs:
             fan_x=REAL[0] if share else FanErrors(),
             fan_y=REAL[1] if share else FanErrors(),
         )
+        if case.alone and self.settings.quiet is not None:
+            least = self.settings.quiet
+            self.settings = replace(
+                self.settings,
+                quiet=None,
+                acceleration_noise_m_s2=least.acceleration_noise_m_s2,
+                angular_acceleration_noise_rad_s2=least.angular_acceleration_noise_rad_s2,
+            )
         self.noise = noise
         known: FanPair = self.settings.fan_x, self.settings.fan_y
         size = np.array([sigma for _, sigma in sigmas(share)])[[0, 1, 2, 3, 3]]
@@ -187,6 +204,60 @@ class Pairs:
         theta[~lit], offset[~lit] = np.nan, 0.0
         none = np.zeros(craft, dtype=np.int64)
         return SweepAngles(theta, offset, lit, none, none, none)
+
+    def seen(self, craft: int) -> Seen:
+        """The rows of one craft as they stand now, with their derivatives by the errors of the fans it knows."""
+        angles, truth = self._angles(self.truth), self.truth.of(craft)
+        rows = rows_of_sweeps(angles.theta, angles.offset_s, np.isfinite(angles.theta)).of(craft)
+        known: FanPair = self.settings.fan_x, self.settings.fan_y
+        light = lighthouse_1(*known)
+        before = packed([Station(np.eye(3), np.zeros(3), light)])
+        at = truth.rotation, truth.position, truth.velocity, truth.angular_rate
+        _, h = linearise(rows, before, self.layout.point_m[craft], *at)
+        there = self.layout.point_m[craft, rows.photodiode] @ truth.rotation.T + truth.position
+        d = np.zeros((len(rows.angle), 10))
+        for term in range(10 if self.case.share else 0):
+            by = np.zeros((2, 5))
+            by[term // 5, term % 5] = 1e-6
+            other = lighthouse_1(*(changed(e, b) for e, b in zip(known, by, strict=True)))
+            moved = (measured_angles(there, other) - measured_angles(there, light)) / 1e-6
+            d[:, term] = np.where(rows.fan == term // 5, moved[:, term // 5], 0.0)
+        return Seen(h, d, np.asarray(rows.fan))
+
+    def theory(self) -> dict[str, float]:
+        """What theory says of the relative poses, root mean square of `THEORY` pairs."""
+        s, case = self.settings, self.case
+        model = s.quiet if case.quiet and s.quiet is not None else s
+        size = np.tile(np.array([sigma for _, sigma in sigmas(case.share)])[[0, 1, 2, 3, 3]], 2)
+        push = model.acceleration_noise_m_s2, model.angular_acceleration_noise_rad_s2
+        periods = SETTLE_QUIET if case.quiet else SETTLE
+        asked = Model(self.noise.own_rad, self.noise.shared_rad, size**2, *push, s.frame_s, periods)
+        found: dict[str, list[Floats]] = {"theory": [], "independent": [], "bound": []}
+        for n in range(min(THEORY, self.count)):
+            both = [self.seen(2 * n), self.seen(2 * n + 1)]
+            apart = separate(both, asked)
+            for name, all_errors, cross in (
+                ("theory", apart, 1.0),
+                ("independent", apart, 0.0),
+                ("bound", together(both, asked), 1.0),
+            ):
+                there = relative(self.truth.of(2 * n), self.truth.of(2 * n + 1))
+                own, other, common = (
+                    all_errors[:STATES, :STATES],
+                    all_errors[STATES:, STATES:],
+                    cross * all_errors[:STATES, STATES:],
+                )
+                frame = np.kron(np.eye(2), self.truth.rotation[2 * n])
+                part = covariance_between(there, own, other, common)[np.ix_(POSE, POSE)]
+                found[name].append(frame @ part @ frame.T)
+        parts = {name: np.array(value) for name, value in found.items()}
+        return {
+            "theory_mm": 1e3 * root(parts["theory"], 3),
+            "theory_deg": float(np.degrees(root(parts["theory"], 0))),
+            "theory_lateral_gain": root(parts["independent"], 3, 2) / root(parts["theory"], 3, 2),
+            "bound_for_any_navigation_mm": 1e3 * root(parts["bound"], 3),
+            "bound_for_any_navigation_deg": float(np.degrees(root(parts["bound"], 0))),
+        }
 
     def lateral_gain(self) -> float:
         """The gain of the lateral position of poses of one period alone, as they stand now: by theory."""
@@ -284,6 +355,7 @@ def figures(pairs: Pairs, each: int) -> dict[str, Any]:
         "lateral_sigma_mm": 1e3 * root(s["covariance"], 3, 2),
         "lateral_gain": root(s["independent"], 3, 2) / root(s["covariance"], 3, 2),
         "lateral_gain_of_poses": pairs.lateral_gain(),
+        **(pairs.theory() if pairs.case.noisy else {}),
         "relative_nees": nees(s["error"], s["covariance"]),
         "independent_nees": nees(s["error"], s["independent"]),
         "bound_nees": nees(s["error"], s["bound"]),

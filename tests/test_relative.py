@@ -12,7 +12,7 @@ from estimators.lighthouse.innovation import gathered, light_of
 from estimators.lighthouse.integrity import AngleNoise
 from estimators.lighthouse.rows import Rows, Station, linearise, packed
 from estimators.lighthouse.shared import Common, considered_errors, pose_sensitivity, shared_sums
-from estimators.lighthouse.sweep import FanErrors, lighthouse_1, lighthouse_2, measured_theta
+from estimators.lighthouse.sweep import FanErrors, lighthouse_1, lighthouse_2, measured_angles, measured_theta
 from estimators.lighthouse.tilted import TiltedErrors
 from estimators.relative.cross import cross_covariance
 from estimators.relative.error_step import ErrorStep, predicted, started, sums_of_pose, updated
@@ -22,7 +22,7 @@ from swarm.errors import SwarmError
 from swarm.flight.flight import Flight
 from swarm.onboard.decoder import SweepAngles
 from swarm.onboard.pose_message import PoseMessage, bytes_per_second, decoded, encoded
-from swarm.onboard.reference_craft import ReferenceCraft, ReferencePlace
+from swarm.onboard.reference_craft import ReferenceCraft, ReferencePlace, ReferenceRows
 from swarm.onboard.relative import FORGOTTEN, RelativeNavigation
 from swarm.onboard.shared_errors import Relations, SharedErrors
 from swarm.onboard.tracks import TrackLimits, Tracks
@@ -397,7 +397,7 @@ def reference_of(rng, errors):
     """A reference craft and the angles of three craft, of which it is the second, with these errors of the sweeps."""
     place = ReferencePlace(1, rot.exp(np.array([0.1, 0.2, -0.3])), np.array([0.4, -0.2, 3.0]))
     fans = FanErrors(0.02, 0.001, 0.002, 0.3, 0.004), FanErrors(-0.01, 0.002, 0.001, 1.3, 0.004)
-    craft = ReferenceCraft(place, POINT, fans, NOISE, 3.9e-5)
+    craft = ReferenceCraft([place], np.stack([POINT] * 3), fans, NOISE, 3.9e-5)
     theta = np.full((3, 8, 2), 1.5)
     there = POINT @ place.rotation.T + place.position
     theta[1] = measured_theta(there, fans) + errors + NOISE.own_rad * rng.standard_normal((8, 2))
@@ -419,6 +419,77 @@ def test_a_reference_craft_finds_what_all_angles_of_a_sweep_are_off_by():
     assert found.taken_off(angles).theta[0, 0] == pytest.approx(1.5 - found.error)
     angles.theta[1, :, 1] = np.nan
     assert craft.observe(angles) is None
+
+
+def test_two_references_are_one_of_all_their_photodiodes():
+    """Their noise is that of the mean of both, and of the rounding of two flashes."""
+    rng, errors = np.random.default_rng(10), np.array([1.2e-4, -4e-5])
+    places = [
+        ReferencePlace(c, rot.exp(np.array([0.1, 0.2, -0.3 * c])), np.array([0.4 * c, -0.2, 3.0])) for c in (0, 2)
+    ]
+    fans, none = (FanErrors(), FanErrors()), np.zeros(3, dtype=np.int64)
+    craft = ReferenceCraft(places, np.stack([POINT] * 3), fans, NOISE, 3.9e-5)
+    found = []
+    for _ in range(400):
+        theta = np.full((3, 8, 2), 1.5)
+        for place in places:
+            flash = np.sqrt(NOISE.shared_rad**2 - 3.9e-5**2) * rng.standard_normal(2)
+            own = NOISE.own_rad * rng.standard_normal((8, 2))
+            theta[place.craft] = measured_theta(place.points(np.stack([POINT] * 3)), fans) + errors + flash + own
+        theta[0, :2] = np.nan
+        found.append(
+            craft.observe(SweepAngles(theta, np.zeros_like(theta), np.isfinite(theta[..., 0]), none, none, none))
+        )
+    off = np.array([one.error for one in found]) - errors
+    rounding = NOISE.shared_rad**2 - 3.9e-5**2
+    assert found[0].common_rad ** 2 == pytest.approx(rounding * (6**2 + 8**2) / 14**2 + NOISE.own_rad**2 / 14)
+    assert off.std() == pytest.approx(found[0].common_rad, rel=0.1)
+    theta[2, :, 0] = np.nan
+    alone = craft.observe(SweepAngles(theta, np.zeros_like(theta), np.isfinite(theta[..., 0]), none, none, none))
+    assert alone.used[:, :8].sum(axis=1).tolist() == [6, 6]
+    assert not alone.used[:, 8:].any()
+
+
+def test_rows_of_stations_are_without_the_errors_that_a_reference_has_found():
+    rng, turn = np.random.default_rng(11), 1 / 60
+    place = ReferencePlace(1, rot.exp(np.array([0.1, 0.2, -0.3])), np.array([0.4, -0.2, 3.0]))
+    known = [Station(np.eye(3), np.array([x, 0.0, 0.0]), FANS[2]) for x in (-1.0, 1.0, 3.0)]
+    point = np.stack([POINT] * 2)
+    craft = ReferenceRows([place], point, known, [NOISE] * 3, [NOISE.shared_rad] * 3, [turn] * 3)
+    loose, errors = [], 1e-4 * rng.standard_normal((3, 2))
+    # The reference sees both fans of the first station, one of the second, and none of the third.
+    for c, s, fan in [(c, s, f) for c in (0, 1) for s in range(3) for f in (0, 1) if c == 0 or 2 * s + f < 3]:
+        there = (place.points(point) - known[s].position) @ known[s].rotation
+        angle = measured_angles(there, known[s].fans)[:, fan]
+        at = -0.002 * (1 + 2 * s + fan) + angle * turn / (2 * np.pi)
+        loose += [(c, s, fan, k, at[k], angle[k] + errors[s, fan]) for k in range(8)]
+    c, s, fan, k, at, angle = (np.array(part) for part in zip(*loose, strict=True))
+    angle[(c == 1) & (s == 0) & (fan == 0) & (k == 3)] += 3e-3
+    rows = gathered(c, Rows(s, fan, k, np.zeros_like(s), at, angle), 2)
+    found = craft.observe(rows)
+    own = found.rows.of(0)
+    assert np.bincount(2 * own.station + own.fan, minlength=6).tolist() == [8, 8, 8, 0, 8, 8]
+    for s, fan, left in ((0, 0, 0.0), (0, 1, 0.0), (1, 0, 0.0), (2, 0, errors[2, 0]), (2, 1, errors[2, 1])):
+        there = (place.points(point) - known[s].position) @ known[s].rotation
+        of = (own.station == s) & (own.fan == fan)
+        assert own.angle[of] == pytest.approx(measured_angles(there, known[s].fans)[:, fan] + left, abs=1e-12)
+    assert found.noise[0].shared_rad ** 2 == pytest.approx(NOISE.own_rad**2 / 7)
+    assert found.noise[1].shared_rad ** 2 == pytest.approx(NOISE.own_rad**2 / 8)
+    assert found.noise[2] == NOISE
+
+
+def test_before_a_station_a_reference_is_worth_what_it_is_before_the_lighthouse():
+    light = 'station=[{name="light",kind="lighthouse-1",position_m=[0.0,0.0,0.0]}]'
+    lateral, sigma = [], []
+    for more in ([], ['navigation.reference="base"']):
+        _, run = flown([*REFERRED, light, *more], 90)
+        error = np.array([p.truth.position[0] - p.estimate.position[0] for p in run[40:]])
+        covariance = np.mean([p.estimate.covariance[0, 6:8, 6:8] for p in run[40:]], axis=0)
+        lateral.append(np.sqrt(np.mean(error[:, :2] ** 2)))
+        sigma.append(np.sqrt(np.trace(covariance) / 2))
+    assert lateral[1] < 0.4 * lateral[0]
+    assert sigma[1] < 0.35 * sigma[0]
+    assert lateral[1] == pytest.approx(sigma[1], rel=0.3)
 
 
 REFERRED = [

@@ -9,6 +9,7 @@ from estimators.lighthouse.integrity import Sweeps, linearised
 from estimators.lighthouse.pnp import refine
 from estimators.lighthouse.separation import Linear, separate, sets_of, worst_levels
 from swarm.errors import SwarmError
+from swarm.flight.flight import Flight
 from swarm.scenario import load
 
 SIGMA = 1e-6
@@ -127,7 +128,7 @@ def test_a_false_photodiode_is_within_the_level_and_a_filter_without_it_is_what_
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        (("navigation.coupling=tight", "navigation.integrity.false_photodiodes=1"), "separates poses"),
+        (("navigation.integrity.false_stations=1",), "leaves no light without a false station"),
         (("navigation.integrity.unseen_acceleration_m_s2=0.1",), "no effect without levels by separation"),
         (("navigation.integrity.false_photodiodes=3",), "three at once are more"),
     ],
@@ -135,3 +136,71 @@ def test_a_false_photodiode_is_within_the_level_and_a_filter_without_it_is_what_
 def test_what_cannot_be_separated_is_said(changes, message):
     with pytest.raises(SwarmError, match=message):
         load("drift", changes)
+
+
+TWO = [
+    "duration_s=2",
+    "swarm.count=0",
+    "recording.enabled=false",
+    "navigation.quiet.craft=none",
+    'craft=[{name="probe",motion={kind="drift",position_m=[0.0,0.0,3.0]}}]',
+]
+
+
+def stations(error_mm):
+    said = ",".join(
+        f'{{name="{name}",kind="lighthouse-2",position_m=[{x},0.0,0.0],attitude={{towards_m=[0.0,0.0,3.0]}}{more}}}'
+        for name, x, more in (("s", -2.5, ""), ("t", 2.5, f",position_error_mm={error_mm}"))
+    )
+    return f"station=[{said}]"
+
+
+def levels_of(overrides, periods=45):
+    """Errors [m], levels [m] and the estimates of a flight from its 20th period on."""
+    flight = Flight(load("static", overrides))
+    flown = [flight.period(frame) for frame in range(periods)][20:]
+    error = [np.linalg.norm(p.truth.position[0] - p.estimate.position[0]) for p in flown]
+    return np.array(error), np.array([p.estimate.integrity.position_m[0] for p in flown]), flown
+
+
+@pytest.mark.parametrize("error_mm", [0.0, 20.0])
+def test_a_station_that_is_not_where_it_should_be_is_within_the_level(error_mm):
+    error, level, _ = levels_of([*TWO, stations(error_mm), "navigation.integrity.false_stations=1"])
+    _, alone, _ = levels_of([*TWO, stations(error_mm)])
+    # Before two stations that contradict each other the filter starts again and again.
+    known = np.isfinite(error)
+    assert known.sum() > 20
+    assert (error < level)[known].all()
+    if error_mm:
+        assert (error > alone)[known].any()
+    else:
+        assert known.all()
+        # What one station of two may do is more than what a photodiode may, and known to some millimetres.
+        assert (alone <= level + 1e-12).all()
+        assert level.max() < 0.03
+
+
+def test_a_filter_beside_is_one_that_never_saw_the_station():
+    """Before the other station alone the same light gives the same estimate."""
+    one = stations(0.0).split(',{name="t"')[0] + "]"
+    changes = [*TWO, "navigation.integrity.false_stations=1"]
+    flight = Flight(load("static", [*changes, stations(0.0)]))
+    alone = Flight(load("static", [*TWO, one]))
+    for frame in range(60):
+        flight.period(frame)
+        last = alone.period(frame).estimate
+    # Sets are in the order of the stations: the second one is missing in the second.
+    beside = flight.computer.navigator._beside._tracks.bank
+    assert beside.position[1] == pytest.approx(last.position[0], abs=2e-5)
+    scale = np.sqrt(np.diag(last.covariance[0]))
+    assert np.abs((beside.covariance[1] - last.covariance[0]) / np.outer(scale, scale)).max() < 0.02
+
+
+def test_single_sweeps_without_a_pose_have_levels_by_separation():
+    tight = [*TWO, "navigation.coupling=tight", "navigation.integrity.false_photodiodes=1"]
+    stuck = 'fault=[{kind="photodiode-stuck",craft="probe",photodiodes=[0],at_s=0.0}]'
+    for more in ([], [stuck]):
+        error, level, flown = levels_of([*tight, *more], 40)
+        assert flown[-1].estimate.rows[0] > 8
+        assert (error < level).all()
+        assert level.max() < 0.02

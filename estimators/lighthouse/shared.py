@@ -148,17 +148,20 @@ def shared_sums(
 
 
 def mean_derivatives(light: StationArrays, considered: Considered, point_m: Floats, used: Bools) -> Floats:
-    """Return the means of D over points before one station, (F, Q).
+    """Return the means of D over points before stations, (F, Q); zero of a fan without any.
 
     Args:
-        light: the station.
+        light: the stations.
         considered: errors of the fans.
         point_m: (K, 3) [m], in the world.
         used: (F, K), points that the mean of each fan is over.
     """
     out = np.zeros((len(light.fans), len(considered.owner)))
-    there = (point_m - light.position[0]) @ light.rotation[0]
     for column, fan in enumerate(considered.owner.tolist()):
+        if not used[fan].any():
+            continue
+        s = int(np.searchsorted(light.first, fan, side="right")) - 1
+        there = (point_m - light.position[s]) @ light.rotation[s]
         larger, known = considered.fans[column], light.fans[fan]
         part = [measured_angle(x, y, z, larger) - measured_angle(x, y, z, known) for x, y, z in there[used[fan]]]
         out[fan, column] = np.mean(part) / _STEP

@@ -60,7 +60,8 @@ class IntegritySettings:
     none. tick_s: tick of the clock; None: the rotor's speed is not monitored. speed_tolerance: relative error of a
     turn's length that is attributed to the clock. false_photodiodes: number of photodiodes that may be false all the
     time, for which the filter's levels allow by separation of solutions; 0: by the slope of one that is missed in a
-    pose. unseen_acceleration_m_s2, unseen_angular_acceleration_rad_s2: that a craft may have without light.
+    pose. false_stations: number of stations that may be so, 0 or 1. unseen_acceleration_m_s2,
+    unseen_angular_acceleration_rad_s2: that a craft may have without light.
     """
 
     residual_test: bool = True
@@ -72,6 +73,7 @@ class IntegritySettings:
     tick_s: float | None = None
     speed_tolerance: float = 20e-6
     false_photodiodes: int = 0
+    false_stations: int = 0
     unseen_acceleration_m_s2: float = 0.0
     unseen_angular_acceleration_rad_s2: float = 0.0
 

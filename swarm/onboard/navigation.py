@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
+from estimators.filter.bank import FilterBank
 from estimators.filter.smoother import Prediction
 from estimators.lidar.symmetry import Symmetry
 from estimators.lighthouse.dop import Dilution
@@ -36,6 +37,7 @@ from swarm.onboard.lighthouse_fix import Light, LighthouseFix
 from swarm.onboard.mirror_images import MirrorImages
 from swarm.onboard.reference_craft import ReferenceCraft
 from swarm.onboard.relative import RelativeNavigation, RelativePoses
+from swarm.onboard.row_separation import RowSeparation
 from swarm.onboard.separation import Separation
 from swarm.onboard.settings import MIN_LIT, Coupling, NavigationSettings, Sensor, Status
 from swarm.onboard.shared_errors import SharedErrors
@@ -120,18 +122,22 @@ class Navigator:
         self._cameras = CameraFix(cameras)
         station = Station(s.station.rotation, s.station.position, lighthouse_1(s.fan_x, s.fan_y))
         self._reference: ReferenceCraft | None = None
-        if (place := s.reference) is not None:
-            point_m, common = photodiodes.point_m[place.craft], s.relations.common_rad[0]
-            self._reference = ReferenceCraft(place, point_m, (s.fan_x, s.fan_y), s.noise, common)
+        if s.reference:
+            fans, common = (s.fan_x, s.fan_y), s.relations.common_rad[0]
+            self._reference = ReferenceCraft(s.reference, photodiodes.point_m, fans, s.noise, common)
         self._shared = SharedErrors(s.relations, [station], [s.noise], photodiodes.point_m)
         self._relative = RelativeNavigation(s.relations, self._shared, s.integrity.risk)
-        self._separation = Separation(s.integrity, photodiodes.present.shape, s.station.rotation)
+        by_rows = s.coupling == "tight"
+        self._separation = Separation(s.integrity, photodiodes.present.shape, s.station.rotation, by_rows=by_rows)
+        self._beside = RowSeparation(s, photodiodes.point_m, 1, inertia, by_rows=by_rows)
+        self._beside_sweeps = SingleSweeps(self._beside.point_m, s)
 
     def forget(self, mask: Bools) -> None:
         """Forget all results of the craft of the mask (C,), as after a restart of their computers."""
         self.tracks.forget(mask)
         self._light.forget(mask)
         self._images.forget(mask)
+        self._beside.forget(mask)
 
     def expected_angles(self, turn_s: float, craft: Ints | None = None) -> Floats:
         """Return the angles (N, K, 2) [rad] at which the next sweeps should meet the photodiodes, NaN without a track.
@@ -153,6 +159,7 @@ class Navigator:
         self._separation.begin(tracks.bank, s.frame_s)
         prediction = shared.predict(tracks, command, s.frame_s, history=s.history)
         self._images.predict(command)
+        self._beside.begin(command)
         open_before = self._images.open
         light, fix = self._light.find(angles, tracks, open_before)
         fixes, taken = [fix], [tracks.take_in(fix)]
@@ -172,6 +179,7 @@ class Navigator:
             taken.append(tracks.take_in(fix))
             shared.poses(None, fix, taken[-1], tracks.bank)
             self._separation.poses(fix, taken[-1], tracks.bank, separated=False)
+            self._beside.pose(fix)
             seen = seen._replace(nis=taken[-1].nis)
         pose = np.any([part.fresh for part in taken], axis=0)
         refused = np.any([part.refused for part in taken], axis=0)
@@ -182,6 +190,7 @@ class Navigator:
             refused | (sweeps.refused & (light.visible >= MIN_LIT)),
         )
         shared.end(tracks.bank)
+        self._beside.step(sweeps.batch, sweeps.kept, tracks.bank, self._give)
         estimate = self._estimate(angles, light, seen, fixes, taken, sweeps)
         if prediction is None:
             return estimate
@@ -197,10 +206,11 @@ class Navigator:
         noise = s.noise if found is None else found.noise
         self._light.assume(noise)
         self._sweeps.assume(noise)
+        self._beside_sweeps.assume(noise)
         if found is None:
-            self._shared.assume(noise, s.relations.common_rad[0])
+            self._shared.assume([noise], s.relations.common_rad)
             return angles
-        self._shared.assume(noise, found.common_rad, self._reference.point_m, found.used)
+        self._shared.assume([noise], [found.common_rad], self._reference.point_m, found.used)
         return found.taken_off(angles)
 
     def _solved_from(self, angles: SweepAngles, light: Light) -> RowBatch:
@@ -213,12 +223,21 @@ class Navigator:
         without = ~fix.known & (self.settings.coupling != "loose")
         return self._sweeps.take_in(light.theta, angles.offset_s, without, tracks)
 
+    def _give(self, rows: RowBatch, kept: Bools, mask: Bools, bank: FilterBank) -> Bools:
+        """Give rows to the separated filters; return whose were accepted."""
+        return mask & self._beside_sweeps.give(rows, kept, mask, bank)[0].accepted
+
     def _integrity(self, light: Light, taken: Taken, sweeps: SweepsTaken, after: Filtered) -> Integrity:
         """Return the integrity of poses and filters; rows of as many photodiodes as decide a pose count as one."""
         pose = taken._replace(fresh=taken.fresh | sweeps.decided)
         self._separation.end(light.linear, taken.fresh, after, self._light.own_rad)
-        separated = self._separation.levels(after, self.tracks.since_update_s)
-        found = self._light.levels(light, pose, after, sweeps.fault, separated)
+        since_s, fault = self.tracks.since_update_s, sweeps.fault
+        if self._beside.wanted:
+            # Each photodiode is missing in a filter of its own, also among single sweeps.
+            separated, fault = self._beside.levels(self.tracks.bank, after, since_s), np.zeros_like(fault)
+        else:
+            separated = self._separation.levels(after, since_s)
+        found = self._light.levels(light, pose, after, fault, separated)
         return found._replace(dropped=np.where(sweeps.dropped != 0, sweeps.dropped, found.dropped))
 
     def _estimate(

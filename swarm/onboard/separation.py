@@ -29,16 +29,19 @@ class Separation:
     settings ask for any; if not, nothing is done.
     """
 
-    def __init__(self, settings: IntegritySettings, shape: tuple[int, int], axes: Floats) -> None:
+    def __init__(
+        self, settings: IntegritySettings, shape: tuple[int, int], axes: Floats, *, by_rows: bool = False
+    ) -> None:
         """Begin with filters that have not been started.
 
         Args:
             settings: settings of the monitor.
             shape: numbers of craft and of photodiodes (C, K).
             axes: (3, 3), rotation from the lighthouse's frame, in which poses are solved, into the world.
+            by_rows: whether all light goes into the filters row by row, without a pose: nothing is done then.
         """
         craft, photodiodes = shape
-        self.wanted = settings.false_photodiodes > 0
+        self.wanted = settings.false_photodiodes > 0 and not by_rows
         self._sets = sets_of(photodiodes, settings.false_photodiodes)
         self._delta = np.zeros((craft, len(self._sets), STATES))
         self._added = np.zeros((craft, len(self._sets), 2))

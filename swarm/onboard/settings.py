@@ -95,7 +95,7 @@ class NavigationSettings:
     weightless space. station: the lighthouse's frame in the world. history: whether estimates carry the filter's
     prediction, for a smoother. place_sigma_m: by how much photodiodes may be off their places on the craft all the
     time [m], which limits what several stations' rows tell of mirror images. relations: errors that craft share, and
-    who navigates relative to whom. reference: craft at a known place that takes each sweep's error off all angles.
+    who navigates relative to whom. reference: craft at known places that take each sweep's error off all angles.
     hand: how a hand moves the craft; None: searches take them to be at rest, and nothing watches mirror images.
     places: how far stations and photodiodes may be off, which covariances consider; None: not at all.
     """
@@ -121,7 +121,7 @@ class NavigationSettings:
     station: Frame = WORLD
     history: bool = False
     place_sigma_m: float = 0.0
-    reference: ReferencePlace | None = None
+    reference: tuple[ReferencePlace, ...] = ()
     relations: Relations = field(default_factory=Relations)
     hand: HandMotion | None = None
     places: PlaceSigma | None = None

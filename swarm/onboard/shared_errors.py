@@ -138,22 +138,27 @@ class SharedErrors:
         self._light = light_of(packed(stations), self._noise)
 
     def assume(
-        self, noise: AngleNoise, common_rad: float, reference_m: Floats | None = None, used: Bools | None = None
+        self,
+        noise: Sequence[AngleNoise],
+        common_rad: Sequence[float],
+        reference_m: Floats | None = None,
+        used: Bools | None = None,
     ) -> None:
-        """Take the rows of the only station to have this noise from now on.
+        """Take the rows of the stations to have this noise from now on.
 
         Args:
-            noise: that each craft counts for itself.
-            common_rad: the part that is the same for all craft.
-            reference_m: (K, 3) [m], photodiodes of a reference craft that takes the mean of its errors off all rows;
+            noise: per station, that each craft counts for itself.
+            common_rad: per station, the part that is the same for all craft.
+            reference_m: (K, 3) [m], photodiodes of reference craft that take the mean of their errors off all rows;
                 None: without.
             used: (F, K), those that the mean of every fan's sweep is of.
         """
         if not self.wanted:
             return
-        own, shared = (np.array([part]) for part in noise)
+        own, shared = (np.array(part) for part in zip(*noise, strict=True))
         self._light = self._light._replace(own=own, shared=shared)
-        self._common = self._common._replace(sigma_rad=np.array([common_rad]))
+        self._noise = list(noise)
+        self._common = self._common._replace(sigma_rad=np.array(common_rad, dtype=np.float64))
         if not len(self.variance):
             return
         key = b"" if used is None else used.tobytes()

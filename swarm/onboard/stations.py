@@ -24,7 +24,7 @@ from scipy.special import ndtri
 
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats, Ints
-from estimators.filter.bank import gates
+from estimators.filter.bank import FilterBank, UpdateResult, gates
 from estimators.filter.error_state import POSE_COLUMNS, process_noise_into
 from estimators.kernel import kernel
 from estimators.lighthouse.dop import Dilution
@@ -53,17 +53,18 @@ from swarm.onboard.motion_search import MotionSearch
 from swarm.onboard.mounts import Mount, Mounts
 from swarm.onboard.navigation import Estimate
 from swarm.onboard.place_errors import PlaceErrors
+from swarm.onboard.reference_craft import ReferenceRows
 from swarm.onboard.relative import RelativeNavigation
 from swarm.onboard.rivals import CHOICE_RAD, CHOICE_RATIO
+from swarm.onboard.row_counts import decides, numbers
 from swarm.onboard.row_search import Found, RowSearch, scatter
-from swarm.onboard.settings import MIN_LIT, Coupling, NavigationSettings, Sensor, Status
+from swarm.onboard.row_separation import HARDER, RowSeparation
+from swarm.onboard.settings import Coupling, NavigationSettings, Sensor, Status
 from swarm.onboard.shared_errors import SharedErrors
 from swarm.onboard.tracks import Filtered, Motion, PoseFix, Taken, TrackLimits, Tracks
 
-FEWEST_CROSSED = 3
-"""Photodiodes whose rows decide a pose where several stations see them."""
-HARDER, HAND_HARDER = (4.0, 16.0, 64.0), (4.0,)
-"""Factors of the accelerations that a manoeuvre is taken to have, tried one after the other; and that of a hand."""
+HAND_HARDER = (4.0,)
+"""Factors of the accelerations that a manoeuvre is taken to have, of a hand."""
 STRANGE_SHARE, STRANGE_SIGMAS = 0.8, 6.0
 """Share of the innovations' squares that counts a period later, and by how many standard deviations their sum may
 exceed what it should be."""
@@ -147,6 +148,11 @@ class StationNavigator:
         self._shared = SharedErrors(s.relations, self._stations, self._noise, self._point_m, self._mounts.carried)
         self._places = PlaceErrors(s.places, self._stations, self._noise, self._point_m)
         self._relative = RelativeNavigation(s.relations, self._shared, s.integrity.risk)
+        self._reference: ReferenceRows | None = None
+        if s.reference:
+            shared = s.relations.common_rad, s.relations.turn_s
+            self._reference = ReferenceRows(s.reference, self._point_m, self._stations, self._noise, *shared)
+        self._beside = RowSeparation(s, self._point_m, len(self._stations), inertia, by_rows=True)
         self._undecided, self._doubted = np.zeros((2, craft), dtype=np.bool_)
         self._strange = np.zeros((2, craft))
         self._held = np.zeros((2, craft))
@@ -189,6 +195,7 @@ class StationNavigator:
     def forget(self, mask: Bools) -> None:
         """Forget all results of the craft of the mask (C,), as after a restart of their computers."""
         self.tracks.forget(mask)
+        self._beside.forget(mask)
         self._search.forget(mask)
         self._undecided[mask], self._held[:, mask] = False, 0.0
         self._doubted[mask], self._strange[:, mask] = False, 0.0
@@ -204,17 +211,19 @@ class StationNavigator:
         tracks, shared, s = self.tracks, self._shared, self.settings
         self._places.begin(tracks.bank, s.frame_s)
         prediction = shared.predict(tracks, command, s.frame_s, history=s.history)
+        self._beside.begin(command)
         self.rows = light.rows
         if self._mounts:
             bearers = None if signals is None else signals.bearers
             self.rows = self._mounts.place(light.rows, bearers, self._stations, tracks)
             self._place()
         rows, rivals = self._chosen(self.rows)
+        rows = self._referred(rows)
         if not s.motion_compensation:
             rows = rows._replace(offset_s=np.zeros_like(rows.offset_s))
         self._search.gather(rows)
-        lit = _numbers(rows, np.ones(len(rows.angle), dtype=np.bool_), self._point_m.shape[1])
-        pose = self._pose(rows, self._decides(*lit))
+        lit = numbers(rows, np.ones(len(rows.angle), dtype=np.bool_), self._point_m.shape[1])
+        pose = self._pose(rows, decides(*lit))
         fix = shared.placed(self._found(tracks), rows)
         taken = tracks.take_in(fix)
         shared.poses(lambda: rows, fix, taken, tracks.bank, alone=False)
@@ -227,8 +236,9 @@ class StationNavigator:
             fixes.append(camera)
             fates.append(tracks.take_in(camera))
             shared.poses(None, camera, fates[-1], tracks.bank)
+            self._beside.pose(camera)
             seen = seen._replace(nis=fates[-1].nis)
-        decided = self._decides(rowed.photodiodes, rowed.stations)
+        decided = decides(rowed.photodiodes, rowed.stations)
         if s.hand is not None:
             # One fan alone measures one angle of three.
             decided &= _fans(rows, rowed.kept & np.repeat(rowed.fresh, np.diff(rows.first))) > 1
@@ -239,9 +249,10 @@ class StationNavigator:
             fresh | (rowed.fresh & decided),
             rowed.fresh & ~decided,
             # A few photodiodes that contradict the filter do not prove it wrong: it coasts.
-            refused | (rowed.refused & self._decides(*lit)),
+            refused | (rowed.refused & decides(*lit)),
         )
         shared.end(tracks.bank)
+        self._beside.step(rows, rowed.kept, tracks.bank, self._give)
         estimate = self._estimate(
             light._replace(rows=rows, rejected=light.rejected + rivals),
             lit[0],
@@ -254,12 +265,6 @@ class StationNavigator:
             return estimate
         return estimate._replace(prediction=prediction.continuing(tracks.bank.active))
 
-    @staticmethod
-    def _decides(photodiodes: Ints, stations: Ints) -> Bools:
-        """Return whether rows of so many photodiodes and stations decide a pose, (C,)."""
-        out: Bools = photodiodes >= np.where(stations > 1, FEWEST_CROSSED, MIN_LIT)
-        return out
-
     def _chosen(self, rows: RowBatch) -> tuple[RowBatch, Ints]:
         """Return the rows without those that share photodiode and sweep, and the number of rows left out, (C,).
 
@@ -269,6 +274,15 @@ class StationNavigator:
         bank = self.tracks.bank
         _choose(rows, self._light, self._point_m, bank.active, bank.state, kept, out)
         return (rows.where(kept) if out.any() else rows), out
+
+    def _referred(self, rows: RowBatch) -> RowBatch:
+        """Return the rows without the errors of their sweeps that reference craft have found, if there are any."""
+        if self._reference is None:
+            return rows
+        found = self._reference.observe(rows)
+        self._noise, self._light = found.noise, light_of(self._packed, found.noise)
+        self._shared.assume(found.noise, found.common_rad, self._reference.point_m, found.used)
+        return found.rows
 
     def _pose(self, rows: RowBatch, decided: Bools) -> RowPose:
         """Return the poses of this period's rows alone, from the predictions, of the craft with a filter.
@@ -380,7 +394,7 @@ class StationNavigator:
                 again[c] = True
         if again.any():
             self._update(rows, again, out, found)
-        photodiodes, stations = _numbers(rows, kept & np.repeat(out.fresh, np.diff(rows.first)), most)
+        photodiodes, stations = numbers(rows, kept & np.repeat(out.fresh, np.diff(rows.first)), most)
         out.photodiodes[:], out.stations[:] = photodiodes, stations
         return out._replace(found=found)
 
@@ -436,12 +450,17 @@ class StationNavigator:
         found = innovations(rows, out.kept, mask, self._packed, self._point_m, bank.state, self._noise, found)
         asked = mask & (found.number > 0)
         used = self._shared.with_bearers(found, rows, out.kept, asked)
-        sums, angles = condense(used, asked, bank.covariance)
-        result = bank.update(asked, sums.y, sums.h, np.ones_like(sums.y), sums.number, sums.pivot, angles)
+        result, angles = _given(used, asked, bank)
         out.fresh[asked], out.refused[asked] = result.accepted[asked], ~result.accepted[asked]
         out.nis[asked] = result.nis[asked]
         out.rows[asked] = np.where(result.accepted, angles, 0)[asked]
         return found
+
+    def _give(self, rows: RowBatch, kept: Bools, mask: Bools, bank: FilterBank) -> Bools:
+        """Give rows to the separated filters; return whose were accepted."""
+        found = innovations(rows, kept, mask, self._packed, self._beside.point_m, bank.state, self._noise)
+        asked = mask & (found.number > 0)
+        return asked & _given(found, asked, bank)[0].accepted
 
     def _estimate(
         self,
@@ -524,12 +543,23 @@ class StationNavigator:
         for i, unit in enumerate((1.0, 180 / np.pi)):
             levels[i] = np.where(pose.solved, self._quantile * unit * alone[i] + self._held[i], np.nan)
             levels[2 + i] = self._quantile * unit * spread[i] + self._held[i]
+        separated = self._beside.levels(self.tracks.bank, after, self.tracks.since_update_s)
+        if separated is not None:
+            # Sets of photodiodes take the place of the fault that the gate would have missed; a station does not.
+            own = separated.levels if s.false_photodiodes else np.fmax(levels[2:], separated.levels)
+            levels[2:] = np.where(active, own, np.nan)
         limits = s.alert_position_m, float(np.rad2deg(s.alert_attitude_rad))
         watched = [i for i, limit in enumerate(limits) if np.isfinite(limit)]
         alert = np.zeros(craft, dtype=np.bool_)
         for i in watched:
             alert |= ~(levels[2 + i] <= limits[i])
         return Integrity(rowed.dropped, levels[0], levels[1], levels[2], levels[3], alert, bool(watched))
+
+
+def _given(found: Innovations, asked: Bools, bank: FilterBank) -> tuple[UpdateResult, Ints]:
+    """Give innovations to the filters of a mask; return their fate and the numbers of rows, (C,)."""
+    sums, angles = condense(found, asked, bank.covariance)
+    return bank.update(asked, sums.y, sums.h, np.ones_like(sums.y), sums.number, sums.pivot, angles), angles
 
 
 def _shown(gate_probability: float, missed_detection: float, most: int) -> Floats:
@@ -540,14 +570,6 @@ def _shown(gate_probability: float, missed_detection: float, most: int) -> Float
 @cache
 def _shown_table(gate_probability: float, missed_detection: float, most: int) -> Floats:
     return np.sqrt(shown_to_gate(gates(gate_probability, most), missed_detection))
-
-
-def _numbers(rows: RowBatch, kept: Bools, photodiodes: int) -> tuple[Ints, Ints]:
-    """Return the numbers of photodiodes and of stations that the kept rows of each craft come from, (C,) each."""
-    out = np.zeros((2, len(rows.first) - 1), dtype=np.int64)
-    most = int(rows.station.max(initial=0)) + 1
-    _count(rows, kept, np.empty(photodiodes, np.int64), np.empty(most, np.int64), out)
-    return out[0], out[1]
 
 
 @kernel
@@ -611,19 +633,6 @@ def _choose(
                     kept[best] = True
                     out[c] -= 1
             begin = end
-
-
-@kernel
-def _count(rows: RowBatch, kept: Bools, photodiode: Ints, station: Ints, out: Ints) -> None:
-    """Write the numbers of photodiodes and stations of each craft, (2, C); the others are workspace."""
-    photodiode[:], station[:] = -1, -1
-    for c in range(out.shape[1]):
-        for r in range(rows.first[c], rows.first[c + 1]):
-            if kept[r]:
-                k, s = rows.photodiode[r], rows.station[r]
-                out[0, c] += photodiode[k] != c
-                out[1, c] += station[s] != c
-                photodiode[k], station[s] = c, c
 
 
 def _fans(rows: RowBatch, kept: Bools) -> Ints:

@@ -186,6 +186,7 @@ RARE = Why(
 )
 RISK = Why(RARE.low, "the bound of a protection level is proven for errors rarer than one in five")
 FALSE_PHOTODIODES = Why(_NOT_NEGATIVE, "three at once are more than most craft could do without")
+FALSE_STATIONS = Why(_NOT_NEGATIVE, "with two at once false, none is left that most craft could do with")
 ALERT = Why("a millionth of a millimetre is finer than any pose", "an error of 1 km is beyond every position")
 ALERT_ATTITUDE = Why("a millionth of a degree is finer than any pose", _HALF_TURN)
 

@@ -14,7 +14,7 @@ from swarm.errors import did_you_mean
 from swarm.scenario.cameras import Ccd
 from swarm.scenario.criteria import Criterion
 from swarm.scenario.dynamics import Actuation, Orbit
-from swarm.scenario.faults import AnyFault
+from swarm.scenario.faults import AnyFault, Names
 from swarm.scenario.lidar import Lidar
 from swarm.scenario.limits import (
     ALERT,
@@ -26,6 +26,7 @@ from swarm.scenario.limits import (
     COUNT,
     DURATION,
     FALSE_PHOTODIODES,
+    FALSE_STATIONS,
     FIELD,
     GATE,
     INCIDENCE,
@@ -319,6 +320,14 @@ class Integrity(Table):
         "protection level, by separation of solutions: filters that leave out one or two of them (docs/integrity.md). "
         "0: the level has what one false photodiode may do that a pose's residual test misses.",
     )
+    false_stations: Annotated[int, FALSE_STATIONS] = Field(
+        default=0,
+        ge=0,
+        le=1,
+        description="Number of [[station]] tables that may be false all the time, as by a station that was moved, "
+        "without an error beyond the filter's protection level, by filters that leave out one of them each "
+        "(docs/integrity.md).",
+    )
     unseen_acceleration_m_s2: Annotated[float, PUSH] = Field(
         default=0.0,
         ge=0,
@@ -335,7 +344,7 @@ class Integrity(Table):
     def between_keys(self) -> Iterator[Mistake]:
         """Refuse unseen accelerations where levels are not by separation of solutions."""
         for key in ("unseen_acceleration_m_s2", "unseen_angular_acceleration_deg_s2"):
-            if getattr(self, key) and not self.false_photodiodes:
+            if getattr(self, key) and not (self.false_photodiodes or self.false_stations):
                 yield "has no effect without levels by separation of solutions", key, "false_photodiodes"
 
 
@@ -421,10 +430,10 @@ class Navigation(Table):
         description="File with the systematic errors of the fans and the positions of the photodiodes that the craft "
         "use, as `swarm calibrate` writes it; its path is relative to this file. Unset: none.",
     )
-    reference: str | None = Field(
-        default=None,
-        description="Craft that stands still at a known place and tells the others by how much each sweep is off "
-        "there, which they take off theirs (docs/relative.md). Unset: none.",
+    reference: Names = Field(
+        default=(),
+        description="Craft that stand still at known places and tell the others by how much each sweep is off there, "
+        "which they take off theirs (docs/relative.md); a single name may stand alone. Empty: none.",
     )
     fan_sigma: FanSigma = Field(
         default=FanSigma(), description="Errors of the fans that are left over, in every covariance."
@@ -527,9 +536,9 @@ class Scenario(Table):
         """Require a craft, distinct names, craft that exist where named, and waypoints that begin within the run."""
         names, tables = self.craft_names, self.tables
         yield from self._noise_mistakes()
-        if self.navigation.integrity.false_photodiodes and self.navigation.coupling == "tight":
-            told = "separates poses; with tight coupling sweep angles go into the filter without one"
-            yield told, "navigation.integrity.false_photodiodes", "navigation.coupling"
+        if self.navigation.integrity.false_stations and len(self.station) < 2:
+            told = "leaves no light without a false station: at least two [[station]] tables are needed"
+            yield told, "navigation.integrity.false_stations", "station"
         yield from mistakes(self.station, names)
         yield from self._station_use()
         if not names:
@@ -552,8 +561,10 @@ class Scenario(Table):
             if table.motion.kind == "formation" and table.motion.about is not None:
                 yield from self._about_mistakes(names[i], table.motion.about, f"{key}.motion.about")
         yield from self._pair_mistakes()
-        if self.navigation.reference is not None:
-            yield from self._station_mistakes(-1, self.navigation.reference, "navigation.reference")
+        for i, name in enumerate(self.navigation.reference):
+            if name in self.navigation.reference[:i]:
+                yield "is in the list twice", f"navigation.reference[{i}]"
+            yield from self._station_mistakes(-1, name, f"navigation.reference[{i}]")
         yield from self._criteria_mistakes()
         yield from self._waypoint_mistakes()
         yield from self._plug_in_mistakes()
@@ -591,15 +602,18 @@ class Scenario(Table):
             yield "is for the calibration of the one lighthouse", "recording.angles", "station"
         if self.navigation.calibration is not None:
             yield "is of the one lighthouse; a [[station]] has `calibrated`", "navigation.calibration", "station"
-        if self.navigation.reference is not None:
-            yield "is for the sweeps of the one lighthouse", "navigation.reference", "station"
-        if self.navigation.integrity.false_photodiodes:
-            said = "separates poses of the one lighthouse; rows of stations are searched for a false one as it comes"
-            yield said, "navigation.integrity.false_photodiodes", "station"
         if self.navigation.coupling == "loose":
             said = "stations are navigated by rows: their poses do not come one by one"
             yield said, "navigation.coupling", "station"
         for i, station in enumerate(self.station):
+            if station.craft is not None and self.navigation.reference:
+                said = "knows where it stands, but not where a station is that rides on a craft"
+                yield said, "navigation.reference", f"station[{i}].craft"
+            if station.bearer == "estimate":
+                for key in ("false_photodiodes", "false_stations"):
+                    if getattr(self.navigation.integrity, key):
+                        said = "separates filters that do not count the error of a craft that carries a station"
+                        yield said, f"navigation.integrity.{key}", f"station[{i}].bearer"
             if station.bearer == "estimate" and station.craft in self.craft_names:
                 bearer = self.tables[self.craft_names.index(station.craft)][1]
                 blind = not bearer.lighthouse and getattr(bearer, "ccd", None) is None
@@ -618,8 +632,7 @@ class Scenario(Table):
         for i, criterion in enumerate(self.criteria):
             yield from _entries(criterion.craft, f"criteria[{i}].craft")
         yield from _entries(self.recording.detail, "recording.detail")
-        if self.navigation.reference is not None:
-            yield self.navigation.reference, "navigation.reference"
+        yield from _entries(self.navigation.reference, "navigation.reference")
         for i, pair in enumerate(self.pair):
             yield pair.craft, f"pair[{i}].craft"
             yield pair.to, f"pair[{i}].to"

@@ -102,7 +102,7 @@ def computer(
     known = [known for _, known in cameras(scenario, world, begin)]
     # Who holds no attitude turns without torque.
     inertia = np.where(begin.holds_attitude[:, None, None], np.nan, world.inertia)
-    settings = replace(navigation(scenario), history=history, reference=_reference(scenario, begin))
+    settings = replace(navigation(scenario), history=history, reference=_references(scenario, begin))
     own = own_navigators(scenario, settings, _light(scenario, layout, settings), _bodies(world))
     if scenario.station:
         return station_computer(scenario, settings, layout, known, inertia, inspection(scenario, suite.lidars), own)
@@ -114,12 +114,10 @@ def computer(
     )
 
 
-def _reference(scenario: Scenario, begin: Reference) -> ReferencePlace | None:
-    """Return the craft that is a reference for the others, with its pose."""
-    if scenario.navigation.reference is None:
-        return None
-    craft = scenario.craft_names.index(scenario.navigation.reference)
-    return ReferencePlace(craft, begin.rotation[craft], begin.position[craft])
+def _references(scenario: Scenario, begin: Reference) -> tuple[ReferencePlace, ...]:
+    """Return the craft that are references for the others, with their poses."""
+    craft = [scenario.craft_names.index(name) for name in scenario.navigation.reference]
+    return tuple(ReferencePlace(c, begin.rotation[c], begin.position[c]) for c in craft)
 
 
 def _light(scenario: Scenario, layout: Photodiodes, settings: NavigationSettings) -> Light:

@@ -97,6 +97,7 @@ def _integrity(settings: Scenario, calibration: StationCalibration | None) -> In
         tick_s=station.tick_s,
         speed_tolerance=max(SPEED_TOLERANCE, doubt),
         false_photodiodes=table.false_photodiodes,
+        false_stations=table.false_stations,
         unseen_acceleration_m_s2=table.unseen_acceleration_m_s2,
         unseen_angular_acceleration_rad_s2=table.unseen_angular_acceleration_rad_s2,
     )
