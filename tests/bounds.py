@@ -75,8 +75,9 @@ WANDER: dict[str, dict[str, Any]] = {
 EXCLUDED = {("Ccd", "range_min_m", "high"), ("Lighthouse", "range_min_m", "high"), ("Outage", "from_s", "high")}
 EXCLUDED |= {("Outage", "to_s", "low"), ("Outage", "from_m", "low"), ("Outage", "to_m", "high")}
 EXCLUDED |= {("PhotodiodeDead", "photodiodes", "high"), ("PhotodiodeStuck", "photodiodes", "high")}
-EXCLUDED |= {("ThrusterStuck", "thruster", "high")}
-"""Limits at which something else is refused: an empty range or time, and a part that no model has."""
+EXCLUDED |= {("ThrusterStuck", "thruster", "high"), ("Integrity", "false_stations", "high")}
+"""Limits at which something else is refused: an empty range or time, a part that no model has, and stations
+where there are none."""
 
 
 class Case(NamedTuple):

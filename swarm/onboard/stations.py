@@ -217,10 +217,7 @@ class StationNavigator:
             bearers = None if signals is None else signals.bearers
             self.rows = self._mounts.place(light.rows, bearers, self._stations, tracks)
             self._place()
-        rows, rivals = self._chosen(self.rows)
-        rows = self._referred(rows)
-        if not s.motion_compensation:
-            rows = rows._replace(offset_s=np.zeros_like(rows.offset_s))
+        rows, rivals = self._usable(self.rows)
         self._search.gather(rows)
         lit = numbers(rows, np.ones(len(rows.angle), dtype=np.bool_), self._point_m.shape[1])
         pose = self._pose(rows, decides(*lit))
@@ -253,17 +250,19 @@ class StationNavigator:
         )
         shared.end(tracks.bank)
         self._beside.step(rows, rowed.kept, tracks.bank, self._give)
-        estimate = self._estimate(
-            light._replace(rows=rows, rejected=light.rejected + rivals),
-            lit[0],
-            pose,
-            seen,
-            list(zip(fixes, fates, strict=True)),
-            rowed,
-        )
+        used = light._replace(rows=rows, rejected=light.rejected + rivals)
+        estimate = self._estimate(used, lit[0], pose, seen, list(zip(fixes, fates, strict=True)), rowed)
         if prediction is None:
             return estimate
         return estimate._replace(prediction=prediction.continuing(tracks.bank.active))
+
+    def _usable(self, rows: RowBatch) -> tuple[RowBatch, Ints]:
+        """Return the rows that go into the filters, and the number of `_chosen`'s that do not, (C,)."""
+        rows, rivals = self._chosen(rows)
+        rows = self._referred(rows)
+        if not self.settings.motion_compensation:
+            rows = rows._replace(offset_s=np.zeros_like(rows.offset_s))
+        return rows, rivals
 
     def _chosen(self, rows: RowBatch) -> tuple[RowBatch, Ints]:
         """Return the rows without those that share photodiode and sweep, and the number of rows left out, (C,).
