@@ -4,8 +4,8 @@
 
 A mockup drifts as its filter assumes, 3 m before the lighthouse, others beside it hold their places. Flown with and
 without `navigation.reference`, and with 2 % of a real station's fan errors left over; of the poses of single periods
-and of the filter, after the first second. `theory` is what `benchmarks/filter_theory.py` makes, for a filter of one model
-of motion, of the noise that is left with these references, and with some that had no noise.
+and of the filter, after the first second. `theory` is what `benchmarks/filter_theory.py` makes, for a filter of one
+model of motion, of the noise that is left with these references, and with some that had no noise.
 
 With `--station` the same light is that of a [[station]], whose rows go into the filter one by one, without fan errors.
 """
