@@ -217,6 +217,9 @@ def test_overlapping_beams_are_lost_by_time_as_often_as_the_closed_form_says() -
         width[found.station[:count], found.craft[:count], found.photodiode[:count]] = found.width_s[:count]
         hits = light._beams(frame, found, count)
         met, logged = met + count, logged + int(hits.total.sum())
+        # No hit is lost otherwise.
+        assert light.overlaps is not None
+        assert np.array_equal(np.bincount(found.craft[:count], minlength=8) - hits.total, light.overlaps)
     turn_s = np.array(CHANNEL_TICKS) / CHANNEL_CLOCK_HZ
     # (1) of swarm.sensors.reception, of all pairs; few hits are overlapped twice.
     pair = 2 * (width[:, None] + width[None]) / turn_s[None, :, None, None]

@@ -36,7 +36,8 @@ class Period(NamedTuple):
     saw, of `swarm.sensors.sight.Sight`. angles: what every craft's decoder made of the
     light. estimate: what every craft knows. peer: the pose that came with a recording, in a replay. scans: what became
     of the LiDAR scans that were completed. work: of the actuators; None in a replay. guided: None without guided craft.
-    fault: (C,), index into the fault schedule's names; None without faults.
+    fault: (C,), index into the fault schedule's names; None without faults. overlaps: (C,), hits lost to two beams at
+    once; None where beams cannot meet.
     """
 
     frame: int
@@ -50,3 +51,4 @@ class Period(NamedTuple):
     work: ActuatorWork | None = None
     guided: Guided | None = None
     fault: Ints | None = None
+    overlaps: Ints | None = None

@@ -67,6 +67,8 @@ class Emitter(NamedTuple):
 class Stations:
     """The light of S stations on C craft.
 
+    overlaps: hits that each craft has lost in the period shone last to two beams at once, (C,); None: none can be.
+
     A draw depends on the seed, the station, the craft's key, the photodiode and the number of the sweep: not on what
     is lit, other craft or stations, or the strength of any error.
     """
@@ -107,6 +109,7 @@ class Stations:
         self._share = [float(share) for share in share_of(np.zeros(2), np.arange(2))]
         self._count = self.photodiodes.present.sum(axis=1)
         self._still: dict[tuple[int, int], Floats] = {}  # the motions of stations that do not move
+        self.overlaps: Ints | None = None
 
     def _knots(self, truth: Motion) -> tuple[int, ...]:
         """Return the knots at which the rays are cast: in the middle of the period, or of both its halves."""
@@ -261,7 +264,9 @@ class Stations:
         craft, tick_s = len(self._count), self.settings.tick_s
         lost = self._missed(passages)
         order, first = in_order(passages, count, craft)
-        dark = overlapped(passages, order, first) | lost
+        together = overlapped(passages, order, first)
+        self.overlaps = np.bincount(passages.craft[together], minlength=craft)
+        dark = together | lost
         known = identified(passages, dark, order, first)
         total = np.bincount(passages.craft[~dark], minlength=craft).astype(np.int32)
         most = int(total.max(initial=0))

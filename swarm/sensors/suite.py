@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.arrays import Bools
+from estimators.arrays import Bools, Ints
 from swarm.messages import Signals
 from swarm.sensors.ccd import Ccd
 from swarm.sensors.lidar import Lidar
@@ -59,6 +59,12 @@ class Sensors:
             return self.stations.seen(sight)
         out: NDArray[np.int8] = np.minimum(sight[..., 0], sight[..., 1])
         return out
+
+    def overlaps(self) -> Ints | None:
+        """Return the number of hits that each craft has lost to two beams at once in the period sensed last, (C,); None
+        where beams cannot meet.
+        """
+        return None if self.stations is None else self.stations.overlaps
 
     def signals(self, truth: PeriodTruth, frame: int, lit: Bools, rotor: Rotor | None = None) -> Signals:
         """Return all that the craft receive in one period.

@@ -1,4 +1,4 @@
-"""Several stations: whose light the craft use, and when."""
+"""Several stations: whose light the craft use, and when, and what their beams cost each other."""
 
 import numpy as np
 
@@ -45,7 +45,20 @@ def section(subject: Subject) -> Section | None:
     seen = np.sum([rows > 0 for rows in used], axis=0)
     shares = ", ".join(f"{k} in {100 * np.mean(seen == k):.1f} %" for k in np.unique(seen).tolist())
     text = f"Stations whose sweep angles went into a craft's filter in a period: {shares} of the craft's time."
-    return Section("Stations", [text], [_picture(series, names, used)], [Table(head, rows)])
+    return Section("Stations", [text, *_overlaps(series, total)], [_picture(series, names, used)], [Table(head, rows)])
+
+
+def _overlaps(series: Series, used: float) -> list[str]:
+    """Return what beams cost each other, beside the number of sweep angles in filters; nothing where it is unknown."""
+    if not series.has("overlaps"):
+        return []
+    lost = series.of("overlaps")[:, series.lit]
+    whole = float(np.nansum(lost))
+    text = f"Two stations' beams were on a photodiode at once: {whole:.0f} hits lost"
+    if whole:
+        text += f", {number(100 * whole / (whole + used))} % of them and the sweep angles in filters together"
+        text += f"; at most {np.nanmax(lost):.0f} of a craft in a period"
+    return [f"{text}."]
 
 
 def _smooth(time_s: Floats, values: Floats) -> Floats:
