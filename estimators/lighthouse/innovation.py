@@ -325,6 +325,47 @@ def _innovations_into(
             whitened_into(c, rows, kept, light, point, state, out, work, True)
 
 
+@kernel
+def sigmas_into(
+    craft: Ints, rows: Rows, light: StationArrays, point: Floats, motion: tuple[State, Floats], push: float, out: Floats
+) -> None:
+    """Write by how many standard deviations rows are off where they are expected, NaN where nothing is.
+
+    Args:
+        craft: of every row, (N,).
+        rows: N rows of any craft, with instants after the epoch of the states.
+        light: stations with their noise.
+        point: (C, K, 3) [m], photodiodes in the body frames.
+        motion: states of C craft, NaN where not known, and their covariances (C, 12, 12).
+        push: unknown acceleration since the epoch, standard deviation [m/s^2].
+        out: (N,), receives them.
+    """
+    state, covariance = motion
+    h = np.empty(STATES)
+    for n in range(len(craft)):
+        c, s, tau = craft[n], rows.station[n], rows.offset_s[n]
+        residual = row_into(
+            tau,
+            rows.angle[n],
+            light.rotation[s],
+            light.position[s],
+            light.fans[light.first[s] + rows.fan[n]],
+            point[c, rows.photodiode[n]],
+            state.rotation[c],
+            state.position[c],
+            state.velocity[c],
+            state.angular_rate[c],
+            h,
+        )
+        variance = light.own[s] ** 2 + light.shared[s] ** 2
+        for i in range(STATES):
+            for j in range(STATES):
+                variance += h[i] * covariance[c, i, j] * h[j]
+        for i in range(6, 9):
+            variance += (h[i] * push * tau * tau / 2) ** 2
+        out[n] = abs(residual) / np.sqrt(variance)
+
+
 def condense(found: Innovations, mask: Bools, covariance: Floats) -> tuple[Innovations, Ints]:
     """Return the rows of the craft of the mask, with their sums in the place of many, and how many (C,) each one had.
 

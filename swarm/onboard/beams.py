@@ -4,6 +4,8 @@ A hit whose bits were caught tells channel and offset from the rotor's zero, in 
 that is too short for a word of bits is the same sweep's as those around it if all within `NEAR_S` are of one sweep,
 none of them its own photodiode's, and it is no farther from them than they are from each other: then its offset follows
 from the time between them. Otherwise it is rejected, as is a hit with a word that no other word of its sweep confirms.
+Amid many stations it may yet be another one's, of which no hit was long enough: it is rejected where the craft expects
+the photodiode elsewhere, and, if the craft expects nothing, where enough photodiodes have hits with bits.
 With the duration T of a turn, offset / T is the rotor's angle, and (2) of `estimators.lighthouse.rotor` the plane and
 its angle from boresight. Within 30 degrees of half a turn it may be either plane's: where the craft expects the
 photodiode tells, or, if it expects nothing, the photodiode's other hit of that turn, or the hit is rejected. The first
@@ -12,8 +14,8 @@ of two hits is the first plane's up to an elevation of 56 degrees, where the pla
 The instants need no flash: the epoch is the middle of the computer's own period.
 """
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -23,10 +25,9 @@ from estimators.lighthouse.innovation import gathered
 from estimators.lighthouse.rotor import Located, angle_of, planes
 from estimators.lighthouse.rows import Rows
 from swarm.messages import BeamHits
+from swarm.onboard.settings import MIN_LIT
 from swarm.onboard.stations import RowLight
 
-Expect = Callable[[Ints, Ints, Ints, Floats], Floats]
-"""Angles at which a craft expects hits: of craft, station, photodiode and instant after the epoch [s]."""
 NEAR_S = 0.4e-3
 """Largest time between a hit without bits and one of its sweep [s]: a sweep over a craft of 40 cm takes as long, 3 m
 away."""
@@ -36,8 +37,27 @@ EITHER = 1 / 12
 """Distance of a hit from half a turn within which a point in front of the station may meet either plane [turns]."""
 EXPECTED_RAD = 0.1
 """Largest distance from where a craft expects a photodiode, by which it tells the plane of a hit [rad]."""
+AWAY_SIGMAS = 5.0
+"""Standard deviations from where a craft expects a photodiode, beyond which a hit without bits is another sweep's."""
 SAME_S = 50e-6
 """Largest difference between zeros of one turn [s]; other turns are 18 ms away, other channels as a rule far more."""
+
+
+class Expected(Protocol):
+    """What craft expect of the light, as `swarm.onboard.stations.StationNavigator` knows it."""
+
+    def expected_angles(self, craft: Ints, station: Ints, photodiode: Ints, offset_s: Floats) -> Floats:
+        """Return the angles of both planes (N, 2) [rad] at which hits are expected, NaN where none are.
+
+        Args:
+            craft: (N,).
+            station: (N,).
+            photodiode: (N,).
+            offset_s: instants after the epoch, (N,) [s].
+        """
+
+    def sigmas_away(self, craft: Ints, rows: Rows) -> Floats:
+        """Return by how many standard deviations rows are off where craft (N,) expect them, (N,); NaN where nowhere."""
 
 
 class BeamDecoder:
@@ -60,13 +80,12 @@ class BeamDecoder:
     def forget(self, mask: Bools) -> None:
         """Forget the craft of the mask (C,): the circuits keep nothing from one period to the next."""
 
-    def decode(self, hits: BeamHits, expect: Expect | None = None) -> RowLight:
+    def decode(self, hits: BeamHits, expected: Expected | None = None) -> RowLight:
         """Return the rows of every craft in one period.
 
         Args:
             hits: hits of every craft.
-            expect: angles from boresight (N, 2) [rad] at which hits (craft, station, photodiode, instants minus the
-                epoch [s]) are expected of either plane, NaN where they are not; None: craft expect nothing.
+            expected: what the craft expect of the light; None: nothing.
 
         Raises:
             ValueError: the hits are of another number of craft.
@@ -92,8 +111,8 @@ class BeamDecoder:
         offset_s: Floats = np.asarray((middle[of, at] - hits.epoch_tick[of]) * self._tick_s, dtype=np.float64)
         plane = np.where(np.abs(share - 0.5) < EITHER, -1, (share > 0.5).astype(np.int64))
         turn = _turns(of, found, middle[of, at] - after, self._turn_tick)
-        if expect is not None:
-            _expected(plane, share, expect, (of, found, photodiode, offset_s))
+        if expected is not None:
+            _expected(plane, share, expected, (of, found, photodiode, offset_s))
         if np.any(plane < 0):
             # Of craft that expect nothing there, by all their hits.
             own = np.flatnonzero(np.isin(of, of[plane < 0]))
@@ -101,33 +120,50 @@ class BeamDecoder:
             paired = planes(Located(turn[own], share[own]), who, EITHER).plane
             plane[own] = np.where(plane[own] < 0, paired, plane[own])
         good = plane >= 0
-        rows = Rows(
-            found[good],
-            plane[good],
-            photodiode[good],
-            turn[good],
-            offset_s[good],
-            angle_of(share[good], plane[good]),
-        )
+        rows = Rows(found, plane, photodiode, turn, offset_s, angle_of(share, plane))
+        bare = np.flatnonzero(good & (hits.channel[of, at] == 0))
+        if expected is not None and len(bare):
+            good[bare[_misplaced(of, rows, bare, expected, self._present.shape)]] = False
         used = np.bincount(of[good], minlength=craft)
-        return RowLight(gathered(of[good], rows, craft), hits.total - used, np.zeros(craft, dtype=np.int64))
+        chosen = Rows._make(part[good] for part in rows)
+        return RowLight(gathered(of[good], chosen, craft), hits.total - used, np.zeros(craft, dtype=np.int64))
 
 
-def _expected(plane: Ints, share: Floats, expect: Expect, hits: Sequence[Any]) -> None:
+def _misplaced(of: Ints, rows: Rows, bare: Ints, expected: Expected, shape: tuple[int, int]) -> Bools:
+    """Return which hits without bits are not where their craft expect them, or not needed where these expect nothing.
+
+    Args:
+        of: craft of every hit, (N,).
+        rows: the hits as rows.
+        bare: (B,), indices of the hits without bits.
+        expected: what the craft expect.
+        shape: numbers of craft and of photodiodes.
+    """
+    away = expected.sigmas_away(of[bare], Rows._make(part[bare] for part in rows))
+    told = np.ones(len(of), dtype=np.bool_)
+    told[bare] = False
+    seen = np.zeros(shape, dtype=np.bool_)
+    seen[of[told], rows.photodiode[told]] = True
+    enough = seen.sum(axis=1) >= MIN_LIT
+    out: Bools = np.where(np.isfinite(away), away > AWAY_SIGMAS, enough[of[bare]])
+    return out
+
+
+def _expected(plane: Ints, share: Floats, expected: Expected, hits: Sequence[Any]) -> None:
     """Write the planes of those hits whose plane is open, -1, and that craft expect at one of the planes' angles.
 
     Args:
         plane: (N,), updated.
         share: (N,) [turns].
-        expect: as `BeamDecoder.decode` takes it.
-        hits: craft, station, photodiode and instant of all hits, as `expect` takes them.
+        expected: what the craft expect.
+        hits: craft, station, photodiode and instant of all hits, as it takes them.
     """
     open_ = np.flatnonzero(plane < 0)
     if not len(open_):
         return
     both = np.stack([angle_of(share[open_], np.full(len(open_), which)) for which in (0, 1)], axis=1)
     asked: list[Any] = [part[open_] for part in hits]
-    away = np.abs(both - expect(asked[0], asked[1], asked[2], asked[3]))
+    away = np.abs(both - expected.expected_angles(asked[0], asked[1], asked[2], asked[3]))
     away = np.where(np.isfinite(away), away, np.inf)
     best = np.argmin(away, axis=1)
     sure = away[np.arange(len(open_)), best] < EXPECTED_RAD

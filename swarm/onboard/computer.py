@@ -130,7 +130,7 @@ class StationComputer(_Onboard[BeamDecoder | TurnDecoder, StationNavigator]):
         if isinstance(self.decoder, BeamDecoder):
             if signals.beams is None:
                 raise ValueError("Lighthouse 2.0 stations need the signal `beams`")
-            light = self.decoder.decode(signals.beams, navigator.expected_angles)
+            light = self.decoder.decode(signals.beams, navigator)
         else:
             light = self.decoder.decode(signals.pulses)
         if off is not None and off.any():

@@ -36,13 +36,14 @@ from estimators.lighthouse.innovation import (
     condense,
     innovations,
     light_of,
+    sigmas_into,
 )
 from estimators.lighthouse.integrity import AngleNoise, shown_to_gate
 from estimators.lighthouse.pnp import PoseSolution
 from estimators.lighthouse.row_faults import row_faults
 from estimators.lighthouse.row_pose import RowPose, solve_rows
 from estimators.lighthouse.row_snooping import snooped
-from estimators.lighthouse.rows import Station, expect_into, packed, row_into
+from estimators.lighthouse.rows import Rows, Station, expect_into, packed, row_into
 from estimators.state import STATES, State
 from swarm.hardware import Photodiodes
 from swarm.messages import Command, Signals
@@ -190,6 +191,23 @@ class StationNavigator:
         out = np.empty((len(craft), 2))
         asked = craft, station, photodiode, offset_s + self.settings.frame_s
         expect_into(asked, self.tracks.bank.state, self._point_m, self._packed, out)
+        return out
+
+    def sigmas_away(self, craft: Ints, rows: Rows) -> Floats:
+        """Return by how many standard deviations rows are off where craft expect them, (N,); NaN where they do not.
+
+        Where stations or photodiodes may be off by what nobody knows, nobody knows how far off a row may be.
+
+        Args:
+            craft: of every row, (N,).
+            rows: with their instants after the epoch to come.
+        """
+        out = np.full(len(craft), np.nan)
+        bank, s = self.tracks.bank, self.settings
+        if s.integrity.residual_test:
+            later = rows._replace(offset_s=rows.offset_s + s.frame_s)
+            motion = bank.state, bank.covariance
+            sigmas_into(craft, later, self._light, self._point_m, motion, s.acceleration_noise_m_s2, out)
         return out
 
     def forget(self, mask: Bools) -> None:
