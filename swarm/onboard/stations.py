@@ -137,7 +137,12 @@ class StationNavigator:
         self._light = light_of(self._packed, self._noise)
         self._point_m = np.ascontiguousarray(photodiodes.point_m)
         self.tracks = Tracks(
-            filters(craft, s, inertia), s.frame_s, TrackLimits(s.coast_limit_s, s.rejections_limit), s.orbit, inertia
+            filters(craft, s, inertia),
+            s.frame_s,
+            TrackLimits(s.coast_limit_s, s.rejections_limit),
+            s.orbit,
+            inertia,
+            s.order_lead_s,
         )
         self._search: RowSearch | MotionSearch
         if s.hand is None:

@@ -127,6 +127,7 @@ class Tracks:
         limits: TrackLimits,
         orbit: RelativeOrbit | None,
         inertia: Floats | None = None,
+        lead_s: float = 0.0,
     ) -> None:
         """Begin with filters that have not been started.
 
@@ -136,8 +137,10 @@ class Tracks:
             limits: limits beyond which a filter is stopped.
             orbit: the lighthouse's orbit; None in weightless space.
             inertia: (C, 3, 3) [kg m^2], body frame, of craft that turn freely; NaN for the others; None: of none.
+            lead_s: time before the beginning of a period at which its orders begin to act [s].
         """
         craft = len(bank.active)
+        self._lead_s = lead_s
         self.bank, self._frame_s, self._limits, self._orbit = bank, frame_s, limits, orbit
         self.since_update_s, self.since_pose_s = np.zeros((2, craft))
         self._rejections = np.zeros(craft, dtype=np.int64)
@@ -149,7 +152,7 @@ class Tracks:
 
     def beside(self, bank: FilterBank) -> "Tracks":
         """Return other filters of the same craft, not started, with the same limits, orders and surroundings."""
-        out = Tracks(bank, self._frame_s, self._limits, self._orbit, self.inertia)
+        out = Tracks(bank, self._frame_s, self._limits, self._orbit, self.inertia, self._lead_s)
         out._command = self._command
         return out
 
@@ -186,8 +189,10 @@ class Tracks:
         return free_turns(free, bank.rotation, bank.angular_rate, self.inertia, self._inverse, self._frame_s)
 
     def _add_command(self, command: Command) -> None:
-        """Add the ordered motion between the epochs, T apart: half a period by the last command, half by this one."""
-        last, half = self._command or command, self._frame_s / 2
+        """Add the ordered motion between the epochs, T apart: half a period by the last command, half by this one,
+        which has begun earlier by the lead of the orders.
+        """
+        last, half, lead = self._command or command, self._frame_s / 2, self._lead_s
         self._command = command
         before = last.angular_acceleration, last.acceleration
         after = command.angular_acceleration, command.acceleration
@@ -196,6 +201,9 @@ class Tracks:
             return
         rate, velocity = ((a + b) * half for a, b in zip(before, after, strict=True))
         turn, shift = ((3 * a + b) * half**2 / 2 for a, b in zip(before, after, strict=True))
+        if lead:  # what the rates have more of this command, and less of the last, when it begins
+            change, jump = ((b - a) * lead for a, b in zip(before, after, strict=True))
+            rate, velocity, turn, shift = rate + change, velocity + jump, turn + change * half, shift + jump * half
         self.bank.add_motion(self.bank.active, turn, rate, shift, velocity)
 
     def take_in(self, fix: PoseFix) -> Taken:

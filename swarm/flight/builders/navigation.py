@@ -42,6 +42,8 @@ def navigation(settings: Scenario) -> NavigationSettings:
         integrity=_integrity(settings, calibration),
         orbit=orbit(settings),
         relations=_relations(settings),
+        # A physics step moves a body at the velocity of its end, half a step ahead of what the wrench makes of it.
+        order_lead_s=settings.period_s / settings.physics.steps_per_period / 2,
     )
     if calibration is None:
         return made
