@@ -59,6 +59,8 @@ SETTLED_S = 2.0
 """Time that filters have to settle [s]."""
 NEES_EVERY = 6
 """Periods between samples of NEES."""
+AMID_FROM_S = 0.5
+"""Time after which craft amid many stations count [s]."""
 RIDERS = 6
 """Craft that navigate by the station on another one."""
 STEP = 1e-6
@@ -126,13 +128,16 @@ def bound(rows: Rows, stations: list[Station], noise: list[AngleNoise], point_m:
     return np.linalg.inv(h.T @ np.linalg.solve(r, h))
 
 
-def raw_error(settings: Scenario, periods: int) -> tuple[float, float]:
-    """Return the RMS of the position of single periods' poses, and that of theory [m]."""
+def raw_error(settings: Scenario, periods: int) -> tuple[float, float, float]:
+    """Return the RMS of the position of single periods' poses, that of theory [m], and the first one's standard error
+    as a share of it.
+    """
     flight = Flight(settings)
     computer = flight.computer
     known, noise = builders.stations.known_stations(settings), builders.stations.station_noise(settings)
     light, point_m = light_of(packed(known), noise), flight.sensors.lighthouse.photodiodes.point_m
-    square, variance, count = 0.0, [], 0
+    square: list[float] = []
+    variance = []
     for frame in range(periods):
         truth, sight = flight.move(frame)
         signals = flight.sensors.signals(truth, frame, sight == Sight.LIT)
@@ -142,12 +147,13 @@ def raw_error(settings: Scenario, periods: int) -> tuple[float, float]:
         mask = np.ones(1, dtype=np.bool_)
         pose = solve_rows(rows, np.ones(len(rows.angle), dtype=np.bool_), mask, light, point_m, state)
         if pose.solved[0]:
-            square += float(np.sum((pose.position[0] - state.position[0]) ** 2))
-            count += 1
+            square.append(float(np.sum((pose.position[0] - state.position[0]) ** 2)))
             if frame % (periods // 10) == 5:
                 own = bound(rows.of(0), known, noise, point_m[0], state.of(0))
                 variance.append(float(np.trace(own[3:, 3:])))
-    return float(np.sqrt(square / count)), float(np.sqrt(np.mean(variance)))
+    mean = float(np.mean(square))
+    share = float(np.std(square)) / (2 * mean * np.sqrt(len(square)))
+    return float(np.sqrt(mean)), float(np.sqrt(np.mean(variance))), share
 
 
 def all_lit(angle_deg: float) -> float:
@@ -166,10 +172,10 @@ def all_lit(angle_deg: float) -> float:
     return float(sigma[0] / sigma[1])
 
 
-def crossing(periods: int) -> dict[str, Any]:
+def crossing(periods: int, angles: list[float]) -> dict[str, Any]:
     """Return the gain of a second station by the angle of the lines of sight."""
     out: dict[str, Any] = {}
-    for angle in (30.0, 60.0, 90.0):
+    for angle in angles:
         one, two = (raw_error(crossing_scenario(angle, count, 1), periods) for count in (1, 2))
         measured, theory = one[0] / two[0], one[1] / two[1]
         out[f"{angle:.0f} deg"] = {
@@ -178,8 +184,10 @@ def crossing(periods: int) -> dict[str, Any]:
             "gain": measured,
             "theory": theory,
             "over_theory": measured / theory,
+            "standard_error": float(np.hypot(one[2], two[2])) * measured / theory,
             "theory_all_lit": all_lit(angle),
         }
+        print(f"{angle:.0f} deg: {measured:.2f} times, theory {theory:.2f}", flush=True)
     return out
 
 
@@ -260,6 +268,9 @@ def handover(seeds: int, feedback: str, steps_per_period: int) -> dict[str, Any]
                     step = e.position[c] - prior.state.position[c]
                     _note(steps, step, prior.covariance[c, 6:9, 6:9], e.covariance[c, 6:9, 6:9], draws)
                 sources[c] = used
+        one, two = (f"{np.mean(nees[k]):.2f}" for k in (1, 2))
+        below = 100 * float(np.mean(np.array(gained.sigmas) < 1))
+        print(f"{WALKERS * (seed + 1)} walkers: NEES {one} and {two}, {below:.1f} % of gains below 1 sigma", flush=True)
     out: dict[str, Any] = {"flights": seeds}
     for name, steps in (("gained", gained), ("lost", lost)):
         count = len(steps.sigmas)
@@ -277,6 +288,7 @@ def handover(seeds: int, feedback: str, steps_per_period: int) -> dict[str, Any]
         "nees_band": [low, high],
         "nees_instants_in_band_percent": 100 * float(np.mean((means > low) & (means < high))),
         "nees_instants_above_percent": 100 * float(np.mean(means >= high)),
+        "nees_instants_below_percent": 100 * float(np.mean(means <= low)),
         "nees_largest_of_an_instant": float(means.max()),
         "periods_without_pose": blind,
     }
@@ -415,6 +427,36 @@ def riding(seeds: int, seconds: float) -> dict[str, Any]:
     return out
 
 
+class Amid:
+    """What craft amid many stations know, over some periods.
+
+    away_mm: errors of position of craft that know theirs. nees: of every tenth period. rows, stations: means of the
+    craft, by period. tracking: craft-periods. gained: stations that had sent no light in the period before. overlaps:
+    hits lost to two beams at once. dropped: craft-periods in which a photodiode was left out as false.
+    """
+
+    def __init__(self) -> None:
+        self.away_mm: list[float] = []
+        self.nees: list[float] = []
+        self.rows: list[float] = []
+        self.stations: list[float] = []
+        self.tracking = self.gained = self.overlaps = self.dropped = 0
+
+    def take(self, period: Any) -> None:
+        """Count one period."""
+        e = period.estimate
+        error = difference(period.truth, e)
+        known = np.isfinite(error).all(axis=1)
+        self.away_mm += (1e3 * np.linalg.norm(error[known, 6:9], axis=1)).tolist()
+        if len(self.rows) % 10 == 0:
+            self.nees += [nees(error[c], e.covariance[c]) for c in np.flatnonzero(known)]
+        self.rows.append(float(e.rows.mean()))
+        self.stations.append(float(e.stations.mean()))
+        self.tracking += np.count_nonzero(e.status == Status.TRACKING)
+        self.overlaps += 0 if period.overlaps is None else int(period.overlaps.sum())
+        self.dropped += np.count_nonzero(e.integrity.dropped != 0)
+
+
 def constellation(seconds: float) -> dict[str, Any]:
     """Return what 200 craft amid 16 stations know, and the time that parts of a period take, without writing."""
     flight = Flight(load("constellation16", {"duration_s": seconds}))
@@ -438,31 +480,37 @@ def constellation(seconds: float) -> dict[str, Any]:
     timed(sensors, "signals", "light")
     timed(computer.decoder, "decode", "decoder")
     timed(computer.navigator, "step", "navigation")
-    error, tracking, normal, whole, rows = [], [], [], [], []
+    found, whole, before, count = Amid(), [], np.zeros(0), flight.world.mass.size
     for frame in range(flight.periods):
         began = time.process_time()
         period = flight.period(frame)
         whole.append(1e3 * (time.process_time() - began))
-        if period.time_s < 1.0:
-            continue
-        assert period.truth is not None
-        e = period.estimate
-        all_of = difference(period.truth, e)
-        known = np.isfinite(all_of).all(axis=1)
-        error.append(np.where(known, np.linalg.norm(all_of[:, 6:9], axis=1), np.nan))
-        tracking.append(e.status == Status.TRACKING)
-        rows.append(float(e.rows.mean()))
-        if frame % 10 == 0:
-            normal += [nees(all_of[c], e.covariance[c]) for c in np.flatnonzero(known)]
-    away = 1e3 * np.concatenate(error)
-    away = away[np.isfinite(away)]
+        used = period.estimate.station_rows
+        assert used is not None
+        if period.time_s >= AMID_FROM_S:
+            found.take(period)
+            found.gained += np.count_nonzero((used > 0) & (before == 0))
+        before = used
+        if frame % 10 == 9:
+            now = f"median {np.median(found.away_mm):.4f} mm, NEES {np.mean(found.nees):.2f}" if found.away_mm else ""
+            print(f"{period.time_s:.2f} s: {now} {np.median(whole[-10:]):.0f} ms of CPU per period", flush=True)
+    away, craft_periods = np.array(found.away_mm), count * len(found.rows)
+    rows = count * sum(found.rows)
     out = {
-        "tracking_percent": 100 * float(np.mean(tracking)),
-        "rows_per_craft": float(np.mean(rows)),
+        "craft": count,
+        "periods": len(found.rows),
+        "localised_percent": 100 * len(away) / craft_periods,
+        "tracking_percent": 100 * found.tracking / craft_periods,
+        "rows_per_craft": rows / craft_periods,
+        "stations_per_craft": float(np.mean(found.stations)),
+        "stations_gained_per_craft_and_second": found.gained / (craft_periods * flight.period_s),
+        "hits_lost_to_two_beams_percent": 100 * found.overlaps / (found.overlaps + rows),
+        "photodiodes_left_out_percent": 100 * found.dropped / craft_periods,
         "error_mm_median": float(np.median(away)),
         "error_mm_95_percent": float(np.percentile(away, 95)),
-        "nees_of_6": float(np.mean(normal)),
-        "nees_band": band(6, len(normal)),
+        "error_mm_largest": float(away.max()),
+        "nees_of_6": float(np.mean(found.nees)),
+        "nees_band": band(6, len(found.nees)),
         "first_period_s": 1e-3 * whole[0],
         "period_ms_median": float(np.median(whole[10:])),
         "times_real_time": 1e3 * flight.period_s / float(np.median(whole[10:])),
@@ -481,6 +529,7 @@ def main() -> None:
         riding=(False, "a station on a craft that tells its estimate"),
         constellation=(False, "constellation16"),
         periods=(1500, "periods per angle"),
+        angles=([30.0, 60.0, 90.0], "angles of the lines of sight [deg]"),
         seeds=(100, "flights of the hand-over, ten at a time"),
         feedback=("estimate", "pose that its walkers steer by: estimate or truth"),
         steps=(8, "physics steps per period of the hand-over"),
@@ -488,7 +537,7 @@ def main() -> None:
     )
     found: dict[str, Any] = {}
     if args.crossing:
-        found["crossing"] = crossing(args.periods)
+        found["crossing"] = crossing(args.periods, args.angles)
     if args.handover:
         found["handover"] = handover(args.seeds, args.feedback, args.steps)
     if args.overlaps:

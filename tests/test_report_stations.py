@@ -11,9 +11,7 @@ from swarm.report.sections.stations import section
 def subject(**rows: Any) -> Any:
     """Return a run of two craft and four periods, of which the first craft alone has photodiodes."""
     columns = {name: np.array([part, part], dtype=np.float64).T for name, part in rows.items()}
-    series = SimpleNamespace(
-        of=columns.__getitem__, has=columns.__contains__, lit=np.array([0]), time_s=np.arange(4.0)
-    )
+    series = SimpleNamespace(of=columns.__getitem__, has=columns.__contains__, lit=np.array([0]), time_s=np.arange(4.0))
     return cast(
         Any, SimpleNamespace(series=series, run=SimpleNamespace(telemetry=SimpleNamespace(column_names=[*rows])))
     )

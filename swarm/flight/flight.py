@@ -84,7 +84,7 @@ class Flight:
             work=self.actuators.work(),
             guided=self._guided(docking),
             fault=faults.states(),
-        overlaps=self.sensors.overlaps(),
+            overlaps=self.sensors.overlaps(),
         )
 
     def move(self, frame: int) -> tuple[PeriodTruth, NDArray[np.int8]]:
