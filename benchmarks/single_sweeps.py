@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from harness import finish, options, show
+from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from estimators import rotation as rot
@@ -258,7 +259,7 @@ def _samples(truth: Truth, known: Truth, covariance: Floats, information: Floats
     error, bound, centre = truth.less(known), np.linalg.inv(information), lit.mean(axis=1)
     pose = np.array([0, 1, 2, 6, 7, 8])
 
-    def at_centre(state: Truth, p: Floats) -> tuple[Floats, Floats]:
+    def at_centre(state: Truth, p: NDArray[np.floating[Any]]) -> tuple[Floats, NDArray[np.floating[Any]]]:
         arm = np.einsum("cij,cj->ci", state.rotation, centre)
         turn = np.tile(np.eye(6), (len(error), 1, 1))
         turn[:, 3:, :3] = -rot.skew(arm)

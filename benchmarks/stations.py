@@ -452,9 +452,9 @@ class Amid:
             self.nees += [nees(error[c], e.covariance[c]) for c in np.flatnonzero(known)]
         self.rows.append(float(e.rows.mean()))
         self.stations.append(float(e.stations.mean()))
-        self.tracking += np.count_nonzero(e.status == Status.TRACKING)
+        self.tracking += int(np.count_nonzero(e.status == Status.TRACKING))
         self.overlaps += 0 if period.overlaps is None else int(period.overlaps.sum())
-        self.dropped += np.count_nonzero(e.integrity.dropped != 0)
+        self.dropped += int(np.count_nonzero(e.integrity.dropped != 0))
 
 
 def constellation(seconds: float) -> dict[str, Any]:
@@ -480,7 +480,7 @@ def constellation(seconds: float) -> dict[str, Any]:
     timed(sensors, "signals", "light")
     timed(computer.decoder, "decode", "decoder")
     timed(computer.navigator, "step", "navigation")
-    found, whole, before, count = Amid(), [], np.zeros(0), flight.world.mass.size
+    found, whole, before, count = Amid(), [], np.zeros(0, dtype=np.int64), flight.world.mass.size
     for frame in range(flight.periods):
         began = time.process_time()
         period = flight.period(frame)
@@ -489,7 +489,7 @@ def constellation(seconds: float) -> dict[str, Any]:
         assert used is not None
         if period.time_s >= AMID_FROM_S:
             found.take(period)
-            found.gained += np.count_nonzero((used > 0) & (before == 0))
+            found.gained += int(np.count_nonzero((used > 0) & (before == 0)))
         before = used
         if frame % 10 == 9:
             now = f"median {np.median(found.away_mm):.4f} mm, NEES {np.mean(found.nees):.2f}" if found.away_mm else ""

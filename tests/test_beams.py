@@ -60,7 +60,7 @@ def test_planes_that_have_crossed_are_told_by_what_a_craft_expects(elevation_deg
 @pytest.mark.parametrize("known", [3, 4])
 def test_a_hit_without_bits_is_only_where_a_craft_expects_it(known: int) -> None:
     """Its neighbours are of one sweep, but it may be of another station that no hit of the period tells of."""
-    place = np.arange(known + 1) * 3e-3 - 0.3
+    place = np.arange(known + 1, dtype=np.float64) * 3e-3 - 0.3
     offset = np.rint(share_of(place, np.zeros(known + 1, dtype=np.int64)) * TURN_S / TICK_S).astype(np.int64)
     bare = np.arange(known + 1) == 1
     hits = BeamHits(

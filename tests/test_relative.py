@@ -437,15 +437,16 @@ def test_two_references_are_one_of_all_their_photodiodes():
             own = NOISE.own_rad * rng.standard_normal((8, 2))
             theta[place.craft] = measured_theta(place.points(np.stack([POINT] * 3)), fans) + errors + flash + own
         theta[0, :2] = np.nan
-        found.append(
-            craft.observe(SweepAngles(theta, np.zeros_like(theta), np.isfinite(theta[..., 0]), none, none, none))
-        )
+        one = craft.observe(SweepAngles(theta, np.zeros_like(theta), np.isfinite(theta[..., 0]), none, none, none))
+        assert one is not None
+        found.append(one)
     off = np.array([one.error for one in found]) - errors
     rounding = NOISE.shared_rad**2 - 3.9e-5**2
     assert found[0].common_rad ** 2 == pytest.approx(rounding * (6**2 + 8**2) / 14**2 + NOISE.own_rad**2 / 14)
     assert off.std() == pytest.approx(found[0].common_rad, rel=0.1)
     theta[2, :, 0] = np.nan
     alone = craft.observe(SweepAngles(theta, np.zeros_like(theta), np.isfinite(theta[..., 0]), none, none, none))
+    assert alone is not None
     assert alone.used[:, :8].sum(axis=1).tolist() == [6, 6]
     assert not alone.used[:, 8:].any()
 
@@ -463,9 +464,9 @@ def test_rows_of_stations_are_without_the_errors_that_a_reference_has_found():
         angle = measured_angles(there, known[s].fans)[:, fan]
         at = -0.002 * (1 + 2 * s + fan) + angle * turn / (2 * np.pi)
         loose += [(c, s, fan, k, at[k], angle[k] + errors[s, fan]) for k in range(8)]
-    c, s, fan, k, at, angle = (np.array(part) for part in zip(*loose, strict=True))
-    angle[(c == 1) & (s == 0) & (fan == 0) & (k == 3)] += 3e-3
-    rows = gathered(c, Rows(s, fan, k, np.zeros_like(s), at, angle), 2)
+    who, station, plane, photodiode, instant, measured = (np.array(part) for part in zip(*loose, strict=True))
+    measured[(who == 1) & (station == 0) & (plane == 0) & (photodiode == 3)] += 3e-3
+    rows = gathered(who, Rows(station, plane, photodiode, np.zeros_like(station), instant, measured), 2)
     found = craft.observe(rows)
     own = found.rows.of(0)
     assert np.bincount(2 * own.station + own.fan, minlength=6).tolist() == [8, 8, 8, 0, 8, 8]

@@ -159,7 +159,7 @@ def levels_of(overrides, periods=45):
     """Errors [m], levels [m] and the estimates of a flight from its 20th period on."""
     flight = Flight(load("static", overrides))
     flown = [flight.period(frame) for frame in range(periods)][20:]
-    error = [np.linalg.norm(p.truth.position[0] - p.estimate.position[0]) for p in flown]
+    error = [np.linalg.norm(p.truth.position[0] - p.estimate.position[0]) for p in flown if p.truth is not None]
     return np.array(error), np.array([p.estimate.integrity.position_m[0] for p in flown]), flown
 
 
