@@ -10,7 +10,7 @@ import swarm
 from estimators.rotation import angle_between, matrix_from_quaternion
 from swarm.assets import recordings
 from swarm.errors import SwarmError
-from swarm.flight.replay import _command
+from swarm.flight.replay import _Asked, _command
 from swarm.scenario import for_replay
 
 DATA = Path(__file__).parents[2] / "shared" / "data" / "lighthouse-v1"
@@ -105,4 +105,4 @@ def test_mistakes_name_what_is_there(tmp_path, synthetic):
 def test_the_command_of_a_run_keeps_a_calibration_that_was_given(given, said):
     file = recordings()["handheld"]
     calibration = file.with_name("handheld.json") if given == "the one beside it" else given
-    assert _command(file, for_replay(file), None, None, calibration, None, "pulses", None) == said
+    assert _command(file, for_replay(file), _Asked(None, None, calibration, None, "pulses", None, imu=True)) == said

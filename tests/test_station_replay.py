@@ -19,6 +19,7 @@ from estimators.lighthouse.tilted import TiltedErrors
 from estimators.rotation import exp
 from estimators.state import State
 from swarm.assets import recordings
+from swarm.flight.recordings.crazyflie import Inertial
 from swarm.flight.recordings.hits import Hits, Light, Lost
 from swarm.flight.recordings.libsurvive import WorldPose
 from swarm.flight.recordings.object_light import ObjectLight, Pair
@@ -70,7 +71,7 @@ def made(generations=(2, 2), falsified: float = 0.0) -> ObjectLight:
         identities={},
         peer_time_s=none,
         peer=WorldPose(np.zeros((0, 3)), np.zeros((0, 4))),
-        inertial=None,  # type: ignore[arg-type]
+        inertial=Inertial(none, np.zeros((0, 3)), np.zeros((0, 3))),
         marks_s=none,
         notes=[],
     )

@@ -77,6 +77,12 @@ Truth = Annotated[
     ),
 ]
 Live = Annotated[bool, typer.Option("--live", help="Open the viewer, and watch while it is replayed.")]
+Imu = Annotated[
+    bool,
+    typer.Option(
+        "--imu/--no-imu", help="Take in the gyroscope and accelerometer, where the recording has them and it moves."
+    ),
+]
 Seed = Annotated[int | None, typer.Option("--seed", metavar="N", help="Use this seed. Default: 0.")]
 Settings = Annotated[
     list[str] | None,
@@ -99,6 +105,7 @@ def replay(
     stations: Stations = None,
     source: From = Source.PULSES,
     truth: Truth = None,
+    imu: Imu = True,
     list_only: ListOnly = False,
     overrides: Settings = None,
     seed: Seed = None,
@@ -114,8 +121,7 @@ def replay(
     swarm replay walk.rec.gz --list
     swarm replay FLIGHT/log00 --stations stations.toml
     swarm replay walk.rec.gz --lighthouse 0 --truth mocap.npy
-    some-program | swarm replay - --live \\
-        --stations stations.toml
+    some-program | swarm replay - --live
     """
     with mistakes():
         lines, file = _found(recording, list_only)
@@ -139,6 +145,7 @@ def replay(
                 calibration=calibration or _own_calibration(file, tell),
                 source=source.value,
                 truth=truth,
+                imu=imu,
                 scenario=settings,
                 out=folder,
                 force=force,

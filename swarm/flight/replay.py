@@ -13,7 +13,7 @@ from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -69,6 +69,18 @@ NONE_FALSE: Ints = np.zeros(0, dtype=np.int64)
 UNTESTED = Consistency(None, NONE_FALSE, np.zeros(0))
 
 
+class _Asked(NamedTuple):
+    """What was asked of a replay, as `replay` has it."""
+
+    object_name: str | None
+    lighthouse: int | None
+    calibration: str | Path | None
+    stations: str | Path | None
+    source: Source
+    truth: str | Path | None
+    imu: bool
+
+
 def replay(
     recording: str | Path | LiveLines,
     *,
@@ -78,6 +90,7 @@ def replay(
     stations: str | Path | None = None,
     source: Source = "pulses",
     truth: str | Path | None = None,
+    imu: bool = True,
     scenario: Scenario | None = None,
     out: str | Path | None = None,
     force: bool = False,
@@ -96,6 +109,7 @@ def replay(
         stations: file of stations, as `swarm survey` writes it; None: what the recording and files beside it know.
         source: raw "pulses", or the "angles" that the recording's own software derived from them.
         truth: trajectory of the object from another system, such as motion capture.
+        imu: take in the gyroscope and accelerometer of an object that moves, where the recording has them.
         scenario: other navigation settings, as `for_replay` makes them.
         out: folder of the run, by default `runs/<recording>-0`.
         force: replace an existing run.
@@ -111,8 +125,9 @@ def replay(
     settings, told = for_replay(path) if scenario is None else checked(scenario), progress or untold
     refuse_run(settings.name, settings.seed, out, force)
     builders.plug_ins(settings, "navigator")  # a mistake there is told before the light is read
-    command = _command(path, settings, object_name, lighthouse, calibration, stations, source, truth)
-    playback = _playback(recording, settings, object_name, lighthouse, calibration, stations, source, note)
+    asked = _Asked(object_name, lighthouse, calibration, stations, source, truth, imu)
+    command = _command(path, settings, asked)
+    playback = _playback(recording, settings, asked, note)
     given = truth_for(truth, playback)
     for sentence in (*playback.notes, *given.notes):
         note(sentence)
@@ -168,11 +183,7 @@ def _untold(note: str) -> None:
 def _playback(
     recording: str | Path | LiveLines,
     settings: Scenario,
-    object_name: str | None,
-    lighthouse: int | None,
-    calibration: str | Path | None,
-    stations: str | Path | None,
-    source: Source,
+    asked: _Asked,
     tell: Callable[[str], None],
 ) -> "Playback | StationPlayback":
     """Return the playback of a recording: by poses for one station of Lighthouse 1.0, by rows for all else.
@@ -180,13 +191,10 @@ def _playback(
     Args:
         recording: file of the recording, or lines as they come.
         settings: scenario with the navigation settings.
-        object_name: name of the tracked object, None for the only one.
-        lighthouse: number of the only station, None for all.
-        calibration: file of the stations' known errors.
-        stations: file with the places of the stations.
-        source: raw pulses or angles.
+        asked: what was asked for.
         tell: gets a sentence while lines as they come have nothing to fly by.
     """
+    object_name, lighthouse, calibration, stations, source = asked[:5]
     file = None if stations is None else read_stations(stations)
     if isinstance(recording, LiveLines):
         return live_playback(recording, settings, object_name, lighthouse, calibration, file, source, tell)
@@ -210,7 +218,7 @@ def _playback(
         if len(light.light.stations()) > 1:
             playback.notes += chosen.notes
         return playback
-    return StationPlayback(light, settings, chosen, given=file is not None)
+    return StationPlayback(light, settings, chosen, given=file is not None, imu=asked.imu)
 
 
 def _is_own_format(calibration: str | Path | None) -> bool:
@@ -223,25 +231,16 @@ def _is_own_format(calibration: str | Path | None) -> bool:
 def _command(
     recording: Path,
     settings: Scenario,
-    object_name: str | None,
-    lighthouse: int | None,
-    calibration: str | Path | None,
-    stations: str | Path | None,
-    source: Source,
-    truth: str | Path | None,
+    asked: _Asked,
 ) -> str:
     """Return the command that repeats a replay: its arguments, and every setting that is not the usual one.
 
     Args:
         recording: file, or the name of lines as they come.
         settings: settings as the user gave them.
-        object_name: name of the tracked object, None for the only one.
-        lighthouse: number of the only station, None for all.
-        calibration: file of the stations' known errors.
-        stations: file with the places of the stations.
-        source: raw pulses or angles.
-        truth: file of the truth, None without one.
+        asked: what was asked for.
     """
+    object_name, lighthouse, calibration, stations, source, truth, imu = asked
     own = own_recording(recording)
     from_pipe = recording == Path(NAME)
     words = ["swarm", "replay", own.name if own is not None else "-" if from_pipe else str(recording)]
@@ -253,6 +252,7 @@ def _command(
     words += ["--calibration", str(calibration)] if calibration is not None and not brought else []
     words += ["--from", source] if source != "pulses" else []
     words += ["--truth", str(truth)] if truth is not None else []
+    words += [] if imu else ["--no-imu"]
     usual = for_replay(recording)
     words += ["--seed", str(settings.seed)] if settings.seed != usual.seed else []
     for key, value in changed(usual, settings):

@@ -22,6 +22,7 @@ from estimators.state import State
 from swarm.assets import find_model
 from swarm.errors import SwarmError
 from swarm.flight import builders
+from swarm.flight.recordings.crazyflie import GRAVITY
 from swarm.flight.recordings.libsurvive import WorldPose
 from swarm.flight.recordings.object_light import ObjectLight
 from swarm.flight.recordings.row_consistency import RowConsistency, RowSample, assess_rows
@@ -30,6 +31,7 @@ from swarm.flight.recordings.row_windows import RowWindow, RowWindows
 from swarm.flight.recordings.stations_file import PlacedStation, PlacedStations
 from swarm.hardware import Photodiodes
 from swarm.onboard.decoder import SweepAngles
+from swarm.onboard.inertial import InertialSensors
 from swarm.onboard.own_navigators import Rowed
 from swarm.onboard.place_errors import PlaceSigma
 from swarm.onboard.settings import NavigationSettings
@@ -48,14 +50,17 @@ FRAME_S = {"1.0": 1 / 30, "2.0": 1 / 50}
 HANDLED: dict[str, float] = {
     "acceleration_noise_m_s2": 15.0,
     "angular_acceleration_noise_deg_s2": 2000.0,
-    "coast_limit_s": 0.5,
+    "coast_limit_s": 0.2,
 }
 """Settings of navigation for an object that a hand moves, where the user gives no other and the recording does not tell
-them: within half a second in the dark it may be anywhere."""
+them: within a fifth of a second in the dark a hand takes it half a metre from where it was going."""
 AT_REST_M_S2 = 1.0
 """Random acceleration of an object up to which it is at rest [m/s^2]."""
 SEARCH_AGAIN_S = 0.05
 """Time without light after which an object in a hand is searched for again [s]."""
+COAST_SHOWN_S, REJECTIONS_IN_HAND = 0.5, 3
+"""Time without light [s] that an object may have whose inertial sensors show its motion; and successive periods in
+which light contradicts the filter of one without, until it is lost."""
 LEAST_MOTION: dict[str, float] = {"acceleration_noise_m_s2": 2.0, "angular_acceleration_noise_deg_s2": 300.0}
 """What a hand is taken to do at least, also where it keeps still throughout the stretches that were looked at."""
 PLACE_M = 1e-4
@@ -66,6 +71,12 @@ TRIALS, TRIAL_PERIODS = 8, 120
 """Stretches of a recording from which its noise is found, and their length."""
 DISAGREEMENT_RAD = 3e-4
 """Noise of whole sweeps [rad] beyond which it is not the rotors', but of places or calibrations."""
+FEWEST_FORCES = 50
+"""Number of specific forces that tell the direction of gravity."""
+ASLOPE_RAD = 0.3
+"""Angle between it and the world's z up to which z is taken to be up: motion is in it as well."""
+LEVEL_M_S2, FOUND_M_S2, UNKNOWN_M_S2 = 0.5, 2.0, 10.0
+"""Standard deviation of gravity per axis in a world whose z is up, where forces tell it, and where nothing does."""
 FEWEST_ROWS = 8
 """Rows that a period needs for its redundancy to count."""
 
@@ -163,6 +174,7 @@ class StationPlayback:
         chosen: Chosen,
         *,
         given: bool,
+        imu: bool = True,
     ) -> None:
         """Prepare the replay of one object.
 
@@ -171,6 +183,7 @@ class StationPlayback:
             settings: scenario with the navigation settings; the noise, if unset, is found in the recording.
             chosen: the stations.
             given: whether they are those of a file of stations, which has their calibrations as well.
+            imu: whether the recording's gyroscope and accelerometer, if it has them, go into the filter.
         """
         given_settings, settings = settings, _unless_given(settings, settings, HANDLED)
         self.source, self.layout = source, source.photodiodes
@@ -193,28 +206,25 @@ class StationPlayback:
         self.duration_s = len(self.windows) * frame_s
         self.begin_s, self.marks_s = self.windows.begin_s, source.marks_s
         self.found = RowConsistency(None, nobody, np.zeros(shape))
+        self._forces: list[Floats] = []
+        self._inertial: InertialSensors | None = None
         if settings.navigation.integrity.residual_test is not False:
             self.found = self._assess(settings)
         if self.found.false.any():
             self.windows = RowWindows(source, numbers, frame_s, peer, self.found.false)
         self.likely = self._likely(given_settings)
+        if imu and self.windows.has_inertial and not self._at_rest():
+            self._inertial = _sensors(self._forces, level=chosen.world)
         self.noise = self._noise(settings)
+        if self._inertial is not None:
+            settings = _unless_given(settings, given_settings, {"coast_limit_s": COAST_SHOWN_S})
         self.settings = self._with_noise(self._with_motion(settings, given_settings))
         self.notes += self._findings(settings)
         self.history = settings.swarm.navigator is None and keeps_history(settings.recording.filter, len(self.windows))
         tested = self.found.noise is not None
         navigation = self._navigation_of(self.settings, tested=tested)
         self._navigation = replace(navigation, history=self.history, places=self._places())
-        self.scene = Scene(
-            craft=(source.name,),
-            visuals=[()],
-            photodiodes=self.layout,
-            lighthouse=visuals(find_model(settings.lighthouse.model)),
-            field_deg=settings.lighthouse.field_deg,
-            replay=True,
-            stations=[StationScene(p.name, p.rotation, p.position, p.generation) for p in chosen.placed],
-            up="z" if chosen.world else "-y",
-        )
+        self.scene = _scene(source, settings, chosen)
 
     def fly(self) -> Iterator[Period]:
         """Play one period of the filter after the other, to the end of the recording."""
@@ -266,6 +276,8 @@ class StationPlayback:
                         estimate.angular_rate[0],
                     )
                     samples.append(RowSample(rows.rows.of(0), state))
+                    if rows.inertial is not None:
+                        self._forces.append(state.rotation @ rows.inertial.force[0])
         return assess_rows(samples, self._stations, self.layout.point_m[0], guess)
 
     def _likely(self, given: Scenario) -> Likely | None:
@@ -275,6 +287,10 @@ class StationPlayback:
             return None
         own = [noise.own_rad for noise in self.found.noise]
         return likely(self.windows, self._stations, self.layout.point_m[0], HandMotion(), own)
+
+    def _at_rest(self) -> bool:
+        """Return whether the object has been found to be at rest."""
+        return self.likely is not None and self.likely.acceleration_m_s2 <= AT_REST_M_S2
 
     def _with_motion(self, settings: Scenario, given: Scenario) -> Scenario:
         """Return the settings with the hand's motion as found, but for what the user gave."""
@@ -286,7 +302,7 @@ class StationPlayback:
         }
         settings = _unless_given(settings, given, {key: max(value, LEAST_MOTION[key]) for key, value in found.items()})
         quiet = settings.navigation.quiet
-        if self.likely.acceleration_m_s2 < AT_REST_M_S2 or "craft" in quiet.model_fields_set:
+        if self._at_rest() or "craft" in quiet.model_fields_set:
             return settings
         # A hand pushes all the time: the one model that was found, and none that is quieter.
         table = settings.navigation.model_copy(update={"quiet": quiet.model_copy(update={"craft": "none"})})
@@ -324,6 +340,8 @@ class StationPlayback:
             place_sigma_m=PLACE_M,
             hand=HandMotion(),
             search_again_s=SEARCH_AGAIN_S,
+            inertial=self._inertial,
+            rejections_limit=navigation.rejections_limit if self._inertial is not None else REJECTIONS_IN_HAND,
         )
 
     def _places(self) -> PlaceSigma:
@@ -364,6 +382,8 @@ class StationPlayback:
                 f"the stations contradict each other by {1e3 * shared:.1f} mm per metre of distance: where they stand, "
                 "or their calibrations, are off by more than their light; swarm survey finds both"
             )
+        if self._inertial is not None:
+            out.append("the gyroscope and accelerometer are taken in, with their biases (--no-imu: light alone)")
         if self.likely is not None:
             turning = np.degrees(self.likely.angular_acceleration_rad_s2)
             out.append(
@@ -371,6 +391,37 @@ class StationPlayback:
                 f"{turning:.0f} deg/s^2, 1 sigma"
             )
         return out
+
+
+def _scene(source: ObjectLight, settings: Scenario, chosen: Chosen) -> Scene:
+    """Return the description of an object and its stations for telemetry and recording."""
+    return Scene(
+        craft=(source.name,),
+        visuals=[()],
+        photodiodes=source.photodiodes,
+        lighthouse=visuals(find_model(settings.lighthouse.model)),
+        field_deg=settings.lighthouse.field_deg,
+        replay=True,
+        stations=[StationScene(p.name, p.rotation, p.position, p.generation) for p in chosen.placed],
+        up="z" if chosen.world else "-y",
+    )
+
+
+def _sensors(forces: Sequence[Floats], *, level: bool) -> InertialSensors:
+    """Return what is known of gravity in the world, where the median of forces (3,) on a moving object points to.
+
+    Args:
+        forces: specific forces in the world, as an accelerometer shows them.
+        level: whether z is up in the world, unless they contradict it.
+    """
+    shown = np.reshape(forces, (-1, 3))
+    shown = shown[np.isfinite(shown).all(axis=1)]
+    if len(shown) < FEWEST_FORCES:
+        return InertialSensors((0.0, 0.0, 0.0), UNKNOWN_M_S2)
+    up = np.median(shown, axis=0) / np.linalg.norm(np.median(shown, axis=0))
+    if level and up[2] > np.cos(ASLOPE_RAD):
+        return InertialSensors((0.0, 0.0, GRAVITY), LEVEL_M_S2)
+    return InertialSensors((GRAVITY * float(up[0]), GRAVITY * float(up[1]), GRAVITY * float(up[2])), FOUND_M_S2)
 
 
 def peer_in_world(source: ObjectLight, stations: Sequence[PlacedStation], world: bool) -> WorldPose:

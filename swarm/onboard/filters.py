@@ -29,7 +29,8 @@ def filters(craft: int, s: NavigationSettings, inertia: Floats | None) -> Filter
         adapts[:] = True
     elif s.quiet is not None and inertia is not None:
         adapts[:] = np.isfinite(inertia).all(axis=(1, 2))
-    several = s.quiet is not None and adapts.any()
+    # Beside inertial sensors one model is enough: they show what the object does.
+    several = s.quiet is not None and adapts.any() and s.inertial is None
     number = craft * (min(LANES, s.quiet.models) if s.quiet is not None and several else 1)
     compiled = number > MOST_BY_FILTERPY if s.filter == "auto" else s.filter == "compiled"
     if s.quiet is not None and several:
@@ -37,10 +38,12 @@ def filters(craft: int, s: NavigationSettings, inertia: Floats | None) -> Filter
         mixed = CompiledInteractingBank if compiled else FilterpyInteractingBank
         return mixed(noises, s.quiet.quiet_s, s.quiet.manoeuvre_s, models, s.gate_probability)
     kind: type[FilterBank] = CompiledFilterBank if compiled else PoseFilterBank
+    # What they show is no process noise, and what they do not show is added in `swarm.onboard.inertial`.
+    share = float(s.inertial is None)
     return kind(
         craft,
-        acceleration_noise_m_s2=s.acceleration_noise_m_s2,
-        angular_acceleration_noise_rad_s2=s.angular_acceleration_noise_rad_s2,
+        acceleration_noise_m_s2=share * s.acceleration_noise_m_s2,
+        angular_acceleration_noise_rad_s2=share * s.angular_acceleration_noise_rad_s2,
         gate_probability=s.gate_probability,
     )
 

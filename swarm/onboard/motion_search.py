@@ -16,7 +16,7 @@ has the wrong mirror image, or has lost the object: it is started again there. W
 one plane, its filter may slip to the mirror image whenever that is within a few standard deviations of the attitude.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -70,6 +70,9 @@ class MotionFound(NamedTuple):
 
 
 NOTHING = MotionFound(None, None, False)
+Contradiction = Callable[[int, State, Floats], Floats]
+"""Function of an object, of states (N, ...) of it and their covariances (N, 12, 12): by how much other sensors
+contradict them, chi-square."""
 
 
 class MotionSearch:
@@ -103,13 +106,15 @@ class MotionSearch:
         self._most = int(np.ceil(KEPT_S / frame_s)) + 1
         self._every = max(round(WATCH_S / frame_s), 1)
         self._wait = 0
+        self._contradiction: Contradiction | None = None
 
     def forget(self, mask: Bools) -> None:
         """Forget the objects of the mask (C,)."""
         self._known[mask] = 0
 
-    def gather(self, rows: RowBatch) -> None:
-        """Keep this period's rows of every object."""
+    def gather(self, rows: RowBatch, contradiction: Contradiction | None = None) -> None:
+        """Keep this period's rows of every object, and what tells what other sensors say of its states."""
+        self._contradiction = contradiction
         self._batches = [rows, *self._batches[: self._most - 1]]
         self._known = np.minimum(self._known + 1, self._most)
         self._wait = (self._wait + 1) % self._every
@@ -197,6 +202,8 @@ class MotionSearch:
     def _decided(self, craft: int, rows: Rows, start: State) -> MotionFound:
         """Return the one state that fits the rows, from several starts."""
         found, used = self._solved(craft, rows, start)
+        if self._contradiction is not None:
+            found = found._replace(cost=found.cost + self._contradiction(craft, found.state, found.covariance))
         order = _distinct(found)
         if not order:
             return NOTHING

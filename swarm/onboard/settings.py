@@ -13,6 +13,7 @@ from estimators.lighthouse.integrity import AngleNoise
 from estimators.lighthouse.row_motion import HandMotion
 from estimators.lighthouse.sweep import FanErrors
 from estimators.relative_orbit import RelativeOrbit
+from swarm.onboard.inertial import InertialSensors
 from swarm.onboard.integrity import IntegritySettings
 from swarm.onboard.place_errors import PlaceSigma
 from swarm.onboard.reference_craft import ReferencePlace
@@ -99,6 +100,8 @@ class NavigationSettings:
     hand: how a hand moves the craft; None: searches take them to be at rest, and nothing watches mirror images.
     places: how far stations and photodiodes may be off, which covariances consider; None: not at all.
     order_lead_s: by how much earlier than its beginning a period's orders begin to act, before several stations.
+    inertial: the gyroscope and accelerometer whose samples come with the light of several stations; None: there are
+    none.
     """
 
     frame_s: float
@@ -127,6 +130,7 @@ class NavigationSettings:
     hand: HandMotion | None = None
     places: PlaceSigma | None = None
     order_lead_s: float = 0.0
+    inertial: InertialSensors | None = None
 
     @property
     def noise(self) -> AngleNoise:

@@ -16,7 +16,7 @@ solved first; both give the same `Estimate`.
 """
 
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +26,7 @@ from estimators import rotation as rot
 from estimators.arrays import Bools, Floats, Ints
 from estimators.filter.bank import FilterBank, UpdateResult, gates
 from estimators.filter.error_state import POSE_COLUMNS, process_noise_into
+from estimators.filter.smoother import Prediction
 from estimators.kernel import kernel
 from estimators.lighthouse.dop import Dilution
 from estimators.lighthouse.innovation import (
@@ -49,6 +50,7 @@ from swarm.hardware import Photodiodes
 from swarm.messages import Command, Signals
 from swarm.onboard.ccd import CameraFix, CcdCalibration, CcdFix
 from swarm.onboard.filters import filters
+from swarm.onboard.inertial import Inertial, InertialLight
 from swarm.onboard.integrity import Integrity
 from swarm.onboard.motion_search import MotionSearch
 from swarm.onboard.mounts import Mount, Mounts
@@ -77,12 +79,13 @@ class RowLight(NamedTuple):
     """Light of C craft in one period of the filter.
 
     rows: sweep angles of all stations. rejected: number of pulses that became no row, (C,). missed_sync: number of
-    flashes that a craft expected and did not see, (C,).
+    flashes that a craft expected and did not see, (C,). inertial: what its gyroscope and accelerometer showed.
     """
 
     rows: RowBatch
     rejected: Ints
     missed_sync: Ints
+    inertial: InertialLight | None = None
 
 
 class _Rowed(NamedTuple):
@@ -152,7 +155,8 @@ class StationNavigator:
         self._cameras = CameraFix(cameras)
         self._mounts = Mounts(mounts, self._point_m, s.frame_s)
         self._shared = SharedErrors(s.relations, self._stations, self._noise, self._point_m, self._mounts.carried)
-        self._places = PlaceErrors(s.places, self._stations, self._noise, self._point_m)
+        self._places = PlaceErrors(s.places, self._stations, self._noise, photodiodes)
+        self._inertial = None if s.inertial is None else Inertial(craft, s.inertial)
         self._relative = RelativeNavigation(s.relations, self._shared, s.integrity.risk)
         self._reference: ReferenceRows | None = None
         if s.reference:
@@ -161,6 +165,8 @@ class StationNavigator:
         self._beside = RowSeparation(s, self._point_m, len(self._stations), inertia, by_rows=True)
         self._undecided, self._doubted = np.zeros((2, craft), dtype=np.bool_)
         self._strange = np.zeros((2, craft))
+        # Nothing but light tells where a hand carries an object: whom it contradicts, is lost.
+        self._any_refusal_counts = s.hand is not None and s.inertial is None
         self._held = np.zeros((2, craft))
         self._quantile = -float(ndtri(s.integrity.risk / 2))
         self._unit_rad = float(np.sqrt(np.mean([own**2 + shared**2 for own, shared in self._noise])))
@@ -232,8 +238,7 @@ class StationNavigator:
             command: orders of the craft to their actuators for this period.
         """
         tracks, shared, s = self.tracks, self._shared, self.settings
-        self._places.begin(tracks.bank, s.frame_s)
-        prediction = shared.predict(tracks, command, s.frame_s, history=s.history)
+        prediction = self._predict(command, light.inertial)
         self._beside.begin(command)
         self.rows = light.rows
         if self._mounts:
@@ -241,15 +246,14 @@ class StationNavigator:
             self.rows = self._mounts.place(light.rows, bearers, self._stations, tracks)
             self._place()
         rows, rivals = self._usable(self.rows)
-        self._search.gather(rows)
+        self._gather(rows, light.inertial)
         lit = numbers(rows, np.ones(len(rows.angle), dtype=np.bool_), self._point_m.shape[1])
         pose = self._pose(rows, decides(*lit))
         fix = shared.placed(self._found(tracks), rows)
         taken = tracks.take_in(fix)
         shared.poses(lambda: rows, fix, taken, tracks.bank, alone=False)
-        rowed = self._take_in(rows, ~fix.known, pose)
+        rowed = self._take_in(light._replace(rows=rows), ~fix.known, pose)
         shared.rows(rows, rowed.kept, rowed.fresh, tracks.bank)
-        self._places.rows(rows, rowed.kept, rowed.fresh, tracks.bank)
         fixes, fates, seen = [fix], [taken], None
         if signals is not None and signals.images is not None:
             seen, camera = self._cameras.find(signals.images, tracks)
@@ -269,7 +273,7 @@ class StationNavigator:
             fresh | (rowed.fresh & decided),
             rowed.fresh & ~decided,
             # A few photodiodes that contradict the filter do not prove it wrong: it coasts.
-            refused | (rowed.refused & decides(*lit)),
+            refused | (rowed.refused & (decides(*lit) | self._any_refusal_counts)),
         )
         shared.end(tracks.bank)
         self._beside.step(rows, rowed.kept, tracks.bank, self._give)
@@ -286,6 +290,28 @@ class StationNavigator:
         if not self.settings.motion_compensation:
             rows = rows._replace(offset_s=np.zeros_like(rows.offset_s))
         return rows, rivals
+
+    def _predict(self, command: Command | None, shown: InertialLight | None) -> Prediction | None:
+        """Predict every filter to the epoch, by orders and inertial sensors too; return what a smoother needs."""
+        s, bank = self.settings, self.tracks.bank
+        self._places.begin(bank, s.frame_s)
+        if self._inertial is not None:
+            self._inertial.begin(bank, s.frame_s)
+        made = self._shared.predict(self.tracks, command, s.frame_s, history=s.history)
+        if self._inertial is None or shown is None:
+            return made
+        return self._carried_on(self._inertial, shown, made)
+
+    def _carried_on(self, inertial: Inertial, shown: InertialLight, made: Prediction | None) -> Prediction | None:
+        """Move predictions on by what gyroscopes and accelerometers showed; return them as a smoother needs them."""
+        s, bank = self.settings, self.tracks.bank
+        hand = s.acceleration_noise_m_s2, s.angular_acceleration_noise_rad_s2
+        coupling = inertial.carry(bank, shown, s.frame_s, hand)
+        self._places.moved(coupling)
+        if made is not None:
+            made = made._replace(state=bank.state, covariance=bank.covariance, transition=coupling @ made.transition)
+        self._doubted |= inertial.rates(bank, shown, self._places)
+        return made
 
     def _chosen(self, rows: RowBatch) -> tuple[RowBatch, Ints]:
         """Return the rows without those that share photodiode and sweep, and the number of rows left out, (C,).
@@ -305,6 +331,14 @@ class StationNavigator:
         self._noise, self._light = found.noise, light_of(self._packed, found.noise)
         self._shared.assume(found.noise, found.common_rad, self._reference.point_m, found.used)
         return found.rows
+
+    def _gather(self, rows: RowBatch, shown: InertialLight | None) -> None:
+        """Keep the rows for a search, and for one of objects in hands what tells how much states contradict sensors."""
+        inertial, hand = self._inertial, self.settings.hand
+        if not isinstance(self._search, MotionSearch) or inertial is None or shown is None or hand is None:
+            self._search.gather(rows)
+        else:
+            self._search.gather(rows, partial(inertial.cost, shown=shown, push_m_s2=hand.acceleration))
 
     def _pose(self, rows: RowBatch, decided: Bools) -> RowPose:
         """Return the poses of this period's rows alone, from the predictions, of the craft with a filter.
@@ -363,6 +397,8 @@ class StationNavigator:
                 own[c] = given
             if found.rows is not None:
                 self._places.started(c, found.rows, state.of(c), covariance[c])
+            if self._inertial is not None:
+                self._inertial.started(c)
         sensor = np.full(len(active), Sensor.LIGHTHOUSE, dtype=np.int64)
         pose = covariance[:, POSE_COLUMNS[:, None], POSE_COLUMNS]
         still = np.zeros_like(pose)
@@ -380,9 +416,9 @@ class StationNavigator:
             return None
         return int(np.argmin(rot.angle_between(found.pose.rotation, state.rotation)))
 
-    def _take_in(self, rows: RowBatch, mask: Bools, pose: RowPose) -> _Rowed:
+    def _take_in(self, light: RowLight, mask: Bools, pose: RowPose) -> _Rowed:
         """Update the filters of the craft of the mask with their rows; `pose` of the rows alone."""
-        bank, craft, most = self.tracks.bank, len(mask), self._point_m.shape[1]
+        rows, bank, craft, most = light.rows, self.tracks.bank, len(mask), self._point_m.shape[1]
         mask = mask & bank.active
         kept = np.repeat(mask, np.diff(rows.first))
         out = _Rowed(
@@ -401,7 +437,9 @@ class StationNavigator:
         if out.refused.any():
             # The filters of refused rows are still at their predictions.
             before, covariance = bank.state, bank.covariance
-            self._manoeuvre(rows, pose, out, found)
+            # Whom an accelerometer shows what pushes it is not pushed otherwise.
+            shown = np.zeros_like(mask) if light.inertial is None else light.inertial.known
+            self._manoeuvre(rows, pose, out, found, ~shown)
         again = np.zeros(craft, dtype=np.bool_)
         for c in np.flatnonzero(out.refused & self.settings.integrity.residual_test).tolist():
             own = rows.of(c)
@@ -444,13 +482,13 @@ class StationNavigator:
             out.kept[rows.first[c] : rows.first[c + 1]] = keep
             out.dropped[c] = len(np.unique((own.station * most + own.photodiode)[~keep]))
 
-    def _manoeuvre(self, rows: RowBatch, pose: RowPose, out: _Rowed, found: Innovations) -> None:
+    def _manoeuvre(self, rows: RowBatch, pose: RowPose, out: _Rowed, found: Innovations, mask: Bools) -> None:
         """Try again with a wider prediction where the rows agree with each other and not with it: the craft is pushed
         harder than its model has it. No photodiode is false then.
         """
         s, bank = self.settings, self.tracks.bank
         gate = gates(s.gate_probability, int(np.diff(rows.first).max()))
-        agree = out.refused & pose.solved
+        agree = out.refused & pose.solved & mask
         agree[agree] &= pose.cost[agree] <= gate[np.maximum(pose.rows[agree] - _POSE, 0)]
         noise = np.empty((STATES, STATES))
         for factor in HARDER if s.hand is None else HAND_HARDER:
@@ -471,11 +509,17 @@ class StationNavigator:
         bank = self.tracks.bank
         found = innovations(rows, out.kept, mask, self._packed, self._point_m, bank.state, self._noise, found)
         asked = mask & (found.number > 0)
+        before = (bank.state, bank.covariance) if self._places.wanted else None
         used = self._shared.with_bearers(found, rows, out.kept, asked)
-        result, angles = _given(used, asked, bank)
+        result, sums, angles = _given(used, asked, bank)
         out.fresh[asked], out.refused[asked] = result.accepted[asked], ~result.accepted[asked]
         out.nis[asked] = result.nis[asked]
         out.rows[asked] = np.where(result.accepted, angles, 0)[asked]
+        if before is not None:
+            self._places.rows(rows, out.kept, asked & result.accepted, before)
+        if self._inertial is not None:
+            for c in np.flatnonzero(asked & result.accepted).tolist():
+                self._inertial.rows(c, sums.y[c, : sums.number[c]], sums.h[c, : sums.number[c]], bank)
         return found
 
     def _give(self, rows: RowBatch, kept: Bools, mask: Bools, bank: FilterBank) -> Bools:
@@ -505,7 +549,10 @@ class StationNavigator:
         """
         after, limit = self.tracks.filtered(), self.settings.residual_limit_rad
         alone = self._shared.alone(after.covariance)
-        after = after._replace(covariance=self._places.widened(self._shared.widened(after.covariance)))
+        widened = self._places.widened(self._shared.widened(after.covariance))
+        if self._inertial is not None:
+            widened += self._inertial.of_biases()
+        after = after._replace(covariance=widened)
         pose = pose._replace(solved=pose.solved & (pose.residual_rad < limit))
         integrity = self._integrity(light.rows, pose, rowed, after)
         relative = self._relative.step(after.active, after.state, alone, integrity.levels)
@@ -578,10 +625,10 @@ class StationNavigator:
         return Integrity(rowed.dropped, levels[0], levels[1], levels[2], levels[3], alert, bool(watched))
 
 
-def _given(found: Innovations, asked: Bools, bank: FilterBank) -> tuple[UpdateResult, Ints]:
-    """Give innovations to the filters of a mask; return their fate and the numbers of rows, (C,)."""
+def _given(found: Innovations, asked: Bools, bank: FilterBank) -> tuple[UpdateResult, Innovations, Ints]:
+    """Give innovations to the filters of a mask; return their fate, what went in, and the numbers of rows, (C,)."""
     sums, angles = condense(found, asked, bank.covariance)
-    return bank.update(asked, sums.y, sums.h, np.ones_like(sums.y), sums.number, sums.pivot, angles), angles
+    return bank.update(asked, sums.y, sums.h, np.ones_like(sums.y), sums.number, sums.pivot, angles), sums, angles
 
 
 def _shown(gate_probability: float, missed_detection: float, most: int) -> Floats:

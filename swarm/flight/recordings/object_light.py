@@ -307,17 +307,17 @@ def _of_crazyflie(log: CrazyflieLog, config: SystemConfig | None, source: Source
         identities=identities,
         peer_time_s=np.zeros(0),
         peer=WorldPose(*nothing),
-        inertial=log.inertial,
-        marks_s=_marks(log, offset, slope),
+        inertial=log.inertial._replace(time_s=_on_the_clock(log, log.inertial.time_s, offset, slope)),
+        marks_s=_on_the_clock(log, log.mark_s, offset, slope),
         notes=notes,
     )
 
 
-def _marks(log: CrazyflieLog, offset: float, slope: float) -> Floats:
-    """Return the times of a log's marks on the clock of its light."""
+def _on_the_clock(log: CrazyflieLog, time_s: Floats, offset: float, slope: float) -> Floats:
+    """Return times of a log's events on the clock of its light."""
     if slope != 1 / FRAME_HZ or not len(log.frames.tick):
-        return log.mark_s
-    out: Floats = offset + slope * np.interp(log.mark_s, log.frames.time_s, log.frames.tick)
+        return time_s
+    out: Floats = offset + slope * np.interp(time_s, log.frames.time_s, log.frames.tick)
     return out
 
 

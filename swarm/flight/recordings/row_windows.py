@@ -13,14 +13,20 @@ import numpy as np
 from estimators.arrays import Bools, Floats, Ints
 from estimators.lighthouse.innovation import of_one
 from estimators.lighthouse.rows import Rows
+from swarm.flight.recordings.crazyflie import Inertial
 from swarm.flight.recordings.hits import Hits
 from swarm.flight.recordings.libsurvive import WorldPose
 from swarm.flight.recordings.object_light import ObjectLight
 from swarm.flight.recordings.windows import blended
+from swarm.onboard.inertial import InertialLight
 from swarm.onboard.stations import RowLight
 
 SWEEP_GAP_S = 0.004
 """Time between neighbouring hits of one fan [s] beyond which they are of two sweeps: an eighth of a turn's half."""
+
+
+INERTIAL_GAP_S = 0.03
+"""Longest time between samples of an inertial sensor [s] over which these are interpolated."""
 
 
 class RowWindow(NamedTuple):
@@ -89,8 +95,14 @@ class RowWindows:
         self._at = WorldPose(np.full((count, 3), np.nan), np.full((count, 4), np.nan))
         at = np.arange(span.first, span.end, dtype=np.float64) + 0.5
         epochs = self.first_tick + at * (frame_s / light.tick_s)
+        self._inertial = shown(source.inertial, source.time_s(epochs), frame_s)
         within, poses = blended(source.peer_time_s, peer, source.time_s(epochs))
         self._at.position[within], self._at.quaternion[within] = poses
+
+    @property
+    def has_inertial(self) -> bool:
+        """Return whether the object's gyroscope and accelerometer were recorded."""
+        return self._inertial is not None
 
     @property
     def begin_s(self) -> float:
@@ -103,6 +115,11 @@ class RowWindows:
     def __iter__(self) -> Iterator[RowWindow]:
         for i in range(self._span.first, self._span.end):
             yield self.window(i)
+
+    def _shown(self, place: int) -> InertialLight | None:
+        if self._inertial is None:
+            return None
+        return InertialLight._make(part[place : place + 1] for part in self._inertial)
 
     def window(self, i: int) -> RowWindow:
         """Return period number `i`."""
@@ -124,11 +141,41 @@ class RowWindows:
         batch = of_one(Rows._make(part[~false] for part in rows))
         return RowWindow(
             (i + 0.5) * self.frame_s,
-            RowLight(batch, none, none),
+            RowLight(batch, none, none, self._shown(place)),
             left_out,
             self._at.position[place : place + 1],
             self._at.quaternion[place : place + 1],
         )
+
+
+def shown(inertial: Inertial, epoch_s: Floats, frame_s: float) -> InertialLight | None:
+    """Return what inertial sensors showed in each of N periods, as N objects would have it; None without sensors.
+
+    Args:
+        inertial: samples on the clock of the epochs.
+        epoch_s: (N,) [s].
+        frame_s: period, before each epoch [s].
+    """
+    inertial = Inertial._make(part[np.argsort(inertial.time_s, kind="stable")] for part in inertial)
+    time_s = inertial.time_s
+    if len(time_s) < 2:
+        return None
+    after = np.clip(np.searchsorted(time_s, epoch_s), 1, len(time_s) - 1)
+    before = np.clip(np.searchsorted(time_s, epoch_s - frame_s), 1, len(time_s) - 1)
+    longest = np.maximum(time_s[after] - time_s[after - 1], time_s[before] - time_s[before - 1])
+    samples = np.diff(np.searchsorted(time_s, np.stack([epoch_s - frame_s, epoch_s])), axis=0)[0]
+    good = (epoch_s - frame_s >= time_s[0]) & (epoch_s <= time_s[-1]) & (longest < INERTIAL_GAP_S)
+    good &= samples >= np.floor(frame_s / INERTIAL_GAP_S)
+
+    def at(instant_s: Floats, column: Floats) -> Floats:
+        out: Floats = np.where(good, np.interp(instant_s, time_s, column), np.nan)
+        return out
+
+    step = np.diff(time_s)[:, None] * (inertial.acceleration[1:] + inertial.acceleration[:-1]) / 2
+    total = np.concatenate([np.zeros((1, 3)), np.cumsum(step, axis=0)])
+    force = [(at(epoch_s, column) - at(epoch_s - frame_s, column)) / frame_s for column in total.T]
+    rate = [[at(epoch_s - age, column) for column in inertial.rate.T] for age in (0.0, frame_s)]
+    return InertialLight(np.stack(rate[0], axis=1), np.stack(rate[1], axis=1), np.stack(force, axis=1))
 
 
 def _sweeps(hits: Hits, tick_s: float) -> tuple[Ints, Floats]:
