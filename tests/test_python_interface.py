@@ -11,7 +11,7 @@ from swarm.flight.simulate import simulate
 from swarm.results.parquet import column, table_of
 from swarm.results.run_folder import Run, RunFolder
 from swarm.scenario import checked, for_replay, load
-from swarm.scenario.schema import Swarm
+from swarm.scenario.fleet import Swarm
 from swarm.studies.campaign.study_folder import FinishedStudy
 
 FIGURES: dict[str, Any] = {

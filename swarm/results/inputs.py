@@ -13,7 +13,7 @@ from typing import NamedTuple
 from swarm.assets import find_model
 from swarm.plugin_files import PLUG_INS, of_file, provenance
 from swarm.scenario import Scenario
-from swarm.scenario.schema import Craft
+from swarm.scenario.fleet import Craft
 from swarm.world.model_copy import Copies
 
 FOLDER = "inputs"

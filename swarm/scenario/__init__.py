@@ -3,7 +3,9 @@
 from swarm.scenario.cameras import Ccd, Outage
 from swarm.scenario.criteria import Criterion
 from swarm.scenario.dynamics import Actuation, Orbit
+from swarm.scenario.fleet import Scatter, Swarm
 from swarm.scenario.lidar import Lidar
+from swarm.scenario.lighthouse import Lighthouse
 from swarm.scenario.load import Craft, checked, craft, for_replay, load, validate
 from swarm.scenario.motions import (
     AnyMotion,
@@ -20,9 +22,10 @@ from swarm.scenario.motions import (
     Wander,
     Waypoints,
 )
+from swarm.scenario.navigation import Navigation
 from swarm.scenario.reference import json_schema, markdown_reference
 from swarm.scenario.relative import FanSigma, Pair
-from swarm.scenario.schema import Lighthouse, Navigation, Scatter, Scenario, Swarm
+from swarm.scenario.schema import Scenario
 from swarm.scenario.stations import Fan, Plane, Pointing, Station
 from swarm.scenario.text import to_toml
 

@@ -17,9 +17,10 @@ from swarm.errors import SwarmError, surely_meant
 from swarm.plugin_files import PLUG_INS
 from swarm.scenario import mistakes
 from swarm.scenario.cameras import Ccd
+from swarm.scenario.fleet import SingleCraft, Swarm
 from swarm.scenario.lidar import Lidar
 from swarm.scenario.mistakes import Problem, dotted, parse_path
-from swarm.scenario.schema import Scenario, SingleCraft, Swarm
+from swarm.scenario.schema import Scenario
 from swarm.scenario.table import Table
 from swarm.scenario.text import toml_value
 from swarm.user_text import NotToml, check_text, parse_toml, read_text, short, user_path
