@@ -34,7 +34,7 @@ from swarm.results.replayed import Replayed, read_replayed
 from swarm.results.run_folder import open_run
 from swarm.results.table import TelemetryTable
 from swarm.scenario import Scenario, craft, load
-from swarm.scenario.schema import SingleCraft
+from swarm.scenario.fleet import SingleCraft
 from swarm.world.assembly import Standing, at_origin
 from swarm.world.picture import FIELD_DEG, Mark, Picture, Plate, Subject, View, Wedge
 

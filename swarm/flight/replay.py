@@ -70,7 +70,7 @@ UNTESTED = Consistency(None, NONE_FALSE, np.zeros(0))
 
 
 class _Asked(NamedTuple):
-    """What was asked of a replay, as `replay` has it."""
+    """Arguments of a replay, as `replay` has them."""
 
     object_name: str | None
     lighthouse: int | None

@@ -44,7 +44,7 @@ SAME_S = 50e-6
 
 
 class Expected(Protocol):
-    """What craft expect of the light, as `swarm.onboard.stations.StationNavigator` knows it."""
+    """Expectations that craft have of the light, as `swarm.onboard.stations.StationNavigator` knows it."""
 
     def expected_angles(self, craft: Ints, station: Ints, photodiode: Ints, offset_s: Floats) -> Floats:
         """Return the angles of both planes (N, 2) [rad] at which hits are expected, NaN where none are.

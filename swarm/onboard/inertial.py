@@ -43,7 +43,7 @@ BIASES = 9
 
 
 class InertialLight(NamedTuple):
-    """What the sensors of C objects showed, NaN of those that had none or have a gap.
+    """Readings of the sensors of C objects, NaN of those that had none or have a gap.
 
     rate: at the epoch, (C, 3) [rad/s]. before: at the one before. force: specific force, mean of the period that ends
     at the epoch, (C, 3) [m/s^2]. Body frame.
@@ -62,8 +62,9 @@ class InertialLight(NamedTuple):
 
 @dataclass(frozen=True)
 class InertialSensors:
-    """What is known of gravity, which an accelerometer at rest shows, upwards: gravity_m_s2 (3,) in the world;
-    sigma_m_s2: its standard deviation per axis.
+    """Gravity, which an accelerometer at rest shows, upwards.
+
+    gravity_m_s2: (3,), in the world. sigma_m_s2: its standard deviation per axis.
     """
 
     gravity_m_s2: tuple[float, float, float]

@@ -1,4 +1,4 @@
-"""How many photodiodes and stations rows come from, and whether these decide a pose."""
+"""Numbers of photodiodes and stations that rows come from, and whether these decide a pose."""
 
 import numpy as np
 
@@ -18,7 +18,13 @@ def decides(photodiodes: Ints, stations: Ints) -> Bools:
 
 
 def numbers(rows: RowBatch, kept: Bools, photodiodes: int) -> tuple[Ints, Ints]:
-    """Return the numbers of photodiodes and of stations that the kept rows of each craft come from, (C,) each."""
+    """Return the numbers of photodiodes and of stations that the kept rows of each craft come from, (C,) each.
+
+    Args:
+        rows: the rows, (N,).
+        kept: which of them count, (N,).
+        photodiodes: largest number of photodiodes of a craft.
+    """
     out = np.zeros((2, len(rows.first) - 1), dtype=np.int64)
     most = int(rows.station.max(initial=0)) + 1
     _count(rows, kept, np.empty(photodiodes, np.int64), np.empty(most, np.int64), out)

@@ -50,7 +50,13 @@ class RowSets(NamedTuple):
 
     @classmethod
     def of(cls, stations: int, photodiodes: int, settings: NavigationSettings) -> "RowSets":
-        """Return the sets that the settings of the integrity ask for."""
+        """Return the sets that the settings of the integrity ask for.
+
+        Args:
+            stations: number of stations.
+            photodiodes: largest number of photodiodes of a craft.
+            settings: settings of the navigation.
+        """
         asked = settings.integrity
         single = np.arange(stations if asked.false_stations else 0, dtype=np.int64)
         points = sets_of(photodiodes, asked.false_photodiodes) if asked.false_photodiodes else sets_of(0, 1)

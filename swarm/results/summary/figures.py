@@ -22,7 +22,7 @@ from swarm.results.table import TelemetryTable
 
 
 class Setting(NamedTuple):
-    """What the figures take from the run beside its rows.
+    """Properties of the run that figures need beside its rows.
 
     period_s: length of a lighthouse period [s]. noise_rad: standard deviation of a sweep angle that the craft assume
     [rad]; None: unknown.
