@@ -43,7 +43,7 @@ from estimators.filter.error_state import (
 )
 from estimators.filter.filterpy_interacting import FilterpyInteractingBank
 from estimators.filter.smoother import Prediction, predicted
-from estimators.filter.tumble import PARTS, Tumble, tensors
+from estimators.filter.tumble import PARTS, Inertia, Tumble, tensors
 from estimators.free_rotation import free_turns
 from estimators.lidar.acquisition import Verdict, acquire
 from estimators.lidar.scan import Scan
@@ -117,8 +117,9 @@ class LidarFix(NamedTuple):
 
     rotation (3, 3), position (3,) [m], covariance (6, 6): the pose found, lighthouse frame. accepted: whether the
     filter accepted it. nis: its squared innovation, normalised. symmetry: the shape's own; a pose means its whole
-    class. ekf_rotation, ekf_position, ekf_covariance (6, 6): the observer's own filter afterwards. cloud: returns in
-    the lighthouse frame, by the observer's own estimate, (n, 3) [m].
+    class. inertia: what all scans so far, the other observers' included, tell of the target's ratios of inertia; None
+    before the first pose. ekf_rotation, ekf_position, ekf_covariance (6, 6): the observer's own filter afterwards.
+    cloud: returns in the lighthouse frame, by the observer's own estimate, (n, 3) [m].
     """
 
     craft: int
@@ -135,6 +136,7 @@ class LidarFix(NamedTuple):
     accepted: bool
     nis: float
     symmetry: Symmetry
+    inertia: Inertia | None
     ekf_rotation: Floats
     ekf_position: Floats
     ekf_covariance: Floats
@@ -492,6 +494,7 @@ class Inspection:
             bool(pose is not None and self._since_s[i] == 0.0),
             float(self._nis[i]),
             symmetry(o.shape),
+            self._tumble[o.target].inertia() if o.target in self._tumble else None,
             bank.rotation[i],
             bank.position[i],
             bank.covariance[i][np.ix_(POSE, POSE)] if bank.active[i] else nothing,

@@ -203,6 +203,11 @@ def inspections(lidar: Mapping[str, Figures]) -> list[Finding]:
         if not f["acquisitions"] and f["outcomes"]:
             most = max(f["outcomes"], key=lambda word: f["outcomes"][word])
             text += f"; {f['outcomes'][most]} scans {most}: {NEVER_ACQUIRED.get(most, 'no pose was found')}"
+        if inertia := f.get("inertia"):
+            told = " : ".join(
+                f"{m:.2f} ± {m * s:.2f}" for m, s in zip(inertia["moments"], inertia["sigmas"], strict=True)
+            )
+            text += f"; principal moments of inertia as {told}, {inertia['observed']} of 5 ratios observed"
         out.append(Finding(text))
     return out
 

@@ -14,6 +14,7 @@ import numpy as np
 import pyarrow as pa
 
 from estimators.arrays import Floats
+from estimators.filter.tumble import Inertia
 from estimators.lidar.symmetry import Symmetry
 from estimators.rotation import angle_between, log, matrix_from_quaternion, quaternion_from_matrix
 from swarm.onboard.inspection import LidarFix
@@ -48,6 +49,9 @@ COLUMNS = (
     Column("ekf_position_error_m", "m", "distance of the observer's filter from the truth"),
     Column("ekf_attitude_error_deg", "deg", "angle of the observer's filter from the truth"),
     Column("ekf_nees", "1", "its squared error normalised by its covariance, 6 degrees of freedom"),
+    *(Column(f"inertia_{a}", "1", f"the target's principal moment {a}, ascending, against their mean") for a in "123"),
+    *(Column(f"inertia_sigma_{a}", "1", f"relative standard deviation of moment {a}") for a in "123"),
+    Column("inertia_observed", "1", "of the five ratios of inertia, how many have become twice as well known", "whole"),
 )
 
 
@@ -107,8 +111,20 @@ def _row(time_s: float, frame: int, craft: Sequence[str], fix: LidarFix, truth: 
         **_errors(
             "ekf", fix.symmetry, (rotation, true_position), fix.ekf_rotation, fix.ekf_position, fix.ekf_covariance
         ),
+        **_inertia(fix.inertia),
     }
     return {key: None if isinstance(value, float) and not np.isfinite(value) else value for key, value in row.items()}
+
+
+def _inertia(known: Inertia | None) -> dict[str, Any]:
+    """Return the columns of the ratios of inertia."""
+    if known is None:
+        return {}
+    return {
+        **{f"inertia_{a}": float(v) for a, v in zip("123", known.moments, strict=True)},
+        **{f"inertia_sigma_{a}": float(v) for a, v in zip("123", known.sigma, strict=True)},
+        "inertia_observed": known.observed,
+    }
 
 
 def _errors(

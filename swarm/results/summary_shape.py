@@ -42,6 +42,7 @@ _FIGURES = Keys(
 _LIDAR = Keys(
     always={"target": _TEXT, "acquisitions": _NUMBER, "tracked_share": _NUMBER, "scans": _NUMBER},
     known={"measured_attitude_mean_deg": _NUMBER, "measured_attitude_max_deg": _NUMBER},
+    perhaps={"inertia": Keys(always={"moments": [_NUMBER], "sigmas": [_NUMBER], "observed": _NUMBER})},
 )
 _VERDICT = Keys(
     always={"name": _TEXT},

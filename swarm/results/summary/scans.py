@@ -45,5 +45,19 @@ def scans(folder: Path) -> dict[str, Any]:
             "acquisitions": sum(1 for i in mine if table["acquired"][i] and table["outcome"][i] == "found"),
             "outcomes": {word: outcome.count(word) for word in sorted(set(outcome))},
             **{figure: of(column(key)) for figure, (key, of) in _FIGURES.items()},
+            "inertia": _inertia(table, mine),
         }
     return {"lidar": out}
+
+
+def _inertia(table: dict[str, list[Any]], rows: list[int]) -> dict[str, Any] | None:
+    """Return the target's ratios of inertia as the last of these rows has them; None where none has."""
+    known = [i for i in rows if table.get("inertia_observed", [None] * (i + 1))[i] is not None]
+    if not known:
+        return None
+    last = known[-1]
+    return {
+        "moments": [table[f"inertia_{a}"][last] for a in "123"],
+        "sigmas": [table[f"inertia_sigma_{a}"][last] for a in "123"],
+        "observed": table["inertia_observed"][last],
+    }

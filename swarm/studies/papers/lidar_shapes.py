@@ -159,7 +159,9 @@ def is_right(shape: Shape, off: tuple[float, float], covariance: Floats | None =
     return bool(off[0] <= turned and off[1] <= moved)
 
 
-def measured(bench: Turntable, name: str, number: int, truth: Floats, rng: np.random.Generator) -> list[Answer]:
+def measured(
+    bench: Turntable, name: str, number: int, truth: Floats, rng: np.random.Generator, followed: int = FOLLOWED
+) -> list[Answer]:
     """Return the acquisition at one attitude, and the scans that follow it if it is right.
 
     Args:
@@ -168,6 +170,7 @@ def measured(bench: Turntable, name: str, number: int, truth: Floats, rng: np.ra
         number: of the attitude.
         truth: (3, 3), R_s_t.
         rng: draws the axis about which the target turns.
+        followed: scans that follow.
     """
     shape, range_m = bench.shape, float(bench.position[0])
     found = acquire(bench.scan(truth), shape)
@@ -178,7 +181,7 @@ def measured(bench: Turntable, name: str, number: int, truth: Floats, rng: np.ra
     word, margin = found.verdict.value, found.margin
     out = [Answer(name, range_m, number, 0, word, found.found, right, *off, found.overlap, margin, found.points)]
     rotation, position = found.rotation, found.position
-    for scan in range(1, 1 + FOLLOWED if right else 1):
+    for scan in range(1, 1 + followed if right else 1):
         truth = rot.exp(np.radians(STEP_DEG) * axis) @ truth
         fit = track(bench.scan(truth), shape, rotation, position)
         off = errors(shape, truth, bench.position, fit.rotation, fit.position)
