@@ -19,16 +19,20 @@ import numpy as np
 
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats
-from estimators.lidar.agreement import agreement
+from estimators.lidar.agreement import WORST, agreement
 from estimators.lidar.likeness import mistaken
 from estimators.lidar.pose_search import STARTS, Poses, distinct, rotations, search
-from estimators.lidar.registration import ITERATIONS, JUMP, Registration, register
+from estimators.lidar.registration import JUMP, Registration, register
 from estimators.lidar.scan import Scan, checked, clusters
 from estimators.lidar.shape import Shape
 from estimators.lidar.symmetry import symmetry
 
-ROUGH_ITERATIONS = 20
-"""Iterations of a candidate's first registration; what is not there by then is not the best one."""
+REACH_ROUGH, REACH = 0.12, 0.04
+"""How far points may lie from the surface where a registration starts, against the radius: from the search, and from a
+rough registration.
+"""
+FINE = 4
+"""Rough registrations that are registered once more."""
 LINKS = (0.6, 0.3, 0.1)
 """Returns nearer than this, against the shape's radius, belong to one object; the wider links first."""
 
@@ -52,10 +56,10 @@ class AcquisitionSettings:
     nearer than this are one.
 
     fewest: returns without which nothing is tried. overlap_least: share of the rays that must agree. margin: cost that
-    the runner-up must have more, against the best's own; or else, with `overlap_sure` of the best, `rays_against` rays
-    must contradict it that do not contradict the best, and `unanimous` times as many as the other way round.
-    overlap_edges: with fewer rays that agree, the best is tried without edges. size_slack: an object may be this much
-    larger than the shape.
+    the runner-up must have more, against the best's own, or that of `rays_against` rays if more; or else, with
+    `overlap_sure` of the best, `rays_against` rays must contradict it that do not contradict the best, and `unanimous`
+    times as many as the other way round. overlap_edges: with fewer rays that agree, poses are tried without edges.
+    size_slack: an object may be this much larger than the shape.
     """
 
     starts: int = STARTS
@@ -67,7 +71,7 @@ class AcquisitionSettings:
     overlap_sure: float = 0.9
     overlap_edges: float = 0.97
     rays_against: int = 8
-    unanimous: float = 4.0
+    unanimous: float = 6.0
     size_slack: float = 1.15
 
 
@@ -178,30 +182,24 @@ def _of_object(scan: Scan, everything: Scan, shape: Shape, s: AcquisitionSetting
     group = symmetry(shape)
     poses = distinct(search(scan, shape, rotations(s.starts)), s.apart_rad / 2, s.candidates, group.angle_between)
     some = point[:: max(1, len(point) // 300)]
-    rough = _refined(scan, shape, poses, some, ROUGH_ITERATIONS)
+    rough = _refined(scan, shape, poses, some, rough=True)
     if rough:
         first = min(rough, key=lambda c: c.cost).fit
-        rough += _refined(scan, shape, mistaken(shape, first.rotation, first.position), some, ROUGH_ITERATIONS)
-    order = sorted(range(len(rough)), key=lambda i: rough[i].cost)
+        rough += _refined(scan, shape, mistaken(shape, first.rotation, first.position), some, rough=True)
+    rough.sort(key=lambda c: c.cost)
     # The best ones once more, with all points.
-    best_fits = [rough[i].fit for i in order[:4]]
-    leaders = Poses(np.array([f.rotation for f in best_fits]), np.array([f.position for f in best_fits]), np.zeros(0))
-    fine = sorted(_refined(scan, shape, leaders, point), key=lambda c: c.cost)
+    fine = sorted(_fine(scan, shape, [c.fit for c in rough[:FINE]], s), key=lambda c: c.cost)
     if not fine:
         return nothing(len(point))._replace(verdict=Verdict.NOT_RECOGNISED)
-    best = fine[0]
-    if best.overlap < s.overlap_edges:
-        # Perhaps edges were matched with others than their own.
-        one = Poses(best.fit.rotation[None], best.fit.position[None], np.zeros(1))
-        plain = [c for c in _refined(scan, shape, one, point, with_edges=False) if not c.fit.degenerate]
-        best = fine[0] = min([best, *plain], key=lambda c: c.cost)
-    others = [c for c in fine[1:] + [rough[i] for i in order[4:]] if _differ(c.fit, best.fit, s, shape)]
+    rest = rough[FINE:]
+    others = [c for c in fine[1:] + rest if _differ(c.fit, fine[0].fit, s, shape)]
     second = min(others, key=lambda c: c.cost, default=None)
     if second is not None and not any(second is c for c in fine):
         # As far as the best: a rough one would lose for being rough.
-        one = Poses(second.fit.rotation[None], second.fit.position[None], np.zeros(1))
-        others += [c for c in _refined(scan, shape, one, point) if _differ(c.fit, best.fit, s, shape)]
-        second = min(others, key=lambda c: c.cost)
+        fine = sorted(fine + _fine(scan, shape, [second.fit], s), key=lambda c: c.cost)
+        others = [c for c in fine[1:] + rest if _differ(c.fit, fine[0].fit, s, shape)]
+        second = min(others, key=lambda c: c.cost, default=None)
+    best = fine[0]
     margin = _margin(best, second, s) if second else np.inf
     # What else returned from where the target is said to be must be explained, too: this may be but a part of it.
     whole = agreement(everything.around(best.fit.position, shape.radius_m), shape, best.fit.rotation, best.fit.position)
@@ -233,7 +231,8 @@ def _margin(best: _Candidate, second: _Candidate, s: AcquisitionSettings) -> flo
     A small part may be all that tells two attitudes: of a thousand rays, the twenty that meet it. Where nearly all rays
     agree with the best, those that contradict but one of the two are counted, and must be many, and nearly unanimous.
     """
-    by_cost = (second.cost - best.cost) / best.cost
+    # A cost of few rays is small, and then one or two that contradict by chance are much.
+    by_cost = (second.cost - best.cost) / max(best.cost, s.rays_against * WORST)
     if best.overlap < s.overlap_sure:
         return by_cost
     against = int(np.count_nonzero(second.conflict & ~best.conflict))
@@ -257,20 +256,35 @@ def _refined(
     shape: Shape,
     poses: Poses,
     point: Floats,
-    iterations: int = ITERATIONS,
     *,
+    rough: bool = False,
     with_edges: bool = True,
 ) -> list[_Candidate]:
     out = []
     edges = scan.edges(JUMP * shape.radius_m) if with_edges else None
     for rotation, position in zip(poses.rotation, poses.position, strict=True):
-        reach_m = 0.12 * shape.radius_m
-        fit = register(
-            point, shape, rotation, position, scan.noise_m, edges=edges, reach_m=reach_m, iterations=iterations
-        )
+        reach_m = (REACH_ROUGH if rough else REACH) * shape.radius_m
+        fit = register(point, shape, rotation, position, scan.noise_m, edges=edges, reach_m=reach_m, rough=rough)
         seen = agreement(scan, shape, fit.rotation, fit.position)
         if seen.rays:
             out.append(_Candidate(fit, seen.cost, seen.overlap, seen.conflict))
+    return out
+
+
+def _fine(scan: Scan, shape: Shape, fits: list[Registration], s: AcquisitionSettings) -> list[_Candidate]:
+    """Return rough registrations once more, with all points; where few rays agree, without edges if better.
+
+    Perhaps edges were matched with others than their own. Rivals have the same chance: one that is spoilt so does not
+    contradict the best.
+    """
+    out = []
+    for fit in fits:
+        one = Poses(fit.rotation[None], fit.position[None], np.zeros(1))
+        found = _refined(scan, shape, one, scan.point)
+        if found and found[0].overlap < s.overlap_edges:
+            plain = _refined(scan, shape, one, scan.point, with_edges=False)
+            found += [c for c in plain if not c.fit.degenerate]
+        out += sorted(found, key=lambda c: c.cost)[:1]
     return out
 
 

@@ -32,12 +32,15 @@ from estimators.rotation import exp_into, multiply_into
 
 STARTS = 3000
 """Rotations, about 13 degrees apart."""
-SEARCH_POINTS = 160
-"""Returns of the scan that the search looks at."""
+SEARCH_POINTS, FIRST_POINTS = 160, 80
+"""Returns of the scan that the search looks at, and those of the first steps."""
+FOLLOWED = 750
+"""Starts that are followed after the first steps."""
 WIDTH = 0.12
 """Distance from the surface, against the shape's radius, beyond which a point is as wrong as can be."""
 CELLS = 128
-TRANSLATIONS, STEPS = 2, 8
+TRANSLATIONS, FIRST_STEPS, LAST_STEPS = 2, 3, 5
+"""Steps of translation, with all starts, and with the best of them."""
 GOLDEN = 1.533751168755204288118041
 """Root of x^4 = x + 4: the second irrational of the super-Fibonacci spirals."""
 
@@ -85,30 +88,28 @@ def search(scan: Scan, shape: Shape, starts: Floats) -> Poses:
     point = scan.point
     stride = max(1, -(-len(point) // SEARCH_POINTS))
     some = np.ascontiguousarray(point[np.argsort(_shuffled(len(point)))[::stride]])
-    rotation = np.ascontiguousarray(starts.copy())
-    position, score = np.empty((len(starts), 3)), np.empty(len(starts))
-    image = _ray_image(scan, point.mean(axis=0), shape)
+    rotation, score = starts.copy(), np.empty(len(starts))
+    grid, views, centroid = shape.grid, shape.views, point.mean(axis=0)
+    position = _starts(rotation, centroid, views)
+    known = shape.point, shape.normal, grid.nearest, grid.low, grid.cell_m, views
+    image = _ray_image(scan, centroid, shape)
     depth = np.where(scan.returned, scan.range_m, np.inf)
-    grid = shape.grid
-    _search_into(
-        rotation,
-        position,
-        score,
-        some,
-        point.mean(axis=0),
-        shape.point,
-        shape.normal,
-        grid.nearest,
-        grid.low,
-        grid.cell_m,
-        shape.views,
-        image,
-        depth,
-        WIDTH * shape.radius_m,
-        3 * scan.noise_m + shape.spacing_m,
-    )
+    widths = WIDTH * shape.radius_m, 3 * scan.noise_m + shape.spacing_m
+    first = np.ascontiguousarray(some[:: max(1, len(some) // FIRST_POINTS)])
+    _search_into(rotation, position, score, first, *known, image, depth, *widths, TRANSLATIONS, FIRST_STEPS)
+    best = np.argsort(score, kind="stable")[:FOLLOWED]
+    rotation, position, score = rotation[best], position[best], score[best]
+    _search_into(rotation, position, score, some, *known, image, depth, *widths, 0, LAST_STEPS)
     order = np.argsort(score, kind="stable")
     return Poses(rotation[order], position[order], score[order])
+
+
+def _starts(rotation: Floats, centroid: Floats, views: Views) -> Floats:
+    """Return the positions (M, 3) at which what is seen of the shape has the scan's centroid."""
+    toward = -centroid / np.linalg.norm(centroid)
+    view = np.argmax((toward @ rotation) @ views.direction.T, axis=1)
+    out: Floats = centroid - np.einsum("mij,mj->mi", rotation, views.centroid[view])
+    return out
 
 
 def distinct(poses: Poses, apart_rad: float, most: int, turned: Turned = rot.angle_between) -> Poses:
@@ -189,7 +190,6 @@ def _search_into(
     position: Floats,
     score: Floats,
     point: Floats,
-    centroid: Floats,
     surface: Floats,
     normal: Floats,
     nearest: NDArray[np.int32],
@@ -200,22 +200,18 @@ def _search_into(
     depth: Floats,
     width: float,
     tolerance: float,
+    translations: int,
+    steps: int,
 ) -> None:
-    toward = -centroid / np.sqrt(np.sum(centroid**2))
     own, j, step = np.empty(3), np.empty(6), np.empty(6)
     a, lower = np.empty((6, 6)), np.zeros((6, 6))
     turn, turned = np.empty((3, 3)), np.empty((3, 3))
     for c in range(len(rotation)):
         r, p = rotation[c], position[c]
-        v = _view(views.direction, r, toward)
-        for i in range(3):
-            p[i] = centroid[i]
-            for k in range(3):
-                p[i] -= r[i, k] * views.centroid[v, k]
-        for number in range(TRANSLATIONS + STEPS):
+        for number in range(translations + steps):
             a[:] = 0.0
             step[:] = 0.0
-            reach = 4 * width if number < TRANSLATIONS + 2 else 2 * width
+            reach = 4 * width if translations > 0 and number < translations + 2 else 2 * width
             for s in range(len(point)):
                 _into_body(r, p, point[s], own)
                 near = _nearest(own, nearest, low, cell)
@@ -224,7 +220,7 @@ def _search_into(
                 if square > reach * reach:
                     continue
                 weight = (1 - square / (reach * reach)) ** 2
-                if number < TRANSLATIONS:
+                if number < translations:
                     for i in range(3):
                         a[i, i] += weight
                         for k in range(3):
@@ -241,7 +237,7 @@ def _search_into(
                     step[i] += weight * j[i] * error
                     for k in range(i + 1):
                         a[i, k] += weight * j[i] * j[k]
-            if number < TRANSLATIONS:
+            if number < translations:
                 for i in range(3):
                     p[i] += step[i] / max(a[i, i], 1.0)
                 continue

@@ -32,7 +32,6 @@ REACH, STEPS = 3.5, 29
 """Ends of the profile in units of a weak direction (10 degrees, or 0.18 of the radius), and number of poses."""
 FINER = 5
 """The steps about the best pose are so much finer."""
-ITERATIONS = 12
 SOFTER = WORST / 2
 """The k of the likelihood."""
 
@@ -74,7 +73,7 @@ def profiled(scan: Scan, shape: Shape, rotation: Floats, position: Floats) -> Pr
         coarse = s[np.argmin(_costs(scan, shape, rotation, position, along, s))]
         rotation, position = _moved(rotation, position, coarse * along)
         # The others follow, by ranges alone.
-        fit = register(scan.point, shape, rotation, position, scan.noise_m, iterations=ITERATIONS)
+        fit = register(scan.point, shape, rotation, position, scan.noise_m, rough=True)
         if not np.isfinite(fit.residual_m):
             return None
         rotation, position = fit.rotation, fit.position

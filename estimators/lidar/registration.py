@@ -30,6 +30,7 @@ from scipy.spatial import cKDTree
 
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats, Ints
+from estimators.kernel import kernel
 from estimators.lidar.ray_cast import cast
 from estimators.lidar.scan import Edges
 from estimators.lidar.shape import Shape
@@ -67,6 +68,8 @@ POLISH_RAD = 3e-3
 STEP_RAD, STEP_M = 1e-5, 1e-5
 """Steps below these end the iteration (e_final and eps_final of the paper in one)."""
 ITERATIONS = 40
+ROUGH_ITERATIONS, ROUGH = 20, 1e-3
+"""Of a rough registration: iterations at most, and steps, in radians and against the radius, that end it."""
 PATIENCE, SHORTER = 20, 0.7
 """Iterations with whole steps; every further step is shorter by this factor."""
 
@@ -103,7 +106,7 @@ def register(
     *,
     edges: Edges | None = None,
     reach_m: float = 0.3,
-    iterations: int = ITERATIONS,
+    rough: bool = False,
 ) -> Registration:
     """Refine the target's pose from a start near it.
 
@@ -115,7 +118,7 @@ def register(
         noise_m: 1 sigma of a range.
         edges: where the scan's lines leave the target.
         reach_m: how far points may lie from the surface at the start.
-        iterations: at most.
+        rough: end at steps of a thousandth of the radius, each edge a normal error.
 
     Raises:
         ValueError: an argument is not finite.
@@ -124,7 +127,7 @@ def register(
         raise ValueError("point, rotation, position: not finite")
     if len(point) < FEWEST_POINTS:
         return failed(rotation, position)
-    return _iterated(point, shape, rotation, position, noise_m, edges, reach_m, iterations)
+    return _iterated(point, shape, rotation, position, noise_m, edges, reach_m, rough)
 
 
 def information(point: Floats, shape: Shape, rotation: Floats, position: Floats, noise_m: float) -> Floats | None:
@@ -154,12 +157,13 @@ def _iterated(
     noise_m: float,
     edges: Edges | None,
     reach_m: float,
-    iterations: int,
+    rough: bool,
 ) -> Registration:
     """Match and step until the steps are small, as `register`."""
     least = 3.5 * float(np.hypot(noise_m, 0.15 * shape.spacing_m))
     width, gate = max(reach_m, least), EDGE_GATE[0] * shape.radius_m
     converged, polishing, number, seen = False, False, 0, None
+    iterations, step_rad, step_m = _limits(shape, rough)
     while number < iterations:
         number += 1
         viewpoint = -rotation.T @ position
@@ -185,15 +189,14 @@ def _iterated(
         # Two sets of matches may lead to each other: steps that become shorter end between them.
         step = step * SHORTER ** max(0, number - PATIENCE)
         rotation, position = rot.exp(step[:3]) @ rotation, position + step[3:]
-        small = np.linalg.norm(step[:3]) < STEP_RAD and np.linalg.norm(step[3:]) < STEP_M
-        if small and polishing:
-            converged = True
+        converged = polishing and bool(np.linalg.norm(step[:3]) < step_rad and np.linalg.norm(step[3:]) < step_m)
+        if converged:
             break
         polishing = polishing or bool(width <= least and np.linalg.norm(step[:3]) < POLISH_RAD)
         # The weights follow what is left of the error, but never widen again.
         rms = 1.5 * float(np.median(np.abs(error[used])))
         width = max(least, min(0.7 * width, 4.0 * rms + 0.3 * width))
-    if polishing and seen is not None and edges is not None and len(edges.point):
+    if polishing and not rough and seen is not None and edges is not None and len(edges.point):
         last = _finished(point, shape, seen, edges, rotation, position, WIDE * width, noise_m)
         if last is None:
             return failed(rotation, position)
@@ -206,6 +209,11 @@ def _iterated(
     covariance += FREE_RAD**2 * free.T @ free
     degenerate = not bool(np.isfinite(covariance).all())
     return Registration(rotation, position, covariance, converged, number, residual, float(np.mean(used)), degenerate)
+
+
+def _limits(shape: Shape, rough: bool) -> tuple[int, float, float]:
+    """Return the number of iterations at most, and the steps [rad], [m] that end them."""
+    return (ROUGH_ITERATIONS, ROUGH, ROUGH * shape.radius_m) if rough else (ITERATIONS, STEP_RAD, STEP_M)
 
 
 def _finished(
@@ -302,15 +310,49 @@ def _linearised(
     point: Floats, m: Floats, n: Floats, found: Bools, rotation: Floats, position: Floats, width: float, noise_m: float
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Return errors (n,), Jacobians (n, 6), weights (n,) and their Tukey part (n,) of points matched with `m`, `n`."""
-    error = np.sum(n * ((point - position) @ rotation - m), axis=1)
-    ratio = np.where(found, error / width, 1.0)
-    bisquare = np.where(np.abs(ratio) < 1, (1 - ratio**2) ** 2, 0.0)
-    turned, across = m @ rotation.T, n @ rotation.T
-    cosine = np.sum(across * point, axis=1) / np.linalg.norm(point, axis=1)
-    # A face seen at a grazing angle is told from its neighbour by a hair: what it would say weighs too much.
-    bisquare[np.abs(cosine) < GRAZING] = 0.0
-    weight = bisquare / (noise_m**2 * (cosine**2 + FLOOR**2))
-    return error, np.concatenate([np.cross(turned, across), across], axis=1), weight, bisquare
+    error, weight, bisquare = (np.empty(len(point)) for _ in range(3))
+    jacobian = np.empty((len(point), 6))
+    _linearise_into(point, m, n, found, rotation, position, width, noise_m, error, jacobian, weight, bisquare)
+    return error, jacobian, weight, bisquare
+
+
+@kernel
+def _linearise_into(
+    point: Floats,
+    m: Floats,
+    n: Floats,
+    found: Bools,
+    rotation: Floats,
+    position: Floats,
+    width: float,
+    noise_m: float,
+    error: Floats,
+    jacobian: Floats,
+    weight: Floats,
+    bisquare: Floats,
+) -> None:
+    turned, across = np.empty(3), np.empty(3)
+    for i in range(len(point)):
+        error[i], along, square = 0.0, 0.0, 0.0
+        for k in range(3):
+            own = 0.0
+            turned[k], across[k] = 0.0, 0.0
+            for c in range(3):
+                own += (point[i, c] - position[c]) * rotation[c, k]
+                turned[k] += rotation[k, c] * m[i, c]
+                across[k] += rotation[k, c] * n[i, c]
+            error[i] += n[i, k] * (own - m[i, k])
+            along += across[k] * point[i, k]
+            square += point[i, k] ** 2
+        ratio, cosine = error[i] / width, along / np.sqrt(square)
+        # A face seen at a grazing angle is told from its neighbour by a hair: what it would say weighs too much.
+        counts = found[i] and abs(ratio) < 1 and abs(cosine) >= GRAZING
+        bisquare[i] = (1 - ratio**2) ** 2 if counts else 0.0
+        weight[i] = bisquare[i] / (noise_m**2 * (cosine**2 + FLOOR**2))
+        jacobian[i, 0] = turned[1] * across[2] - turned[2] * across[1]
+        jacobian[i, 1] = turned[2] * across[0] - turned[0] * across[2]
+        jacobian[i, 2] = turned[0] * across[1] - turned[1] * across[0]
+        jacobian[i, 3:] = across
 
 
 def _of_edges(
@@ -330,7 +372,7 @@ def _of_edges(
     chosen = seen.edge[index[found]]
     x, m = edges.point[found], shape.edge.point[chosen]
     # An edge is seen across itself, and by a line that crosses it: one that runs along it does not end there.
-    across = np.cross(x, shape.edge.tangent[chosen] @ rotation.T)
+    across = rot.cross(x, shape.edge.tangent[chosen] @ rotation.T)
     size = np.linalg.norm(across, axis=1) / np.linalg.norm(x, axis=1)
     across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
     turned = m @ rotation.T
@@ -338,7 +380,7 @@ def _of_edges(
     crossing = np.abs(np.sum(across * edges.along[found], axis=1))
     clear = (size > CLEAR) & (crossing > CLEAR) & (np.abs(error) < gate)
     weight = np.where(clear, (1 - (error / gate) ** 2) ** 2, 0.0) / sigma[found] ** 2
-    jacobian = np.concatenate([np.cross(turned, across), across], axis=1)
+    jacobian = np.concatenate([rot.cross(turned, across), across], axis=1)
     return jacobian.T @ (weight[:, None] * jacobian), jacobian.T @ (weight * error)
 
 

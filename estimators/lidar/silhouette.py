@@ -18,14 +18,17 @@ no edge at all (a ray that was lost) with probability q,
     factor: precision -H / (1 + v H), precision times mean (g - m H) / (1 + v H)
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import ndtr
 
+from estimators import rotation as rot
 from estimators.arrays import Bools, Floats, Ints
+from estimators.kernel import kernel
 from estimators.lidar.scan import Edges
 from estimators.lidar.shape import Shape
+from estimators.linear import cholesky_into, solve_cholesky
 
 CLEAR = 0.4
 """Sine of the least angle between an edge and the line of sight."""
@@ -38,6 +41,7 @@ OUTSIDE = 0.3
 LOST, LOST_STEEP = 0.005, 0.05
 """Probability that an edge is none, and where the face beside it is steep."""
 ROUNDS, DAMPING = 12, 0.7
+ROOT_2 = math.sqrt(2)
 
 
 class Intervals(NamedTuple):
@@ -69,7 +73,7 @@ def matched(
     chosen = candidates[index[found]]
     x, along, width = edges.point[found], edges.along[found], edges.width_m[found]
     distance = np.linalg.norm(x, axis=1)
-    across = np.cross(x, shape.edge.tangent[chosen] @ rotation.T)
+    across = rot.cross(x, shape.edge.tangent[chosen] @ rotation.T)
     size = np.linalg.norm(across, axis=1)
     across /= np.maximum(size, 1e-12)[:, None]
     turned = shape.edge.point[chosen] @ rotation.T
@@ -83,7 +87,7 @@ def matched(
     doubt = np.where(edges.lost[found] & (facing < STEEP), LOST_STEEP, LOST)
     clear = (size / distance > CLEAR) & right_side
     centre = np.sum(across * (x - turned - position), axis=1)
-    jacobian = np.concatenate([np.cross(turned, across), across], axis=1)
+    jacobian = np.concatenate([rot.cross(turned, across), across], axis=1)
     half = np.abs(crossing) * width / 2
     return Intervals(jacobian[clear], centre[clear], half[clear], edges.blur_m[found][clear], doubt[clear])
 
@@ -99,26 +103,66 @@ def propagated(normal: Floats, right: Floats, intervals: Intervals) -> tuple[Flo
     j, centre, half, blur, doubt = intervals
     precision = 1 / (half**2 / 3 + blur**2)
     weighted = precision * centre
-    for _ in range(ROUNDS):
-        whole, side = normal + j.T @ (precision[:, None] * j), right + j.T @ weighted
-        spread = np.linalg.solve(whole, j.T)
-        variance = np.sum(j * spread.T, axis=1)
-        mean = j @ np.linalg.solve(whole, side)
-        left = 1 / variance - precision
-        known = left > 1e-6 / variance
-        v = 1 / np.where(known, left, 1.0)
-        m = v * (mean / variance - weighted)
-        t = np.sqrt(v + blur**2)
-        a, b = (centre - half - m) / t, (centre + half - m) / t
-        pa, pb = (np.exp(-(c**2) / 2) / np.sqrt(2 * np.pi) for c in (a, b))
-        z = (1 - doubt) * (ndtr(b) - ndtr(a)) + doubt
-        g = (1 - doubt) * (pa - pb) / (t * z)
-        h = (1 - doubt) * (a * pa - b * pb) / (t**2 * z) - g**2
-        # A factor that would widen what is known, as of an edge that is none, says nothing.
-        tells = known & (h < 0) & (1 + v * h > 1e-6)
-        below = np.where(tells, 1 + v * h, 1.0)
-        own = np.where(tells, -h / below, 0.0)
-        precision = np.where(known, DAMPING * own + (1 - DAMPING) * precision, precision)
-        shifted = np.where(tells, (g - m * h) / below, 0.0)
-        weighted = np.where(known, DAMPING * shifted + (1 - DAMPING) * weighted, weighted)
+    _propagate_into(np.ascontiguousarray(j), centre, half, blur, doubt, normal, right, precision, weighted)
     return normal + j.T @ (precision[:, None] * j), right + j.T @ weighted
+
+
+@kernel
+def _propagate_into(
+    j: Floats,
+    centre: Floats,
+    half: Floats,
+    blur: Floats,
+    doubt: Floats,
+    normal: Floats,
+    right: Floats,
+    precision: Floats,
+    weighted: Floats,
+) -> None:
+    """Write precision (k,) and precision times mean (k,) of the factors, from those of normal errors."""
+    whole, lower = np.empty((6, 6)), np.zeros((6, 6))
+    side, spread = np.empty(6), np.empty(6)
+    for _ in range(ROUNDS):
+        for r in range(6):
+            side[r] = right[r]
+            for c in range(6):
+                whole[r, c] = normal[r, c]
+        for i in range(len(centre)):
+            for r in range(6):
+                side[r] += weighted[i] * j[i, r]
+                for c in range(r + 1):
+                    whole[r, c] += precision[i] * j[i, r] * j[i, c]
+        if not cholesky_into(whole, lower):
+            return
+        solve_cholesky(lower, side)
+        for i in range(len(centre)):
+            for r in range(6):
+                spread[r] = j[i, r]
+            solve_cholesky(lower, spread)
+            variance, mean = 0.0, 0.0
+            for r in range(6):
+                variance += j[i, r] * spread[r]
+                mean += j[i, r] * side[r]
+            left = 1 / variance - precision[i]
+            if left <= 1e-6 / variance:
+                continue
+            v = 1 / left
+            m = v * (mean / variance - weighted[i])
+            t = np.sqrt(v + blur[i] ** 2)
+            a, b = (centre[i] - half[i] - m) / t, (centre[i] + half[i] - m) / t
+            pa, pb = np.exp(-a * a / 2) / np.sqrt(2 * np.pi), np.exp(-b * b / 2) / np.sqrt(2 * np.pi)
+            # Of the two tails, the one that keeps its digits.
+            inside = (
+                math.erfc(a / ROOT_2) - math.erfc(b / ROOT_2)
+                if a > 0
+                else math.erfc(-b / ROOT_2) - math.erfc(-a / ROOT_2)
+            )
+            z = (1 - doubt[i]) * inside / 2 + doubt[i]
+            g = (1 - doubt[i]) * (pa - pb) / (t * z)
+            h = (1 - doubt[i]) * (a * pa - b * pb) / (t * t * z) - g * g
+            # A factor that would widen what is known, as of an edge that is none, says nothing.
+            tells = h < 0 and 1 + v * h > 1e-6
+            own = -h / (1 + v * h) if tells else 0.0
+            shifted = (g - m * h) / (1 + v * h) if tells else 0.0
+            precision[i] = DAMPING * own + (1 - DAMPING) * precision[i]
+            weighted[i] = DAMPING * shifted + (1 - DAMPING) * weighted[i]

@@ -23,7 +23,7 @@ from estimators.lidar.point_cloud import checked as checked_points
 from estimators.lidar.pose_search import search
 from estimators.lidar.profile import Profiled, profiled
 from estimators.lidar.registration import JUMP, Registration, register
-from estimators.lidar.scan import Scan, checked
+from estimators.lidar.scan import Edges, Scan, checked
 from estimators.lidar.shape import Shape
 
 AROUND = rot.exp(np.concatenate([np.radians(angle) * axes for angle in (10, 20) for axes in (np.eye(3), -np.eye(3))]))
@@ -36,6 +36,10 @@ HALF = 0.5
 """Likewise, for a pose that takes the place of one that is determined: the least cost is below that of the truth."""
 APART_RAD = 0.025
 """Turn, or shift against the radius, below which a profile does not take the place of a registration."""
+SAME, HOPEFUL = 0.01, 2.0
+"""Turn [rad], or shift against the radius, below which rough registrations have come to one pose; cost of such a one,
+against the best's, up to which it may yet become better.
+"""
 BETTER = 25.0
 """Squared sigmas by which ranges must fit better without edges than with them, for these to be false: six parameters
 gain so much by chance in one of 3000 scans.
@@ -60,7 +64,8 @@ class TrackingSettings:
 
     overlap_sure, walk_sure_rad: with fewer rays that agree, or an attitude further from the prediction, other starts
     near the prediction are tried, and registration without edges. overlap_profile: with fewer rays that agree, all rays
-    are asked for a better pose along what ranges determine least. residual_most: RMS, against the noise.
+    are asked for a better pose along what ranges determine least. residual_most: RMS, against the noise and what the
+    jitter of the rays makes at the target's range.
     overlap_least: share of the rays that must agree. walk_most_rad: how far the attitude may be from the prediction.
     """
 
@@ -122,7 +127,7 @@ def track(
         # Perhaps a neighbouring minimum, or edges that are matched with others: whatever explains the rays best wins.
         near = search(part, shape, AROUND @ rotation)
         starts = [(rotation, position), *zip(near.rotation[:TRIED], near.position[:TRIED], strict=True)]
-        for (turn, place), known in ((start, known) for start in starts for known in (edges, None)):
+        for turn, place, known in _elsewhere(part, shape, point, starts, edges, reach_m, fit, seen.cost):
             other = register(point, shape, turn, place, scan.noise_m, edges=known, reach_m=reach_m)
             agrees = agreement(part, shape, other.rotation, other.position)
             # Where only false edges determined the pose, that it is not determined is the better answer. The ranges
@@ -141,13 +146,45 @@ def track(
     outcome = Outcome.TRACKED
     if fit.degenerate:
         outcome = Outcome.UNDETERMINED
-    elif fit.residual_m > s.residual_most * scan.noise_m:
+    elif fit.residual_m > s.residual_most * np.hypot(scan.noise_m, scan.jitter_rad * np.linalg.norm(fit.position)):
         outcome = Outcome.RESIDUAL
     elif not overlap >= s.overlap_least:
         outcome = Outcome.OVERLAP
     elif float(rot.angle_between(fit.rotation, rotation)) > s.walk_most_rad:
         outcome = Outcome.WALKED_AWAY
     return Track(fit.rotation, fit.position, fit.covariance, outcome, fit.residual_m, overlap, len(point))
+
+
+def _elsewhere(
+    scan: Scan,
+    shape: Shape,
+    point: Floats,
+    starts: list[tuple[Floats, Floats]],
+    edges: Edges,
+    reach_m: float,
+    fit: Registration,
+    cost: float,
+) -> list[tuple[Floats, Floats, Edges | None]]:
+    """Return poses near the prediction that may explain the rays better than a registration does, each with the edges
+    to be used: roughly registered, with edges and without, and each once.
+    """
+    out: list[tuple[Floats, Floats, Edges | None]] = []
+    for known in (edges, None):
+        met = [(fit.rotation, fit.position)] if known else []
+        for start in starts:
+            other = register(point, shape, *start, scan.noise_m, edges=known, reach_m=reach_m, rough=True)
+            if any(_same(other, *pose, shape) for pose in met):
+                continue
+            met.append((other.rotation, other.position))
+            if agreement(scan, shape, other.rotation, other.position).cost < HOPEFUL * cost:
+                out.append((other.rotation, other.position, known))
+    return out
+
+
+def _same(fit: Registration, rotation: Floats, position: Floats, shape: Shape) -> bool:
+    """Return whether a rough registration has come to a pose."""
+    turned = float(rot.angle_between(fit.rotation, rotation))
+    return turned < SAME and float(np.linalg.norm(fit.position - position)) < SAME * shape.radius_m
 
 
 def _apart(better: Profiled, fit: Registration, shape: Shape) -> bool:
