@@ -63,7 +63,8 @@ def fly(seed: int, coupling: str, seen: Bools | None, dark: int) -> tuple[dict[s
     """
     flight = Fading(load("docking", [*SHORT, f"navigation.coupling={coupling}"], seed))
     flight.seen = None if seen is None else seen.copy()
-    always = np.ones(flight.world.photodiodes.point_m.shape[1], dtype=np.bool_)
+    # Those on the sides see the station at a slant, and not at every attitude of the start.
+    always = flight.world.photodiodes.normal[SERVICER, :, 2] > 0.9
     out: dict[str, Any] = {"seed": seed, "docked": False}
     near: list[Any] = []
     phases: set[str] = set()
