@@ -256,7 +256,8 @@ def _samples(truth: Truth, known: Truth, covariance: Floats, information: Floats
     [m]: there the error of a turn about them is straight (`estimators.pivot`), and the covariance holds for wide errors
     too. Of two, the attitude is three angles, and the distance that which they appear to have.
     """
-    error, bound, centre = truth.less(known), np.linalg.inv(information), lit.mean(axis=1)
+    error, centre = truth.less(known), lit.mean(axis=1)
+    bound = np.linalg.inv(information).astype(np.float64)
     pose = np.array([0, 1, 2, 6, 7, 8])
 
     def at_centre(state: Truth, p: NDArray[np.floating[Any]]) -> tuple[Floats, NDArray[np.floating[Any]]]:
