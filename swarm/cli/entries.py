@@ -10,10 +10,12 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from swarm.assets import CRAFT, RECORDING, SCENARIO, STUDY, Kind, find_scenario
-from swarm.cli.takes import RUN_S, START_S, flight_s, in_words
+from swarm.cli.takes import RUN_S, START_S, Work, flight_s, in_words
 from swarm.studies.papers.catalogue import MACHINE
 from swarm.user_text import dotted_keys
 
+RATE_HZ = 60.0
+"""Lighthouse periods per second, where a scenario does not set it."""
 DURATION_S = 30.0
 """Default of duration_s."""
 
@@ -121,7 +123,9 @@ class ScenarioEntry(_Tables):
     def takes_s(self, duration_s: float, craft: int | None = None) -> float:
         """Return the processor time of a flight [s], also of another number of craft."""
         cameras, lidars = (sum(key in table for table in self._single) for key in ("ccd", "lidar"))
-        return flight_s(duration_s, self.craft if craft is None else craft, cameras, lidars)
+        rate_hz = float(self.data.get("lighthouse", {}).get("rate_hz", RATE_HZ))
+        work = Work(self.craft if craft is None else craft, cameras, lidars, len(self.data.get("station", ())))
+        return flight_s(duration_s * rate_hz, work)
 
     @property
     def facts(self) -> dict[str, str]:
