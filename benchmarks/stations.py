@@ -229,7 +229,8 @@ def _note(steps: Steps, step: Floats, before: Floats, after: Floats, draws: Floa
     value, vector = np.linalg.eigh(before - after)
     sigma, value = np.sqrt(np.trace(before)), np.maximum(value, 0.0)
     steps.sigmas.append(float(np.linalg.norm(step) / sigma))
-    steps.square.append(float((vector[:, -1] @ step) ** 2 / value[-1]))
+    if value[-1] > 0:
+        steps.square.append(float((vector[:, -1] @ step) ** 2 / value[-1]))
     steps.chance.append(float(np.mean(np.sum(draws**2 * value, axis=1) < sigma**2)))
 
 
