@@ -109,3 +109,18 @@ def test_craft_that_begin_out_of_the_light_are_named(changes: tuple[str, ...], t
         assert found == []
     else:
         assert re.search(told, " ".join(found))
+
+
+def test_photodiodes_in_the_hull_or_looking_into_it_are_told(tmp_path: Path) -> None:
+    """One lies 1.5 mm deep, one 0.5 mm, one looks down from above the hull, one down from below it."""
+    sites = ("0 0 .0985", "0 0 1"), (".02 0 .0995", "0 0 1"), ("0 .02 .1005", "0 0 -1"), ("0 .02 -.1005", "0 0 -1")
+    told = "".join(f'<site name="photodiode{i}" pos="{at}" zaxis="{out}"/>' for i, (at, out) in enumerate(sites))
+    path = tmp_path / "box.xml"
+    path.write_text(
+        '<mujoco><worldbody><body name="box"><geom type="box" size=".1 .1 .1" mass="1"/>'
+        f"{told}</body></worldbody></mujoco>"
+    )
+    settings = load("static", [f"swarm.model={path}", "swarm.count=2", "craft=[]"])
+    (known,) = facts(settings, Flight(settings))
+    assert (known.covered, known.photodiodes) == (2, 4)
+    assert any("2 of 4 photodiodes never see light" in warning for warning in known.warnings())

@@ -24,12 +24,18 @@ from swarm.hardware import actuator_set
 from swarm.scenario import Craft, Scenario
 from swarm.scenario.motions.dock import Dock
 from swarm.scenario.motions.guided import Clear, Guided
+from swarm.sensors.visibility import THICKNESS_M
 from swarm.units import si
+from swarm.world.rays import Rays
 
 SAMPLES = 400
 """Times at which the acceleration of a motion without guidance is looked at."""
 PATH_SAMPLES = 100
 """Times at which a path is looked at for light."""
+APART_M = 1000.0
+"""Distance at which craft are alone [m]."""
+SLANTS_RAD = np.radians([25.0, 50.0])
+"""Angles of incidence at which light may come to a photodiode, beside zero."""
 NEGLIGIBLE = 1e-6
 """Relative to what is available, and an acceleration [m/s^2]: nothing to speak of."""
 
@@ -37,13 +43,15 @@ NEGLIGIBLE = 1e-6
 class CraftFacts(NamedTuple):
     """One craft. names: those of the craft that are like it.
 
-    force_n, torque_nm: (3,) along the body axes; None where it is moved by an ideal force. planned: accelerations that
-    its guidance or motion may ask of its actuators [m/s^2], by the key that sets them.
+    covered: photodiodes that its own hull covers from every side. force_n, torque_nm: (3,) along the body axes; None
+    where it is moved by an ideal force. planned: accelerations that its guidance or motion may ask of its actuators
+    [m/s^2], by the key that sets them.
     """
 
     names: tuple[str, ...]
     mass_kg: float
     photodiodes: int
+    covered: int
     cameras: int
     force_n: Floats | None
     torque_nm: Floats | None
@@ -57,6 +65,11 @@ class CraftFacts(NamedTuple):
     def warnings(self) -> Iterator[str]:
         """Yield what will not work as planned."""
         who = _together(self.names)
+        if self.covered:
+            yield (
+                f"{who}: {self.covered} of {self.photodiodes} photodiodes never see light: more than 1 mm deep in the "
+                "hull, or looking into it (docs/models.md)"
+            )
         if 0 < self.photodiodes < WANTED_LIT:
             told = f"with fewer than {WANTED_LIT}, one lost may end its navigation"
             yield f"{who}: {self.photodiodes} photodiodes; {told}"
@@ -80,6 +93,7 @@ def facts(settings: Scenario, flight: Flight) -> list[CraftFacts]:
     present = flight.sensors.lighthouse.photodiodes.present.sum(axis=1)
     motions = _motion_accelerations(settings, flight) if where else None
     limits: dict[int, tuple[Floats, Floats]] = {}
+    rays = Rays(world.model, world.craft_bodies)
     alike: dict[object, CraftFacts] = {}
     for i, c in enumerate(craft):
         planned = {} if motions is None or i not in where else _planned(c, motions[i])
@@ -93,9 +107,36 @@ def facts(settings: Scenario, flight: Flight) -> list[CraftFacts]:
             limits[i] = authority(actuators.effect[where[i]], actuators.axis.shape[1])
         force, torque = limits.get(i, (None, None))
         alike[key] = CraftFacts(
-            (c.name,), float(world.mass[i]), int(present[i]), 2 * (i in cameras), force, torque, planned
+            (c.name,),
+            float(world.mass[i]),
+            int(present[i]),
+            _covered(rays, flight, i) if present[i] else 0,
+            2 * (i in cameras),
+            force,
+            torque,
+            planned,
         )
     return list(alike.values())
+
+
+def _covered(rays: Rays, flight: Flight, i: int) -> int:
+    """Return the number of photodiodes of craft i that no light reaches from any side, with nothing else around."""
+    count = len(flight.world.craft_bodies)
+    apart = APART_M * np.stack([np.arange(1.0, count + 1), np.ones(count), np.zeros(count)], axis=1)
+    rays.place(apart, np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)))
+    layout = flight.world.photodiodes
+    point, normal = layout.point_m[i][layout.present[i]], layout.normal[i][layout.present[i]]
+    away = APART_M / 4
+    lit = np.zeros(len(point), dtype=np.bool_)
+    for k in range(len(point)):
+        beside = np.linalg.svd(normal[k][None])[2][1:]
+        turn = np.arange(0, 2 * np.pi, np.pi / 4)
+        ring = np.stack([np.cos(turn), np.sin(turn)], axis=1) @ beside
+        sides = np.concatenate([normal[k][None], *(np.cos(a) * normal[k] + np.sin(a) * ring for a in SLANTS_RAD)])
+        start = apart[i] + point[k] + away * sides
+        met = rays.cast(start, -sides).distance
+        lit[k] = np.any((met < 0) | (met >= away - THICKNESS_M))
+    return int(np.count_nonzero(~lit))
 
 
 def out_of_light(settings: Scenario, flight: Flight) -> list[str]:

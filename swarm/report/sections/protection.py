@@ -93,9 +93,10 @@ def _picture(kinds: list[Levelled]) -> Picture:
         legend(figure, axes[:1], 3)
 
     more = f" The first {MOST_PANELS} of {len(kinds)}." if len(kinds) > MOST_PANELS else ""
+    alert = "; above the dotted line there is an alert" if any(kind.limit for kind in shown) else ""
     caption = (
         "Stanford diagram: error of the position and its protection level, a dot per craft and period, thinned. A dot "
-        f"right of the diagonal is an error beyond its level; above the dotted line there is an alert.{more}"
+        f"right of the diagonal is an error beyond its level{alert}.{more}"
     )
     rows = -(-len(shown) // 2)
     return picture("protection", caption, paint, 0.6 + 3.0 * rows, 0.8 + 3.0 * len(shown))
