@@ -47,6 +47,8 @@ PIVOT = 9
 _SPAN = 19
 """Numbers of the line between two photodiodes: n, k, e and n* (3 each), r, r*, sine and cosine of alpha, and the rates
 psi*, alpha* and phi*."""
+_RANGE, _AWAY, _SINE, _COSINE, _PSI, _ALPHA, _PHI = 12, 13, 14, 15, 16, 17, 18
+"""Places of the numbers of a line behind its vectors."""
 ARMS = 13 + 2 * _SPAN
 """Numbers that describe a turn about a pivot: a, a', w and w'; whether there are two photodiodes; their line before and
 after."""
@@ -134,28 +136,28 @@ def _turn_line(
         quickened += line[i] * step[9 + i]
     place, speed, zero = np.empty(3), np.empty(3), np.zeros(3)
     for i in range(3):
-        place[i] = pivot[6 + i] + (line[12] + moved) * line[i]
-        speed[i] = (line[13] + quickened) * line[i] + (line[12] + moved) * line[9 + i]
+        place[i] = pivot[6 + i] + (line[_RANGE] + moved) * line[i]
+        speed[i] = (line[_AWAY] + quickened) * line[i] + (line[_RANGE] + moved) * line[9 + i]
     if not _line_into(turned, zero, place, speed, zero, pivot, then):
         return False
     for i in range(3):
-        then[16 + i] = line[16 + i] + step[3 + i]
-    far = line[12] * np.exp(step[STATES]) * then[15] / line[15]
-    rise = line[13] / line[12] + line[17] * line[14] / line[15] + step[STATES + 1]
-    toward = far * (rise - then[17] * then[14] / then[15])
+        then[_PSI + i] = line[_PSI + i] + step[3 + i]
+    far = line[_RANGE] * np.exp(step[STATES]) * then[_COSINE] / line[_COSINE]
+    rise = line[_AWAY] / line[_RANGE] + line[_ALPHA] * line[_SINE] / line[_COSINE] + step[STATES + 1]
+    toward = far * (rise - then[_ALPHA] * then[_SINE] / then[_COSINE])
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
-        rate[i] = then[16] * then[i] + then[17] * then[3 + i] + then[18] * then[6 + i]
+        rate[i] = then[_PSI] * then[i] + then[_ALPHA] * then[3 + i] + then[_PHI] * then[6 + i]
         rate[i] += then[j] * then[9 + k] - then[k] * then[9 + j]
         after[i] = turned[i, 0] * pivot[0] + turned[i, 1] * pivot[1] + turned[i, 2] * pivot[2]
         speed[i] = velocity[i] + w[j] * a[k] - w[k] * a[j] + step[9 + i]
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
-        position[i] += a[i] + step[6 + i] + (far - then[12]) * line[i] - after[i]
-        velocity[i] = speed[i] + (toward - then[13]) * line[i] + (far - then[12]) * line[9 + i]
+        position[i] += a[i] + step[6 + i] + (far - then[_RANGE]) * line[i] - after[i]
+        velocity[i] = speed[i] + (toward - then[_AWAY]) * line[i] + (far - then[_RANGE]) * line[9 + i]
         velocity[i] -= rate[j] * after[k] - rate[k] * after[j]
         angular_rate[i] = rate[i]
-    then[12], then[13] = far, toward
+    then[_RANGE], then[_AWAY] = far, toward
     rotation[:] = turned
     return True
 
@@ -202,8 +204,8 @@ def _line_into(
     for i in range(3):
         j, h = (i + 1) % 3, (i + 2) % 3
         own[i] = w[i] - (n[j] * across[h] - n[h] * across[j])
-    out[12], out[13], out[14], out[15] = r, away, sine, cosine
-    _angles_into(own, out, out[16:19])
+    out[_RANGE], out[_AWAY], out[_SINE], out[_COSINE] = r, away, sine, cosine
+    _angles_into(own, out, out[_PSI:])
     return True
 
 
@@ -215,7 +217,7 @@ def _angles_into(turn: Floats, line: Floats, out: Floats) -> None:
         about += turn[i] * line[i]
         along += turn[i] * line[6 + i]
         out[1] += turn[i] * line[3 + i]
-    sine, square = line[14], line[15] * line[15]
+    sine, square = line[_SINE], line[_COSINE] * line[_COSINE]
     out[0], out[2] = (about - sine * along) / square, (along - sine * about) / square
 
 
@@ -224,8 +226,8 @@ def _swept(i: int, psi: float, alpha: float, line: Floats) -> float:
     """Return component i of what small turns psi and alpha make of alpha* k + phi* e."""
     j, h = (i + 1) % 3, (i + 2) % 3
     n, k, e = line[0:3], line[3:6], line[6:9]
-    value: float = line[17] * psi * (n[j] * k[h] - n[h] * k[j])
-    value += line[18] * (psi * (n[j] * e[h] - n[h] * e[j]) + alpha * (k[j] * e[h] - k[h] * e[j]))
+    value: float = line[_ALPHA] * psi * (n[j] * k[h] - n[h] * k[j])
+    value += line[_PHI] * (psi * (n[j] * e[h] - n[h] * e[j]) + alpha * (k[j] * e[h] - k[h] * e[j]))
     return value
 
 
@@ -254,10 +256,10 @@ def _straight_into(x: Floats, a: Floats, w: Floats, line: Floats, out: Floats) -
         out[9 + i] = x[9 + i] + x[3 + j] * a[k] - x[3 + k] * a[j] + w[j] * bent[k] - w[k] * bent[j]
         moved += line[i] * out[6 + i]
         quickened += line[i] * out[9 + i]
-    r, tangent = line[12], line[14] / line[15]
+    r, tangent = line[_RANGE], line[_SINE] / line[_COSINE]
     out[STATES] = moved / r + tangent * out[1]
-    out[STATES + 1] = quickened / r - line[13] / (r * r) * moved
-    out[STATES + 1] += tangent * out[4] + line[17] * out[1] / (line[15] * line[15])
+    out[STATES + 1] = quickened / r - line[_AWAY] / (r * r) * moved
+    out[STATES + 1] += tangent * out[4] + line[_ALPHA] * out[1] / (line[_COSINE] * line[_COSINE])
 
 
 @kernel
@@ -267,24 +269,24 @@ def _carried_into(x: Floats, arms: Floats, out: Floats) -> None:
     line, then = arms[13 : 13 + _SPAN], arms[13 + _SPAN :]
     step, bent = np.empty(STATES + 2), np.empty(3)
     _straight_into(x, a, w, line, step)
-    tangent, moved, quickened = then[14] / then[15], 0.0, 0.0
+    tangent, moved, quickened = then[_SINE] / then[_COSINE], 0.0, 0.0
     for i in range(3):
         moved += then[i] * step[6 + i]
         quickened += then[i] * step[9 + i]
         out[i] = step[0] * then[i] + step[1] * then[3 + i] + step[2] * then[6 + i]
         out[3 + i] = step[3] * then[i] + step[4] * then[3 + i] + step[5] * then[6 + i]
         out[3 + i] += _swept(i, step[0], step[1], then)
-    far = then[12]
+    far = then[_RANGE]
     place = far * (step[STATES] - tangent * step[1])
-    quicker = step[STATES + 1] - tangent * step[4] - then[17] * step[1] / (then[15] * then[15])
-    speed = far * quicker + then[13] / far * place
+    quicker = step[STATES + 1] - tangent * step[4] - then[_ALPHA] * step[1] / (then[_COSINE] * then[_COSINE])
+    speed = far * quicker + then[_AWAY] / far * place
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         bent[i] = out[j] * after[k] - out[k] * after[j]
         out[6 + i] = step[6 + i] + (place - moved) * then[i] - bent[i]
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
-        out[9 + i] = step[9 + i] + (speed - quickened) * then[i] + (place - far / line[12] * moved) * then[9 + i]
+        out[9 + i] = step[9 + i] + (speed - quickened) * then[i] + (place - far / line[_RANGE] * moved) * then[9 + i]
         out[9 + i] -= out[3 + j] * after[k] - out[3 + k] * after[j] + rate[j] * bent[k] - rate[k] * bent[j]
 
 
