@@ -19,6 +19,7 @@ import numpy as np
 from harness import machine
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
+from stations import difference, nees
 
 from estimators.arrays import Floats
 from estimators.lighthouse.rotor import CHANNEL_TICKS
@@ -35,6 +36,7 @@ from swarm.scenario import for_replay, load
 TICK_HZ = 48e6
 BEGIN_TICK, BEGIN_S = 1_000_000, 1.0
 TURN_SHARE = 0.5
+SAME_S = 1e-3
 FROM_SURVIVE = np.diag([1.0, -1.0, -1.0])
 SETTLED_S = 1.0
 SCENARIO = """
@@ -84,13 +86,6 @@ class Flown(NamedTuple):
     rows: Floats
 
 
-def nees_of(covariance: Floats, place: Floats, turn: Floats) -> float:
-    """Normalised square of a pose's error."""
-    at = np.array([0, 1, 2, 6, 7, 8])
-    error = np.concatenate([turn, place])
-    return float(error @ np.linalg.solve(covariance[np.ix_(at, at)], error))
-
-
 def fly(flight: Flight) -> Flown:
     """Fly, and keep the light that the craft received."""
     measure, hits, rows = flight.sensors.signals, [], []
@@ -111,20 +106,13 @@ def fly(flight: Flight) -> Flown:
         assert truth is not None
         position.append(truth.position[0])
         quaternion.append(np.roll(truth.quaternion[0], -1))
-        place = truth.position[0] - estimate.position[0]
-        turn = (
-            Rotation.from_quat(quaternion[-1]) * Rotation.from_matrix(_rotation(estimate.rotation[0])).inv()
-        ).as_rotvec()
-        nees = nees_of(estimate.covariance[0], place, turn) if np.isfinite(place).all() else np.nan
-        columns.append([period.time_s, float(estimate.status[0]), float(np.linalg.norm(place)), nees])
+        error = difference(truth, estimate)[0]
+        square = nees(error, estimate.covariance[0]) if np.isfinite(error).all() else np.nan
+        columns.append([period.time_s, float(estimate.status[0]), float(np.linalg.norm(error[6:9])), square])
         rows.append(np.stack([own.station, own.fan, own.photodiode, own.offset_s + period.time_s, own.angle], axis=1))
-    time_s, status, error, square = np.array(columns).T
     turns = Rotation.from_quat(quaternion)
-    return Flown(time_s, np.array(position), turns, status, error, square, hits, np.concatenate(rows))
-
-
-def _rotation(rotation: Floats) -> Floats:
-    return rotation if np.isfinite(rotation).all() else np.eye(3)
+    time_s, status, away, squares = np.array(columns).T
+    return Flown(time_s, np.array(position), turns, status, away, squares, hits, np.concatenate(rows))
 
 
 def write(folder: Path, flown: Flown, flight: Flight, stations: list[Station], tick_s: float) -> Path:
@@ -208,6 +196,21 @@ def main() -> None:
     print(json.dumps(machine()))
 
 
+def apart(own: Floats, read: Floats) -> Floats:
+    """Return by how much angles [rad] differ from those read at the same instant.
+
+    Args:
+        own: (N, 2), instants [s] and angles [rad].
+        read: (M, 2), likewise, in order of time.
+    """
+    after = np.searchsorted(read[:, 0], own[:, 0])
+    beside = np.clip(np.stack([after - 1, after]), 0, len(read) - 1)
+    away = np.abs(read[beside, 0] - own[:, 0])
+    nearest = np.where(away[0] < away[1], *beside)
+    out: Floats = (read[nearest, 1] - own[:, 1])[away.min(axis=0) < SAME_S]
+    return out
+
+
 def compare(flown: Flown, file: Path, noise_rad: list[float]) -> None:
     """Replay the recording and print what differs."""
     source = read_object(file, "OBJ")
@@ -222,24 +225,16 @@ def compare(flown: Flown, file: Path, noise_rad: list[float]) -> None:
                 if not len(own) or not read.any():
                     continue
                 order = np.argsort(at_s[read])
-                there, angle = at_s[read][order], hits.angle[read][order]
-                near = (
-                    np.clip(np.searchsorted(there, own[:, 3]), 1, len(there) - 1)
-                    if len(there) > 1
-                    else np.zeros(len(own), int)
-                )
-                near -= (near > 0) & (np.abs(there[near - 1] - own[:, 3]) < np.abs(there[near] - own[:, 3]))
-                same = np.abs(there[near] - own[:, 3]) < 1e-3
-                differences.append(angle[near][same] - own[same, 4])
-    apart = np.concatenate(differences)
+                differences.append(apart(own[:, 3:], np.stack([at_s[read], hits.angle[read]], axis=1)[order]))
+    off = np.concatenate(differences)
     print(
-        f"light: {len(apart)} of the craft's {len(flown.rows)} rows are in the replay, "
-        f"{1e6 * np.sqrt(np.mean(apart**2)):.1f} urad RMS apart, {1e6 * np.abs(apart).max():.1f} at most; "
+        f"light: {len(off)} of the craft's {len(flown.rows)} rows are in the replay, "
+        f"{1e6 * np.sqrt(np.mean(off**2)):.1f} urad RMS apart, {1e6 * np.abs(off).max():.1f} at most; "
         f"noise of the light {1e6 * np.mean(noise_rad):.1f} urad"
     )
     playback = StationPlayback(source, for_replay(file), choose_stations(source, None, None), given=False)
     path, spline = CubicSpline(flown.time_s, flown.position), flown.rotation
-    error, nees, time_s = [], [], []
+    error, square, time_s = [], [], []
     for period in playback.fly():
         at = playback.begin_s + period.time_s - BEGIN_S
         estimate = period.estimate
@@ -252,18 +247,19 @@ def compare(flown: Flown, file: Path, noise_rad: list[float]) -> None:
         place = path(at) - estimate.position[0]
         turn = (true * Rotation.from_matrix(estimate.rotation[0]).inv()).as_rotvec()
         error.append(float(np.linalg.norm(place)))
-        nees.append(nees_of(estimate.covariance[0], place, turn))
+        pose = np.concatenate([turn, np.zeros(3), place, np.zeros(3)])
+        square.append(nees(pose, estimate.covariance[0]))
         time_s.append(at)
     settled, later = flown.time_s > SETTLED_S, np.array(time_s) > SETTLED_S
     tracking = settled & (flown.status == Status.TRACKING)
-    for name, place, square in (
+    for name, place, squares in (
         ("on board", flown.error[tracking], flown.nees[tracking]),
-        ("replayed", np.array(error)[later], np.array(nees)[later]),
+        ("replayed", np.array(error)[later], np.array(square)[later]),
     ):
         print(
             f"{name}: {len(place)} periods, {1e3 * np.median(place):.3f} mm median, "
             f"{1e3 * np.quantile(place, 0.9):.3f} for 90 %, "
-            f"{1e3 * place.max():.3f} at most, NEES {np.mean(square):.2f}"
+            f"{1e3 * place.max():.3f} at most, NEES {np.mean(squares):.2f}"
         )
     print(*playback.notes, sep="\n")
 
