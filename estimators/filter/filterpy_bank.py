@@ -95,9 +95,9 @@ class PoseFilterBank(FilterBank):
         return f.x  # type: ignore[no-any-return]
 
 
-def error_filter() -> ExtendedKalmanFilter:
-    """Return one filter of the error state."""
-    return ExtendedKalmanFilter(STATES, POSE)
+def error_filter(models: int = 1) -> ExtendedKalmanFilter:
+    """Return one filter of the error states of so many models."""
+    return ExtendedKalmanFilter(models * STATES, models * POSE)
 
 
 def taken_by(f: ExtendedKalmanFilter, y: Floats, h: Floats, r: Floats) -> tuple[float, float] | None:
@@ -110,13 +110,30 @@ def taken_by(f: ExtendedKalmanFilter, y: Floats, h: Floats, r: Floats) -> tuple[
         r: (n, n), covariance of the noise.
     """
     x_prior, p_prior = f.x, f.P
+    # y is a column, as Hx is: filterpy would broadcast a 1-D measurement into a matrix.
+    if updated(f, y[:, None], h, r):
+        try:
+            return f.mahalanobis**2, np.linalg.slogdet(f.S)[1]
+        except ValueError:  # the root of a negative number
+            pass
+    f.x, f.P = x_prior, p_prior
+    return None
+
+
+def updated(f: ExtendedKalmanFilter, y: Floats, h: Floats, r: Floats) -> bool:
+    """Update a filter with rows; return False where S is singular.
+
+    Args:
+        f: the filter, with its error estimate x and covariance P.
+        y: (n, 1), measurements of H x.
+        h: (n, m), H.
+        r: (n, n), covariance of the noise.
+    """
     try:
-        # y is a column, as Hx is: filterpy would broadcast a 1-D measurement into a matrix.
-        f.update(y[:, None], _matrix, _predicted, R=r, args=(h,), hx_args=(h,))
-        return f.mahalanobis**2, np.linalg.slogdet(f.S)[1]
-    except ValueError:  # a singular S, or the root of a negative number
-        f.x, f.P = x_prior, p_prior
-        return None
+        f.update(y, _matrix, _predicted, R=r, args=(h,), hx_args=(h,))
+    except np.linalg.LinAlgError:
+        return False
+    return True
 
 
 def _matrix(x: Floats, h: Floats) -> Floats:
