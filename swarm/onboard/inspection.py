@@ -218,12 +218,13 @@ class Inspection:
             own: every craft's own estimate at the epoch.
             epoch_s: epoch on the LiDARs' clock [s].
         """
+        if not self.observers:
+            return []
         s, bank = self.settings, self._filter
         self._started[:] = False
         self._prediction = None
-        if self.observers:
-            mine = {i: (own.angular_rate[o.craft], own.covariance[o.craft]) for i, o in enumerate(self.observers)}
-            self._own.predict(s.frame_s, bank.transition(s.frame_s), mine)
+        mine = {i: (own.angular_rate[o.craft], own.covariance[o.craft]) for i, o in enumerate(self.observers)}
+        self._own.predict(s.frame_s, bank.transition(s.frame_s), mine)
         if own.prediction is None:
             self._predict()
         else:

@@ -170,6 +170,9 @@ class Tracks:
         """
         bank = self.bank
         active = bank.active
+        if not active.any():
+            self._command = command or self._command
+            return None
         pull = None if self._orbit is None else acceleration(self._orbit, bank.position, bank.velocity)
         free = active & self._turns_freely
         turns = self._free_turns(free) if free.any() else None
