@@ -15,7 +15,7 @@ from swarm.results.columns.schema import schema
 from swarm.results.reading import read_telemetry
 from swarm.results.records import Peer
 from swarm.results.summary import autocorrelation_time, consistency, summarise, summarise_run
-from swarm.results.summary.integrity import integrity
+from swarm.results.summary.integrity import estimate_levels, pose_levels
 from swarm.results.table import TelemetryTable
 from swarm.results.telemetry import Telemetry
 
@@ -187,9 +187,9 @@ def test_a_refused_pose_is_none_of_the_accepted_ones_though_the_craft_tracks_by_
     for kind, unit in (("position", "m"), ("attitude", "deg")):
         table[f"{kind}_error_{unit}"], table[f"{kind}_protection_{unit}"] = [0.1] * 4, [1.0] * 4
         table[f"pnp_{kind}_error_{unit}"], table[f"pnp_{kind}_protection_{unit}"] = [0.2, 0.5, 3.0, None], [1.0] * 4
-    found = integrity(TelemetryTable.of(pa.table(table)))["integrity"]
-    assert found["accepted_poses"] == {"samples": 2, "beyond": 0, "worst_share_of_level": 0.5}
-    assert found["estimates"]["samples"] == 4
+    rows = TelemetryTable.of(pa.table(table))
+    assert pose_levels(rows)["accepted_poses"] == {"samples": 2, "beyond": 0, "worst_share_of_level": 0.5}
+    assert estimate_levels(rows)["estimates"]["samples"] == 4
 
 
 def test_no_nees_is_null():

@@ -5,6 +5,7 @@ error = rows.column("position_error_m")[rows.by_light]
 """
 
 import json
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -16,18 +17,28 @@ from estimators.arrays import Bools, Floats, Ints
 from swarm.errors import SwarmError, did_you_mean
 from swarm.onboard.settings import BY_LIGHT
 from swarm.results.files import ANGLE_NOISE, EQUIPMENT, WITHOUT_SENSORS
-from swarm.results.reading import flown_columns, read_telemetry, telemetry_columns
+from swarm.results.reading import RowReader, flown_columns, read_telemetry, telemetry_columns
 from swarm.results.records import Equipment
 
-Load = Callable[[str], pa.Table]
-"""Reads one column, as a table."""
+BLOCK = 65_536
+"""Rows that are read at a time, of columns that others follow from."""
 
 
-class _Source:
+class _Source(ABC):
     """A source of columns for all parts of a table; what the file says of its craft is read once."""
 
-    def __init__(self, load: Load) -> None:
-        self.load = load
+    @property
+    @abstractmethod
+    def rows(self) -> int:
+        """Number of rows."""
+
+    @abstractmethod
+    def load(self, name: str) -> pa.Table:
+        """Return a table of one column."""
+
+    @abstractmethod
+    def blocks(self, names: Sequence[str]) -> Iterator[pa.Table]:
+        """Yield tables of these columns, of BLOCK rows each but the last."""
 
     @cached_property
     def metadata(self) -> dict[bytes, bytes]:
@@ -41,15 +52,51 @@ class _Source:
         return [Equipment(photodiodes, tuple(sensors)) for count, photodiodes, sensors in runs for _ in range(count)]
 
 
+class _InMemory(_Source):
+    """A table that is in memory."""
+
+    def __init__(self, table: pa.Table) -> None:
+        self._table = table
+
+    @property
+    def rows(self) -> int:
+        return len(self._table)
+
+    def load(self, name: str) -> pa.Table:
+        return self._table.select([name])
+
+    def blocks(self, names: Sequence[str]) -> Iterator[pa.Table]:
+        table = self._table.select(list(names))
+        return (table.slice(first, BLOCK) for first in range(0, len(table), BLOCK))
+
+
+class _InFolder(_Source):
+    """The telemetry in a run's folder."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    @property
+    def rows(self) -> int:
+        return len(RowReader(self._folder, ["frame"]))
+
+    def load(self, name: str) -> pa.Table:
+        return read_telemetry(self._folder, [name])
+
+    def blocks(self, names: Sequence[str]) -> Iterator[pa.Table]:
+        reader = RowReader(self._folder, names)
+        return (reader.rows(first, min(first + BLOCK, len(reader))) for first in range(0, len(reader), BLOCK))
+
+
 class TelemetryTable:
     """Columns as doubles, (rows,): numbers as they are, names as codes, which index `names_of`; null is NaN.
 
     columns: names of all columns. A column that was read stays in memory until `forget`.
     """
 
-    def __init__(self, load: Load | _Source, columns: Sequence[str]) -> None:
+    def __init__(self, source: _Source, columns: Sequence[str]) -> None:
         self.columns = tuple(columns)
-        self._source = load if isinstance(load, _Source) else _Source(load)
+        self._source = source
         self._order: Ints | None = None
         self._rows = slice(None)
         self._values: dict[str, Floats] = {}
@@ -58,28 +105,54 @@ class TelemetryTable:
     @classmethod
     def of(cls, table: pa.Table) -> "TelemetryTable":
         """Return a table that is in memory."""
-        return cls(lambda name: table.select([name]), table.column_names)
+        return cls(_InMemory(table), table.column_names)
 
     @classmethod
     def of_run(cls, folder: Path) -> "TelemetryTable":
         """Return the telemetry in a run's folder. Reading a column raises SwarmError where a file is damaged."""
-        return cls(lambda name: read_telemetry(folder, [name]), telemetry_columns(folder))
+        return cls(_InFolder(folder), telemetry_columns(folder))
 
     @classmethod
     def of_flight(cls, folder: Path) -> "TelemetryTable":
         """Return the same without what a smoother has found, which is not even opened."""
-        return cls(lambda name: read_telemetry(folder, [name]), flown_columns(folder))
+        return cls(_InFolder(folder), flown_columns(folder))
 
     def column(self, name: str) -> Floats:
         """Return one column."""
         if name not in self._values:
-            if name not in self.columns:
-                raise SwarmError(f"the telemetry has no column {name!r}{did_you_mean(name, self.columns)}")
+            self._expect(name)
             table = self._source.load(name)
             column = table.column(name)
             value = self._codes(name, column) if _is_of_names(column.type) else doubles(table, name)
             self._values[name] = value if self._order is None else value[self._order]
         return self._values[name][self._rows]
+
+    def derived(self, names: Sequence[str], of: Sequence[str], derive: Callable[[Floats], Floats]) -> Floats:
+        """Return columns that follow from others row by row, (rows, len(names)).
+
+        They stay in memory as a column that was read does; the others are read a block at a time, and do not.
+
+        Args:
+            names: What the columns are called among those in memory.
+            of: The columns that they follow from.
+            derive: Returns (n, len(names)) for (n, len(of)), NaN where missing.
+        """
+        if names[0] not in self._values:
+            for name in of:
+                self._expect(name)
+            values, past = [np.empty(self._source.rows) for _ in names], 0
+            for block in self._source.blocks(of):
+                first, past = past, past + len(block)
+                found = derive(np.stack([doubles(block, name) for name in of], axis=1))
+                for i, value in enumerate(values):
+                    value[first:past] = found[:, i]
+            for i, name in enumerate(names):
+                self._values[name] = values[i] if self._order is None else values[i][self._order]
+        return np.stack([self._values[name][self._rows] for name in names], axis=1)
+
+    def _expect(self, name: str) -> None:
+        if name not in self.columns:
+            raise SwarmError(f"the telemetry has no column {name!r}{did_you_mean(name, self.columns)}")
 
     def _codes(self, name: str, column: pa.ChunkedArray) -> Floats:
         if pa.types.is_string(column.type):

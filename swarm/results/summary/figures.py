@@ -13,7 +13,7 @@ from estimators.arrays import Bools, Floats
 from swarm.results.rows import referred_nis
 from swarm.results.summary.cameras import cameras
 from swarm.results.summary.chi_square import consistency
-from swarm.results.summary.integrity import integrity
+from swarm.results.summary.integrity import estimate_levels, pose_levels, residual_test
 from swarm.results.summary.motion_bias import attitude_bias, position_bias
 from swarm.results.summary.peer import peer_scatter
 from swarm.results.summary.smooth import smoothed
@@ -121,8 +121,9 @@ def _cameras(rows: TelemetryTable, setting: Setting) -> Figures:
     return cameras(rows, setting.period_s) if "ccd" in rows.columns else {}
 
 
-def _integrity(rows: TelemetryTable, setting: Setting) -> Figures:
-    return integrity(rows) if "dropped_photodiodes" in rows.columns else {}
+def _integrity(part: Callable[[TelemetryTable], Figures]) -> Section:
+    """Return the section of a part of the figures of integrity."""
+    return lambda rows, setting: {"integrity": part(rows)} if "dropped_photodiodes" in rows.columns else {}
 
 
 def _smoothed(rows: TelemetryTable, setting: Setting) -> Figures:
@@ -142,7 +143,9 @@ SECTIONS: tuple[Section, ...] = (
     _attitude_bias,
     _ambiguity,
     _cameras,
-    _integrity,
+    _integrity(pose_levels),
+    _integrity(estimate_levels),
+    _integrity(residual_test),
     _smoothed,
     _peer,
 )

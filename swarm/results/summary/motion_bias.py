@@ -21,6 +21,16 @@ BLOCK = 65_536
 """Rows whose rotations are compared at a time."""
 
 
+_POSITION_ERROR = (
+    ("pnp - true x", "pnp - true y", "pnp - true z"),
+    [f"{whose}_p{axis}_m" for whose in ("pnp", "true") for axis in "xyz"],
+)
+_TURN = (
+    ("pnp from true x", "pnp from true y", "pnp from true z"),
+    [f"{whose}_q{part}" for whose in ("pnp", "true") for part in "wxyz"],
+)
+
+
 class _Slope:
     """Least squares of an error against a rate through the origin, per axis, from sums over rows that come in blocks.
 
@@ -63,9 +73,9 @@ def position_bias(rows: TelemetryTable) -> dict[str, Any]:
     first, frames = _frames(rows)
     slope, along, moving = _Slope(frames), 0.0, 0
     for part in rows.blocks(BLOCK):
-        solution, truth = part.position("pnp"), part.position("true")
-        known = np.isfinite(solution).all(axis=1) & np.isfinite(truth).all(axis=1)
-        error = (solution - truth)[known]
+        error = part.derived(*_POSITION_ERROR, _position_error)
+        known = np.isfinite(error).all(axis=1)
+        error = error[known]
         velocity = part.stacked("true_vx_m_s", "true_vy_m_s", "true_vz_m_s")[known]
         slope.add(part.frame[known] - first, error, velocity)
         speed = np.linalg.norm(velocity, axis=1)
@@ -86,18 +96,31 @@ def attitude_bias(rows: TelemetryTable) -> dict[str, Any]:
     first, frames = _frames(rows)
     slope = _Slope(frames)
     for part in rows.blocks(BLOCK):
-        solution, truth = part.quaternion("pnp"), part.quaternion("true")
-        known = np.isfinite(solution).all(axis=1) & np.isfinite(truth).all(axis=1)
-        turn = np.empty((np.count_nonzero(known), 3))
-        attitude_errors_into(truth[known], solution[known], turn)
+        turn = part.derived(*_TURN, _turn)
+        known = np.isfinite(turn).all(axis=1)
         rate = part.stacked("true_wx_rad_s", "true_wy_rad_s", "true_wz_rad_s")[known]
-        slope.add(part.frame[known] - first, turn, rate)
+        slope.add(part.frame[known] - first, turn[known], rate)
     of_attitude, sigma, explained = slope.solve()
     return {
         "attitude_slope_s": of_attitude,
         "attitude_slope_sigma_s": sigma,
         "attitude_rms_deg": None if explained is None else float(np.degrees(explained)),
     }
+
+
+def _position_error(found: Floats) -> Floats:
+    """Return the errors (n, 3) [m] of solutions whose positions stand before the true ones, (n, 6)."""
+    out: Floats = found[:, :3] - found[:, 3:]
+    return out
+
+
+def _turn(found: Floats) -> Floats:
+    """Return the attitude errors (n, 3) [rad] of solutions whose quaternions stand before the true ones, (n, 8)."""
+    known = np.isfinite(found).all(axis=1)
+    out, turn = np.full((len(found), 3), np.nan), np.empty((np.count_nonzero(known), 3))
+    attitude_errors_into(found[known, 4:], found[known, :4], turn)
+    out[known] = turn
+    return out
 
 
 def _frames(rows: TelemetryTable) -> tuple[int, int]:
