@@ -382,6 +382,43 @@ def absorb(
 
 
 @kernel
+def _joseph_row(p: Floats, h: Floats, variance: float, work: Work) -> None:
+    """Take one row of independent noise into P in the form of Joseph, in place.
+
+    The two products with I - K h differ from P, and from each other, by a column times a row:
+
+        M = P - K (P h)^T,   P <- M - (M h) K^T + r K K^T
+
+    Args:
+        p: (12, 12), P, of numbers or of lanes.
+        h: (12,).
+        variance: r, of its noise.
+        work: places.
+    """
+    gain, told, part, left = work.gain[0], work.rest[0], work.rest[1], work.half
+    s = p[0, 0] * 0.0 + variance
+    for i in range(STATES):
+        value = h[0] * p[0, i]
+        for j in range(1, STATES):
+            value += h[j] * p[j, i]
+        told[i] = value
+        s += h[i] * value
+    over = 1 / s
+    for i in range(STATES):
+        gain[i] = told[i] * over
+    for i in range(STATES):
+        for j in range(STATES):
+            left[i, j] = p[i, j] - gain[i] * told[j]
+        value = left[i, 0] * h[0]
+        for j in range(1, STATES):
+            value += left[i, j] * h[j]
+        part[i] = variance * gain[i] - value
+    for i in range(STATES):
+        for j in range(i + 1):
+            p[i, j] = p[j, i] = left[i, j] + part[i] * gain[j]
+
+
+@kernel
 def absorb_independent(
     p: Floats, y: Floats, h: Floats, variance: Floats, n: int, work: Work, x: Floats, left: Floats
 ) -> tuple[float, float]:
@@ -398,7 +435,7 @@ def absorb_independent(
         x: (12,), corrected in place.
         left: (12, 12), receives the covariance that is left.
     """
-    gain, scale, noise = work.gain, work.scale, np.empty((1, 1))
+    gain, scale = work.gain, work.scale
     squared, volume = x[0] * 0.0, x[0] * 0.0 + 1.0
     for i in range(STATES):
         for j in range(STATES):
@@ -408,20 +445,10 @@ def absorb_independent(
         volume *= np.sqrt(scale[0])
     if _has_shrunk(p, left):
         for a in range(n):
-            s = p[0, 0] * 0.0 + variance[a]
-            for i in range(STATES):
-                value = p[i, 0] * h[a, 0]
-                for j in range(1, STATES):
-                    value += p[i, j] * h[a, j]
-                gain[0, i] = value
-                s += h[a, i] * value
-            for i in range(STATES):
-                gain[0, i] /= s
-            noise[0, 0] = variance[a]
-            _joseph_into(p, gain, h[a : a + 1], noise, 1, work, left)
-            for i in range(STATES):
-                for j in range(STATES):
-                    p[i, j] = left[i, j]
+            _joseph_row(p, h[a], variance[a], work)
+        for i in range(STATES):
+            for j in range(STATES):
+                left[i, j] = p[i, j]
     return squared, volume
 
 

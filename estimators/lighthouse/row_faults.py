@@ -143,8 +143,8 @@ def _worst(
     """Write the largest slopes (2,) of any photodiode before a station."""
     of, done, common = np.empty(n, np.int64), np.zeros(n, np.bool_), np.empty(n)
     _commons_into(n, work, light, common)
-    shown, lower = np.empty((n, n)), np.empty((n, n))
-    moved, seen = np.empty((STATES, n)), np.empty((2, STATES))
+    shown, lower, across = np.empty((n, n)), np.empty((n, n)), np.empty((STATES, n))
+    moved, seen = np.empty((n, STATES)), np.empty((2, STATES))
     for first in range(n):
         if done[first]:
             continue
@@ -152,6 +152,8 @@ def _worst(
         for k in range(first, n):
             if source[0, k] == source[0, first] and source[1, k] == source[1, first]:
                 of[b], done[k] = k, True
+                for p in range(STATES):
+                    across[p, b] = z[k, p]
                 b += 1
         for i in range(b):
             own = light.own[work[1, of[i]]]
@@ -162,25 +164,29 @@ def _worst(
                     seen[0, p] += factor * inverse[0, m, p]
                     seen[1, p] += factor * inverse[1, m, p]
             for m in range(STATES):
-                moved[m, i] = seen[1, m]
+                moved[i, m] = seen[1, m]
             for j in range(i + 1):
-                value = 0.0
+                shown[i, j] = 0.0
                 if work[0, of[i]] == work[0, of[j]]:
-                    value = ((1.0 if i == j else 0.0) - common[of[i]]) / (own * own)
-                for p in range(STATES):
-                    value -= seen[0, p] * z[of[j], p]
-                shown[i, j] = value
+                    shown[i, j] = ((1.0 if i == j else 0.0) - common[of[i]]) / (own * own)
+            # Sums over the states go on side by side: one after the other, each would wait for its own last term.
+            for p in range(STATES):
+                factor = seen[0, p]
+                for j in range(i + 1):
+                    shown[i, j] -= factor * across[p, j]
         if not cholesky_into(shown[:b, :b], lower[:b, :b]):
             out[:] = np.inf
             return
-        # G L^-T, row by row: L x = g.
-        for m in range(STATES):
-            for i in range(b):
-                for j in range(i):
-                    moved[m, i] -= lower[i, j] * moved[m, j]
-                moved[m, i] /= lower[i, i]
-        out[0] = max(out[0], OVERSHOOT * (_norm(moved[6:9], b) + open_s * _norm(moved[9:12], b)))
-        out[1] = max(out[1], OVERSHOOT * (_norm(moved[0:3], b) + open_s * _norm(moved[3:6], b)))
+        # G L^-T, column by column: L x = g.
+        for i in range(b):
+            for j in range(i):
+                factor = lower[i, j]
+                for m in range(STATES):
+                    moved[i, m] -= factor * moved[j, m]
+            for m in range(STATES):
+                moved[i, m] /= lower[i, i]
+        out[0] = max(out[0], OVERSHOOT * (_norm(moved, b, 6) + open_s * _norm(moved, b, 9)))
+        out[1] = max(out[1], OVERSHOOT * (_norm(moved, b, 0) + open_s * _norm(moved, b, 3)))
 
 
 @kernel
@@ -198,13 +204,27 @@ def _commons_into(n: int, work: Ints, light: StationArrays, out: Floats) -> None
 
 
 @kernel
-def _norm(m: Floats, b: int) -> float:
-    """Return the largest singular value of m (3, b): of M M^T by the cosine of a third of an angle."""
+def _norm(m: Floats, b: int, first: int) -> float:
+    """Return the largest singular value of three columns of m (b, 12): of M^T M by the cosine of a third of an angle.
+
+    Args:
+        m: (b, 12), or more rows.
+        b: number of rows.
+        first: the first of the three columns.
+    """
+    if b <= 2:  # of M M^T
+        near, cross, far = 0.0, 0.0, 0.0
+        for i in range(first, first + 3):
+            near += m[0, i] * m[0, i]
+            if b == 2:
+                cross, far = cross + m[0, i] * m[1, i], far + m[1, i] * m[1, i]
+        apart = (near - far) / 2
+        return float(np.sqrt((near + far) / 2 + np.sqrt(apart * apart + cross * cross)))
     square = np.zeros((3, 3))
     for i in range(3):
         for j in range(i + 1):
             for k in range(b):
-                square[i, j] += m[i, k] * m[j, k]
+                square[i, j] += m[k, first + i] * m[k, first + j]
     mean = (square[0, 0] + square[1, 1] + square[2, 2]) / 3
     x, y, z = square[0, 0] - mean, square[1, 1] - mean, square[2, 2] - mean
     u, v, w = square[1, 0], square[2, 0], square[2, 1]
