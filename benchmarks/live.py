@@ -1,9 +1,11 @@
 """Latency of a replay of lines as they come: 60 s of lines through a pipe at real speed, from line to estimate.
 
     python benchmarks/live.py [--seconds 60] [--recording FILE] [--calibration FILE] [--stations FILE] [--record]
+        [--generation 2.0]
 
-Another process writes the lines when they are due by their own time. Without a file they are of a simulated object with
-20 photodiodes that is moved by hand before two Lighthouse 1.0 stations (`tests/made_recording.py`). A line's latency is
+Another process writes the lines when they are due by their own time. Without a file they are simulated: of an object
+with 20 photodiodes that is moved by hand before two Lighthouse 1.0 stations (`tests/made_recording.py`), with
+`--generation 2.0` of a craft that wanders between two of 2.0 (`recorded_stations.py`). A line's latency is
 the time from its being read from the pipe to the writing of the estimate that it is in; the periods' own wait (33 ms or
 20 ms, then a turn) is in it. Lines that came before the start had been caught up with do not count.
 """
@@ -47,8 +49,13 @@ sys.stdout.flush()
 """
 
 
-def made(folder: Path, seconds: float) -> tuple[Path, Path]:
-    """Write lines of a simulated hand and their calibration; return both files."""
+def made(folder: Path, seconds: float, generation: str) -> tuple[Path, Path]:
+    """Write simulated lines of stations of a generation, and their calibration; return both files."""
+    if generation == "2.0":
+        from recorded_stations import recorded
+
+        _, file, _ = recorded(folder, seconds + 2.0, 1)
+        return file, file.with_name(f"{file.name}.json")
     sys.path.insert(0, str(ROOT / "tests"))
     import made_recording
     from synthetic_recording import calibration_text
@@ -65,6 +72,7 @@ def main() -> None:
     """Measure, and print JSON."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--generation", choices=("1.0", "2.0"), default="1.0", help="of the stations, without a file")
     for name in ("recording", "calibration", "stations", "out"):
         parser.add_argument(f"--{name}", type=Path)
     parser.add_argument("--record", action="store_true", help="write recording.rrd as well")
@@ -72,7 +80,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         file, calibration = options.recording, options.calibration
         if file is None:
-            file, calibration = made(Path(folder), options.seconds)
+            file, calibration = made(Path(folder), options.seconds, options.generation)
         feeder = subprocess.Popen(
             [sys.executable, "-c", FEED, str(file), str(options.seconds), str(ROOT)], stdout=subprocess.PIPE
         )

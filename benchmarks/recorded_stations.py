@@ -184,16 +184,21 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as made:
         folder = given.keep or Path(made)
         folder.mkdir(parents=True, exist_ok=True)
-        text = folder / "simulated.toml"
-        text.write_text(SCENARIO.format(seconds=given.seconds, seed=given.seed))
-        scenario = load(text)
-        flight = Flight(scenario)
-        navigator = flight.computer.navigator
-        assert isinstance(navigator, StationNavigator)
-        flown = fly(flight)
-        file = write(folder, flown, flight, navigator.stations, scenario.lighthouse.tick_ns * 1e-9)
-        compare(flown, file, [noise.own_rad for noise in navigator._noise])
+        compare(*recorded(folder, given.seconds, given.seed))
     print(json.dumps(machine()))
+
+
+def recorded(folder: Path, seconds: float, seed: int) -> tuple[Flown, Path, list[float]]:
+    """Fly and write the recording; return the flight, the file, and the noise of each station's angles [rad]."""
+    text = folder / "simulated.toml"
+    text.write_text(SCENARIO.format(seconds=seconds, seed=seed))
+    scenario = load(text)
+    flight = Flight(scenario)
+    navigator = flight.computer.navigator
+    assert isinstance(navigator, StationNavigator)
+    flown = fly(flight)
+    file = write(folder, flown, flight, navigator.stations, scenario.lighthouse.tick_ns * 1e-9)
+    return flown, file, [noise.own_rad for noise in navigator._noise]
 
 
 def apart(own: Floats, read: Floats) -> Floats:

@@ -20,10 +20,14 @@ from estimators.lighthouse.sweep import FanPair, from_libsurvive, measured_theta
 
 TICK_S = 1 / 48e6
 TURN_S = 1 / 60
+BEGIN_TICK = 2**32 - 5 * 48_000_000
 FLIP = np.diag([1.0, -1.0, -1.0])
 DEVICE = "WAND"
 RADIUS_M = 0.07
 PHASES = np.array([0.0, 2.0, 4.0])
+IMU_TURN, IMU_AT_M = Rotation.from_rotvec([0.4, -1.1, 2.0]), np.array([0.03, -0.05, 0.02])
+GYRO_BIAS, FORCE_BIAS = np.array([0.02, -0.01, 0.015]), np.array([0.4, -1.9, 0.1])
+G_M_S2 = 9.80665
 
 
 class Made(NamedTuple):
@@ -32,7 +36,8 @@ class Made(NamedTuple):
     duration_s: length [s]. own_rad, rotor_rad: noise of an angle of one photodiode, and common to a sweep. misplaced_m:
     1 sigma of a photodiode's place. liar: (photodiode, fan, angle [rad]) of a constant reflection that it sees in place
     of station 0's direct light. echo: share of the sweeps of station 0 in which a photodiode sees a second pulse, some
-    milliradians off.
+    milliradians off. imu: operation of the lines of a gyroscope and accelerometer, "i" for counts, "I" for g and rad/s;
+    empty for none. Their biases are in CONFIG, but for a tenth.
     """
 
     duration_s: float = 15.0
@@ -41,6 +46,7 @@ class Made(NamedTuple):
     misplaced_m: float = 1e-4
     liar: tuple[int, int, float] | None = None
     echo: float = 0.0
+    imu: str = ""
 
 
 def layout() -> Floats:
@@ -101,12 +107,58 @@ def lines(made: Made = HANDHELD, seed: int = 3) -> list[str]:
             "modelNormals": directions.round(6).tolist(),
         }
     }
+    if made.imu:
+        config["imu"] = imu_config()
     out = ["0.000000 INFO LOG Recording, simulated", f"0.1 {DEVICE} CONFIG {json.dumps(config)}"]
     out += [f"0.2 {n} LH_POSE {_numbers(rotation, position)}" for n, (rotation, position) in STATIONS.items()]
     errors = {n: from_libsurvive(f["phase"], f["tilt"], f["curve"], f["gibpha"], f["gibmag"]) for n, f in FCAL.items()}
-    begin = 2**32 - 5 * 48_000_000
     for half in range(round(made.duration_s / TURN_S * 2)):
-        out += _half_turn(made, rng, true_points, half, begin, errors)
+        out += _half_turn(made, rng, true_points, half, BEGIN_TICK, errors)
+    if made.imu:
+        out += inertial_lines(made)
+        out[2:] = sorted(out[2:], key=lambda line: float(line.split(None, 1)[0]))
+    return out
+
+
+def moved(time_s: Floats, d: float = 1e-3) -> tuple[Floats, Floats, Floats]:
+    """Rates and accelerations of rates in the body frame, and the origin's specific force there, (N, 3) each."""
+
+    def rate(at: Floats) -> Floats:
+        before, after = pose(at - d)[0], pose(at + d)[0]
+        turned: Floats = (before.inv() * after).as_rotvec() / (2 * d)
+        return turned
+
+    push = (pose(time_s + d)[1] - 2 * pose(time_s)[1] + pose(time_s - d)[1]) / d**2
+    force = pose(time_s)[0].inv().apply(push + np.array([0.0, 0.0, G_M_S2]))
+    return rate(time_s), (rate(time_s + d) - rate(time_s - d)) / (2 * d), force
+
+
+def imu_config() -> dict[str, list[float]]:
+    """What CONFIG tells of the gyroscope and accelerometer."""
+    axes = IMU_TURN.as_matrix()
+    return {
+        "plus_x": axes[:, 0].tolist(),
+        "plus_z": axes[:, 2].tolist(),
+        "position": IMU_AT_M.tolist(),
+        "gyro_bias": (0.9 * GYRO_BIAS).tolist(),
+        "acc_bias": (0.9 * FORCE_BIAS).tolist(),
+    }
+
+
+def inertial_lines(made: Made) -> list[str]:
+    """The lines of the gyroscope and accelerometer, 250 a second."""
+    time_s = np.arange(0.0, made.duration_s, 0.004)
+    rate, faster, force = moved(time_s)
+    there = force + np.cross(faster, IMU_AT_M) + np.cross(rate, np.cross(rate, IMU_AT_M))
+    shown = np.hstack([IMU_TURN.inv().apply(there) + FORCE_BIAS, IMU_TURN.inv().apply(rate) + GYRO_BIAS])
+    shown[:, :3] /= G_M_S2
+    if made.imu == "i":
+        shown = np.round(shown * np.repeat([4096.0, 32768 / np.radians(2000.0)], 3))
+    out = []
+    for number, (at_s, row) in enumerate(zip(time_s.tolist(), shown.tolist(), strict=True)):
+        words = " ".join(f"{value:.6f}" for value in (*row, 0.0, 0.0, 0.0))
+        tick = (BEGIN_TICK + round(at_s / TICK_S)) % 2**32
+        out.append(f"{1 + at_s:.6f} {DEVICE} {made.imu} 3 {tick} {words} {number}")
     return out
 
 

@@ -1,18 +1,26 @@
 """Gyroscope and accelerometer beside a filter: the dark, biases, mirror images, and the samples of a log."""
 
+from pathlib import Path
+
+import made_recording
 import numpy as np
 import pytest
 from rows_made import DECK, room, seen
 
 from estimators.arrays import Floats
+from estimators.filter.compiled import CompiledFilterBank
 from estimators.lighthouse.innovation import RowBatch
 from estimators.lighthouse.integrity import AngleNoise
 from estimators.lighthouse.row_motion import HandMotion
+from estimators.pivot import PIVOT
 from estimators.rotation import exp, log
 from estimators.state import State
 from swarm.flight.recordings.crazyflie import Inertial
+from swarm.flight.recordings.libsurvive import Recording, read_libsurvive
+from swarm.flight.recordings.object_light import object_of
 from swarm.flight.recordings.row_windows import shown
 from swarm.hardware import pad
+from swarm.onboard.inertial import Inertial as Biased
 from swarm.onboard.inertial import InertialLight, InertialSensors
 from swarm.onboard.place_errors import PlaceErrors, PlaceSigma
 from swarm.onboard.settings import NavigationSettings, Status
@@ -122,6 +130,23 @@ def test_one_station_and_a_plane_are_decided_by_what_the_sensors_show() -> None:
     )
 
 
+def test_what_is_known_of_biases_never_turns_negative() -> None:
+    """Rows that turn an attitude far, of a filter that hardly knew it, do not break what is known beside it."""
+    rng, bank, own = np.random.default_rng(3), CompiledFilterBank(1, gate_probability=1.0), np.array([True])
+    bank.adopt(own, state_at(0.3), np.diag(np.repeat([0.6, 5.0, 1.0, 1.0], 3) ** 2)[None])
+    found = Biased(1, InertialSensors((0.0, 0.0, 9.80665), 0.5))
+    for _ in range(20):
+        found.begin(bank, FRAME_S)
+        bank.predict(FRAME_S, own)
+        found.carry(bank, InertialLight(*rng.normal(0, 3.0, (3, 1, 3))), FRAME_S, (10.0, 20.0))
+        h, d = 100 * rng.standard_normal((3, 12)), 10 * rng.standard_normal((3, 9))
+        before = bank.covariance[0]
+        y = np.sqrt(np.diag(h @ before @ h.T)) * rng.standard_normal(3)
+        bank.update(own, y[None], h[None], np.ones((1, 3)), pivot=np.full((1, PIVOT), 0.3))
+        found.rows(0, y, h, bank, before, d)
+        assert np.linalg.eigvalsh(found._variance[0])[0] > 0
+
+
 def test_samples_are_means_over_periods_and_gaps_are_none() -> None:
     time_s = np.concatenate([np.arange(0, 0.2, 0.01), np.arange(0.3, 0.5, 0.01)])
     ramp = np.stack([time_s, 2 * time_s, -time_s], axis=1)
@@ -149,3 +174,33 @@ def test_considered_errors_do_not_grow_where_the_state_is_corrected_far() -> Non
         places.rows(one, every, np.ones(1, dtype=np.bool_), (off, p))
     grown = np.sqrt(np.trace(places.widened(np.zeros((1, 12, 12)))[0][6:9, 6:9]))
     assert grown < 1.0
+
+
+@pytest.fixture(scope="module", params=["i", "I"])
+def recorded(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Recording:
+    """A second of a hand with inertial sensors, in counts or in g and rad/s."""
+    made = made_recording.Made(duration_s=1.0, imu=request.param)
+    file = made_recording.write(tmp_path_factory.mktemp("imu") / "hand.rec.gz", made_recording.lines(made))
+    return read_libsurvive(file, made_recording.DEVICE)
+
+
+def test_lines_of_libsurvive_are_what_the_object_does_at_its_origin(recorded: Recording) -> None:
+    light = object_of(recorded)
+    at_s = light.inertial.time_s - 1.0
+    assert len(at_s) > 200
+    rate, _, force = made_recording.moved(at_s)
+    left = np.concatenate([0.1 * made_recording.GYRO_BIAS, 0.1 * made_recording.FORCE_BIAS])
+    turned = made_recording.IMU_TURN.apply(left.reshape(2, 3))
+    inner = slice(2, -2)
+    assert np.abs(light.inertial.rate - rate - turned[0])[inner].max() < 2e-3
+    # A count of the gyroscope makes 0.1 rad/s^2 of the rate's change, and that 5 mm/s^2 per 50 mm.
+    assert np.abs(light.inertial.acceleration - force - turned[1])[inner].max() < 0.02
+
+
+def test_sensors_of_which_nobody_knows_how_they_sit_are_left_out_in_a_sentence(tmp_path: Path) -> None:
+    text = made_recording.lines(made_recording.Made(duration_s=0.3, imu="i"))
+    for wrong in ('"plus_q"', '"plus_x": 3, "plus_y"'):
+        config = [line.replace('"plus_x"', wrong) for line in text]
+        found = read_libsurvive(made_recording.write(tmp_path / "hand.rec.gz", config), made_recording.DEVICE)
+        assert not len(found.inertial.time_s)
+        assert any("CONFIG does not tell how they sit" in sentence for sentence in found.losses.sentences())

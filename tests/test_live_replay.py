@@ -1,6 +1,7 @@
 """Replay of lines as they come through a pipe: the rows of the file, and every way in which lines begin and end."""
 
 import gzip
+import json
 import os
 import signal
 import threading
@@ -8,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from itertools import takewhile
 
+import made_recording
 import numpy as np
 import pytest
 
@@ -64,8 +66,17 @@ def no_peer(light: ObjectLight) -> WorldPose:
     return WorldPose(np.full_like(light.peer.position, np.nan), np.full_like(light.peer.quaternion, np.nan))
 
 
+def with_sensors(text: list[str]) -> list[str]:
+    """Return the lines of that recording with those of a gyroscope and accelerometer among them."""
+    config = json.dumps({"imu": made_recording.imu_config()})[:-1]
+    text = [line.replace("CONFIG {", f"CONFIG {config}, ") for line in text]
+    duration_s = float(text[-1].split(None, 1)[0]) - 1
+    sensors = made_recording.inertial_lines(made_recording.Made(duration_s=duration_s, imu="i"))
+    return sorted([*text, *(f"{line}\n" for line in sensors)], key=lambda line: float(line.split(None, 1)[0]))
+
+
 def test_rows_of_a_pipe_are_those_of_the_file_bit_for_bit(tmp_path):
-    text, end = lines_of(4.6), threading.Event()
+    text, end = with_sensors(lines_of(4.6)), threading.Event()
     lit_s = [(i, float(line.split(None, 1)[0])) for i, line in enumerate(text) if line.split()[2] in LIT]
     first = next(i + 1 for i, time_s in lit_s if time_s - lit_s[0][1] >= LEARN_S)
     file = tmp_path / "short.rec"
@@ -86,6 +97,11 @@ def test_rows_of_a_pipe_are_those_of_the_file_bit_for_bit(tmp_path):
         assert one.time_s == other.time_s
         for mine, theirs in zip(one.light.rows, other.light.rows, strict=True):
             np.testing.assert_array_equal(mine, theirs)
+    shown = [[w.light.inertial for w in windows if w.light.inertial is not None] for windows in (found, expected)]
+    # The clocks of the two, a line through all lines and one that follows them, differ by microseconds.
+    both = [np.array([np.concatenate(light, axis=None) for light in one]) for one in shown]
+    assert np.count_nonzero(np.isfinite(both[1]).all(axis=1)) > len(expected) - 5
+    np.testing.assert_allclose(both[0], both[1], atol=2e-3)
 
 
 def test_a_run_of_a_pipe_that_is_stopped_is_complete_and_tells_the_garbage(tmp_path):

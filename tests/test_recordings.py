@@ -176,11 +176,15 @@ def test_damaged_lines_are_counted_and_skipped(tmp_path: Path, recording: Record
         "1.5 OBJ A 2 4 100 0.000004 nan 1",
         "1.5 OBJ A 2 4 100 0.000004 0.1 7",
         "1.5 OBJ A 60 4 100 0.000004 0.1 1",
+        "1.6 OBJ I 3 4",
+        "1.6 OBJ i 3 100 1 2 3 4 5 nan 0 0 0 7",
+        "1.6 OBJ I 3 100 99 2 3 4 5 6 0 0 0 7",
         "1.5",
         "\x00\xff\x07",
     ]
     good = lines()
-    made = read_libsurvive(write(tmp_path / "bad.rec.gz", good[:60] + bad + good[60:] + ["", "1.6 OBJ I 3 4"]), "OBJ")
+    text = good[:60] + bad + good[60:] + ["", "1.6 OBJ VELOCITY 3 4"]
+    made = read_libsurvive(write(tmp_path / "bad.rec.gz", text), "OBJ")
     assert made.damaged_lines == len(bad)
     np.testing.assert_array_equal(made.pulses.rise_tick, recording.pulses.rise_tick)
     np.testing.assert_array_equal(made.angles.angle_rad, recording.angles.angle_rad)

@@ -7,11 +7,11 @@ With the rate g and the specific force f that they show in the body frame, at an
 
 u is what an accelerometer at rest shows, gravity upwards in the world. The filter of pose and rates has twelve states
 and knows nothing of b = (b_g, b_f, u): they are estimated beside it, which is exact (B. Friedland's separate biases).
-With the rows y = H x + D b + noise of covariance R, P the filter's covariance after them, and V what an error of b
+With the rows y = H x + D b + noise of covariance R, P the filter's covariance before them, and V what an error of b
 makes of the filter's state,
 
-    prediction   V <- F V + dx/db                                      rows   V <- V - K (H V + D),  K = P H^T R^-1
-    P_b^-1 <- P_b^-1 + (H V + D)^T S^-1 (H V + D),    S^-1 = R^-1 - R^-1 H P H^T R^-1
+    prediction   V <- F V + dx/db                                      rows   V <- V - K (H V + D),  K = P H^T S^-1
+    P_b^-1 <- P_b^-1 + (H V + D)^T S^-1 (H V + D),    S = R + H P H^T
     b <- b + db,  x <- x + V db,    db = P_b (H V + D)^T S^-1 y
 
 and the covariance that is told is P + V P_b V^T. Every row of light tells of b by H V.
@@ -127,12 +127,13 @@ class Inertial:
             body = state.rotation[c].T
             y[c] = shown.rate[c] - self.bias[c, :3] - body @ state.angular_rate[c]
             h[c, :, :3], h[c, :, 3:6] = body @ rot.skew(state.angular_rate[c]), body
+        before = bank.covariance
         result = bank.update(known, y, h, np.full_like(y, RATE_RAD_S**2))
         d = np.zeros((3, BIASES))
         d[:, :3] = np.eye(3) / RATE_RAD_S
         for c in np.flatnonzero(known & result.accepted).tolist():
-            self.rows(c, y[c] / RATE_RAD_S, h[c] / RATE_RAD_S, bank, d)
-            places.updated(c, bank.covariance_of(c) @ h[c].T / RATE_RAD_S**2, h[c])
+            gain = self.rows(c, y[c] / RATE_RAD_S, h[c] / RATE_RAD_S, bank, before[c], d)
+            places.updated(c, gain / RATE_RAD_S, h[c])
         contradicted: Bools = known & ~result.accepted
         self._refused = np.where(contradicted, self._refused + 1, 0)
         bank.stop(self._refused >= REFUSED)
@@ -158,30 +159,41 @@ class Inertial:
         self._sensitivity[c] = v
         return coupling
 
-    def rows(self, craft: int, y: Floats, h: Floats, bank: FilterBank, d: Floats | None = None) -> None:
+    def rows(
+        self, craft: int, y: Floats, h: Floats, bank: FilterBank, before: Floats, d: Floats | None = None
+    ) -> Floats:
         """Learn from rows that a filter has taken in, and correct it by what they tell of the biases.
+
+        The gain is made of the covariance before: that afterwards has been moved along with a wide correction about a
+        photodiode, and no longer belongs to these derivatives.
 
         Args:
             craft: its index.
             y: (n,), innovations, of noise with variance one.
             h: (n, 12), their derivatives by the state.
             bank: the filters afterwards.
+            before: (12, 12), covariance of this one before.
             d: (n, 9), their derivatives by the biases themselves; None: zero.
+
+        Returns:
+            The filter's gain (12, n).
         """
-        p, v, variance = bank.covariance_of(craft), self._sensitivity[craft], self._variance[craft]
+        v, variance = self._sensitivity[craft], self._variance[craft]
         hb = h @ v if d is None else h @ v + d
-        certain = np.eye(len(y)) - h @ p @ h.T
+        certain = np.linalg.inv(np.eye(len(y)) + h @ before @ h.T)
+        gain: Floats = before @ h.T @ certain
         root = np.linalg.cholesky(variance)
         information = np.eye(BIASES) + root.T @ hb.T @ certain @ hb @ root
         self._variance[craft] = root @ np.linalg.solve(information, root.T)
         self._variance[craft] = 0.5 * (self._variance[craft] + self._variance[craft].T)
         found = self._variance[craft] @ hb.T @ certain @ y
-        v = self._sensitivity[craft] = v - p @ h.T @ hb
+        v = self._sensitivity[craft] = v - gain @ hb
         self.bias[craft] += found
         x = np.zeros((len(bank.active), STATES))
         x[craft] = v @ found
         only = np.arange(len(bank.active)) == craft
         bank.add_motion(only, x[:, :3], x[:, 3:6], x[:, 6:9], x[:, 9:12])
+        return gain
 
     def started(self, craft: int) -> None:
         """Begin anew with a filter that starts with a state solved from rows of light: biases are not in it."""

@@ -509,17 +509,20 @@ class StationNavigator:
         bank = self.tracks.bank
         found = innovations(rows, out.kept, mask, self._packed, self._point_m, bank.state, self._noise, found)
         asked = mask & (found.number > 0)
-        before = (bank.state, bank.covariance) if self._places.wanted else None
+        before = (bank.state, bank.covariance) if self._places.wanted or self._inertial is not None else None
         used = self._shared.with_bearers(found, rows, out.kept, asked)
         result, sums, angles = _given(used, asked, bank)
         out.fresh[asked], out.refused[asked] = result.accepted[asked], ~result.accepted[asked]
         out.nis[asked] = result.nis[asked]
         out.rows[asked] = np.where(result.accepted, angles, 0)[asked]
-        if before is not None:
+        if before is None:
+            return found
+        if self._places.wanted:
             self._places.rows(rows, out.kept, asked & result.accepted, before)
         if self._inertial is not None:
             for c in np.flatnonzero(asked & result.accepted).tolist():
-                self._inertial.rows(c, sums.y[c, : sums.number[c]], sums.h[c, : sums.number[c]], bank)
+                own = slice(sums.number[c])
+                self._inertial.rows(c, sums.y[c, own], sums.h[c, own], bank, before[1][c])
         return found
 
     def _give(self, rows: RowBatch, kept: Bools, mask: Bools, bank: FilterBank) -> Bools:

@@ -6,7 +6,8 @@
     POSE x y z qw qx qy qz  libsurvive's own pose of the object's head in its world: a peer's estimate, not the truth
     LH_POSE (same) [id]     libsurvive's pose of a station; the source is its number, or with an id its channel
 
-Lines of Lighthouse 2.0 (Y, W, B) are in `rotor_lines`. Others are not read. A photodiode is the index of its channel in
+Lines of Lighthouse 2.0 (Y, W, B) are in `rotor_lines`, those of gyroscope and accelerometer (I, i) in `imu_lines`.
+Others are not read. A photodiode is the index of its channel in
 channelMap. Lines that end early, have invalid values, contradict the object's clock or repeat an earlier one are
 counted and left out, because real recordings contain some; a file that is mostly such lines is rejected.
 """
@@ -22,6 +23,8 @@ import numpy as np
 from estimators import rotation as rot
 from estimators.arrays import Floats, Ints
 from swarm.errors import SwarmError, did_you_mean
+from swarm.flight.recordings import imu_lines
+from swarm.flight.recordings.crazyflie import Inertial
 from swarm.flight.recordings.line_values import as_rows, finite, in_order, keep_from, once, within
 from swarm.flight.recordings.object_clock import TICK_S, WRAP, ObjectClock
 from swarm.flight.recordings.rotor_light import RotorLog
@@ -36,7 +39,7 @@ MOST_DAMAGED = 100_000
 """Damaged lines beyond twice the good ones at which a file is given up before its end."""
 MOST_NAMES = 1000
 """Names of objects that are kept for messages."""
-_TOKENS = {"C": (6,), "A": (9,), "POSE": (10,), "LH_POSE": (10, 11), **TOKENS}
+_TOKENS = {"C": (6,), "A": (9,), "POSE": (10,), "LH_POSE": (10, 11), **TOKENS, **imu_lines.TOKENS}
 
 
 class PulseLog(NamedTuple):
@@ -79,13 +82,14 @@ class Losses(NamedTuple):
 
     damaged: number of lines that could not be read, or contradict the object's clock. repeated: number of lines that
     were there before. restarts: of the object's counter. end: why and where the file ends early, empty where it does
-    not.
+    not. unplaced: whether inertial sensors were recorded of which CONFIG does not tell how they sit.
     """
 
     damaged: int
     repeated: int = 0
     restarts: int = 0
     end: str = ""
+    unplaced: bool = False
 
     def sentences(self) -> list[str]:
         """Return a sentence for each kind of loss."""
@@ -98,6 +102,8 @@ class Losses(NamedTuple):
             out.append(f"lines that repeat an earlier one, left out: {self.repeated}")
         if self.restarts:
             out.append(f"restarts of the object's clock, bridged by the host's time: {self.restarts}")
+        if self.unplaced:
+            out.append("the gyroscope and accelerometer are left out: CONFIG does not tell how they sit in the object")
         return out
 
 
@@ -107,7 +113,8 @@ class Recording(NamedTuple):
     path: file. device: name of the object. photodiodes: its layout, a batch of one, in its own model frame. pulses,
     angles: its light of Lighthouse 1.0. rotors: of 2.0. peer_time_s (N,), peer (N, ...): its `POSE` lines, as poses of
     the model frame. stations: last `LH_POSE` of each number, of lines without an id. stations_by_id: the same by id, of
-    lines with one. losses: parts of the file that could not be used.
+    lines with one. inertial: gyroscope and accelerometer in the model frame, times in ticks; empty without. losses:
+    parts of the file that could not be used.
     """
 
     path: Path
@@ -120,6 +127,7 @@ class Recording(NamedTuple):
     peer: WorldPose
     stations: dict[int, WorldPose]
     stations_by_id: dict[str, WorldPose]
+    inertial: Inertial
     losses: Losses
 
     @property
@@ -195,6 +203,7 @@ class LibsurviveReader:
         self.clock = ObjectClock(f"{path}: {device}")
         self._pulses, self._angles, self._poses = array("d"), array("d"), array("d")
         self._rotors = RotorLines(self.clock)
+        self._imu = imu_lines.ImuLines(self.clock)
         self._stations: dict[int, tuple[float, ...]] = {}
         self._stations_by_id: dict[str, tuple[float, ...]] = {}
 
@@ -241,6 +250,8 @@ class LibsurviveReader:
             self._pulse(time_s, token)
         elif op in SECOND_GENERATION:
             self._rotors.add(time_s, op, token)
+        elif op in imu_lines.TOKENS:
+            self._imu.add(time_s, op, token)
         else:
             self._angle(time_s, token)
 
@@ -284,6 +295,7 @@ class LibsurviveReader:
         keep_from(self._angles, 6, 4, ticks.hits)
         keep_from(self._poses, 8, 0, before_s)
         self._rotors.forget(ticks.zeros, ticks.hits)
+        self._imu.forget(ticks.hits)
 
     def recording(self, lost: str = "", *, whole: bool = True) -> Recording:
         """Return the collected data as arrays.
@@ -330,11 +342,13 @@ class LibsurviveReader:
             peer=_of_model(poses[:, 1:4], poses[:, 4:], tracked),
             stations={k: _world(pose) for k, pose in self._stations.items()},
             stations_by_id={k: _world(pose) for k, pose in self._stations_by_id.items()},
+            inertial=self._imu.inertial(tracked.imu),
             losses=Losses(
                 self.damaged + self.clock.damaged + unknown + rotors_unknown,
                 twice + angles_twice + poses_twice + rotors_twice,
                 self.clock.restarts,
                 lost,
+                self._imu.any() and tracked.imu is None,
             ),
         )
 

@@ -60,9 +60,11 @@ class LightPart:
         else:
             until = np.inf if whole else (clock.newest or 0) - SWEEP_GAP_S / TICK_S
             hits = self._hits = joined([self._hits, self._pulses.decode(recording, until)])
+        zero_s = float(clock.time_s(np.zeros(())))
         return self._light._replace(
             light=self._light.light._replace(hits=hits),
-            time_0_s=float(clock.time_s(np.zeros(()))),
+            inertial=recording.inertial._replace(time_s=zero_s + TICK_S * recording.inertial.time_s),
+            time_0_s=zero_s,
             time_1=TICK_S,
             peer_time_s=recording.peer_time_s,
             peer=recording.peer,

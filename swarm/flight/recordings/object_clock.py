@@ -83,6 +83,16 @@ class ObjectClock:
             self._doubtful.pop(0)
             self.damaged += 1
 
+    def tick(self, time_s: float, counter: int) -> int | None:
+        """Return the tick of an event that tells nothing of the clock itself, None where that contradicts it.
+
+        Args:
+            time_s: host's time [s].
+            counter: object's counter, 0 to 2^32 - 1.
+        """
+        event = _Event(time_s, counter, lambda _: None)
+        return self._tick(event) if self._base is not None and self._fits(event) else None
+
     def time_s(self, tick: Floats) -> Floats:
         """Return the host's times [s] of ticks near the latest one, any shape."""
         return np.asarray(tick, dtype=np.float64) * TICK_S + self._offset_s

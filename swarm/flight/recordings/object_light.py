@@ -143,7 +143,7 @@ def object_of(recording: Recording, source: Source = "pulses", calibration: str 
         identities={number: identity for number, identity in numbers.items() if identity is not None},
         peer_time_s=recording.peer_time_s,
         peer=recording.peer,
-        inertial=_no_inertial(),
+        inertial=recording.inertial._replace(time_s=line[0] + line[1] * recording.inertial.time_s),
         marks_s=np.zeros(0),
         notes=notes,
         recording=recording,
@@ -159,10 +159,6 @@ def configuration_beside(file: Path) -> Path | None:
     """Return libsurvive's configuration beside a recording, None if it is not there."""
     config = file.with_name(f"{file.name}.json")
     return config if config.is_file() else None
-
-
-def _no_inertial() -> Inertial:
-    return Inertial(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
 
 
 def _line(recording: Recording, second: bool) -> tuple[float, float]:

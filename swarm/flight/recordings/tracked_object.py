@@ -12,6 +12,7 @@ import numpy as np
 from estimators import rotation as rot
 from estimators.arrays import Floats
 from swarm.errors import SwarmError, did_you_mean
+from swarm.flight.recordings.imu_lines import ImuMount, imu_mount
 from swarm.user_text import parse_json, short
 
 
@@ -19,7 +20,8 @@ class TrackedObject(NamedTuple):
     """One tracked object.
 
     point_m: positions of the photodiodes, (K, 3) [m]. normal: unit normals, (K, 3). channels: channel of each, (K,).
-    head_rotation: R_b_h, (3, 3). head_position: of the head in the model frame, (3,) [m].
+    head_rotation: R_b_h, (3, 3). head_position: of the head in the model frame, (3,) [m]. imu: its gyroscope and
+    accelerometer, None where CONFIG does not tell where they sit.
     """
 
     point_m: Floats
@@ -27,6 +29,7 @@ class TrackedObject(NamedTuple):
     channels: list[int]
     head_rotation: Floats
     head_position: Floats
+    imu: ImuMount | None
 
 
 def read_config(text: str, where: str) -> TrackedObject:
@@ -51,22 +54,46 @@ def read_config(text: str, where: str) -> TrackedObject:
         raise SwarmError(
             f"{where}: channelMap must be {len(point)} different whole numbers, not {short(str(channels))}"
         )
-    return TrackedObject(point, normal / length, channels, *_head(config, where))
+    return TrackedObject(point, normal / length, channels, *_head(config, where), _imu(config, where))
 
 
 def _head(config: dict[str, Any], where: str) -> tuple[Floats, Floats]:
     """Return R_b_h (3, 3) and the head's position (3,) [m]."""
-    if "trackref_from_head" in config:
-        values = _numbers(config, "trackref_from_head", (7,), where)
+    return _pose(config, "head", where) or (np.eye(3), np.zeros(3))
+
+
+def _imu(config: dict[str, Any], where: str) -> ImuMount | None:
+    """Return the inertial sensors; None where CONFIG does not tell where they sit, or nothing that makes sense."""
+    try:
+        pose = _pose(config, "imu", where)
+    except SwarmError:
+        return None
+    return None if pose is None else imu_mount(config, pose)
+
+
+def _pose(config: dict[str, Any], name: str, where: str) -> tuple[Floats, Floats] | None:
+    """Return the rotation to the model frame (3, 3) of a part of the object and its position (3,) [m], if it is there.
+
+    Args:
+        config: the JSON of CONFIG.
+        name: of the part, "head" or "imu".
+        where: opens the message.
+
+    Raises:
+        SwarmError: what is there is no pose.
+    """
+    key = f"trackref_from_{name}"
+    if key in config:
+        values = _numbers(config, key, (7,), where)
         quaternion = rot.wxyz_from_xyzw(values[:4])
-        return rot.matrix_from_quaternion(quaternion / _length(quaternion, "trackref_from_head", where)), values[4:]
-    head = config.get("head")
+        return rot.matrix_from_quaternion(quaternion / _length(quaternion, key, where)), values[4:]
+    head = config.get(name)
     if not isinstance(head, dict):
-        return np.eye(3), np.zeros(3)
+        return None
     x, z = (_numbers(head, key, (3,), where) for key in ("plus_x", "plus_z"))
     x, z = x / _length(x, "plus_x", where), z / _length(z, "plus_z", where)
     if abs(x @ z) > 1e-2:
-        raise SwarmError(f"{where}: head's plus_x and plus_z must be at right angles, their product is {x @ z:.3g}")
+        raise SwarmError(f"{where}: {name}'s plus_x and plus_z must be at right angles, their product is {x @ z:.3g}")
     axes = np.column_stack([x, np.cross(z, x), z])
     # The nearest rotation: stored axes are at right angles to some 1e-8 only.
     return rot.mean_rotation(axes[None]), _numbers(head, "position", (3,), where)
