@@ -29,16 +29,18 @@ def joined(*parts: tuple[Floats, Ints]) -> tuple[Floats, Ints]:
     return np.concatenate([vertex for vertex, _ in parts]), np.concatenate(faces)
 
 
+CROOKED = (
+    box((-0.4, -0.35, -0.5), (0.4, 0.35, 0.5)),
+    box((-0.35, 0.35, 0.05), (0.35, 1.5, 0.1)),
+    box((0.2, -0.3, 0.5), (0.35, -0.15, 1.1)),
+    box((-0.75, -0.3, -0.4), (-0.4, 0.1, 0.0)),
+)
+
+
 @lru_cache
 def crooked() -> Shape:
     """A bus with one panel, a mast on one corner and a chest on one side: no symmetry."""
-    parts = (
-        box((-0.4, -0.35, -0.5), (0.4, 0.35, 0.5)),
-        box((-0.35, 0.35, 0.05), (0.35, 1.5, 0.1)),
-        box((0.2, -0.3, 0.5), (0.35, -0.15, 1.1)),
-        box((-0.75, -0.3, -0.4), (-0.4, 0.1, 0.0)),
-    )
-    return Shape(*joined(*parts), points=1500)
+    return Shape(*joined(*CROOKED), points=1500)
 
 
 @lru_cache

@@ -1,6 +1,7 @@
 """On board: scans become a target's pose in the lighthouse frame, lost and found again, per observer and fused."""
 
-from typing import Any, NamedTuple
+from types import SimpleNamespace
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import pytest
@@ -9,12 +10,17 @@ from lidar_target import NOISE_M, attitudes, crooked, directions, scan_of
 from estimators import rotation as rot
 from estimators.arrays import Floats
 from estimators.free_rotation import free_turns
+from estimators.rotation import quaternion_from_matrix
 from estimators.state import State
 from swarm.messages import LidarPattern, LidarScan
 from swarm.onboard.inspection import LIDAR_SENSOR, Inspection, InspectionSettings, Observer
 from swarm.onboard.lidar import at_epoch
 from swarm.onboard.settings import Status
+from swarm.report.findings import inspections
 from swarm.results.columns.core import SENSORS
+from swarm.results.lidar_scans import ScanWriter
+from swarm.results.period import Period
+from swarm.results.summary.scans import scans
 
 PERIOD_S = 0.1
 PATTERN = LidarPattern(np.eye(3), np.zeros(3), np.radians(2.0), NOISE_M, PERIOD_S)
@@ -199,8 +205,11 @@ def test_a_scan_is_moved_to_its_epoch():
     assert np.abs(unmoved.point - still.point).max() > 0.02
 
 
-def test_ten_seconds_without_a_scan_and_tracked_again_by_the_first():
-    """The target tumbles by Euler's equation; its rates and its inertia are found from the scans before."""
+def test_ten_seconds_without_a_scan_and_tracked_again_by_the_first(tmp_path):
+    """The target tumbles by Euler's equation; its rates and its inertia are found from the scans before.
+
+    Summary and report tell the true principal moments, 16 : 26 : 32 against their mean, within what they promise.
+    """
     rng, tensor = np.random.default_rng(9), np.diag([32.0, 16.0, 26.0])[None]
     computer = Inspection(observers(1), InspectionSettings(frame_s=0.25))
     attitude, rate, where = attitudes(1, seed=8)[0], np.radians([3.0, -2.0, 4.0]), np.array([5.0, 0.2, -0.1])
@@ -221,3 +230,17 @@ def test_ten_seconds_without_a_scan_and_tracked_again_by_the_first():
     assert np.degrees(np.sqrt(np.trace(covariance[:3, :3]))) < 5.0, "not by saying that nothing is known"
     assert (fixes[0].outcome, fixes[0].acquired) == ("tracked", False)
     assert np.degrees(rot.angle_between(attitude, fixes[0].rotation)) < 0.7
+    writer = ScanWriter(tmp_path, ["a", "b", "t"])
+    place = np.stack([np.zeros(3), np.zeros(3), where])
+    turn = quaternion_from_matrix(np.stack([np.eye(3), np.eye(3), attitude]))
+    truth = SimpleNamespace(position=place, quaternion=turn)
+    writer.append(cast(Period, SimpleNamespace(time_s=20.0, frame=200, scans=fixes, truth=truth)))
+    writer.close()
+    lidar = scans(tmp_path)["lidar"]
+    told = lidar["a"]["inertia"]
+    moments, sigma = np.array(told["moments"]), np.array(told["moments"]) * told["sigmas"]
+    assert sigma.max() < 0.2, "not by saying that nothing is known"
+    assert (np.abs(moments - 3 * np.array([16.0, 26.0, 32.0]) / 74) < 3 * sigma).all()
+    assert told["observed"] >= 3
+    words = " : ".join(f"{m:.2f} ± {s:.2f}" for m, s in zip(moments, sigma, strict=True))
+    assert f"principal moments of inertia as {words}, {told['observed']} of 5" in inspections(lidar)[0].text

@@ -4,7 +4,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from lidar_target import DISTANCE, attitudes, box, brick, crooked, joined, scan_of
+from lidar_target import CROOKED, DISTANCE, attitudes, box, brick, crooked, joined, scan_of
 
 from estimators import rotation as rot
 from estimators.arrays import Floats, Ints
@@ -181,3 +181,34 @@ def test_the_table_says_why_a_target_was_never_acquired() -> None:
     assert "17 scans ambiguous: more than one attitude fits, the shape is symmetric" in finding.text
     (finding,) = inspections({"a": {**figures, "acquisitions": 1}})
     assert "ambiguous" not in finding.text
+
+
+def divided(vertex: Floats, face: Ints) -> tuple[Floats, Ints]:
+    """Every triangle as four."""
+    corner = vertex[face]
+    a, b, c = corner[:, 0], corner[:, 1], corner[:, 2]
+    ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+    parts = np.concatenate([np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
+    return parts.reshape(-1, 3), np.arange(3 * len(parts)).reshape(-1, 3)
+
+
+def test_a_mesh_far_from_its_origin_inside_out_and_in_thousands_of_triangles_is_the_same_target() -> None:
+    """Its pose is that of its own origin, 21 m away, which an error of the attitude moves: the covariance knows."""
+    vertex, face = joined(*CROOKED)
+    for _ in range(3):
+        vertex, face = divided(vertex, face)
+    offset = np.array([20.0, -7.0, 3.0])
+    far = Shape(vertex + offset, face[:, ::-1], points=1500)
+    assert len(far.mesh.corner) > 3000
+    rng = np.random.default_rng(0)
+    for truth in attitudes(2, 3):
+        found = acquire(scan_of(crooked(), truth, DISTANCE, rng), far)
+        assert found.found
+        turned = rot.exp(np.radians([2.0, 1.0, -1.0])) @ truth
+        near = DISTANCE - turned @ offset
+        fit = track(scan_of(crooked(), turned, DISTANCE, rng), far, found.rotation, found.position)
+        assert fit.tracked
+        for true, answer, place in ((truth, found, DISTANCE - truth @ offset), (turned, fit, near)):
+            error = np.concatenate([rot.log(true @ answer.rotation.T), place - answer.position])
+            assert np.degrees(np.linalg.norm(error[:3])) < 0.5
+            assert error @ np.linalg.solve(answer.covariance, error) < 22.5, "99.9 % of six degrees of freedom"

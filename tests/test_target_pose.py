@@ -74,6 +74,22 @@ def test_what_a_plane_leaves_free_is_said():
     assert free.tolist() == [True, False, False, False, True, True]
 
 
+def test_a_few_wrong_matches_do_not_lead_along_what_all_others_leave_free():
+    """Two faces of a brick leave it free to slide along both; two stray points beyond its end would pull it there."""
+    rng = np.random.default_rng(5)
+    truth = rot.exp(np.array([0.0, 0.0, 0.5])) @ rot.exp(np.array([0.0, 0.35, 0.0]))
+    scan = scan_of(brick(), truth, DISTANCE, rng)
+    own = (scan.point - DISTANCE) @ truth
+    end = 0.3 * np.sign((-truth.T @ DISTANCE)[2])
+    of_two = own[np.abs(own[:, 2] - end) > 0.04]
+    stray = np.array([[-0.3, 0.1, end * 1.25], [-0.2, 0.0, end * 1.25]])
+    point = np.concatenate([of_two, stray]) @ truth.T + DISTANCE
+    fit = register(point, brick(), truth, DISTANCE, NOISE_M, reach_m=0.12 * brick().radius_m)
+    assert fit.degenerate
+    assert abs((fit.position - DISTANCE) @ truth[:, 2]) < 0.005
+    assert off_deg(truth, fit.rotation) < 0.5
+
+
 def test_the_search_covers_all_rotations():
     """3000 rotations, 13 degrees apart: any other one has a start about as near, and the steps do the rest."""
     starts = rotations()

@@ -22,7 +22,8 @@ from estimators.arrays import Bools, Floats
 from estimators.lidar.agreement import WORST, agreement
 from estimators.lidar.likeness import mistaken
 from estimators.lidar.pose_search import STARTS, Poses, distinct, rotations, search
-from estimators.lidar.registration import JUMP, Registration, register
+from estimators.lidar.profile import profiled
+from estimators.lidar.registration import JUMP, Registration, register, shifted
 from estimators.lidar.scan import Scan, checked, clusters
 from estimators.lidar.shape import Shape
 from estimators.lidar.symmetry import symmetry
@@ -33,6 +34,16 @@ rough registration.
 """
 FINE = 4
 """Rough registrations that are registered once more."""
+ROUNDS = 3
+"""At most so often what the best pose is mistaken for is looked at, and registered."""
+CLEARLY = 0.8
+"""Cost, against that of a finer registration, below which a rough one stays."""
+SAME = 0.01
+"""Turn [rad], or shift against the radius, below which two registrations have come to one pose."""
+RAYS, HOPEFUL = 400, 3.0
+"""Rays that tell where a rough pose belongs along what its points leave free; cost of such a one, against the best's,
+up to which that is asked.
+"""
 LINKS = (0.6, 0.3, 0.1)
 """Returns nearer than this, against the shape's radius, belong to one object; the wider links first."""
 
@@ -107,10 +118,7 @@ class Acquisition(NamedTuple):
             attitude: (3, 3), the other attitude.
         """
         rotation, position = symmetry(shape).nearest(self.rotation, self.position, attitude)
-        # The origin is elsewhere, and an error of the attitude moves it along.
-        moved = np.eye(6)
-        moved[3:, :3] = -rot.skew(position - self.position)
-        return self._replace(rotation=rotation, position=position, covariance=moved @ self.covariance @ moved.T)
+        return self._replace(rotation=rotation, position=position, covariance=shifted(self, position))
 
 
 class _Candidate(NamedTuple):
@@ -131,7 +139,15 @@ def acquire(scan: Scan, shape: Shape, settings: AcquisitionSettings | None = Non
     Raises:
         ValueError: the scan is none (`checked`).
     """
-    s = settings or AcquisitionSettings()
+    found = _acquired(scan, shape.centred, settings or AcquisitionSettings())
+    if not shape.centre.any():
+        return found
+    position = found.position - found.rotation @ shape.centre
+    return found._replace(position=position, covariance=shifted(found, position))
+
+
+def _acquired(scan: Scan, shape: Shape, s: AcquisitionSettings) -> Acquisition:
+    """Return the pose of a target whose shape is about its origin."""
     best, tried = nothing(0), set[tuple[int, int, int]]()
     most = 0
     # Parts of the target may stand apart where what joins them was not hit; other things may stand near it.
@@ -180,24 +196,28 @@ def _alone(scan: Scan, members: np.ndarray, own: Floats, shape: Shape) -> Scan:
 def _of_object(scan: Scan, everything: Scan, shape: Shape, s: AcquisitionSettings) -> Acquisition:
     point = scan.point
     group = symmetry(shape)
-    poses = distinct(search(scan, shape, rotations(s.starts)), s.apart_rad / 2, s.candidates, group.angle_between)
+    found = search(scan, shape, group.one_of_each(rotations(s.starts)))
+    poses = distinct(found, s.apart_rad / 2, s.candidates, group.angle_between)
     some = point[:: max(1, len(point) // 300)]
     rough = _refined(scan, shape, poses, some, rough=True)
-    if rough:
-        first = min(rough, key=lambda c: c.cost).fit
-        rough += _refined(scan, shape, mistaken(shape, first.rotation, first.position), some, rough=True)
-    rough.sort(key=lambda c: c.cost)
-    # The best ones once more, with all points.
-    fine = sorted(_fine(scan, shape, [c.fit for c in rough[:FINE]], s), key=lambda c: c.cost)
+    # The best ones once more, with all points; and then what the best of all is mistaken for, until it stays the best.
+    fine, asked = list[_Candidate](), None
+    for _ in range(ROUNDS):
+        rough = _apart(sorted(rough, key=lambda c: c.cost), fine, shape)
+        fine = sorted(fine + _fine(scan, shape, rough[:FINE], s), key=lambda c: c.cost)
+        rough = rough[FINE:]
+        if not fine or (asked is not None and not _differ(fine[0].fit, asked, s, shape)):
+            break
+        asked = fine[0].fit
+        rough += _refined(scan, shape, mistaken(shape, asked.rotation, asked.position), some, rough=True)
     if not fine:
         return nothing(len(point))._replace(verdict=Verdict.NOT_RECOGNISED)
-    rest = rough[FINE:]
-    others = [c for c in fine[1:] + rest if _differ(c.fit, fine[0].fit, s, shape)]
+    others = [c for c in fine[1:] + rough if _differ(c.fit, fine[0].fit, s, shape)]
     second = min(others, key=lambda c: c.cost, default=None)
     if second is not None and not any(second is c for c in fine):
         # As far as the best: a rough one would lose for being rough.
-        fine = sorted(fine + _fine(scan, shape, [second.fit], s), key=lambda c: c.cost)
-        others = [c for c in fine[1:] + rest if _differ(c.fit, fine[0].fit, s, shape)]
+        fine = sorted(fine + _fine(scan, shape, [second], s), key=lambda c: c.cost)
+        others = [c for c in fine[1:] + rough if _differ(c.fit, fine[0].fit, s, shape)]
         second = min(others, key=lambda c: c.cost, default=None)
     best = fine[0]
     margin = _margin(best, second, s) if second else np.inf
@@ -268,29 +288,63 @@ def _refined(
         seen = agreement(scan, shape, fit.rotation, fit.position)
         if seen.rays:
             out.append(_Candidate(fit, seen.cost, seen.overlap, seen.conflict))
-    return out
+    hopeful = HOPEFUL * min((c.cost for c in out), default=0.0)
+    free = [c.fit.degenerate and c.cost < hopeful and np.isfinite(c.fit.residual_m) for c in out]
+    return [_slid(scan, shape, point, c) if rough and slides else c for c, slides in zip(out, free, strict=True)]
 
 
-def _fine(scan: Scan, shape: Shape, fits: list[Registration], s: AcquisitionSettings) -> list[_Candidate]:
+def _slid(scan: Scan, shape: Shape, point: Floats, rough: _Candidate) -> _Candidate:
+    """Return a rough registration once more from where the rays want it along what its points leave free, if better.
+
+    What points leave free stays where the search had it: a plate slides within its plane, and neither its own points
+    nor edges, out of reach, bring it back.
+    """
+    some = scan.rays(np.arange(0, len(scan.range_m), max(1, len(scan.range_m) // RAYS)))
+    better = profiled(some, shape, rough.fit.rotation, rough.fit.position)
+    if better is None:
+        return rough
+    edges, reach_m = scan.edges(JUMP * shape.radius_m), REACH * shape.radius_m
+    turn, place = better.rotation, better.position
+    fit = register(point, shape, turn, place, scan.noise_m, edges=edges, reach_m=reach_m, rough=True)
+    seen = agreement(scan, shape, fit.rotation, fit.position)
+    return _Candidate(fit, seen.cost, seen.overlap, seen.conflict) if seen.cost < rough.cost else rough
+
+
+def _fine(scan: Scan, shape: Shape, candidates: list[_Candidate], s: AcquisitionSettings) -> list[_Candidate]:
     """Return rough registrations once more, with all points; where few rays agree, without edges if better.
 
     Perhaps edges were matched with others than their own. Rivals have the same chance: one that is spoilt so does not
-    contradict the best.
+    contradict the best. A rough one that all rays clearly prefer stays as it is.
     """
     out = []
-    for fit in fits:
-        one = Poses(fit.rotation[None], fit.position[None], np.zeros(1))
+    for rough in candidates:
+        one = Poses(rough.fit.rotation[None], rough.fit.position[None], np.zeros(1))
         found = _refined(scan, shape, one, scan.point)
         if found and found[0].overlap < s.overlap_edges:
             plain = _refined(scan, shape, one, scan.point, with_edges=False)
             found += [c for c in plain if not c.fit.degenerate]
-        out += sorted(found, key=lambda c: c.cost)[:1]
+        found = sorted(found, key=lambda c: c.cost)[:1]
+        out += [rough] if not found or rough.cost < CLEARLY * found[0].cost else found
     return out
+
+
+def _apart(candidates: list[_Candidate], known: list[_Candidate], shape: Shape) -> list[_Candidate]:
+    """Return the candidates that are neither a known pose nor one before them, to a hundredth."""
+    out = list[_Candidate]()
+    for one in candidates:
+        met = [c.fit for c in out + known]
+        if not any(_distance(one.fit, fit, shape) < SAME for fit in met):
+            out.append(one)
+    return out
+
+
+def _distance(a: Registration, b: Registration, shape: Shape) -> float:
+    """Return how far two poses are apart, modulo symmetry: turn [rad], or shift against the radius, if more."""
+    rotation, position = symmetry(shape).nearest(a.rotation, a.position, b.rotation)
+    shift = float(np.linalg.norm(position - b.position)) / shape.radius_m
+    return max(float(rot.angle_between(rotation, b.rotation)), shift)
 
 
 def _differ(a: Registration, b: Registration, s: AcquisitionSettings, shape: Shape) -> bool:
     """Return whether two poses are not one, and not equivalent by the shape's symmetry."""
-    group = symmetry(shape)
-    rotation, position = group.nearest(a.rotation, a.position, b.rotation)
-    turned = float(rot.angle_between(rotation, b.rotation))
-    return turned > s.apart_rad or float(np.linalg.norm(position - b.position)) > s.apart_rad * shape.radius_m
+    return _distance(a, b, shape) > s.apart_rad

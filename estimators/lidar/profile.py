@@ -24,7 +24,7 @@ import numpy as np
 from estimators import rotation as rot
 from estimators.arrays import Floats
 from estimators.lidar.agreement import WORST, agreement
-from estimators.lidar.registration import WEAK_ATTITUDE_RAD, WEAK_POSITION, information, register
+from estimators.lidar.registration import WEAK_ATTITUDE_RAD, WEAK_POSITION, normal_equations
 from estimators.lidar.scan import Scan
 from estimators.lidar.shape import Shape
 
@@ -32,6 +32,12 @@ REACH, STEPS = 3.5, 29
 """Ends of the profile in units of a weak direction (10 degrees, or 0.18 of the radius), and number of poses."""
 FINER = 5
 """The steps about the best pose are so much finer."""
+ROUNDS, WEAK = 2, 1e5
+"""Rounds, and what ranges know of the second weakest direction, in squared inverse units, up to which it has a profile,
+too: of a cylinder they tell neither the turn about its axis nor the place along it.
+"""
+FOLLOWED, HELD = 3, 1e8
+"""Steps in which the others follow, and the firmness that holds the profile's own directions."""
 SOFTER = WORST / 2
 """The k of the likelihood."""
 
@@ -61,35 +67,51 @@ def profiled(scan: Scan, shape: Shape, rotation: Floats, position: Floats) -> Pr
         position: (3,) [m], likewise.
     """
     unit = np.array([WEAK_ATTITUDE_RAD] * 3 + [WEAK_POSITION * shape.radius_m] * 3)
-    before = rotation, position
-    for _ in range(2):
-        normal = information(scan.point, shape, rotation, position, scan.noise_m)
-        if normal is None:
+    before, start = (rotation, position), agreement(scan, shape, rotation, position)
+    for _ in range(ROUNDS):
+        normal, _ = normal_equations(scan.point, shape, rotation, position, scan.noise_m)
+        if not normal.any():
             return None
-        scaled = normal * unit[:, None] * unit
-        weakest = np.linalg.eigh(scaled)[1][:, 0]
-        along = unit * weakest
+        known, vector = np.linalg.eigh(normal * unit[:, None] * unit)
+        count = 2 if known[1] < WEAK else 1
         s = np.linspace(-REACH, REACH, STEPS)
-        coarse = s[np.argmin(_costs(scan, shape, rotation, position, along, s))]
-        rotation, position = _moved(rotation, position, coarse * along)
+        for along in (unit[:, None] * vector[:, :count]).T:
+            coarse = s[np.argmin(_costs(scan, shape, rotation, position, along, s))]
+            rotation, position = _moved(rotation, position, coarse * along)
         # The others follow, by ranges alone.
-        fit = register(scan.point, shape, rotation, position, scan.noise_m, rough=True)
-        if not np.isfinite(fit.residual_m):
-            return None
-        rotation, position = fit.rotation, fit.position
+        rotation, position = _followed(scan, shape, rotation, position, unit, vector[:, :count])
     s = np.linspace(-REACH, REACH, STEPS) / FINER
-    cost = _costs(scan, shape, rotation, position, along, s)
-    likelihood = np.exp(-(cost - cost.min()) / 2 / SOFTER)
-    likelihood /= likelihood.sum()
-    mean = float(likelihood @ s)
-    variance = float(likelihood @ (s - mean) ** 2) + (s[1] - s[0]) ** 2 / 12
-    rotation, position = _moved(rotation, position, mean * along)
+    variance = np.empty(count)
+    for k, along in enumerate((unit[:, None] * vector[:, :count]).T):
+        cost = _costs(scan, shape, rotation, position, along, s)
+        likelihood = np.exp(-(cost - cost.min()) / 2 / SOFTER)
+        likelihood /= likelihood.sum()
+        mean = float(likelihood @ s)
+        variance[k] = float(likelihood @ (s - mean) ** 2) + (s[1] - s[0]) ** 2 / 12
+        rotation, position = _moved(rotation, position, mean * along)
     seen = agreement(scan, shape, rotation, position)
+    # As far as the pose that it started from is not ruled out, it may be that one.
     way = np.concatenate([rot.log(rotation @ before[0].T), position - before[1]]) / unit
-    variance = max(variance, float(weakest @ way) ** 2 / 4)
-    inverse = np.linalg.inv(scaled + np.outer(weakest, weakest) / variance + 1e-12 * np.eye(6))
-    covariance = unit[:, None] * inverse * unit
-    return Profiled(rotation, position, covariance, float(np.sqrt(variance)), seen.cost, seen.overlap)
+    doubt = 1 / (1 + np.exp(min(max(start.cost - seen.cost, 0.0) / 2 / SOFTER, 700.0)))
+    variance += doubt * (vector[:, :count].T @ way) ** 2
+    known[:count] = 1 / variance
+    covariance = unit[:, None] * ((vector / np.maximum(known, 1e-12)) @ vector.T) * unit
+    return Profiled(rotation, position, covariance, float(np.sqrt(variance.max())), seen.cost, seen.overlap)
+
+
+def _followed(
+    scan: Scan, shape: Shape, rotation: Floats, position: Floats, unit: Floats, held: Floats
+) -> tuple[Floats, Floats]:
+    """Return a pose after steps by ranges alone, across directions `held` (6, k), in units, in which it stays.
+
+    Ranges say little along these, but not nothing: free to, they would lead the pose away from what all rays prefer.
+    """
+    firm = HELD * held @ held.T + np.eye(6)
+    for _ in range(FOLLOWED):
+        normal, right = normal_equations(scan.point, shape, rotation, position, scan.noise_m)
+        step = unit * np.linalg.solve(normal * unit[:, None] * unit + firm, unit * right)
+        rotation, position = _moved(rotation, position, step)
+    return rotation, position
 
 
 def _moved(rotation: Floats, position: Floats, step: Floats) -> tuple[Floats, Floats]:

@@ -23,7 +23,8 @@ the eigenvalues of the normal matrix, and get an infinite variance. Covariance: 
 w e^2 where that is above one.
 """
 
-from typing import NamedTuple
+from functools import cached_property
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -41,6 +42,10 @@ FEWEST_POINTS = 12
 """Matched points without which there is no answer."""
 FLOOR = 0.3
 """Part of the noise that no incidence takes away, of jitter and of the known shape itself."""
+FEW, FEW_SHARE, MANY = 3.0, 0.01, 0.02
+"""Points that must tell of a direction while they are matched with the closest ones: at least, and of all. Only looked
+at where the weakest direction has less than the last part of the strongest.
+"""
 GRAZING = 0.12
 """Cosine of the incidence (83 degrees) beyond which a return is not used."""
 NEIGHBOURS = 4
@@ -92,6 +97,54 @@ class Registration(NamedTuple):
     degenerate: bool
 
 
+class Posed(Protocol):
+    """Whatever has a position (3,) [m] and a covariance (6, 6), ordered (attitude, position)."""
+
+    @property
+    def position(self) -> Floats:
+        """Of the origin."""
+        ...
+
+    @property
+    def covariance(self) -> Floats:
+        """Of attitude and position."""
+        ...
+
+
+def shifted(pose: Posed, position: Floats) -> Floats:
+    """Return the covariance (6, 6) of a pose with its origin at `position` (3,) instead: an error of the attitude moves
+    it along.
+    """
+    moved = np.eye(6)
+    moved[3:, :3] = -rot.skew(position - pose.position)
+    with np.errstate(invalid="ignore"):
+        out: Floats = moved @ pose.covariance @ moved.T
+    return out
+
+
+class _Visible:
+    """Surface and edges of the shape that are seen from viewpoint (3,) [m]: their indices, and trees of them."""
+
+    def __init__(self, shape: Shape, viewpoint: Floats) -> None:
+        self._shape, self.viewpoint = shape, viewpoint
+        self.surface: Ints = np.flatnonzero(shape.visible_from(viewpoint))
+
+    @cached_property
+    def tree(self) -> cKDTree:
+        """The surface's."""
+        return cKDTree(self._shape.point[self.surface])
+
+    @cached_property
+    def edge(self) -> Ints:
+        """Asked for by the last steps alone."""
+        return np.flatnonzero(self._shape.edges_from(self.viewpoint))
+
+    @cached_property
+    def edge_tree(self) -> cKDTree:
+        """The edges'."""
+        return cKDTree(self._shape.edge.point[self.edge])
+
+
 def failed(rotation: Floats, position: Floats) -> Registration:
     """Return no answer, with the pose that it started from."""
     return Registration(rotation, position, np.full((6, 6), np.nan), False, 0, np.nan, 0.0, True)
@@ -130,8 +183,11 @@ def register(
     return _iterated(point, shape, rotation, position, noise_m, edges, reach_m, rough)
 
 
-def information(point: Floats, shape: Shape, rotation: Floats, position: Floats, noise_m: float) -> Floats | None:
-    """Return the normal matrix (6, 6) of the ranges alone at a pose; None where too few of them meet the surface.
+def normal_equations(
+    point: Floats, shape: Shape, rotation: Floats, position: Floats, noise_m: float
+) -> tuple[Floats, Floats]:
+    """Return the normal matrix (6, 6) and the right side (6,) of the ranges alone at a pose; zeros where too few of
+    them meet the surface.
 
     Args:
         point: (n, 3) [m] in s.
@@ -142,11 +198,10 @@ def information(point: Floats, shape: Shape, rotation: Floats, position: Floats,
     """
     width = WIDE * 3.5 * float(np.hypot(noise_m, 0.15 * shape.spacing_m))
     matched = _along_rays(point, shape, rotation, position)
-    _, jacobian, weight, _ = _linearised(point, *matched, rotation, position, width, noise_m)
+    error, jacobian, weight, _ = _linearised(point, *matched, rotation, position, width, noise_m)
     if np.count_nonzero(weight) < FEWEST_POINTS:
-        return None
-    out: Floats = jacobian.T @ (weight[:, None] * jacobian)
-    return out
+        return np.zeros((6, 6)), np.zeros(6)
+    return jacobian.T @ (weight[:, None] * jacobian), jacobian.T @ (weight * error)
 
 
 def _iterated(
@@ -169,7 +224,7 @@ def _iterated(
         viewpoint = -rotation.T @ position
         # What is visible changes with the pose: looked at again when the view has turned by more than 3 degrees.
         if seen is None or np.linalg.norm(viewpoint - seen.viewpoint) > 0.05 * np.linalg.norm(viewpoint):
-            seen = _visible(shape, viewpoint, edges is not None)
+            seen = _Visible(shape, viewpoint)
             if len(seen.surface) < FEWEST_POINTS:
                 return failed(rotation, position)
         if polishing:
@@ -185,7 +240,8 @@ def _iterated(
         used = weight > 0
         if np.count_nonzero(used) < FEWEST_POINTS:
             return failed(rotation, position)
-        step, _ = _solve(normal + _pinned(shape, rotation), right, 1.0, shape.radius_m)
+        told = normal if polishing else _of_many(normal, jacobian, weight, shape.radius_m)
+        step, _ = _solve(told + _pinned(shape, rotation), right, 1.0, shape.radius_m)
         # Two sets of matches may lead to each other: steps that become shorter end between them.
         step = step * SHORTER ** max(0, number - PATIENCE)
         rotation, position = rot.exp(step[:3]) @ rotation, position + step[3:]
@@ -204,11 +260,17 @@ def _iterated(
         used = weight > 0
     residual = float(np.sqrt(np.average(error**2, weights=bisquare)))
     sigma = np.sqrt(max(1.0, float(np.sum(weight * error**2) / np.sum(bisquare))))
-    _, covariance = _solve(normal + sigma**2 * _pinned(shape, rotation), np.zeros(6), sigma, shape.radius_m)
-    free = symmetry(shape).free(rotation)
-    covariance += FREE_RAD**2 * free.T @ free
+    covariance = _covariance(normal, sigma, shape, rotation)
     degenerate = not bool(np.isfinite(covariance).all())
     return Registration(rotation, position, covariance, converged, number, residual, float(np.mean(used)), degenerate)
+
+
+def _covariance(normal: Floats, sigma: float, shape: Shape, rotation: Floats) -> Floats:
+    """Return the covariance (6, 6) of a pose for errors of `sigma`, with the turn that has no meaning."""
+    _, covariance = _solve(normal + sigma**2 * _pinned(shape, rotation), np.zeros(6), sigma, shape.radius_m)
+    free = symmetry(shape).free(rotation)
+    out: Floats = covariance + FREE_RAD**2 * free.T @ free
+    return out
 
 
 def _limits(shape: Shape, rough: bool) -> tuple[int, float, float]:
@@ -219,7 +281,7 @@ def _limits(shape: Shape, rough: bool) -> tuple[int, float, float]:
 def _finished(
     point: Floats,
     shape: Shape,
-    seen: "_Visible",
+    seen: _Visible,
     edges: Edges,
     rotation: Floats,
     position: Floats,
@@ -256,23 +318,6 @@ def _pinned(shape: Shape, rotation: Floats) -> Floats:
     out = np.zeros((6, 6))
     out[:3, :3] = axis.T @ axis / PINNED_RAD**2
     return out
-
-
-class _Visible(NamedTuple):
-    """Surface and edges of the shape that are seen from viewpoint (3,) [m]: their indices, and trees of them."""
-
-    viewpoint: Floats
-    surface: Ints
-    tree: cKDTree
-    edge: Ints
-    edge_tree: cKDTree
-
-
-def _visible(shape: Shape, viewpoint: Floats, with_edges: bool) -> _Visible:
-    """Return what is seen of the shape; no edges without `with_edges`."""
-    surface = np.flatnonzero(shape.visible_from(viewpoint))
-    edge = np.flatnonzero(shape.edges_from(viewpoint)) if with_edges else np.zeros(0, dtype=np.int64)
-    return _Visible(viewpoint, surface, cKDTree(shape.point[surface]), edge, cKDTree(shape.edge.point[edge]))
 
 
 def _closest(
@@ -382,6 +427,26 @@ def _of_edges(
     weight = np.where(clear, (1 - (error / gate) ** 2) ** 2, 0.0) / sigma[found] ** 2
     jacobian = np.concatenate([rot.cross(turned, across), across], axis=1)
     return jacobian.T @ (weight[:, None] * jacobian), jacobian.T @ (weight * error)
+
+
+def _of_many(normal: Floats, jacobian: Floats, weight: Floats, radius_m: float) -> Floats:
+    """Return the normal matrix (6, 6) without the directions of which a few points tell nearly all.
+
+    Some of the closest points are matched with the wrong face. In a direction that all others leave free, nothing
+    contradicts these, and they would lead the whole pose astray.
+    """
+    unit = np.array([WEAK_ATTITUDE_RAD] * 3 + [WEAK_POSITION * radius_m] * 3)
+    value, vector = np.linalg.eigh(normal * unit[:, None] * unit)
+    if value[0] > MANY * value[-1]:
+        return normal
+    told = weight[:, None] * (jacobian @ (unit[:, None] * vector)) ** 2
+    count = told.sum(axis=0) ** 2 / np.maximum((told**2).sum(axis=0), 1e-300)
+    few = count < max(FEW, FEW_SHARE * np.count_nonzero(weight))
+    if not few.any():
+        return normal
+    kept = vector * np.where(few, 0.0, value)
+    out: Floats = (kept @ vector.T) / unit[:, None] / unit
+    return out
 
 
 def _solve(normal: Floats, right: Floats, sigma: float, radius_m: float) -> tuple[Floats, Floats]:

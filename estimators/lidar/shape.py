@@ -31,6 +31,8 @@ BEHIND, OPEN = 3, 0.01
 fewer are rounding, where a ray slips through an edge.
 """
 SHARP_RAD = np.radians(25)
+OFF_CENTRE = 1.2
+"""Radius about the origin, against that about the middle, from which on the origin is too far away to work with."""
 CELLS = 72
 """Cells of the grid along the longest side of the box around the shape."""
 MARGIN = 0.25
@@ -71,7 +73,8 @@ class SharpEdges(NamedTuple):
 class Shape:
     """The shape. point: (n, 3) [m], normal: (n, 3) outward, mesh: its triangles, radius_m: about the body's origin.
 
-    two_sided: some of the surface is open and seen from both sides; it has its points twice, once with each normal.
+    centre: (3,) [m], the middle where the origin is far from it, else the origin itself. two_sided: some of the surface
+    is open and seen from both sides; it has its points twice, once with each normal.
     broad: (F,), triangles that are no rims, no rods. tree: a `cKDTree` of the points. spacing_m: typical distance
     between neighbouring points. edge: points on the sharp edges, where a silhouette can be.
     """
@@ -83,9 +86,13 @@ class Shape:
         area, is not finite, or is seen from nowhere.
         """
         face = np.asarray(face)
+        self._made = vertex, face, points, seed
         self.vertex = np.asarray(vertex, dtype=np.float64)[np.unique(face)]
         self.radius_m = float(np.linalg.norm(self.vertex, axis=1).max())
         self.diameter_m = _diameter(self.vertex)
+        middle = (self.vertex.min(axis=0) + self.vertex.max(axis=0)) / 2
+        own_m = float(np.linalg.norm(self.vertex - middle, axis=1).max())
+        self.centre: Floats = middle if self.radius_m > OFF_CENTRE * own_m else np.zeros(3)
         direction = sphere(VIEWS)
         self.mesh: Triangles = triangles(vertex, face)
         point, normal, front, back = self._sides(points, direction, seed)
@@ -132,6 +139,14 @@ class Shape:
         alike = [np.count_nonzero(of_both(self.normal[i] @ n) > ALIKE) for i, n in zip(near, m.normal, strict=True)]
         out: Bools = np.array(alike) > BROAD * expected
         return out
+
+    @cached_property
+    def centred(self) -> "Shape":
+        """The shape with `centre` as its origin: about another one, a turn would move it, and no radius be its own."""
+        if not self.centre.any():
+            return self
+        vertex, face, points, seed = self._made
+        return Shape(np.asarray(vertex, dtype=np.float64) - self.centre, face, points, seed)
 
     @cached_property
     def views(self) -> Views:

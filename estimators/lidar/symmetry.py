@@ -92,6 +92,14 @@ class Symmetry(NamedTuple):
         out: Floats = rot.angle_between(turned, b).min(axis=-1)
         return out
 
+    def one_of_each(self, rotation: Floats) -> Floats:
+        """Return of the attitudes (n, 3, 3) those nearest to none among their equivalents: one of each class."""
+        if len(self.turn) == 1:
+            return rotation
+        trace = np.einsum("nij,kji->nk", rotation, self.turn)
+        out: Floats = rotation[trace[:, 0] >= trace.max(axis=1) - 1e-9]
+        return out
+
     def free(self, rotation: Floats) -> Floats:
         """Return the changes (m, 6) of a pose, ordered (attitude, position), that a turn without meaning makes."""
         axis = self.axes @ rotation.T

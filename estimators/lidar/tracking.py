@@ -22,7 +22,7 @@ from estimators.lidar.point_cloud import align_principal
 from estimators.lidar.point_cloud import checked as checked_points
 from estimators.lidar.pose_search import search
 from estimators.lidar.profile import Profiled, profiled
-from estimators.lidar.registration import JUMP, Registration, register
+from estimators.lidar.registration import JUMP, Registration, register, shifted
 from estimators.lidar.scan import Edges, Scan, checked
 from estimators.lidar.shape import Shape
 
@@ -63,7 +63,8 @@ class TrackingSettings:
     the shape's radius.
 
     overlap_sure, walk_sure_rad: with fewer rays that agree, or an attitude further from the prediction, other starts
-    near the prediction are tried, and registration without edges. overlap_profile: with fewer rays that agree, all rays
+    near the prediction are tried, and registration without edges; however far, not where overlap_certain of them do.
+    overlap_profile: with fewer rays that agree, all rays
     are asked for a better pose along what ranges determine least. residual_most: RMS, against the noise and what the
     jitter of the rays makes at the target's range.
     overlap_least: share of the rays that must agree. walk_most_rad: how far the attitude may be from the prediction.
@@ -71,6 +72,7 @@ class TrackingSettings:
 
     fewest: int = 25
     overlap_sure: float = 0.93
+    overlap_certain: float = 0.97
     overlap_profile: float = 0.95
     walk_sure_rad: float = 0.05
     reach: float = 0.15
@@ -116,6 +118,16 @@ def track(
     s = settings or TrackingSettings()
     if not (np.isfinite(rotation).all() and np.isfinite(position).all()):
         raise ValueError("rotation, position: the prediction is not finite")
+    # About its own middle, whatever its origin.
+    fit = _tracked(scan, shape.centred, rotation, position + rotation @ shape.centre, s)
+    if not shape.centre.any():
+        return fit
+    place = fit.position - fit.rotation @ shape.centre
+    return fit._replace(position=place, covariance=shifted(fit, place))
+
+
+def _tracked(scan: Scan, shape: Shape, rotation: Floats, position: Floats, s: TrackingSettings) -> Track:
+    """Return the pose of a target whose shape is about its origin."""
     part = checked(scan).around(position, (1 + s.reach) * shape.radius_m)
     point = part.point
     if len(point) < s.fewest:
@@ -123,7 +135,8 @@ def track(
     edges, reach_m = part.edges(JUMP * shape.radius_m), s.reach * shape.radius_m
     fit = register(point, shape, rotation, position, scan.noise_m, edges=edges, reach_m=reach_m)
     seen = agreement(part, shape, fit.rotation, fit.position)
-    if not seen.overlap >= s.overlap_sure or float(rot.angle_between(fit.rotation, rotation)) > s.walk_sure_rad:
+    walked = float(rot.angle_between(fit.rotation, rotation)) > s.walk_sure_rad
+    if not seen.overlap >= (s.overlap_certain if walked else s.overlap_sure):
         # Perhaps a neighbouring minimum, or edges that are matched with others: whatever explains the rays best wins.
         near = search(part, shape, AROUND @ rotation)
         starts = [(rotation, position), *zip(near.rotation[:TRIED], near.position[:TRIED], strict=True)]
