@@ -5,7 +5,8 @@
 
 Every scenario flies once per seed and navigates several ways on the same light and orders: `one`, by the one model of
 `navigation.quiet.craft = "none"`; `several`, as shipped; `loose`, by one model and by poses only, as it was before
-single sweeps and models of motion. The motion itself is that of the shipped way, which steers. Results are written
+single sweeps and models of motion; `late`, as shipped, but with orders taken to act when their period begins, half a
+physics step after they do. The motion itself is that of the shipped way, which steers. Results are written
 after every scenario. `few` are the periods with fewer than four photodiodes lit; `without` is the share of the
 craft-periods without an estimate.
 
@@ -64,7 +65,11 @@ def fly(name: str, seed: int, duration_s: float, models: int, ways: Sequence[str
     flight = Flight(scenario)
     own = flight.computer.navigator
     layout = builders.assembly.own_layout(scenario, flight.world)
-    settings = {"one": replace(own.settings, quiet=None), "loose": replace(own.settings, quiet=None, coupling="loose")}
+    settings = {
+        "one": replace(own.settings, quiet=None),
+        "loose": replace(own.settings, quiet=None, coupling="loose"),
+        "late": replace(own.settings, order_lead_s=0.0),
+    }
     others = {way: Navigator(layout, settings[way], (), own.tracks.inertia) for way in ways if way != SHIPPED}
     out: dict[str, list[Floats]] = {way: [] for way in ways}
     for period in flight.fly():
@@ -112,7 +117,7 @@ def main() -> None:
         duration_s=(15.0, "of every flight [s]"),
         settle_s=(1.0, "time at the start that is left out [s]"),
         models=(6, "models of motion"),
-        ways=(["one", "several"], "ways to navigate: loose, one, several"),
+        ways=(["one", "several"], "ways to navigate: late, loose, one, several"),
     )
     result: dict[str, Any] = {}
     for name in chosen.scenarios:

@@ -1,16 +1,16 @@
 """Orders: the filter moves by them as physics moves the craft."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from estimators import rotation as rot
-from estimators.filter.compiled import CompiledFilterBank
 from estimators.filter.error_state import STATES
 from swarm.flight import builders
 from swarm.messages import Command
-from swarm.onboard.tracks import TrackLimits, Tracks
+from swarm.onboard.filters import tracks_of
 from swarm.scenario import validate
 
 
@@ -21,12 +21,8 @@ def test_a_filter_that_knows_its_orders_follows_them_to_rounding(steps: int) -> 
     data = {"name": "orders", "craft": craft, "physics": {"steps_per_period": steps}}
     scenario = validate(data, file="orders", folder=Path())
     world = builders.world(scenario, builders.fleet(scenario))
-    settings = builders.navigation(scenario)
-    limits = TrackLimits(1e3, 6)
-    informed, naive = (
-        Tracks(CompiledFilterBank(1), settings.frame_s, limits, None, lead_s=lead)
-        for lead in (settings.order_lead_s, 0.0)
-    )
+    settings = replace(builders.navigation(scenario), quiet=None, filter="compiled", coast_limit_s=1e3)
+    informed, naive = (tracks_of(1, s, None) for s in (settings, replace(settings, order_lead_s=0.0)))
     rng, both = np.random.default_rng(steps), (informed, naive)
     for number in range(30):
         order = Command(rng.normal(0.0, 0.5, (1, 3)), np.zeros((1, 3)))

@@ -10,6 +10,7 @@ from estimators.filter.filterpy_bank import PoseFilterBank
 from estimators.filter.filterpy_interacting import FilterpyInteractingBank
 from estimators.lanes import LANES
 from swarm.onboard.settings import NavigationSettings
+from swarm.onboard.tracks import TrackLimits, Tracks
 
 MOST_BY_FILTERPY = 64
 """Largest number of filters, craft times models of motion that are run, by FilterPy; more are run by the compiled bank,
@@ -46,6 +47,18 @@ def filters(craft: int, s: NavigationSettings, inertia: Floats | None) -> Filter
         angular_acceleration_noise_rad_s2=share * s.angular_acceleration_noise_rad_s2,
         gate_probability=s.gate_probability,
     )
+
+
+def tracks_of(craft: int, s: NavigationSettings, inertia: Floats | None) -> Tracks:
+    """Return the tracks of C craft, with all that the settings tell of how they move.
+
+    Args:
+        craft: number of craft.
+        s: settings of the navigation.
+        inertia: (C, 3, 3) [kg m^2] of craft that turn without torque; NaN for the others; None: of none.
+    """
+    limits = TrackLimits(s.coast_limit_s, s.rejections_limit)
+    return Tracks(filters(craft, s, inertia), s.frame_s, limits, s.orbit, inertia, s.order_lead_s)
 
 
 def process_noises(s: NavigationSettings) -> list[tuple[float, float]]:

@@ -31,7 +31,7 @@ from swarm.hardware import Photodiodes
 from swarm.messages import Command, Signals
 from swarm.onboard.ccd import CameraFix, CcdCalibration, CcdFix
 from swarm.onboard.decoder import SweepAngles
-from swarm.onboard.filters import filters
+from swarm.onboard.filters import filters, tracks_of
 from swarm.onboard.integrity import Integrity
 from swarm.onboard.lighthouse_fix import Light, LighthouseFix
 from swarm.onboard.mirror_images import MirrorImages
@@ -42,7 +42,7 @@ from swarm.onboard.separation import Separation
 from swarm.onboard.settings import MIN_LIT, Coupling, NavigationSettings, Sensor, Status
 from swarm.onboard.shared_errors import SharedErrors
 from swarm.onboard.single_sweeps import SingleSweeps, SweepsTaken
-from swarm.onboard.tracks import Filtered, PoseFix, Taken, TrackLimits, Tracks
+from swarm.onboard.tracks import Filtered, PoseFix, Taken, Tracks
 
 
 class Estimate(NamedTuple):
@@ -113,9 +113,7 @@ class Navigator:
         """
         s, craft = settings, photodiodes.craft_count
         self.settings = s
-        self.tracks = Tracks(
-            filters(craft, s, inertia), s.frame_s, TrackLimits(s.coast_limit_s, s.rejections_limit), s.orbit, inertia
-        )
+        self.tracks = tracks_of(craft, s, inertia)
         self._light = LighthouseFix(photodiodes.point_m, s)
         self._sweeps = SingleSweeps(photodiodes.point_m, s)
         self._images = MirrorImages(filters(craft, s, inertia), self.tracks, self._sweeps)

@@ -26,12 +26,12 @@ from estimators.lighthouse.innovation import RowBatch
 from estimators.lighthouse.separation import sets_of
 from estimators.state import STATES, State
 from swarm.messages import Command
-from swarm.onboard.filters import filters
+from swarm.onboard.filters import tracks_of
 from swarm.onboard.integrity import Separated
 from swarm.onboard.row_counts import decides, numbers
 from swarm.onboard.separation import ATTITUDE, POSITION
 from swarm.onboard.settings import NavigationSettings
-from swarm.onboard.tracks import Filtered, PoseFix, TrackLimits, Tracks
+from swarm.onboard.tracks import Filtered, PoseFix
 
 WIDE = np.diag(np.repeat([0.1, 1.0, 0.1, 1.0], 3) ** 2)
 """Covariance of a filter that starts."""
@@ -91,9 +91,7 @@ class RowSeparation:
         if not self.wanted:
             return
         turning = None if inertia is None else np.repeat(inertia, self._size, axis=0)
-        limits = TrackLimits(s.coast_limit_s, s.rejections_limit)
-        bank = filters(len(self.point_m), s, turning)
-        self._tracks = Tracks(bank, s.frame_s, limits, s.orbit, turning)
+        self._tracks = tracks_of(len(self.point_m), s, turning)
         self._decided, self._posed = np.zeros((2, len(self.point_m)), dtype=np.bool_)
         self._push = [np.empty((STATES, STATES)) for _ in HARDER]
         for factor, out in zip(HARDER, self._push, strict=True):

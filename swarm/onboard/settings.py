@@ -99,7 +99,7 @@ class NavigationSettings:
     who navigates relative to whom. reference: craft at known places that take each sweep's error off all angles.
     hand: how a hand moves the craft; None: searches take them to be at rest, and nothing watches mirror images.
     places: how far stations and photodiodes may be off, which covariances consider; None: not at all.
-    order_lead_s: by how much earlier than its beginning a period's orders begin to act, before several stations.
+    order_lead_s: by how much earlier than its beginning a period's orders begin to act [s].
     inertial: the gyroscope and accelerometer whose samples come with the light of several stations; None: there are
     none.
     """

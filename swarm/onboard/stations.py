@@ -49,7 +49,7 @@ from estimators.state import STATES, State
 from swarm.hardware import Photodiodes
 from swarm.messages import Command, Signals
 from swarm.onboard.ccd import CameraFix, CcdCalibration, CcdFix
-from swarm.onboard.filters import filters
+from swarm.onboard.filters import tracks_of
 from swarm.onboard.inertial import Inertial, InertialLight
 from swarm.onboard.integrity import Integrity
 from swarm.onboard.motion_search import MotionSearch
@@ -64,7 +64,7 @@ from swarm.onboard.row_search import Found, RowSearch, scatter
 from swarm.onboard.row_separation import HARDER, RowSeparation
 from swarm.onboard.settings import Coupling, NavigationSettings, Sensor, Status
 from swarm.onboard.shared_errors import SharedErrors
-from swarm.onboard.tracks import Filtered, Motion, PoseFix, Taken, TrackLimits, Tracks
+from swarm.onboard.tracks import Filtered, Motion, PoseFix, Taken, Tracks
 
 HAND_HARDER = (4.0,)
 """Factors of the accelerations that a manoeuvre is taken to have, of a hand."""
@@ -139,14 +139,7 @@ class StationNavigator:
         self._packed = packed(self._stations)
         self._light = light_of(self._packed, self._noise)
         self._point_m = np.ascontiguousarray(photodiodes.point_m)
-        self.tracks = Tracks(
-            filters(craft, s, inertia),
-            s.frame_s,
-            TrackLimits(s.coast_limit_s, s.rejections_limit),
-            s.orbit,
-            inertia,
-            s.order_lead_s,
-        )
+        self.tracks = tracks_of(craft, s, inertia)
         self._search: RowSearch | MotionSearch
         if s.hand is None:
             self._search = RowSearch(self._point_m, self._stations, self._noise, s.frame_s, s.place_sigma_m)
