@@ -11,7 +11,7 @@ from estimators.lighthouse.innovation import innovations, light_of, noise_of
 from estimators.lighthouse.integrity import AngleNoise
 from estimators.lighthouse.row_faults import FORGOTTEN, OVERSHOOT, row_faults
 from estimators.lighthouse.row_pose import solve_rows
-from estimators.lighthouse.row_start import directions, row_starts
+from estimators.lighthouse.row_start import directions, row_starts, trimmed
 from estimators.lighthouse.rows import linearise, packed
 from estimators.lighthouse.sweep import measured_angles
 from estimators.state import State
@@ -114,6 +114,31 @@ def test_the_true_pose_is_among_the_starts(generations, point_m):
         assert away[best] < 6 * np.sqrt(np.trace(found.pose.covariance[best][:3, :3]))
         if len(generations) > 1:
             assert best == 0
+
+
+@pytest.mark.parametrize("generations", [(1, 2), (2, 2, 2)])
+def test_reflections_are_left_out_of_a_start_and_motion_is_not_taken_for_them(generations):
+    stations, noise = room(generations), [NOISE] * len(generations)
+    rng, poses, turned = np.random.default_rng(13), drawn(8, 14, tilt=0.7), 0
+    for c in range(8):
+        state = State._make(part[c : c + 1] for part in poses)
+        honest = seen(stations, BODY, state, noise, rng).of(0)
+        angle = honest.angle.copy()
+        struck = rng.choice(len(angle), len(angle) // 16, replace=False)
+        angle[struck] += np.radians(rng.uniform(1.0, 5.0, len(struck)) * rng.choice([-1, 1], len(struck)))
+        rows = honest._replace(angle=angle)
+        starts = row_starts(rows, stations, BODY, noise)
+        if not len(starts):
+            continue
+        found = trimmed(rows, stations, BODY, noise, starts)
+        sigma = np.sqrt(np.trace(found.pose.covariance[0][:3, :3]))
+        assert rot.angle_between(found.pose.rotation[0], state.rotation[0]) < 6 * sigma
+        turned += bool(rot.angle_between(starts.pose.rotation[0], state.rotation[0]) > 20 * sigma)
+        moves = state._replace(velocity=np.array([[0.5, -0.3, 0.4]]), angular_rate=np.array([[0.2, 0.5, -0.4]]))
+        for fine in (honest, seen(stations, BODY, moves, noise, rng, spread_s=0.015).of(0)):
+            clean = row_starts(fine, stations, BODY, noise)
+            assert trimmed(fine, stations, BODY, noise, clean) is clean
+    assert turned > 4
 
 
 def test_a_plane_before_one_station_keeps_its_mirror_image_and_a_second_station_refutes_it():

@@ -6,6 +6,8 @@
    give a pose by the nearest rotation.
 3. Where several stations see few photodiodes each: attitudes all over the sphere, at the point nearest to all rays.
 4. Each of these is finished by `estimators.lighthouse.row_pose` on all rows together. What ends at one attitude is one.
+5. Rows that lie `OUTLIER` times farther off than half of the others do, such as reflections, are left out, and the rest
+   is fitted again, until none does (`trimmed`).
 
 The craft is taken to be at rest within the period.
 """
@@ -24,12 +26,19 @@ from estimators.lighthouse.pnp import FEWEST_LIT
 from estimators.lighthouse.pnp_start import DISTINCT_RAD, cold_starts_projections
 from estimators.lighthouse.projection import angle_weights
 from estimators.lighthouse.row_pose import RowPose, solve_rows
-from estimators.lighthouse.rows import Rows, Station, packed
+from estimators.lighthouse.rows import Rows, Station, linearise, packed
 from estimators.lighthouse.sweep import angle_gradient, kernel_fans, measured_angle
 from estimators.state import State
 
 STARTS_MAX = 4
 """Poses that are returned at most."""
+OUTLIER = 4.0
+"""Standard deviations beyond which a row is left out, those of a normal distribution with the residuals' median."""
+FEWEST_KEPT = 0.75
+"""Share of the rows that remains at least; where more would be left out, none is."""
+TRIMS_MAX = 10
+NORMAL_MEDIAN = 0.6745
+"""Median of the absolute value of a normal distribution of variance one."""
 ROUNDS = 30
 _CONVERGED = 1e-10
 _STEEPEST = 4.0
@@ -103,6 +112,66 @@ def refined_starts(
         if pose.solved[i] and np.all(rot.angle_between(pose.rotation[order], pose.rotation[i]) > DISTINCT_RAD):
             order.append(i)
     return RowStarts(RowPose._make(part[order[:STARTS_MAX]] for part in pose))
+
+
+def trimmed(
+    rows: Rows, stations: Sequence[Station], point_m: Floats, noise: Sequence[AngleNoise], starts: RowStarts
+) -> RowStarts:
+    """Return the minima of the rows without those that are far off, as the pose tells which fits most of them.
+
+    What craft that move do to their residuals is no such thing: it is much the same for all rows.
+
+    Args:
+        rows: M sweep angles of one craft.
+        stations: the stations that they name.
+        point_m: (K, 3) [m], photodiodes in the body frame.
+        noise: noise of the rows of each station.
+        starts: minima of all rows.
+    """
+    best: tuple[int, Bools] | None = None
+    poses = list(zip(starts.pose.rotation, starts.pose.position, strict=True))
+    for i, pose in enumerate(poses):
+        found = _agreeing_with(rows, stations, point_m, noise, pose)
+        if found is None:
+            continue
+        kept, poses[i] = found
+        number = int(np.count_nonzero(kept))
+        if best is None or number > best[0]:
+            best = number, kept
+    if best is None or best[1].all():
+        return starts
+    left = Rows._make(part[best[1]] for part in rows)
+    return refined_starts(left, stations, point_m, noise, poses)
+
+
+def _agreeing_with(
+    rows: Rows,
+    stations: Sequence[Station],
+    point_m: Floats,
+    noise: Sequence[AngleNoise],
+    pose: tuple[Floats, Floats],
+) -> tuple[Bools, tuple[Floats, Floats]] | None:
+    """Return the rows (M,) that are not far off from a pose that is fitted to them, and that pose; None without one."""
+    light, still = packed(stations), np.zeros(3)
+    least = np.array([np.hypot(*one) for one in noise])[rows.station]
+    kept: Bools = np.ones(len(rows.angle), dtype=np.bool_)
+    for _ in range(TRIMS_MAX):
+        off = np.abs(linearise(rows, light, point_m, *pose, still, still)[0])
+        known = off[kept & np.isfinite(off)]
+        if not len(known):
+            return None
+        spread = np.maximum(np.median(known) / NORMAL_MEDIAN, least)
+        with np.errstate(invalid="ignore"):
+            before, kept = kept, off <= OUTLIER * spread
+        if np.array_equal(kept, before):
+            return kept, pose
+        if np.count_nonzero(kept) < FEWEST_KEPT * len(kept):
+            return None
+        found = refined_starts(Rows._make(part[kept] for part in rows), stations, point_m, noise, [pose])
+        if not len(found):
+            return None
+        pose = found.pose.rotation[0], found.pose.position[0]
+    return None
 
 
 def _rays(rows: Rows, number: int, station: Station, photodiodes: int) -> _Rays:

@@ -21,7 +21,7 @@ from estimators.arrays import Bools, Floats
 from estimators.lighthouse.innovation import RowBatch
 from estimators.lighthouse.integrity import AngleNoise
 from estimators.lighthouse.row_pose import RowPose
-from estimators.lighthouse.row_start import refined_starts, row_starts
+from estimators.lighthouse.row_start import refined_starts, row_starts, trimmed
 from estimators.lighthouse.rows import Rows, Station
 from swarm.onboard.acquisition import DECISIVE
 
@@ -97,7 +97,7 @@ class RowSearch:
         before, args = self._open[craft], (rows, self._stations, self._point_m[craft], self._noise)
         found = self._followed(before, rows, craft) if before is not None else None
         if found is None:
-            starts = row_starts(*args)
+            starts = trimmed(*args, row_starts(*args))
             found = _Hypotheses(starts.pose, starts.pose.cost.copy(), 1) if len(starts) else None
         self._open[craft] = found
         if found is None:
@@ -124,8 +124,11 @@ class RowSearch:
 
     def _followed(self, before: _Hypotheses, rows: Rows, craft: int) -> _Hypotheses | None:
         """Return the hypotheses of the period before, with this period's evidence; None if all are lost."""
-        starts = list(zip(before.pose.rotation, before.pose.position, strict=True))
-        after = refined_starts(rows, self._stations, self._point_m[craft], self._noise, starts)
+        starts, args = (
+            list(zip(*before.pose[:2], strict=True)),
+            (rows, self._stations, self._point_m[craft], self._noise),
+        )
+        after = trimmed(*args, refined_starts(*args, starts))
         if not len(after):
             return None
         evidence = np.empty(len(after))
