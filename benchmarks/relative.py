@@ -8,7 +8,8 @@ the rotor and the fans in common. Every craft runs the product's navigation on i
 settled the error of each pair's relative pose, in the axes of its first craft, is compared with its covariance.
 
 `lateral` is the position across the line of sight, where the rotor's error cancels; its gain is the sigma of a
-difference of independent errors over the true one, of the filter and of poses of one period. Figures of fan errors are
+difference of independent errors over the true one, of the filter and of poses of one period. `lateral_variance` is that
+of each craft alone, `common_part` the covariance between both. Figures of fan errors are
 those of 2 % of what the fans of a real station have (scenarios/survey.toml): its own errors times 0.02 where they stand
 alone, drawn with that standard deviation beside noise.
 
@@ -339,6 +340,9 @@ def figures(pairs: Pairs, each: int) -> dict[str, Any]:
     """All figures of one set of pairs."""
     s = pairs.samples(each)
     lateral = np.sqrt(np.mean(np.sum(s["error"][:, 3:5] ** 2, axis=1)))
+    common = np.sum(s["own"][0::2, 3:5] * s["own"][1::2, 3:5], axis=1)
+    claimed = (root(s["independent"], 3, 2) ** 2 - root(s["covariance"], 3, 2) ** 2) / 2
+    alone = float(np.mean(np.sum(s["own"][:, 3:5] ** 2, axis=1)))
     return {
         "samples": len(s["error"]),
         "absolute_mm": 1e3 * rms(s["own"][:, 3:]),
@@ -353,6 +357,10 @@ def figures(pairs: Pairs, each: int) -> dict[str, Any]:
         "bound_sigma_mm": 1e3 * root(s["bound"], 3),
         "lateral_mm": 1e3 * float(lateral),
         "lateral_sigma_mm": 1e3 * root(s["covariance"], 3, 2),
+        "lateral_variance_over_claimed": alone / root(s["own_p"], 3, 2) ** 2,
+        "lateral_common_part_over_claimed": float(common.mean()) / claimed,
+        "its_standard_error": float(common.std() / np.sqrt(len(common))) / claimed,
+        "claimed_common_part": claimed / root(s["own_p"], 3, 2) ** 2,
         "lateral_gain": root(s["independent"], 3, 2) / root(s["covariance"], 3, 2),
         "lateral_gain_of_poses": pairs.lateral_gain(),
         **(pairs.theory() if pairs.case.noisy else {}),
