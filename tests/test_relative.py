@@ -3,6 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
 import pytest
 
 from estimators import rotation as rot
@@ -20,12 +22,15 @@ from estimators.relative.pose import covariance_between, covariance_bound, relat
 from estimators.state import State
 from swarm.errors import SwarmError
 from swarm.flight.flight import Flight
+from swarm.flight.simulate import simulate
 from swarm.onboard.decoder import SweepAngles
 from swarm.onboard.pose_message import PoseMessage, bytes_per_second, decoded, encoded
 from swarm.onboard.reference_craft import ReferenceCraft, ReferencePlace, ReferenceRows
 from swarm.onboard.relative import FORGOTTEN, RelativeNavigation
 from swarm.onboard.shared_errors import Relations, SharedErrors
 from swarm.onboard.tracks import TrackLimits, Tracks
+from swarm.report.sections.relative import section
+from swarm.report.subject import Subject
 from swarm.results.columns.pairs import pairs, relative_error
 from swarm.scenario import load
 
@@ -284,6 +289,21 @@ def test_a_pair_in_flight_knows_more_across_the_light_than_of_independent_errors
     pose = found.covariance[0][np.ix_(POSE, POSE)]
     assert named["to_b_nees"] == pytest.approx(error @ np.linalg.solve(pose, error))
     assert named["to_b_position_sigma_m"] < named["to_b_independent_sigma_m"] < named["to_b_bound_sigma_m"]
+
+
+def test_the_summary_tells_of_every_pair_and_what_its_messages_cost(tmp_path):
+    run = simulate(load("static", [*PAIR, "duration_s=0.5"]), out=tmp_path / "run", record=False)
+    craft, table = run.summary["craft"], pq.read_table(tmp_path / "run" / "telemetry.parquet")
+    assert "relative" not in craft["b"]
+    said, of = craft["a"]["relative"]["b"], table.filter(pc.equal(table["craft"], "a"))
+    error, sigma = (of[f"to_b_position_{name}_m"].drop_null().to_numpy() for name in ("error", "sigma"))
+    assert said["samples"] == len(sigma) > 20
+    assert said["position_rms_m"] == pytest.approx(np.sqrt(np.mean(error**2)))
+    assert said["position_sigma_m"] == pytest.approx(np.sqrt(np.mean(sigma**2)))
+    assert said["bytes_per_second"] == pytest.approx(bytes_per_second(4, 0, 60.0)) == 60 * 1177
+    told = section(Subject(run))
+    assert told is not None
+    assert told.paragraphs[0].startswith("a knows b, from messages of 1177 bytes, 70.6 kB/s, with a position sigma of")
 
 
 def test_levels_count_the_faults_of_both_and_raise_the_alert_of_the_pair():

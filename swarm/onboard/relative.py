@@ -36,6 +36,7 @@ class RelativePoses(NamedTuple):
     rate, position, velocity) there. independent, bound: (N, 12, 12), as if both errors were independent, and for any
     correlation. correlated: (N,), whether the correlation is known. position_level_m, attitude_level_rad: (N,),
     protection levels. alert: (N,), whether one of them exceeds its limit, or there is none where there is a limit.
+    message_bytes: (N,), size of the other's message, 0 without one.
     """
 
     craft: Ints
@@ -51,6 +52,7 @@ class RelativePoses(NamedTuple):
     position_level_m: Floats
     attitude_level_rad: Floats
     alert: Bools
+    message_bytes: Ints
 
     @property
     def state(self) -> State:
@@ -131,11 +133,13 @@ class RelativeNavigation:
             return None
         self._period = (self._period + 1) % 2**32
         speaks = sorted({craft for pair in self._pairs for craft in pair if active[craft]})
-        heard = {craft: decoded(encoded(self._message(craft, state, covariance, levels))) for craft in speaks}
+        said = {craft: encoded(self._message(craft, state, covariance, levels)) for craft in speaks}
+        heard = {craft: decoded(message) for craft, message in said.items()}
         count = len(self._pairs)
         vectors, matrices = np.full((3, count, 3), np.nan), np.full((3, count, STATES, STATES), np.nan)
         rotation, known = np.full((count, 3, 3), np.nan), np.zeros(count, dtype=np.bool_)
-        found = *np.full((2, count), np.nan), np.isfinite(self._limits).any(axis=1)
+        size = np.array([len(said.get(to, b"")) for to in self._to.tolist()], dtype=np.int64)
+        found = *np.full((2, count), np.nan), np.isfinite(self._limits).any(axis=1), size
         out = RelativePoses._make((self._craft, self._to, rotation, *vectors, *matrices, known, *found))
         for n, ((a, b), pair) in enumerate(self._pairs.items()):
             if a in heard and b in heard:

@@ -34,6 +34,7 @@ _FIGURES = Keys(
         "ccd": Keys(always=dict.fromkeys(("stereo_share", "camera_share", "sensor_switches"), _NUMBER)),
         "integrity": Keys(),
         "navigates": _YES,
+        "relative": Keys(rest=Keys(always={"samples": _NUMBER}, rest=_NUMBER)),
         "observed": _YES,
         "docking": Keys(always={"docked": _YES, "sentence": _TEXT}, known={"time_s": _NUMBER}),
     },

@@ -71,7 +71,7 @@ def _sentence(series: Series, craft: int, to: str) -> str:
             ("bound", "for any correlation"),
         )
     )
-    out = f"{series.names[craft]} knows {to} with a position sigma of {sigma}"
+    out = f"{series.names[craft]} knows {to}{_told(series, craft, to)} with a position sigma of {sigma}"
     if not np.isfinite(parts["position_error_m"]).any():
         return f"{out}."
     return (
@@ -79,6 +79,16 @@ def _sentence(series: Series, craft: int, to: str) -> str:
         f"{number(_rms(parts['attitude_error_deg']))}° RMS, the NEES {number(_mean(parts['nees']))}; as if independent "
         f"it would be {number(_mean(parts['independent_nees']))}."
     )
+
+
+def _told(series: Series, craft: int, to: str) -> str:
+    """Return how much the other craft tells of itself; empty where a run does not have it."""
+    span = float(series.time_s[-1] - series.time_s[0])
+    if not series.has(f"to_{to}_message_bytes") or not span:
+        return ""
+    size = _mean(_of(series, craft, to, "message_bytes"))
+    rate = size * (len(series.time_s) - 1) / span
+    return f", from messages of {size:.0f} bytes, {number(rate, scale=1e-3)} kB/s,"
 
 
 def _picture(subject: Subject, pairs: list[tuple[int, str]]) -> Picture:

@@ -41,6 +41,7 @@ def _columns(name: str, shown: bool) -> list[Column]:
         Column(f"{prefix}_bound_sigma_m", "m", "position sigma that holds for any correlation of both"),
         Column(f"{prefix}_position_protection_m", "m", "protection level of that position"),
         Column(f"{prefix}_attitude_protection_deg", "deg", "protection level of that attitude"),
+        Column(f"{prefix}_message_bytes", "B", f"size of the message by which {name} tells its estimate"),
         Column(f"{prefix}_alert", "", "one of both is above the pair's limit, or there is no relative pose", "yes"),
     ]
 
@@ -96,6 +97,7 @@ def _of(n: int, found: RelativePoses, truth: Truth | None) -> Floats:
             spread[2],
             found.position_level_m[n],
             np.degrees(found.attitude_level_rad[n]),
+            found.message_bytes[n],
             found.alert[n],
         ]
     )

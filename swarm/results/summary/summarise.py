@@ -13,6 +13,7 @@ import pyarrow as pa
 
 from swarm.results.reasons import docking
 from swarm.results.summary.figures import Setting, figures
+from swarm.results.summary.pairs import pairs
 from swarm.results.summary.scans import scans
 from swarm.results.summary.statistics import largest, mean
 from swarm.results.table import TelemetryTable
@@ -84,6 +85,7 @@ def _summary(table: TelemetryTable) -> dict[str, Any]:
             of_craft |= {"navigates": False, "tracking_share": None}
         if (end := docking(craft.rows, np.arange(len(craft.rows)))) is not None:
             of_craft["docking"] = end._asdict()
+        of_craft |= pairs(craft.rows, period_s)
         if "observer" in table.columns:
             of_craft["observed"] = bool(np.isfinite(craft.rows.column("observer")).any())
     if "delta_v_m_s" in table.columns:
