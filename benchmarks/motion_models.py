@@ -8,7 +8,8 @@ Every scenario flies once per seed and navigates several ways on the same light 
 single sweeps and models of motion; `late`, as shipped, but with orders taken to act when their period begins, half a
 physics step after they do. The motion itself is that of the shipped way, which steers. Results are written
 after every scenario. `few` are the periods with fewer than four photodiodes lit; `without` is the share of the
-craft-periods without an estimate.
+craft-periods without an estimate. A second table has NEES of every craft, in eight parts of the flight, of up to 16
+craft.
 
 Periods of one craft are not independent. The band is of one period per craft and seed, the last one with a pose:
 `nees_last` may be compared with it. `nees`, the mean over all periods, is what the summary of a run tells.
@@ -34,6 +35,8 @@ POSE = np.array([0, 1, 2, 6, 7, 8])
 SHIPPED = "several"
 FEW = 4
 """Photodiodes below which a craft has no pose of its own."""
+MOST_ROWS, PARTS = 16, 8
+"""Craft up to which each has a line of its own, and equal parts of the flight that the line has."""
 
 
 def errors(period: Period, estimate: Estimate) -> Floats:
@@ -108,6 +111,16 @@ def figures(flown: Sequence[Floats]) -> dict[str, Any]:
     }
 
 
+def by_craft(flown: Sequence[Floats], parts: int) -> list[list[float]]:
+    """Return mean NEES of flights (T, C, 4) of one scenario per craft (C), of the whole and of so many parts of it."""
+    nees = np.concatenate([one[:, :, 2] for one in flown])
+    pieces = [nees, *np.array_split(nees, parts)]
+    return [
+        [float(np.mean(own[np.isfinite(own)])) if np.isfinite(own).any() else float("nan") for own in of_craft]
+        for of_craft in zip(*(piece.T for piece in pieces), strict=True)
+    ]
+
+
 def main() -> None:
     """Fly, and print."""
     chosen = options(
@@ -127,6 +140,12 @@ def main() -> None:
         result[name] = {way: figures([one[k, begin:] for one in flown]) for k, way in enumerate(chosen.ways)}
         columns = ["", *next(iter(result[name].values()))]
         show("models of motion", columns, [[f"{name}, {way}", *of.values()] for way, of in result[name].items()])
+        if flown[0].shape[2] <= MOST_ROWS:
+            for k, way in enumerate(chosen.ways):
+                parts = by_craft([one[k, begin:] for one in flown], PARTS)
+                result[name][way]["nees_by_craft"] = parts
+                columns = ["craft", "whole", *(f"part {part + 1}" for part in range(PARTS))]
+                show(f"NEES, {name}, {way}", columns, [[str(c), *row] for c, row in enumerate(parts)])
         finish("motion_models", {"scenarios": result}, chosen.out)
 
 

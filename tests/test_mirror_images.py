@@ -151,6 +151,8 @@ def mixture(rng: np.random.Generator, window: int, probability: list[float]) -> 
         covariance=np.moveaxis(root @ np.swapaxes(root, 1, 2), 0, -1)[None].copy(),
         told=np.ones(1, dtype=np.bool_),
         since_s=np.zeros(1),
+        mixed=np.zeros((1, LANES, LANES)),
+        moved=np.zeros((1, LANES, LANES)),
     )
 
 

@@ -8,8 +8,10 @@ from scipy.linalg import block_diag
 from scipy.stats import chi2
 
 from estimators.filter.compiled import CompiledFilterBank
+from estimators.filter.compiled_interacting import CompiledInteractingBank
 from estimators.filter.error_state import POSE_COLUMNS, process_noise_into
 from estimators.filter.filterpy_bank import PoseFilterBank
+from estimators.filter.filterpy_interacting import FilterpyInteractingBank
 from estimators.filter.smoother import Estimates, Prediction, Smoother, predicted
 from estimators.rotation import exp, left_jacobian, log
 from estimators.state import STATES, State
@@ -30,7 +32,7 @@ def smooth_all(history):
 
 
 def kept(bank, prediction):
-    return prediction.continuing(bank.active), Estimates(bank.state, bank.covariance)
+    return prediction.ended(bank, bank.active), Estimates(bank.state, bank.covariance)
 
 
 def error(truth, estimate):
@@ -272,6 +274,78 @@ def test_it_ends_where_a_filter_was_started_again():
         np.testing.assert_array_equal(smoothed[k].covariance[1], before[k].covariance[1])
         assert not np.array_equal(smoothed[k].covariance[0], before[k].covariance[0])
     np.testing.assert_array_equal(smoothed[3].state.position[1], history[3][1].state.position[1])
+
+
+@pytest.mark.parametrize("kind", [FilterpyInteractingBank, CompiledInteractingBank])
+def test_one_model_of_several_is_smoothed_as_a_filter_with_one(kind):
+    """Craft whose bank could run several models, but which have one: the same smoother by another way."""
+    rng, yes = np.random.default_rng(3), np.ones(2, dtype=bool)
+    banks = [
+        CompiledFilterBank(2, acceleration_noise_m_s2=0.2, angular_acceleration_noise_rad_s2=0.3),
+        kind([(0.2, 0.3), (0.02, 0.03)], 30.0, 2.0, np.ones(2, dtype=np.int64)),
+    ]
+    covariance = np.stack([random_covariance(rng, np.full(6, 1e-3))] * 2)
+    couplings = np.eye(6) + 1e-2 * rng.normal(size=(20, 2, 6, 6))
+    still, histories = np.zeros((2, 3)), ([], [])
+    for k in range(20):
+        rotation, position = exp(1e-3 * rng.normal(size=(2, 3))), 1e-3 * rng.normal(size=(2, 3))
+        for bank, history in zip(banks, histories, strict=True):
+
+            def move(bank=bank, k=k):
+                bank.predict(DT, bank.active)
+                if k:
+                    bank.add_motion(yes, 1e-3 + still, still, still, still, couplings[k])
+                return couplings[k] if k else None
+
+            prediction = predicted(bank, DT, move)
+            if k == 0:
+                bank.start(yes, rotation, position, covariance, (1.0, 0.5))
+            elif k not in (6, 7):
+                bank.update_pose(yes, rotation, position, covariance, np.zeros((2, 6, 6)))
+            history.append(kept(bank, prediction))
+    for one, other in zip(*(smooth_all(history) for history in histories), strict=True):
+        np.testing.assert_allclose(other.covariance, one.covariance, rtol=1e-7, atol=1e-15)
+        np.testing.assert_allclose(other.state.position, one.state.position, atol=1e-12)
+        np.testing.assert_allclose(other.state.rotation, one.state.rotation, atol=1e-12)
+
+
+def test_models_of_motion_are_smoothed_by_what_shows_later():
+    """Craft that manoeuvre all the time, and a filter that takes some of it for the motion of a quiet craft.
+
+    Smoothed as if the mixture were one filter they have errors beyond their band; model by model they have not.
+    """
+    rng, c = np.random.default_rng(8), 160
+    yes, none = np.ones(c, dtype=bool), np.zeros((c, 6, 6))
+    noises = [(0.2 / 5**i, 0.3 / 5**i) for i in range(5)]
+    bank = CompiledInteractingBank(noises, 30.0, 2.0, np.full(c, len(noises)))
+    sigma = np.array([1e-3, 1e-3, 2e-3, 5e-4, 5e-4, 3e-3])
+    covariance = np.stack([random_covariance(rng, sigma) for _ in range(c)])
+    root = np.linalg.cholesky(covariance)
+    truth = State(exp(rng.normal(size=(c, 3))), *(s * rng.normal(size=(c, 3)) for s in (2.0, 0.5, 1.0)))
+    history, truths = [], []
+    for k in range(120):
+        turning, pushing = noises[0][1] * rng.normal(size=(c, 3)), noises[0][0] * rng.normal(size=(c, 3))
+        truth = State(
+            exp(truth.angular_rate * DT + turning * DT**2 / 2) @ truth.rotation,
+            truth.position + truth.velocity * DT + pushing * DT**2 / 2,
+            truth.velocity + pushing * DT,
+            truth.angular_rate + turning * DT,
+        )
+        prediction = predicted(bank, DT, partial(bank.predict, DT, bank.active))
+        drawn = np.einsum("cij,cj->ci", root, rng.normal(size=(c, 6)))
+        rotation, position = exp(-drawn[:, :3]) @ truth.rotation, truth.position - drawn[:, 3:]
+        if k == 0:
+            bank.start(yes, rotation, position, covariance, (1.0, 0.5))
+        else:
+            bank.update_pose(yes, rotation, position, covariance, none)
+        history.append(kept(bank, prediction))
+        truths.append(truth)
+    by_models = smooth_all(history)
+    as_one = smooth_all([(prediction._replace(models=None), estimates) for prediction, estimates in history])
+    instants = range(60, 110, 10)
+    means = [np.mean([nees(truths[k], found[k]).mean() for k in instants]) for found in (by_models, as_one)]
+    low, high = chi2.ppf([5e-5, 1 - 5e-5], STATES * c * len(instants)) / c / len(instants)
+    assert low < means[0] < high < means[1]
 
 
 def test_a_prediction_that_is_no_covariance_is_named():

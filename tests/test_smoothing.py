@@ -14,7 +14,7 @@ from synthetic_run import PERIOD_S, estimate_of, period_of, truth_at
 from typer.testing import CliRunner
 
 import swarm
-from estimators.filter.smoother import Prediction
+from estimators.filter.smoother import Models, Prediction
 from estimators.rotation import exp, left_jacobian, log, matrix_from_quaternion
 from estimators.state import STATES, State
 from swarm.cli.app import app
@@ -55,25 +55,53 @@ def smoothed(flown, tmp_path_factory):
     return made
 
 
+def made_of(share, weight, mean, covariance):
+    """The models before, of those after, (L,), (L, 12) and (L, 12, 12), and their shares (L, L)."""
+    parts = share * weight[:, None]
+    before = parts.sum(axis=0)
+    parts = parts / np.where(before > 0, before, 1)
+    x = parts.T @ mean
+    off = mean[:, None] - x
+    p = np.einsum("ji,jab->iab", parts, covariance) + np.einsum("ji,jia,jib->iab", parts, off, off)
+    return before, x, p
+
+
 def rts(history, filtered):
-    """The smoother of textbooks, in float64 matrices and with inverses, craft by craft."""
+    """The smoother of textbooks for every model of motion, in float64 matrices and with inverses, craft by craft."""
     periods, craft = filtered["rotation"].shape[:2]
     out = {name: value.copy() for name, value in filtered.items()}
+    models, unit = history["models"], np.eye(STATES)
     for c in range(craft):
-        for k in range(periods - 2, -1, -1):
-            if not history["continued"][k + 1, c]:
+        for k in range(periods - 1, -1, -1):
+            here = Models(*(part[k, c] for part in models))
+            if k == periods - 1 or not history["continued"][k + 1, c]:
+                weight, mean, covariance = here.probability, here.last_mean, here.last_covariance
                 continue
-            ahead = {name: value[k + 1, c] for name, value in history.items()}
+            ahead = {name: value[k + 1, c] for name, value in history.items() if name != "models"}
+            of = Models(*(part[k + 1, c] for part in models))
             later = {name: value[k + 1, c] for name, value in out.items()}
-            gain = filtered["covariance"][k, c] @ ahead["transition"].T @ np.linalg.inv(ahead["covariance"])
+            weight, mean, covariance = made_of(of.moved, weight, mean, covariance)
+            weight[weight <= 1e-9] = 0
             turn = log(later["rotation"] @ ahead["rotation"].T)
-            x = gain @ np.concatenate([turn, later["rest"] - ahead["rest"]])
-            there, here = np.eye(STATES), np.eye(STATES)
-            there[:3, :3], here[:3, :3] = np.linalg.inv(left_jacobian(turn)), left_jacobian(x[:3])
-            spread = there @ later["covariance"] @ there.T - ahead["covariance"]
-            out["rotation"][k, c] = exp(x[:3]) @ out["rotation"][k, c]
-            out["rest"][k, c] += x[3:]
-            out["covariance"][k, c] = here @ (filtered["covariance"][k, c] + gain @ spread @ gain.T) @ here.T
+            far, there = np.concatenate([turn, later["rest"] - ahead["rest"]]), unit.copy()
+            there[:3, :3] = np.linalg.inv(left_jacobian(turn))
+            back = np.linalg.inv(ahead["transition"])
+            for j in np.flatnonzero(weight).tolist():
+                scale = np.repeat(of.sigma[j, ::-1], 6)
+                before = back @ (of.covariance[j] - scale[:, None] * of.noise * scale) @ back.T
+                gain = before @ ahead["transition"].T @ np.linalg.inv(of.covariance[j])
+                mean[j] = back @ of.mean[j] + gain @ (far + there @ mean[j] - of.mean[j])
+                covariance[j] = before + gain @ (there @ covariance[j] @ there.T - of.covariance[j]) @ gain.T
+            weight, mean, covariance = made_of(of.mixed, weight, mean, covariance)
+            weight[weight <= 1e-9] = 0
+            weight /= weight.sum()
+            _, x, p = made_of(np.ones((len(weight), 1)), weight, mean, covariance)
+            turned = unit.copy()
+            turned[:3, :3] = left_jacobian(x[0, :3])
+            out["rotation"][k, c] = exp(x[0, :3]) @ out["rotation"][k, c]
+            out["rest"][k, c] += x[0, 3:]
+            out["covariance"][k, c] = turned @ p[0] @ turned.T
+            mean, covariance = (mean - x) @ turned.T, turned @ covariance @ turned.T
     return out
 
 
@@ -97,7 +125,9 @@ def test_the_columns_are_those_of_another_smoother(smoothed):
         "continued": np.concatenate([b.prediction.continued for b in blocks]),
         "rotation": state[0],
         "rest": np.concatenate([state[3], state[1], state[2]], axis=-1),
-        "covariance": np.concatenate([b.prediction.covariance for b in blocks]),
+        "models": Models(
+            *(np.concatenate(parts) for parts in zip(*(b.prediction.models for b in blocks), strict=True))
+        ),
         "transition": np.concatenate([b.prediction.transition for b in blocks]),
     }
     covariance = np.concatenate([b.covariance for b in blocks])

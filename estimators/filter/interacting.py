@@ -66,7 +66,8 @@ class Mixtures(NamedTuple):
     window: (C,), the liveliest model that is run. models: (C,), number of models that the craft has; a lane of none has
     the probability zero. probability: (C, L). mean: (C, 12, L), x_j. covariance: (C, 12, 12, L), P_j. told: (C,),
     whether the last update told the models apart. since_s: (C,), time since the models were mixed, as far as updates
-    told them apart [s].
+    told them apart [s]. mixed, moved: (C, L, L), for a smoother: what each model (row) was made of since the update
+    before, by mixing and by the last move of the window; `moved` is zero where the models have begun anew.
     """
 
     window: Ints
@@ -76,6 +77,8 @@ class Mixtures(NamedTuple):
     covariance: Floats
     told: Bools
     since_s: Floats
+    mixed: Floats
+    moved: Floats
 
 
 class InteractingBank(FilterBank):
@@ -115,6 +118,8 @@ class InteractingBank(FilterBank):
             covariance=np.zeros((craft, STATES, STATES, LANES)),
             told=np.zeros(craft, dtype=np.bool_),
             since_s=np.zeros(craft),
+            mixed=np.zeros((craft, LANES, LANES)),
+            moved=np.zeros((craft, LANES, LANES)),
         )
 
     @property
@@ -149,6 +154,19 @@ class InteractingBank(FilterBank):
         super().add_motion(mask, turn, rate, shift, velocity, coupling)
         if coupling is not None:
             _couple_models(mask, np.ascontiguousarray(coupling), self._mixtures)
+
+    @property
+    def mixtures(self) -> Mixtures:
+        """The models of all craft, copied."""
+        own = self._mixtures
+        return own._replace(**{name: part.copy() for name, part in own._asdict().items()})
+
+    def sigmas(self) -> Floats:
+        """Return the process noises (C, L, 2) [m/s^2], [rad/s^2] of the models in the lanes."""
+        window = self._mixtures.window[:, None]
+        # Lanes of no model have the quietest's, which counts nowhere.
+        model = np.minimum(window + (np.arange(LANES) - window) % LANES, len(self.grid.acceleration) - 1)
+        return np.stack([self.grid.acceleration[model], self.grid.angular_acceleration[model]], axis=-1)
 
     def _begin(self, mask: Bools) -> None:
         _begin_all(mask, self._covariance, self._mixtures)
@@ -185,6 +203,7 @@ def _begin_all(mask: Bools, covariance: Floats, mixtures: Mixtures) -> None:
         if not mask[c]:
             continue
         mixtures.window[c], mixtures.told[c], mixtures.since_s[c] = 0, False, 0.0
+        mixtures.moved[c] = 0.0
         several = min(LANES, mixtures.models[c])
         for at in range(LANES):
             mixtures.probability[c, at] = 1 / several if at < several else 0.0
@@ -222,6 +241,9 @@ def mix_if_due(c: int, dt: float, grid: Grid, mixtures: Mixtures) -> None:
         grid: the models.
         mixtures: models of all craft, changed in place.
     """
+    for j in range(LANES):
+        for i in range(LANES):
+            mixtures.mixed[c, j, i] = mixtures.moved[c, j, i] = 1.0 if i == j else 0.0
     if mixtures.told[c]:
         mixtures.told[c] = False
         mixtures.since_s[c] += dt
@@ -256,6 +278,7 @@ def _mix(c: int, dt: float, grid: Grid, mixtures: Mixtures) -> None:
                 weight[j, i] /= total
         else:  # a lane of no model stays as it is
             weight[j, j] = 1.0
+    mixtures.mixed[c] = weight
     moment, x, y = np.empty(LANES), np.empty(LANES), np.empty(LANES)
     for a in range(STATES):
         for b in range(a + 1):
@@ -363,6 +386,7 @@ def _move_window(c: int, mixtures: Mixtures) -> None:
         return
     mixtures.window[c] = window
     at, total = newcomer % LANES, 0.0
+    mixtures.moved[c, at] = mixtures.moved[c, best]
     own[at] = 0.0
     for k in range(LANES):
         total += own[k]

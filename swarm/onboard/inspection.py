@@ -42,7 +42,7 @@ from estimators.filter.error_state import (
     RATE_COLUMNS,
 )
 from estimators.filter.filterpy_interacting import FilterpyInteractingBank
-from estimators.filter.smoother import Prediction, predicted
+from estimators.filter.smoother import Models, Prediction, no_models, predicted
 from estimators.filter.tumble import PARTS, Inertia, Tumble, tensors
 from estimators.free_rotation import free_turns
 from estimators.lidar.acquisition import Verdict, acquire
@@ -330,7 +330,7 @@ class Inspection:
         mine = self._prediction
         if own is None or mine is None:
             return own
-        mine = mine.continuing(self._filter.active & ~self._started)
+        mine = mine.ended(self._filter, self._filter.active & ~self._started)
         rows = len(self.observers) + np.arange(len(self.targets))
         continued, covariance, transition = own.continued.copy(), own.covariance.copy(), own.transition.copy()
         state = State(*(part.copy() for part in own.state))
@@ -341,7 +341,11 @@ class Inspection:
             *zip(state, mine.state, strict=True),
         ):
             out[self.targets] = of_filter[rows]
-        return Prediction(continued, state, covariance, transition)
+        assert mine.models is not None  # the fused filters are interacting ones
+        models = Models(*(part.copy() for part in own.models or no_models(len(continued))))
+        for into, of_models in zip(models, mine.models, strict=True):
+            into[self.targets] = of_models[rows]
+        return Prediction(continued, state, covariance, transition, models)
 
     def _status(self, row: int, of_target: list[int]) -> int:
         """Return TRACKING as long as no observer has missed a scan that was due."""

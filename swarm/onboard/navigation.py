@@ -193,7 +193,7 @@ class Navigator:
         if prediction is None:
             return estimate
         # A filter that was stopped in this period has no estimate that could be smoothed, nor one that was two.
-        return estimate._replace(prediction=prediction.continuing(tracks.bank.active & ~open_before))
+        return estimate._replace(prediction=prediction.ended(tracks.bank, tracks.bank.active & ~open_before))
 
     def _referred(self, angles: SweepAngles) -> SweepAngles:
         """Return the angles without the errors of their sweeps that a reference craft has found, if there is one."""

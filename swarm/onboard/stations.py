@@ -274,7 +274,7 @@ class StationNavigator:
         estimate = self._estimate(used, lit[0], pose, seen, list(zip(fixes, fates, strict=True)), rowed)
         if prediction is None:
             return estimate
-        return estimate._replace(prediction=prediction.continuing(tracks.bank.active))
+        return estimate._replace(prediction=prediction.ended(tracks.bank, tracks.bank.active))
 
     def _usable(self, rows: RowBatch) -> tuple[RowBatch, Ints]:
         """Return the rows that go into the filters, and the number of `_chosen`'s that do not, (C,)."""

@@ -8,19 +8,35 @@ One row per craft and lighthouse period, in the order of the telemetry, which ha
     predicted_covariance   (78,)   the lower triangle of P-, row by row
     covariance             (78,)   the lower triangle of P, after the measurements
 
-Rows of filters that were not active are null. The files are written one after the other, and never again: however a run
-ends, what is there can be read, and a smoother takes them from the last one back without having all in memory.
+and where filters run L = 4 models of motion (`estimators.filter.smoother.Models`)
+
+    model_probability       (4,)   after the measurements
+    model_mean             (48,)   of the predicted errors, model by model
+    model_root            (312,)   the lower triangles of the Cholesky roots of P-, model by model, in single precision
+    model_sigma             (8,)   process noises [m/s^2], [rad/s^2], model by model
+    model_noise            (78,)   the lower triangle of the process noise of a unit of both
+    model_mixed            (16,)   shares in which the models were made of those before the prediction, row by row
+    model_moved            (16,)   likewise since the prediction
+    model_last_mean        (48,)   of the errors after the measurements; where the next period does not go on from this
+    model_last_root       (312,)   one, and in the last period of a file, else null; as model_root
+
+Rows of filters that were not active are null, and so is predicted_covariance where there are models. The files are
+written one after the other, and never again: however a run ends, what is there can be read, and a smoother takes them
+from the last one back without having all in memory.
 """
 
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
-from estimators.arrays import Floats, Ints
-from estimators.filter.smoother import Prediction
+from estimators.arrays import Bools, Floats, Ints
+from estimators.filter.smoother import Models, Prediction
+from estimators.lanes import LANES
 from estimators.rotation import matrix_from_quaternion, quaternion_from_matrix
 from estimators.state import STATES, State
 from swarm.errors import SwarmError
@@ -30,7 +46,7 @@ from swarm.results.parquet import parts_in, write_part
 from swarm.results.period import Period
 
 MOST_ROWS = 100_000
-"""A run of more rows keeps its history only if it is asked to: some 1.5 kB per row."""
+"""A run of more rows keeps its history only if it is asked to: some 3 kB per row."""
 ROWS, PERIODS = 16_384, 120
 """Rows, and periods, in a file: 40 MB in memory at most, and no more is lost by a run that is killed."""
 LOWER = np.tril_indices(STATES)
@@ -49,6 +65,31 @@ SCHEMA = pa.schema(
         pa.field("continued", pa.bool_(), nullable=False),
         *(pa.field(name, pa.float64()) for name in _STATE),
         *(pa.field(name, pa.list_(pa.float64(), size)) for name, size in _LISTS.items()),
+    ]
+)
+
+
+_MODELS = {
+    "model_probability": LANES,
+    "model_mean": LANES * STATES,
+    "model_root": LANES * _TRIANGLE,
+    "model_sigma": LANES * 2,
+    "model_noise": _TRIANGLE,
+    "model_mixed": LANES * LANES,
+    "model_moved": LANES * LANES,
+    "model_last_mean": LANES * STATES,
+    "model_last_root": LANES * _TRIANGLE,
+}
+_LANE, _SQUARE = (LANES, STATES), (LANES, LANES)
+_SHAPES = ((LANES,), _LANE, (LANES, _TRIANGLE), (LANES, 2), (_TRIANGLE,), _SQUARE, _SQUARE, _LANE, (LANES, _TRIANGLE))
+_ROOTS = ("model_root", "model_last_root")
+WITH_MODELS = pa.schema(
+    [
+        *SCHEMA,
+        *(
+            pa.field(name, pa.list_(pa.float32() if name in _ROOTS else pa.float64(), size))
+            for name, size in _MODELS.items()
+        ),
     ]
 )
 
@@ -111,13 +152,18 @@ class HistoryWriter:
 def _table(frame: Ints, predictions: tuple[Prediction, ...], covariance: Floats, craft_count: int) -> pa.Table:
     state = State(*(np.concatenate(parts) for parts in zip(*(p.state for p in predictions), strict=True)))
     continued = np.concatenate([p.continued for p in predictions])
+    models = _models_in(predictions)
+    wide = np.concatenate([p.covariance for p in predictions])[:, LOWER[0], LOWER[1]]
+    if models:
+        wide[np.isfinite(models[0][:, 0])] = np.nan
     columns = np.concatenate(
         [quaternion_from_matrix(state.rotation), state.position, state.velocity, state.angular_rate], axis=1
     )
     lists = (
         np.concatenate([p.transition for p in predictions]).reshape(len(continued), -1),
-        np.concatenate([p.covariance for p in predictions])[:, LOWER[0], LOWER[1]],
+        wide,
         covariance[:, LOWER[0], LOWER[1]],
+        *models,
     )
     arrays = [
         pa.array(np.repeat(frame, craft_count), pa.int32()),
@@ -128,7 +174,48 @@ def _table(frame: Ints, predictions: tuple[Prediction, ...], covariance: Floats,
             for values in lists
         ),
     ]
-    return pa.Table.from_arrays(arrays, schema=SCHEMA)
+    return pa.Table.from_arrays(arrays, schema=WITH_MODELS if models else SCHEMA)
+
+
+def _models_in(predictions: tuple[Prediction, ...]) -> list[Floats]:
+    """Return the columns of the models of motion, (n, size) each; none of filters with one model."""
+    found = [p.models for p in predictions if p.models is not None]
+    if not found:
+        return []
+    ends = np.concatenate([*(~_goes_on(p) for p in predictions[1:]), np.ones_like(predictions[-1].continued)])
+    out = []
+    for name, parts in zip(_MODELS, zip(*found, strict=True), strict=True):
+        values = np.concatenate(parts)
+        if name.startswith("model_last"):
+            values = np.where(ends.reshape(-1, *[1] * (values.ndim - 1)), values, np.nan)
+        if name in _ROOTS:
+            values = _roots(values)
+        elif name == "model_noise":
+            values = values[..., LOWER[0], LOWER[1]]
+        out.append(values.reshape(len(values), -1))
+    return out
+
+
+def _goes_on(prediction: Prediction) -> Bools:
+    """Return whether the models of the craft (C,) go on from those of the period before."""
+    models = prediction.models
+    if models is None:
+        return prediction.continued
+    goes_on: Bools = np.any(models.moved, axis=(1, 2))
+    return prediction.continued & goes_on
+
+
+def _roots(covariance: Floats) -> NDArray[np.float32]:
+    """Return the lower triangles (n, L, 78) of the roots of covariances (n, L, 12, 12), NaN where they have none."""
+    out = np.full((*covariance.shape[:2], _TRIANGLE), np.nan, dtype=np.float32)
+    there = np.isfinite(covariance[:, 0, 0, 0])
+    try:
+        out[there] = np.linalg.cholesky(covariance[there])[..., LOWER[0], LOWER[1]]
+    except np.linalg.LinAlgError:  # one of many: the others are kept
+        for i in np.flatnonzero(there).tolist():
+            with suppress(np.linalg.LinAlgError):
+                out[i] = np.linalg.cholesky(covariance[i])[..., LOWER[0], LOWER[1]]
+    return out
 
 
 def _unknown(values: Floats) -> pa.Array:
@@ -168,11 +255,16 @@ def _block(table: pa.Table, craft_count: int) -> Block:
     transition, *triangles = (_lists(table, name).reshape(*shape, size) for name, size in _LISTS.items())
     predicted, covariance = (_full(values) for values in triangles)
     continued = table.column("continued").to_numpy().reshape(shape)
-    return Block(
-        table.column("frame").to_numpy().reshape(shape)[:, 0].astype(np.int64),
-        Prediction(continued, state, predicted, transition.reshape(*shape, STATES, STATES)),
-        covariance,
-    )
+    prediction = Prediction(continued, state, predicted, transition.reshape(*shape, STATES, STATES))
+    if set(_MODELS) <= set(table.column_names):
+        probability, mean, root, sigma, noise, mixed, moved, last_mean, last_root = (
+            _lists(table, name).reshape(*shape, *of) for name, of in zip(_MODELS, _SHAPES, strict=True)
+        )
+        models = Models(
+            probability, mean, _squared(root), sigma, _full(noise), mixed, moved, last_mean, _squared(last_root)
+        )
+        prediction = prediction._replace(models=models)
+    return Block(table.column("frame").to_numpy().reshape(shape)[:, 0].astype(np.int64), prediction, covariance)
 
 
 def _lists(table: pa.Table, name: str) -> Floats:
@@ -181,6 +273,14 @@ def _lists(table: pa.Table, name: str) -> Floats:
     size = column.type.list_size
     out: Floats = np.array(column.values.to_numpy(zero_copy_only=False), dtype=np.float64).reshape(-1, size)
     out[column.is_null().to_numpy(zero_copy_only=False)] = np.nan
+    return out
+
+
+def _squared(root: Floats) -> Floats:
+    """Return the covariances (..., 12, 12) of the lower triangles (..., 78) of roots."""
+    lower = np.zeros((*root.shape[:-1], STATES, STATES))
+    lower[..., LOWER[0], LOWER[1]] = root
+    out: Floats = lower @ np.swapaxes(lower, -1, -2)
     return out
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import pyarrow as pa
 
 from estimators.arrays import Floats, Ints
-from estimators.filter.smoother import Estimates, Prediction, Smoother
+from estimators.filter.smoother import Estimates, Models, Prediction, Smoother
 from estimators.rotation import matrix_from_quaternion
 from estimators.state import STATES, State
 from swarm.errors import SwarmError
@@ -198,15 +198,20 @@ def _smooth_block(smoother: Smoother, table: pa.Table, block: Block, craft_count
     out = [
         smoother.step(
             Estimates(State(rotation[k], *_vectors(filtered[k])), covariance[k]),
-            Prediction(
-                ahead.continued[k], State(*(part[k] for part in ahead.state)), ahead.covariance[k], ahead.transition[k]
-            ),
+            _of_period(ahead, k),
         )
         for k in reversed(range(periods))
     ]
     out.reverse()
     states = State(*(np.stack(parts) for parts in zip(*(one.state for one in out), strict=True)))
     return Estimates(states, np.stack([one.covariance for one in out]))
+
+
+def _of_period(ahead: Prediction, k: int) -> Prediction:
+    """Return the predictions of one period of a block."""
+    state = State(*(part[k] for part in ahead.state))
+    models = None if ahead.models is None else Models(*(part[k] for part in ahead.models))
+    return Prediction(ahead.continued[k], state, ahead.covariance[k], ahead.transition[k], models)
 
 
 def _vectors(row: Floats) -> tuple[Floats, Floats, Floats]:
