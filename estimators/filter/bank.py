@@ -349,6 +349,8 @@ class FilterBank(ABC):
             ValueError: as `update`.
         """
         mask = self._checked(mask)
+        if not mask.any():
+            return self._nothing()
         rotation = self._argument("rotation", rotation, (3, 3), mask)
         position = self._argument("position", position, (3,), mask)
         covariance = self._covariances("covariance", covariance, POSE, mask)

@@ -419,6 +419,15 @@ def _joseph_row(p: Floats, h: Floats, variance: float, work: Work) -> None:
 
 
 @kernel
+def _tells(h: Floats) -> bool:
+    """Return whether a row (12,) of H tells anything of the state; if not, it is for the gate only."""
+    told = False
+    for i in range(STATES):
+        told = told or h[i] != 0.0
+    return told
+
+
+@kernel
 def absorb_independent(
     p: Floats, y: Floats, h: Floats, variance: Floats, n: int, work: Work, x: Floats, left: Floats
 ) -> tuple[float, float]:
@@ -441,11 +450,17 @@ def absorb_independent(
         for j in range(STATES):
             left[i, j] = p[i, j]
     for a in range(n):
+        if not _tells(h[a]):
+            pivot = 1 / np.sqrt(variance[a])
+            squared += (y[a] * pivot) * (y[a] * pivot)
+            volume *= np.sqrt(variance[a])
+            continue
         squared += absorb_row(left, x, h[a], y[a], variance[a], gain[0], scale)
         volume *= np.sqrt(scale[0])
     if _has_shrunk(p, left):
         for a in range(n):
-            _joseph_row(p, h[a], variance[a], work)
+            if _tells(h[a]):
+                _joseph_row(p, h[a], variance[a], work)
         for i in range(STATES):
             for j in range(STATES):
                 left[i, j] = p[i, j]

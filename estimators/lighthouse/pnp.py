@@ -392,6 +392,6 @@ def refine(
     """
     lit = checked_lit(lit)
     theta = checked("theta", theta, (*lit.shape, 2))
-    uv = projections(theta)
+    uv = projections(theta) if lit.any() else np.full_like(theta, np.nan)
     motion = offset_s, angular_rate, velocity
     return refine_projections(uv, angle_weights(uv), lit, point_m, rotation, position, *motion)

@@ -232,6 +232,8 @@ def angle_gradient(x: float, y: float, z: float, fan: Floats) -> Vector:
                 across, up, z, tangent, curve, gibbous_phase, gibbous_magnitude, fan[11], fan[12]
             )
         return fan[0] * by_across + fan[3] * by_up, fan[1] * by_across + fan[4] * by_up, by_ahead
+    if tangent == 0.0 and curve == 0.0 and gibbous_magnitude == 0.0:  # what follows, without its trigonometry
+        return fan[0] * (z / square), fan[1] * (z / square), -across / square
     argument = up * tangent / np.sqrt(square)
     steep = 1 / np.sqrt(1 - argument * argument)
     b = np.arctan2(across, z) - phase + np.arcsin(argument)

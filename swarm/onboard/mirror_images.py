@@ -180,6 +180,8 @@ class MirrorImages:
         """Part every filter that reaches over the fold between two images into one on either side."""
         own, other = self._tracks.bank, self._images.bank
         asked = taken.fresh & own.active & ~self.hidden & (taken.photodiodes == DETERMINED)
+        if not asked.any():
+            return
         asked &= self._sweeps.bends(own.covariance, own.position)
         if not asked.any():
             return
