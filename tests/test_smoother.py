@@ -1,6 +1,7 @@
 """The smoother: against the least squares of all measurements at once, against its closed form, and its consistency."""
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
@@ -286,7 +287,8 @@ def test_one_model_of_several_is_smoothed_as_a_filter_with_one(kind):
     ]
     covariance = np.stack([random_covariance(rng, np.full(6, 1e-3))] * 2)
     couplings = np.eye(6) + 1e-2 * rng.normal(size=(20, 2, 6, 6))
-    still, histories = np.zeros((2, 3)), ([], [])
+    still = np.zeros((2, 3))
+    histories: tuple[list[Any], list[Any]] = ([], [])
     for k in range(20):
         rotation, position = exp(1e-3 * rng.normal(size=(2, 3))), 1e-3 * rng.normal(size=(2, 3))
         for bank, history in zip(banks, histories, strict=True):
