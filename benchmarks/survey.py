@@ -6,8 +6,10 @@ DATA is a folder with `crazyflie/lh{1,2}_{jitter,move}` (the Crazyflie positioni
 `lighthouse-v2` (libsurvive-extras-data, tests).
 
 - crazyflie: the stations are surveyed by the jitter logs alone, in which the craft rests at four or five places, and
-  again with the cameras' places of these as truth. Then each window of 60 ms of the flight is solved by itself, the
-  stations held, and compared with motion capture after the alignment of `swarm.flight.recordings.alignment`.
+  again with the cameras' places as truth, with calibrations adjusted, and with the flight's own light. Then each
+  window of 60 ms of the flight is solved by itself, the stations held, and compared with motion capture after the
+  alignment of `swarm.flight.recordings.alignment`. Of every log, how far the attitudes by each station alone are apart
+  in the same windows.
 - lh1_test_cal, lh2_test_cal: poses of the objects by each station alone, period by period, before and after the survey;
   of lh1 with geometry, calibration, both and neither adjusted. The survey takes the first half of the recording, the
   figures are of the second.
@@ -54,6 +56,21 @@ def flight(folder: Path, name: str, result: Result, windows: int) -> dict[str, A
     }
 
 
+def attitudes(log: Path, result: Result, windows: int) -> dict[str, float | int]:
+    """How far the poses by each station alone are apart at the same instants of a log, stations held."""
+    seen = collect([log], most=windows, rest=False)
+    errors = tuple(result.found.room.errors(s) for s in range(len(seen.stations)))
+    found = survey(seen.rows, seen.moving, errors, seen.normals, hold=result.found.room)
+    apart, turned = disagreement(found)
+    both = np.isfinite(turned)
+    return {
+        "windows": int(both.sum()),
+        "median_deg": float(np.degrees(np.median(turned[both]))),
+        "90_percent_deg": float(np.degrees(np.quantile(turned[both], 0.9))),
+        "median_mm": 1e3 * float(np.median(apart[both])),
+    }
+
+
 def _errors(aligned: Alignment) -> dict[str, float]:
     mm = 1e3 * aligned.residual_m
     return {
@@ -69,18 +86,36 @@ def crazyflie(data: Path, generation: int, flown: str, windows: int) -> dict[str
     """Survey by the jitter logs, and the flight."""
     rest = data / "crazyflie" / f"lh{generation}_jitter"
     logs, truths = sorted(rest.glob("log*")), sorted(rest.glob("mocap*"))
+    moved = data / "crazyflie" / f"lh{generation}_move" / f"log{flown}"
     out: dict[str, Any] = {}
-    for name, given in (("light alone", []), ("with the cameras' places of the jitter logs", truths)):
-        result = solve_survey(collect(logs), given)
+    terms = tuple(PARTS)
+    for name, files, given, parts in (
+        ("light alone", logs, [], ()),
+        ("with the cameras' places of the jitter logs", logs, truths, ()),
+        ("light alone, all terms adjusted", logs, [], terms),
+        ("light of jitter logs and flight", [*logs, moved], [], ()),
+        ("light of jitter logs and flight, all terms adjusted", [*logs, moved], [], terms),
+    ):
+        result = solve_survey(collect(files), given, parts)
         sigma = np.sqrt(np.diagonal(result.covariance)[6:12])
         out[name] = {
+            "distance_of_stations_mm_sigma": _distance(result),
             "station_1_from_0_m": _relative(result.found.room),
             "sigma_mm_deg": [1e3 * float(np.linalg.norm(sigma[3:])), float(np.degrees(np.linalg.norm(sigma[:3])))],
             "systematic_urad": 1e6 * result.found.systematic_rad,
             "residual_before_after_urad": [(1e6 * result.before).tolist(), (1e6 * result.after).tolist()],
             "flight": flight(data / "crazyflie" / f"lh{generation}_move", flown, result, windows),
+            "attitudes_by_each_station": {
+                f"{log.parent.name}/{log.name}": attitudes(log, result, windows) for log in (*logs, moved)
+            },
         }
     return out
+
+
+def _distance(result: Result) -> list[float]:
+    away = result.found.room.position[1] - result.found.room.position[0]
+    length = float(np.linalg.norm(away))
+    return [1e3 * length, 1e3 * float(np.sqrt(away @ result.covariance[9:12, 9:12] @ away)) / length]
 
 
 def _relative(room: Room) -> list[float]:

@@ -12,6 +12,7 @@ from swarm.assets import find_recording
 from swarm.errors import SwarmError
 from swarm.flight.recordings.contents import only_object
 from swarm.flight.recordings.libsurvive import read_libsurvive
+from swarm.flight.recordings.trajectory import read_trajectory
 from swarm.flight.replay import Playback, replay
 from swarm.flight.truth import GivenTruth
 from swarm.results.period import Period
@@ -66,7 +67,8 @@ def truth_of(periods: list[Period], begin_s: float, folder: Path, *, attitude: b
 @pytest.mark.parametrize("attitude", [True, False])
 def test_errors_are_those_that_were_put_in(flown: tuple[list[Period], float], tmp_path: Path, attitude: bool) -> None:
     periods, begin_s = flown
-    given = GivenTruth(truth_of(periods, begin_s, tmp_path, attitude=attitude), periods, begin_s, np.zeros(0))
+    truth = read_trajectory(truth_of(periods, begin_s, tmp_path, attitude=attitude))
+    given = GivenTruth(truth, periods, begin_s, np.zeros(0))
     told = list(given.give(periods))
     error = []
     for before, after in zip(periods, told, strict=True):

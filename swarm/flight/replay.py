@@ -33,6 +33,7 @@ from swarm.flight.recordings.object_light import configuration_beside, read_obje
 from swarm.flight.recordings.receiver import Receiver
 from swarm.flight.recordings.station_calibration import StationCalibration, read_calibration
 from swarm.flight.recordings.stations_file import read_stations
+from swarm.flight.recordings.trajectory import read_trajectory
 from swarm.flight.recordings.windows import Source, Windows
 from swarm.flight.simulate import untold
 from swarm.flight.station_replay import StationPlayback, choose_stations
@@ -127,8 +128,9 @@ def replay(
     builders.plug_ins(settings, "navigator")  # a mistake there is told before the light is read
     asked = _Asked(object_name, lighthouse, calibration, stations, source, truth, imu)
     command = _command(path, settings, asked)
+    trajectory = None if truth is None else read_trajectory(truth)  # likewise
     playback = _playback(recording, settings, asked, note)
-    given = truth_for(truth, playback)
+    given = truth_for(trajectory, playback)
     for sentence in (*playback.notes, *given.notes):
         note(sentence)
     opened = partial(writing_run, out=out, force=force, record=record, live=live, command=command)

@@ -8,7 +8,6 @@ The true velocity is the trajectory's difference over 50 ms, turned into our fra
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -17,7 +16,7 @@ from estimators import rotation as rot
 from estimators.arrays import Bools, Floats
 from swarm.errors import SwarmError
 from swarm.flight.recordings.alignment import FAR_M, align, interpolated, true_positions
-from swarm.flight.recordings.trajectory import Trajectory, read_trajectory
+from swarm.flight.recordings.trajectory import Trajectory
 from swarm.onboard.settings import BY_LIGHT
 from swarm.results.period import Period
 from swarm.results.records import Truth
@@ -51,13 +50,13 @@ class NoTruth:
         return periods
 
 
-def truth_for(path: str | Path | None, flown: Flown) -> "GivenTruth | NoTruth":
-    """Return the truth of a file, aligned with a replay; it is flown for that. Without a file there is none.
+def truth_for(truth: Trajectory | None, flown: Flown) -> "GivenTruth | NoTruth":
+    """Return a trajectory as the truth, aligned with a replay; it is flown for that. Without one there is none.
 
     Raises:
-        SwarmError: the file cannot be read, or does not fit.
+        SwarmError: it does not fit.
     """
-    return NoTruth() if path is None else GivenTruth(path, flown.fly(), flown.begin_s, flown.marks_s)
+    return NoTruth() if truth is None else GivenTruth(truth, flown.fly(), flown.begin_s, flown.marks_s)
 
 
 class GivenTruth:
@@ -65,19 +64,19 @@ class GivenTruth:
 
     known = True
 
-    def __init__(self, path: str | Path, periods: Iterable[Period], begin_s: float, marks_s: Floats) -> None:
+    def __init__(self, truth: Trajectory, periods: Iterable[Period], begin_s: float, marks_s: Floats) -> None:
         """Align a trajectory.
 
         Args:
-            path: its file.
+            truth: the trajectory.
             periods: of the replay, of one object.
             begin_s: instant of `Period.time_s` zero on the recording's clock [s].
             marks_s: instants on that clock at which the trajectory begins and ends, or none.
 
         Raises:
-            SwarmError: the file cannot be read, or does not fit.
+            SwarmError: it does not fit.
         """
-        self._truth, self._begin_s = read_trajectory(path), begin_s
+        self._truth, self._begin_s = truth, begin_s
         time_s, position, rotation = _estimates(periods, begin_s)
         self.alignment = align(time_s, position, rotation, self._truth, marks_s)
         self._turn = self._attitude_offset(time_s, position, rotation)
