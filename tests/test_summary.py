@@ -14,7 +14,7 @@ from swarm.results.columns.peer import PEER
 from swarm.results.columns.schema import schema
 from swarm.results.reading import read_telemetry
 from swarm.results.records import Peer
-from swarm.results.summary import autocorrelation_time, consistency, summarise, summarise_run
+from swarm.results.summary import autocorrelation_time, consistency, figures, summarise, summarise_run
 from swarm.results.summary.integrity import estimate_levels, pose_levels
 from swarm.results.table import TelemetryTable
 from swarm.results.telemetry import Telemetry
@@ -190,6 +190,23 @@ def test_a_refused_pose_is_none_of_the_accepted_ones_though_the_craft_tracks_by_
     rows = TelemetryTable.of(pa.table(table))
     assert pose_levels(rows)["accepted_poses"] == {"samples": 2, "beyond": 0, "worst_share_of_level": 0.5}
     assert estimate_levels(rows)["estimates"]["samples"] == 4
+
+
+def test_light_that_a_replay_refused_is_no_part_of_the_mean_nis():
+    table = {
+        "time_s": np.arange(4) * PERIOD_S,
+        "frame": np.arange(4),
+        "craft": pa.array(["a"] * 4).dictionary_encode(),
+        "status": pa.array(["tracking", "single_sweeps", "coasting", "coasting"]).dictionary_encode(),
+        "rows": [6, 6, 0, 0],
+        "nis": [5.0, 7.0, 90_000.0, np.nan],
+        "nees": [np.nan] * 4,
+    }
+    setting = figures.Setting(PERIOD_S, None)
+    simulated = figures._consistency(TelemetryTable.of(pa.table(table)), setting)["nis"]
+    assert simulated["samples"] == 3
+    replayed = figures._consistency(TelemetryTable.of(pa.table({**table, "peer_px_m": [0.0] * 4})), setting)["nis"]
+    assert (replayed["mean"], replayed["samples"]) == (6.0, 2)
 
 
 def test_no_nees_is_null():

@@ -93,13 +93,14 @@ def _errors(rows: TelemetryTable, setting: Setting) -> Figures:
 def _consistency(rows: TelemetryTable, setting: Setting) -> Figures:
     """Return whether the filter's errors are as large as it promises.
 
-    Single sweeps that were refused are those of a turn somewhere else, or of another object: their NIS, of no known
-    degrees of freedom, says nothing of the filter, and a few would be all of the mean. `refused_share` counts them.
+    In a replay, light that was refused is left out: a hand or a reflection, whose NIS, of no known degrees of freedom,
+    says nothing of the filter's errors, and of which a few would be all of the mean. `refused_share` counts them.
     """
     nis: Floats = rows.column("nis")
     if "rows" in rows.columns:
-        taken = rows.column("rows")
-        nis = np.where((taken == 0) & ~rows.by_light, np.nan, referred_nis(nis, taken))
+        nis = referred_nis(nis, rows.column("rows"))
+        if "peer_px_m" in rows.columns:
+            nis = np.where(rows.by_light, nis, np.nan)
     return {
         "nees": consistency(rows.frame, rows.column("nees"), setting.period_s),
         "nis": consistency(rows.frame, nis, setting.period_s),
