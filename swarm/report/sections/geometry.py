@@ -10,6 +10,9 @@ from swarm.report.subject import Subject
 
 DILUTIONS = (("adop_deg_per_rad", "ADOP [°/rad]"), ("pdop_m_per_rad", "PDOP [m/rad]"))
 
+SPIKE = 100.0
+"""Largest dilution, of its median, that a linear axis shows."""
+
 
 def section(subject: Subject) -> Section | None:
     """Return the section; None where no craft ever saw enough light."""
@@ -20,10 +23,15 @@ def section(subject: Subject) -> Section | None:
     def paint(figure: Figure) -> None:
         axes = panels(figure, len(DILUTIONS))
         for one, (column, label) in zip(axes, DILUTIONS, strict=True):
-            lines(one, series, series.of(column), series.lit)
+            values = series.of(column)
+            lines(one, series, values, series.lit)
             one.set_title(label)
             one.set_xlabel("time [s]")
-            one.set_ylim(bottom=0)
+            known = values[:, series.lit]
+            if np.nanmax(known) > SPIKE * np.nanmedian(known):
+                one.set_yscale("log")  # a few periods that decide hardly anything would hide all others
+            else:
+                one.set_ylim(bottom=0)
         legend(figure, axes[:1])
 
     caption = "Attitude and position dilution of precision, per craft."
