@@ -2,7 +2,7 @@
 
     PYTHONPATH=. python benchmarks/lidar_shapes.py [FOLDER] [--shapes HST ...] [--attitudes 20] [--seed 0] [--json]
                                                    [--range METRES] [--told] [--followed 20]
-                                                   [--answers FILE.jsonl]
+                                                   [--answers FILE.jsonl] [--bound]
     PYTHONPATH=. python benchmarks/lidar_shapes.py --table FILE.jsonl
 
 What is measured is that of `swarm reproduce lidar-shapes` (`swarm.studies.papers.lidar_shapes`): FOLDER holds the
@@ -10,6 +10,8 @@ shapes, NASA's of github.com/ericstoneking/42, Model/, for instance; without it 
 shapes, ranges and attitudes can be chosen, and `--told` names every answer that is not right. The first
 attitudes only, `--followed`, are followed by tracking. `--answers` adds every answer to a file as it comes, and
 `--table` prints the table of such a file, to which several runs with different seeds may have added.
+`--bound` registers every scan from the truth instead, and prints how far off it is beside the least that its ranges
+allow: noise, and the jitter of a ray's direction, which far away and at a slant makes most of a range's error.
 Where none of n is wrong, the share of wrong ones is below 3/n with a confidence of 95 %.
 """
 
@@ -21,10 +23,16 @@ from typing import Any
 
 import numpy as np
 
+from estimators.arrays import Floats
+from estimators.lidar.ray_cast import cast
+from estimators.lidar.registration import JUMP, register
+from estimators.lidar.scan import Scan
+from estimators.lidar.shape import Shape
 from swarm.studies.papers.lidar_acquisition import random_rotations
 from swarm.studies.papers.lidar_shapes import (
     FOLLOWED,
     RANGES_M,
+    RIGHT_LENGTH,
     Answer,
     bench_of,
     by_setting,
@@ -93,6 +101,46 @@ def answered(path: Path, number: int, given: argparse.Namespace) -> Iterator[Ans
         yield from measured(bench, path.stem, i, truth, rng, FOLLOWED if i < followed else 0)
 
 
+def bound(scan: Scan, shape: Shape, truth: Floats, place: Floats) -> Floats:
+    """Return the least covariance (6, 6), ordered (attitude, position), that a scan's ranges allow at the truth."""
+    direction = scan.direction[scan.returned]
+    hits = cast(shape.mesh, -truth.T @ place, direction @ truth)
+    met = np.isfinite(hits.distance)
+    along, depth, normal = direction[met], hits.distance[met], shape.mesh.normal[hits.triangle[met]] @ truth.T
+    cosine = np.abs(np.sum(normal * along, axis=1))
+    sideways = scan.jitter_rad * depth * np.sqrt(1 - np.minimum(cosine, 1.0) ** 2)
+    jacobian = np.concatenate([np.cross(along * depth[:, None] - place, normal), normal], axis=1)
+    variance = (scan.noise_m * cosine) ** 2 + sideways**2
+    out: Floats = np.linalg.inv(jacobian.T @ (jacobian / variance[:, None]))
+    return out
+
+
+def print_bounds(path: Path, number: int, given: argparse.Namespace) -> None:
+    """Print errors of position, RMS, beside their bound and what is promised, of one shape at one of its ranges."""
+    bench, rng = bench_of(path, number, given.seed, given.range), np.random.default_rng([given.seed, number])
+    rows = []
+    for truth in random_rotations(given.attitudes, rng):
+        scan = bench.scan(truth)
+        around = scan.around(bench.position, bench.shape.radius_m)
+        edges = around.edges(JUMP * bench.shape.radius_m)
+        reach_m = RIGHT_LENGTH * bench.shape.radius_m
+        fit = register(around.point, bench.shape, truth, bench.position, scan.noise_m, edges=edges, reach_m=reach_m)
+        if not fit.degenerate:
+            least = np.trace(bound(around, bench.shape, truth, bench.position)[3:, 3:])
+            off = float(np.sum((fit.position - bench.position) ** 2))
+            rows.append((off, least, np.trace(fit.covariance[3:, 3:]), len(around.point)))
+    if rows:
+        off_mm, least_mm, promised_mm = 1e3 * np.sqrt(np.mean(np.array(rows)[:, :3], axis=0))
+        rays = float(np.median([r[3] for r in rows]))
+        jitter_mm = 1e3 * scan.jitter_rad * bench.position[0]
+        print(
+            f"{path.stem} at {bench.position[0]:.3g} m, {len(rows)} scans of {rays:.0f} returns, jitter {jitter_mm:.0f}"
+            f" mm: position {off_mm:.1f} mm RMS, bound of the ranges {least_mm:.1f} mm, ratio {off_mm / least_mm:.2f}; "
+            f"promised {promised_mm:.1f} mm",
+            flush=True,
+        )
+
+
 def main() -> None:
     """Run, and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -108,6 +156,7 @@ def main() -> None:
     parser.add_argument("--followed", type=int, help="attitudes that are followed by tracking; default: all")
     parser.add_argument("--answers", type=Path, help="a file that gets all answers, a line each")
     parser.add_argument("--table", type=Path, help="print the table of such a file, and do nothing else")
+    parser.add_argument("--bound", action="store_true", help="errors from the truth, beside the least possible")
     given = parser.parse_args()
     numbers = [0] if given.near_only or given.range else [1] if given.far_only else range(len(RANGES_M))
     answers: list[Answer] = []
@@ -115,6 +164,9 @@ def main() -> None:
         if given.shapes and path.stem not in given.shapes:
             continue
         for number in numbers:
+            if given.bound:
+                print_bounds(path, number, given)
+                continue
             for answer in answered(path, number, given):
                 answers.append(answer)
                 if given.answers:
@@ -124,6 +176,8 @@ def main() -> None:
                     print(told(answer), flush=True)
     if given.table:
         answers = [Answer(**json.loads(text)) for text in given.table.read_text().splitlines()]
+    if given.bound:
+        return
     rows = [row(part) for _, _, part in by_setting(answers)]
     if not given.json:
         print(f"| {' | '.join(COLUMNS)} |\n{len(COLUMNS) * '|---'}|")
