@@ -125,7 +125,7 @@ class Quiet(Table):
         default=30.0, ge=0.1, le=1e6, description="Mean time until a craft begins to move more."
     )
     mean_manoeuvre_s: Annotated[float, STAY] = Field(
-        default=1.0, ge=0.1, le=1e6, description="Mean time until a craft begins to move less."
+        default=2.0, ge=0.1, le=1e6, description="Mean time until a craft begins to move less."
     )
 
 
