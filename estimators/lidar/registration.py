@@ -102,12 +102,12 @@ class Posed(Protocol):
 
     @property
     def position(self) -> Floats:
-        """Of the origin."""
+        """Position of the origin."""
         ...
 
     @property
     def covariance(self) -> Floats:
-        """Of attitude and position."""
+        """Covariance of attitude and position."""
         ...
 
 
