@@ -60,7 +60,8 @@ def _sections() -> Iterator[str]:
     yield from _section("Top of the file", "", Scenario)
     for key, field in Scenario.model_fields.items():
         for table in tables_of(field.annotation) if key != "fault" else ():
-            yield from _section(f"`[[{key}]]`" if key in ("craft", "criteria", "pair", "station") else f"`[{key}]`", key, table)
+            several = key in ("craft", "criteria", "pair", "station")
+            yield from _section(f"`[[{key}]]`" if several else f"`[{key}]`", key, table)
             for inner, below in table.model_fields.items():
                 for part in (
                     tables_of(below.annotation)
