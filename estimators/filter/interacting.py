@@ -203,9 +203,10 @@ def _begin_all(mask: Bools, covariance: Floats, mixtures: Mixtures) -> None:
         if not mask[c]:
             continue
         mixtures.window[c], mixtures.told[c], mixtures.since_s[c] = 0, False, 0.0
-        mixtures.moved[c] = 0.0
         several = min(LANES, mixtures.models[c])
         for at in range(LANES):
+            for k in range(LANES):
+                mixtures.moved[c, at, k] = 0.0
             mixtures.probability[c, at] = 1 / several if at < several else 0.0
             for a in range(STATES):
                 mixtures.mean[c, a, at] = 0.0
@@ -278,7 +279,9 @@ def _mix(c: int, dt: float, grid: Grid, mixtures: Mixtures) -> None:
                 weight[j, i] /= total
         else:  # a lane of no model stays as it is
             weight[j, j] = 1.0
-    mixtures.mixed[c] = weight
+    for j in range(LANES):
+        for i in range(LANES):
+            mixtures.mixed[c, j, i] = weight[j, i]
     moment, x, y = np.empty(LANES), np.empty(LANES), np.empty(LANES)
     for a in range(STATES):
         for b in range(a + 1):
@@ -386,9 +389,9 @@ def _move_window(c: int, mixtures: Mixtures) -> None:
         return
     mixtures.window[c] = window
     at, total = newcomer % LANES, 0.0
-    mixtures.moved[c, at] = mixtures.moved[c, best]
     own[at] = 0.0
     for k in range(LANES):
+        mixtures.moved[c, at, k] = mixtures.moved[c, best, k]
         total += own[k]
     for a in range(STATES):
         mixtures.mean[c, a, at] = mixtures.mean[c, a, best]

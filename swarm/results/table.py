@@ -121,9 +121,7 @@ class TelemetryTable:
         """Return one column."""
         if name not in self._values:
             self._expect(name)
-            table = self._source.load(name)
-            column = table.column(name)
-            value = self._codes(name, column) if _is_of_names(column.type) else doubles(table, name)
+            value = self._read(name)
             self._values[name] = value if self._order is None else value[self._order]
         return self._values[name][self._rows]
 
@@ -146,9 +144,16 @@ class TelemetryTable:
                 found = derive(np.stack([doubles(block, name) for name in of], axis=1))
                 for i, value in enumerate(values):
                     value[first:past] = found[:, i]
-            for i, name in enumerate(names):
-                self._values[name] = values[i] if self._order is None else values[i][self._order]
+            for name in reversed(names):
+                value = values.pop()
+                self._values[name] = value if self._order is None else value[self._order]
         return np.stack([self._values[name][self._rows] for name in names], axis=1)
+
+    def _read(self, name: str) -> Floats:
+        """Return a column in the order of the source, of which nothing else stays in memory."""
+        table = self._source.load(name)
+        column = table.column(name)
+        return self._codes(name, column) if _is_of_names(column.type) else doubles(table, name)
 
     def _expect(self, name: str) -> None:
         if name not in self.columns:
