@@ -121,7 +121,7 @@ def taken_by(f: ExtendedKalmanFilter, y: Floats, h: Floats, r: Floats) -> tuple[
 
 
 def updated(f: ExtendedKalmanFilter, y: Floats, h: Floats, r: Floats) -> bool:
-    """Update a filter with rows; return False where S is singular.
+    """Update a filter with rows; return False where S is singular or not finite.
 
     Args:
         f: the filter, with its error estimate x and covariance P.
@@ -131,7 +131,7 @@ def updated(f: ExtendedKalmanFilter, y: Floats, h: Floats, r: Floats) -> bool:
     """
     try:
         f.update(y, _matrix, _predicted, R=r, args=(h,), hx_args=(h,))
-    except np.linalg.LinAlgError:
+    except ValueError:  # numpy.linalg.LinAlgError is one
         return False
     return True
 

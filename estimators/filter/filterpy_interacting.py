@@ -7,7 +7,7 @@ beside it zeros, which remain zeros. Most of what filterpy takes is for the call
 What makes several filters one, the mixing and the weights, is that of `estimators.filter.interacting`.
 """
 
-from functools import cache
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -46,10 +46,27 @@ class Blocks(NamedTuple):
 class FilterpyInteractingBank(InteractingBank):
     """Interacting filters by filterpy: the reference, and slow, for it takes a Python loop over the craft."""
 
+    @cached_property
+    def _filters(self) -> dict[int, ErrorFilter]:
+        """The filter that takes craft of so many models, one after the other."""
+        return {models: error_filter(models) for models in set(np.minimum(self._mixtures.models, LANES).tolist())}
+
+    @cached_property
+    def _blocks(self) -> dict[tuple[int, int], Blocks]:
+        """The arrays in which craft of so many models have so many rows, as far as there were any."""
+        return {}
+
+    def _blocks_of(self, models: int, rows: int) -> Blocks:
+        """Return the arrays in which craft of so many models have so many rows: zeros beside the blocks."""
+        if (models, rows) not in self._blocks:
+            n = models * rows
+            self._blocks[models, rows] = Blocks(np.zeros((n, 1)), np.zeros((n, models * STATES)), np.zeros((n, n)))
+        return self._blocks[models, rows]
+
     def _predict(self, mask: Bools, step: Floats) -> None:
         mixtures, state, grid = self._mixtures, self._state, self.grid
         for c in np.flatnonzero(mask).tolist():
-            f = _filter_of(min(LANES, int(mixtures.models[c])))
+            f = self._filters[min(LANES, int(mixtures.models[c]))]
             _fill_motion(c, step[c], grid, mixtures, state, f.F, f.Q)
             f.x, f.P = _stacked(c, f.dim_x // STATES, mixtures)
             f.predict()
@@ -64,7 +81,7 @@ class FilterpyInteractingBank(InteractingBank):
                 noise, free = np.diag(given.variance[c, :n]), given.freedoms[c]
             else:
                 noise, free = given.r[c, :n, :n], n
-            f, blocks = _filter_of(models), _blocks_of(models, n)
+            f, blocks = self._filters[models], self._blocks_of(models, n)
             _fill_rows(given.y[c], given.h[c], noise, blocks)
             f.x, f.P = _stacked(c, models, mixtures)
             if not updated(f, *blocks) or not _fates(f.y, f.S, f.SI, n, nis, spread):
@@ -80,19 +97,6 @@ class FilterpyInteractingBank(InteractingBank):
                 _take(c, f.x, f.P, mixtures, state)
             settle(c, free, mixtures, self._covariance[c])
         return -1
-
-
-@cache
-def _filter_of(models: int) -> ErrorFilter:
-    """Return the filter that takes craft of so many models, one after the other."""
-    return error_filter(models)
-
-
-@cache
-def _blocks_of(models: int, rows: int) -> Blocks:
-    """Return the arrays in which craft of so many models have so many rows: zeros beside the blocks."""
-    n = models * rows
-    return Blocks(np.zeros((n, 1)), np.zeros((n, models * STATES)), np.zeros((n, n)))
 
 
 @kernel
