@@ -49,6 +49,17 @@ def error(truth, estimate):
     )
 
 
+def pushed(truth: State, rng: np.random.Generator, linear: float, angular: float) -> State:
+    """Return the true states a period later, of craft pushed at random by so much, 1 sigma [m/s^2], [rad/s^2]."""
+    turning, pushing = (sigma * rng.normal(size=truth.position.shape) for sigma in (angular, linear))
+    return State(
+        exp(truth.angular_rate * DT + turning * DT**2 / 2) @ truth.rotation,
+        truth.position + truth.velocity * DT + pushing * DT**2 / 2,
+        truth.velocity + pushing * DT,
+        truth.angular_rate + turning * DT,
+    )
+
+
 @pytest.mark.parametrize("kind", [PoseFilterBank, CompiledFilterBank])
 def test_it_is_the_least_squares_of_all_measurements(kind):
     """One craft, 14 periods: a start with coupled rates, poses, own orders, the dark, and a pose that the gate refuses.
@@ -184,14 +195,7 @@ def flight():
     history, truths = [], []
     for k in range(PERIODS):
         if k:
-            turning = bank.angular_acceleration_noise_rad_s2 * rng.normal(size=(C, 3))
-            pushing = bank.acceleration_noise_m_s2 * rng.normal(size=(C, 3))
-            truth = State(
-                exp(truth.angular_rate * DT + turning * DT**2 / 2) @ truth.rotation,
-                truth.position + truth.velocity * DT + pushing * DT**2 / 2,
-                truth.velocity + pushing * DT,
-                truth.angular_rate + turning * DT,
-            )
+            truth = pushed(truth, rng, bank.acceleration_noise_m_s2, bank.angular_acceleration_noise_rad_s2)
         prediction = predicted(bank, DT, partial(bank.predict, DT, bank.active))
         drawn = np.einsum("cij,cj->ci", root, rng.normal(size=(C, 6)))
         rotation, position = exp(-drawn[:, :3]) @ truth.rotation, truth.position - drawn[:, 3:]
@@ -326,13 +330,7 @@ def test_models_of_motion_are_smoothed_by_what_shows_later():
     truth = State(exp(rng.normal(size=(c, 3))), *(s * rng.normal(size=(c, 3)) for s in (2.0, 0.5, 1.0)))
     history, truths = [], []
     for k in range(120):
-        turning, pushing = noises[0][1] * rng.normal(size=(c, 3)), noises[0][0] * rng.normal(size=(c, 3))
-        truth = State(
-            exp(truth.angular_rate * DT + turning * DT**2 / 2) @ truth.rotation,
-            truth.position + truth.velocity * DT + pushing * DT**2 / 2,
-            truth.velocity + pushing * DT,
-            truth.angular_rate + turning * DT,
-        )
+        truth = pushed(truth, rng, *noises[0])
         prediction = predicted(bank, DT, partial(bank.predict, DT, bank.active))
         drawn = np.einsum("cij,cj->ci", root, rng.normal(size=(c, 6)))
         rotation, position = exp(-drawn[:, :3]) @ truth.rotation, truth.position - drawn[:, 3:]
