@@ -3,8 +3,8 @@
     python benchmarks/whole_loop.py [--craft 10 100 1000 10000] [--steps 4 8] [--blocks 5] [--out loop.json]
 
 Scenario `swarm1000` (12 photodiodes per craft, 60 periods a second, recording at fleet level) with `swarm.count`
-changed. A block is the 64 periods for which the lighthouse draws its noise at once, so that what is done now and then
-(draws, parts of telemetry, batches of the recording) counts in every block; blocks of all sizes take turns. `closing`
+changed. A block is 64 periods, so that what is done now and then (parts of telemetry, batches of the recording)
+counts in every block; blocks of all sizes take turns. `closing`
 is what the end of the run adds: recording closed, telemetry joined into one file, summary. Beside the times, whether
 the craft found themselves: the share tracking and the median error against the truth.
 """
@@ -26,8 +26,9 @@ from swarm.onboard import lighthouse_fix
 from swarm.onboard.settings import Status
 from swarm.results.run_writer import RunWriter, writing_run
 from swarm.scenario import load
-from swarm.sensors.lighthouse import BLOCK
 
+BLOCK = 64
+"""Periods of a block."""
 ON_BOARD = ("visibility", "LM", "DOP", "filter")
 """What issue and design count as the on-board chain."""
 

@@ -1,17 +1,16 @@
 """Random numbers: one seed per run, and an independent stream for everything that is drawn from it.
 
-A stream is named by the run's seed, its purpose, and further numbers, such as the key of the craft that it belongs to
-and the number of a block of frames. No other craft, no other purpose and no order of calls changes it.
+A stream is named by the run's seed, its purpose, and further numbers, such as the key of the craft that it belongs to.
+No other craft, no other purpose and no order of calls changes it. What is drawn once is drawn from streams; what is
+drawn in every period has no stream to be started, but numbers without a state (`swarm.draws`).
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from enum import Enum
-from typing import Generic, TypeVar
 from zlib import crc32
 
 import numpy as np
 
-T = TypeVar("T")
 _LIGHTHOUSE, _CCD = 0x4C48, 0x434344
 
 
@@ -34,16 +33,10 @@ class Purpose(Enum):
     """Draws of a navigator or a controller of the user."""
     MOUNTING = (_LIGHTHOUSE, 0)
     CLOCK = (_LIGHTHOUSE, 1)
-    ROTOR = (_LIGHTHOUSE, 2)
-    SYNC = (_LIGHTHOUSE, 3)
-    ANGLE = (_LIGHTHOUSE, 4)
-    MISSED_SYNC = (_LIGHTHOUSE, 5)
-    LOST_PULSE = (_LIGHTHOUSE, 6)
-    STRAY_PULSE = (_LIGHTHOUSE, 7)
     STATION = (_LIGHTHOUSE, 8)
     """Phase of a station's rotor, and the error of its survey."""
-    SWEEP = (_LIGHTHOUSE, 9)
-    """Name of the numbers without a state (`swarm.sensors.draws`) of a station's rotor, or of a craft before it."""
+    LIGHT = (_LIGHTHOUSE, 9)
+    """Light, its losses and strays: names of craft, rotors and stations follow."""
     CAMERA_MOUNTING = (_CCD, 0)
     IMAGE = (_CCD, 1)
     LOST_IMAGE = (_CCD, 2)
@@ -66,27 +59,6 @@ def stream(seed: int, purpose: Purpose, *numbers: int) -> np.random.Generator:
     Args:
         seed: The run's seed.
         purpose: The purpose of the stream.
-        numbers: Further parts of the stream's name, such as the key of a craft and the number of a block, each at
-            least 0.
+        numbers: Further parts of the stream's name, such as the key of a craft, each at least 0.
     """
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(*purpose.value, *numbers)))
-
-
-class Blocks(Generic[T]):
-    """Draws for whole blocks of frames, so that no frame pays for the start of its streams.
-
-    A frame's draws do not depend on the order of the frames.
-    """
-
-    def __init__(self, frames: int, draw: Callable[[int], T]) -> None:
-        """Take the number of frames per block, and the function that draws a block by its number."""
-        self._frames, self._draw = frames, draw
-        self._block = -1
-        self._drawn: T
-
-    def at(self, frame: int) -> tuple[T, int]:
-        """Return the draws of the block that holds `frame`, and the frame's index in the block."""
-        block, place = divmod(frame, self._frames)
-        if block != self._block:
-            self._block, self._drawn = block, self._draw(block)
-        return self._drawn, place

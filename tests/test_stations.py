@@ -12,14 +12,15 @@ from estimators.frame import WORLD, Frame
 from estimators.lighthouse.rotor import CHANNEL_CLOCK_HZ, CHANNEL_TICKS
 from estimators.lighthouse.sweep import FanErrors, kernel_fans, lighthouse_1, lighthouse_2, measured_angles
 from estimators.lighthouse.tilted import TiltedErrors
+from swarm.draws import key_of
 from swarm.errors import SwarmError
 from swarm.flight import builders
 from swarm.hardware import Photodiodes
 from swarm.onboard.decoder import PulseDecoder
+from swarm.random import Purpose
 from swarm.scenario import Lighthouse as Receiver
 from swarm.scenario import Pointing, Scenario, Swarm, load
 from swarm.scenario.stations import Station, channels
-from swarm.sensors.draws import key_of, normal, uniform
 from swarm.sensors.lighthouse import Lighthouse
 from swarm.sensors.passage import Sweeps, no_passages, pass_into, segments
 from swarm.sensors.sight import Sight
@@ -408,20 +409,6 @@ def test_channels_and_counts() -> None:
     assert Scenario(station=many[:2], swarm=Swarm(count=1)).period_s == 2 / 60
 
 
-def test_numbers_without_a_state_are_normal_and_independent() -> None:
-    key = key_of(7, 3, 5)
-    drawn = np.array([[normal(key, i, j) for j in range(20)] for i in range(-1000, 1000)])
-    # 40 000 values: standard deviations of mean 0.005, of the variance 0.007, of the fourth moment 0.05.
-    assert abs(drawn.mean()) < 0.02
-    assert abs(drawn.var() - 1) < 0.03
-    assert abs((drawn**4).mean() - 3) < 0.2
-    # Correlations of 2000 pairs have a standard deviation of 0.022; 190 of them stay below 4.5 sigma.
-    assert np.abs(np.corrcoef(drawn.T) - np.eye(20)).max() < 0.1
-    assert abs(np.corrcoef(drawn[:-1].ravel(), drawn[1:].ravel())[0, 1]) < 0.025
-    assert normal(key, 3, 4) == normal(key, 3, 4) != normal(key_of(8, 3, 5), 3, 4)
-    assert 0 < uniform(key, 0, 0) < 1
-
-
 def test_a_sweep_shares_the_error_of_the_rotor() -> None:
     rng = np.random.default_rng(8)
     light = station(rng, [emitter("s", 4, noise_rad=1e-3, correlation=0.4)], craft=6)
@@ -466,8 +453,8 @@ def test_no_sweep_is_found_behind_a_station() -> None:
         sweeps,
         kernel_fans(SECOND)[0],
         300.0,
-        key_of(0),
-        np.array([key_of(1)]),
+        key_of(0, Purpose.LIGHT),
+        np.array([key_of(1, Purpose.LIGHT)]),
         0.0,
         0.0,
         (3e-3, 0.0),

@@ -25,14 +25,13 @@ import numpy as np
 from estimators.arrays import Bools, Floats
 from estimators.rotation import exp, matrix_from_quaternion
 from swarm import random, scenario
+from swarm.draws import keys_of, normal_rows, uniform_rows
 from swarm.hardware import Cameras, Lights
 from swarm.messages import LightImages
-from swarm.random import Blocks, Purpose
+from swarm.random import Purpose
 from swarm.scenario import Outage
 from swarm.units import SI, si
 
-BLOCK = 64
-"""Number of frames whose random numbers are drawn at once."""
 CAMERAS: tuple[Literal["main", "backup"], ...] = ("main", "backup")
 END_S = 86400.0
 """Longest duration of a run [s]."""
@@ -104,25 +103,27 @@ class Ccd:
         self._most = max((len(pair.lights.point_m) for pair in self.pairs), default=0)
         self.mounted = tuple(self._mounted(pair) for pair in self.pairs)
         self._outages = tuple((*pair.table.outages, *self._random_outages(pair, duration_s)) for pair in self.pairs)
-        self._draws = Blocks(BLOCK, self._draw)
+        keys = [pair.key for pair in self.pairs]
+        self._noise, self._lost = keys_of(seed, Purpose.IMAGE, keys), keys_of(seed, Purpose.LOST_IMAGE, keys)
 
     def expose(self, truth: Motion, frame: int) -> LightImages:
         """Return the images of period `frame`, taken at its epoch."""
         epoch = len(truth.time_s) // 2
         time_s, position, quaternion = float(truth.time_s[epoch]), truth.position[epoch], truth.quaternion[epoch]
         rotation = matrix_from_quaternion(quaternion)
-        draws, place = self._draws.at(frame)
+        noises = normal_rows(self._noise, frame, 4 * self._most).reshape(len(self.pairs), self._most, 2, 2)
+        chances = uniform_rows(self._lost, frame, 2)
         image = np.full((len(self.pairs), 2, self._most, 2), np.nan)
         seen = np.zeros(image.shape[:-1], dtype=np.bool_)
         for p, pair in enumerate(self.pairs):
             settings = pair.settings
             light = pair.lights.point_m @ rotation[pair.target].T + position[pair.target]
             shine = pair.lights.normal @ rotation[pair.target].T
-            noise, lost = draws[p]
+            lost = chances[p] < pair.table.lost_image_probability
             main = rotation[pair.craft] @ self.mounted[p].position_m[0] + position[pair.craft]
             range_m = float(np.linalg.norm(light.mean(axis=0) - main))
             for camera, name in enumerate(CAMERAS):
-                if lost[place, camera] or self._dark(p, name, time_s, range_m):
+                if lost[camera] or self._dark(p, name, time_s, range_m):
                     continue
                 pinhole = rotation[pair.craft] @ self.mounted[p].position_m[camera] + position[pair.craft]
                 axes = rotation[pair.craft] @ self.mounted[p].rotation[camera]
@@ -131,7 +132,7 @@ class Ccd:
                 if visible.any():
                     visible[visible] = ~self._line.blocked(pinhole, light[visible], position, quaternion)
                 x = settings.focal_length_m * r[visible, :2] / r[visible, 2:]
-                x += settings.image_noise_m * noise[place, camera, : len(light)][visible]
+                x += settings.image_noise_m * noises[p, : len(light), camera][visible]
                 if settings.resolution_m > 0:
                     x = settings.resolution_m * np.rint(x / settings.resolution_m)
                 at = np.flatnonzero(visible)
@@ -162,16 +163,6 @@ class Ccd:
                 begin, at = at, at + stream.exponential(length_s)
                 found.append(Outage(camera=name, from_s=begin, to_s=min(at, END_S)))
         return found
-
-    def _draw(self, block: int) -> list[tuple[Floats, Bools]]:
-        """Draw the noise (BLOCK, 2, L, 2) and the lost images (BLOCK, 2) of every pair, for one block of frames."""
-        out = []
-        for pair in self.pairs:
-            shape = (BLOCK, 2, len(pair.lights.point_m), 2)
-            chance = random.stream(self._seed, Purpose.LOST_IMAGE, pair.key, block).random((BLOCK, 2))
-            noise = random.stream(self._seed, Purpose.IMAGE, pair.key, block).standard_normal(shape)
-            out.append((noise, chance < pair.table.lost_image_probability))
-        return out
 
 
 def _in_field(r: Floats, settings: SI) -> Bools:

@@ -20,25 +20,23 @@ Light's travel time (67 ns at 20 m) is left out: it delays flash and sweep alike
 """
 
 from collections.abc import Sequence
+from math import sqrt
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from estimators.arrays import Bools, Floats, Ints
+from estimators.arrays import Bools, Floats
 from estimators.frame import WORLD, Frame
 from estimators.lighthouse.sweep import FanErrors, FanPair, kernel_fans, lighthouse_1
 from swarm import random
+from swarm.draws import Keys, key_of, keys_of, normals
 from swarm.hardware import Photodiodes
 from swarm.messages import SYNC_WIDTH_S, SYNC_WIDTH_STEP_S, Pulses
-from swarm.random import Blocks, Purpose
+from swarm.random import Purpose
 from swarm.scenario import Lighthouse as Station
 from swarm.sensors.crossing import cross_into, pack_into
+from swarm.sensors.light_draws import FLASH, chances_into, errors_into, strays
 from swarm.units import si
-
-BLOCK = 64
-"""Frames whose random numbers are drawn at once."""
-STRAY_WIDTH_MAX_S = SYNC_WIDTH_S / 10
-"""Longest stray pulse [s]."""
 
 
 class Motion(Protocol):
@@ -66,27 +64,17 @@ class Rotor(NamedTuple):
     phase_s: float = 0.0
 
 
-class _Draws(NamedTuple):
-    """Random numbers of one block of B frames; angles are standard normal, strays uniform in [0, 1)."""
-
-    rotor: Floats  # (B, 2)
-    sync: Floats  # (B, 2)
-    angle: Floats  # (B, C, K, 2)
-    missed: Bools  # (B, C, 2)
-    lost: Bools  # (B, C, K, 2)
-    strays: Ints  # (B, C)
-    stray: Floats  # (B, C, S, 3): photodiode, instant, width
-
-
 class Lighthouse:
     """Pulses of every craft, period by period; the same for the same frame, in whatever order frames are asked.
 
-    A draw depends on the seed, its purpose, the craft's key, its number of photodiodes and the frame: not on what is
-    lit, other craft, their number, padding, or the strength of any error.
+    A draw depends on the seed, its kind, the craft's key, the photodiode and the frame: not on what is lit, on other
+    craft, their number, padding, or the strength of any error.
     """
 
     photodiodes: Photodiodes
     """The photodiodes as they really are: the drawn layout plus the mounting error."""
+    keys: Keys
+    """(C,) what the draws of each craft's light are named by."""
     clock_offset_tick: Floats
     """(C,) what each craft's clock shows at time zero [ticks]; a craft never learns it."""
 
@@ -109,23 +97,23 @@ class Lighthouse:
         """
         self.settings = settings = si(station)
         self.fans = fans(station)
-        self._seed, self._frame = seed, frame
-        self._keys = list(range(layout.craft_count)) if craft_keys is None else [int(key) for key in craft_keys]
-        if len(set(self._keys)) != layout.craft_count:
-            raise ValueError(f"{layout.craft_count} different craft keys needed, not {self._keys}")
+        self._frame = frame
+        names = list(range(layout.craft_count)) if craft_keys is None else [int(key) for key in craft_keys]
+        if len(set(names)) != layout.craft_count:
+            raise ValueError(f"{layout.craft_count} different craft keys needed, not {names}")
+        self.keys, self._rotor = keys_of(seed, Purpose.LIGHT, names), key_of(seed, Purpose.LIGHT)
         self._count = layout.present.sum(axis=1)
         self._fans = kernel_fans(lighthouse_1(*self.fans))
         point = layout.point_m.copy()
         offset = np.empty(layout.craft_count)
-        for i, key in enumerate(self._keys):
+        for i, key in enumerate(names):
             mounted = seed if settings.mounting_seed is None else settings.mounting_seed
             mounting = random.stream(mounted, Purpose.MOUNTING, key).standard_normal((self._count[i], 3))
             point[i, layout.present[i]] += settings.mounting_error_m * mounting
             # Up to 20 min of ticks, and never so few that a jitter in frame 0 makes them negative.
-            offset[i] = self._stream(Purpose.CLOCK, key).uniform(1e6, 1e6 + 1200.0 / settings.tick_s)
+            offset[i] = random.stream(seed, Purpose.CLOCK, key).uniform(1e6, 1e6 + 1200.0 / settings.tick_s)
         self.photodiodes = layout._replace(point_m=point)
         self.clock_offset_tick = offset
-        self._draws = Blocks(BLOCK, self._draw)
 
     def sweep(self, truth: Motion, frame: int, lit: Bools, rotor: Rotor | None = None) -> Pulses:
         """Return the pulses that every craft logs in one period.
@@ -153,11 +141,9 @@ class Lighthouse:
         """Return the instants of the sweeps in the period, and their widths, (C, K, 2) each [s]."""
         settings, true = self.settings, self.photodiodes
         position, quaternion = self._frame.poses_into(truth.position, truth.quaternion)
-        draws, i = self._draws.at(frame)
         rho, noise = settings.rotor_correlation, settings.angle_noise_rad
-        angle_error = (noise * np.sqrt(1 - rho)) * draws.angle[i]
-        angle_error += (noise * np.sqrt(rho)) * draws.rotor[i]
-        instant, width = np.empty(lit.shape), np.empty(lit.shape)
+        error, instant, width = np.empty((3, *lit.shape))
+        errors_into(self.keys, self._rotor, frame, lit, noise * sqrt(1 - rho), noise * sqrt(rho), error)
         cross_into(
             np.ascontiguousarray(truth.time_s - truth.time_s[0] - turn.phase_s),
             np.ascontiguousarray(position),
@@ -165,7 +151,7 @@ class Lighthouse:
             true.point_m,
             true.normal,
             lit,
-            angle_error,
+            error,
             self._fans,
             1 / settings.rate_hz / turn.speed,
             settings.photodiode_diameter_m,
@@ -176,24 +162,25 @@ class Lighthouse:
 
     def _logged(self, frame: int, lit: Bools, turn: Rotor, instant: Floats, width: Floats) -> Pulses:
         """Return what the timing circuits log of the flashes, the sweeps and stray light."""
-        settings, (draws, i) = self.settings, self._draws.at(frame)
-        craft, period = len(lit), 1 / settings.rate_hz
-        flash = turn.phase_s + np.array([0.0, period / turn.speed / 2]) + settings.sync_jitter_s * draws.sync[i]
+        settings, craft, period = self.settings, len(lit), 1 / self.settings.rate_hz
+        jitter = settings.sync_jitter_s * np.array(normals(self._rotor, frame, 0, FLASH))
+        flash = turn.phase_s + np.array([0.0, period / turn.speed / 2]) + jitter
         flash_width = (SYNC_WIDTH_S + SYNC_WIDTH_STEP_S * np.arange(2)) / settings.tick_s
-        # A stray: which of its photodiodes, which instant of the period, how long.
-        scale = np.stack([self._count, np.full(craft, period), np.full(craft, STRAY_WIDTH_MAX_S)], axis=-1)
-        stray = draws.stray[i] * scale[:, None, :]
-        most = 4 * lit.shape[1] + stray.shape[1]
+        flashed, lost = lit.copy(), np.empty(lit.shape, dtype=np.bool_)
+        chances = settings.missed_sync_probability, settings.lost_pulse_probability
+        chances_into(self.keys, frame, *chances, flashed, lost)
+        stray = strays(self.keys, self._count, frame, settings.stray_pulse_rate_hz, period)
+        most = 4 * lit.shape[1] + stray.pulse.shape[1]
         photodiode = np.full((craft, most), -1, dtype=np.int16)
         rise, wide = np.zeros((craft, most), dtype=np.int64), np.zeros((craft, most), dtype=np.int32)
         total = np.zeros(craft, dtype=np.int32)
         pack_into(
-            lit & ~draws.missed[i][:, None, :],
+            flashed,
             instant,
             width,
-            draws.lost[i],
-            draws.strays[i],
-            stray,
+            lost,
+            stray.number,
+            stray.pulse,
             flash,
             np.rint(flash_width).astype(np.int64),
             self.clock_offset_tick + frame * period / settings.tick_s,
@@ -205,45 +192,6 @@ class Lighthouse:
         )
         used = int(total.max(initial=0))
         return Pulses(photodiode[:, :used], rise[:, :used], wide[:, :used], total)
-
-    def _stream(self, purpose: Purpose, *numbers: int) -> np.random.Generator:
-        return random.stream(self._seed, purpose, *numbers)
-
-    def _draw(self, block: int) -> _Draws:
-        settings, present = self.settings, self.photodiodes.present
-        craft, most = present.shape
-        angle = np.zeros((BLOCK, craft, most, 2))
-        missed = np.zeros((BLOCK, craft, 2), dtype=np.bool_)
-        lost = np.zeros((BLOCK, craft, most, 2), dtype=np.bool_)
-        strays = np.zeros((BLOCK, craft), dtype=np.int64)
-        stray = []
-        for i, key in enumerate(self._keys):
-            own = (BLOCK, int(self._count[i]), 2)
-            # Photodiodes come before the padding, and a slice is quicker than a mask.
-            which = slice(own[1]) if present[i, : own[1]].all() else present[i]
-            angle[:, i, which] = self._stream(Purpose.ANGLE, key, block).standard_normal(own)
-            if settings.missed_sync_probability > 0:
-                chance = self._stream(Purpose.MISSED_SYNC, key, block).random((BLOCK, 2))
-                missed[:, i] = chance < settings.missed_sync_probability
-            if settings.lost_pulse_probability > 0:
-                chance = self._stream(Purpose.LOST_PULSE, key, block).random(own)
-                lost[:, i, present[i]] = chance < settings.lost_pulse_probability
-            if settings.stray_pulse_rate_hz > 0 and self._count[i] > 0:
-                stream = self._stream(Purpose.STRAY_PULSE, key, block)
-                strays[:, i] = stream.poisson(settings.stray_pulse_rate_hz / settings.rate_hz, BLOCK)
-                stray.append((i, stream.random((BLOCK, int(strays[:, i].max()), 3))))
-        padded = np.zeros((BLOCK, craft, int(strays.max(initial=0)), 3))
-        for i, drawn in stray:
-            padded[:, i, : drawn.shape[1]] = drawn
-        return _Draws(
-            self._stream(Purpose.ROTOR, block).standard_normal((BLOCK, 2)),
-            self._stream(Purpose.SYNC, block).standard_normal((BLOCK, 2)),
-            angle,
-            missed,
-            lost,
-            strays,
-            padded,
-        )
 
 
 def fans(station: Station) -> FanPair:

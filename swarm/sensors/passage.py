@@ -25,8 +25,9 @@ from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
 from estimators.lighthouse.sweep import angle_gradient, measured_angle
 from estimators.rotation import turned
+from swarm.draws import Keys, normals
 from swarm.sensors.crossing import SEGMENT, segment_into
-from swarm.sensors.draws import normal
+from swarm.sensors.light_draws import ANGLE
 
 NEAR_S = 1e-11
 """Convergence limit: the time in which the rotor turns by the angle that remains [s]; steps converge quadratically."""
@@ -100,7 +101,7 @@ def pass_into(
     fan: Floats,
     turn_rate: float,
     key: np.uint64,
-    keys: np.ndarray,
+    keys: Keys,
     own: float,
     shared: float,
     extent: tuple[float, float],
@@ -132,7 +133,7 @@ def pass_into(
     intervals = len(knot) - 1
     q, n, rotor = np.empty((2, 3)), np.empty(3), np.empty(len(sweeps.number))
     for b in range(len(rotor)):
-        rotor[b] = shared * normal(key, sweeps.number[b], 0)
+        rotor[b] = shared * normals(key, sweeps.number[b], 0, ANGLE)[0]
     for c in range(lit.shape[1]):
         for b in range(len(rotor)):
             begin, number = sweeps.boresight_s[b], sweeps.number[b]
@@ -140,7 +141,7 @@ def pass_into(
             for k in range(lit.shape[2]):
                 if not lit[sweeps.look[b], c, k]:
                     continue
-                error = rotor[b] + own * normal(keys[c], number, k)
+                error = rotor[b] + own * normals(keys[c], number, k, ANGLE)[0]
                 t, found, j = guess, False, 0
                 for _ in range(_ROUNDS):
                     j = 0

@@ -26,9 +26,11 @@ from estimators.kernel import kernel
 from estimators.lighthouse.rotor import CHANNEL_CLOCK_HZ, CHANNEL_TICKS, share_of
 from estimators.lighthouse.sweep import Fan, kernel_fans
 from estimators.rotation import matrix_from_quaternion, quaternion_from_matrix, quaternion_multiply
+from swarm.draws import Keys, key_of, normals, uniforms
 from swarm.messages import SKIP_BIT, SYNC_WIDTH_S, SYNC_WIDTH_STEP_S, BeamHits, Bearers, Pulses
-from swarm.sensors.draws import key_of, normal, uniform
-from swarm.sensors.lighthouse import STRAY_WIDTH_MAX_S, Lighthouse, Motion
+from swarm.random import Purpose
+from swarm.sensors.light_draws import FLASH, LOST, MISSED, Strays, strays
+from swarm.sensors.lighthouse import Lighthouse, Motion
 from swarm.sensors.passage import Passages, Sweeps, no_passages, pass_into, segments
 from swarm.sensors.reception import identified, in_order, overlapped
 from swarm.sensors.visibility import Visibility
@@ -97,15 +99,17 @@ class Stations:
         # Lighthouse 2.0 sweeps at any time: the middle stands for a period of a turn or less, or of the listening.
         self.looks = 1 if self.second and (self._open_s or period_s) <= ONE_LOOK_S else 2
         self._fans = [kernel_fans(emitter.fans) for emitter in emitters]
-        self._rotor_keys = [[key_of(seed, e.key, plane) for plane in range(len(e.fans))] for e in emitters]
+        self._rotor_keys = [
+            [key_of(seed, Purpose.LIGHT, e.key, plane) for plane in range(len(e.fans))] for e in emitters
+        ]
         self._keys = [
             [
-                np.array([key_of(seed, e.key, plane, key) for key in craft_keys], dtype=np.uint64)
+                np.array([key_of(seed, Purpose.LIGHT, e.key, plane, key) for key in craft_keys], dtype=np.uint64)
                 for plane in range(len(e.fans))
             ]
             for e in emitters
         ]
-        self._own_keys = np.array([key_of(seed, key) for key in craft_keys], dtype=np.uint64)
+        self._own_keys = receiver.keys
         self._share = [float(share) for share in share_of(np.zeros(2), np.arange(2))]
         self._count = self.photodiodes.present.sum(axis=1)
         self._still: dict[tuple[int, int], Floats] = {}  # the motions of stations that do not move
@@ -297,15 +301,15 @@ class Stations:
         settings, stations, looks = self.settings, len(self.emitters), self.looks
         half_s = 1 / settings.rate_hz / 2
         flashes = [(h, s) for h in range(2 * stations) for s in range(stations)]
-        jitter = np.array([normal(self._rotor_keys[s][0], 2 * stations * frame + h, 1) for h, s in flashes])
+        jitter = np.array([normals(self._rotor_keys[s][0], 2 * stations * frame + h, 0, FLASH)[0] for h, s in flashes])
         rise_s = np.array([h * half_s + s * SLOT_S for h, s in flashes]) + settings.sync_jitter_s * jitter
         code = np.array([h % 2 + (0 if h // 2 == s else SKIP_BIT) for h, s in flashes])
         width = np.rint((SYNC_WIDTH_S + SYNC_WIDTH_STEP_S * code) / settings.tick_s).astype(np.int64)
         # A flash is seen at the look of its half of the period.
         columns = [looks * s + min(looks * h // (2 * stations), looks - 1) for h, s in flashes]
-        strays = settings.stray_pulse_rate_hz * self._period_s
+        stray = strays(self._own_keys, self._count, frame, settings.stray_pulse_rate_hz, self._period_s)
         room = np.bincount(passages.craft[:count], minlength=len(lit)) + lit[..., columns].sum(axis=(1, 2))
-        most = int(room.max(initial=0)) + (int(np.ceil(strays + 12 * np.sqrt(strays) + 12)) if strays else 0)
+        most = int(room.max(initial=0)) + stray.pulse.shape[1]
         out = Pulses(
             np.full((len(lit), most), -1, dtype=np.int16),
             np.zeros((len(lit), most), dtype=np.int64),
@@ -313,16 +317,15 @@ class Stations:
             np.zeros(len(lit), dtype=np.int32),
         )
         passages = Passages._make(part[:count] for part in passages)
-        chances = settings.missed_sync_probability, strays, self._period_s
         _log_pulses(
             passages,
             self._missed(passages),
             np.ascontiguousarray(lit[..., columns]),
             (rise_s, width),
             self._own_keys,
-            self._count.astype(np.int64),
             frame,
-            chances,
+            settings.missed_sync_probability,
+            stray,
             self._start_tick(frame),
             settings.tick_s,
             out,
@@ -349,10 +352,10 @@ def _ridden(emitter: Emitter, position: Floats, quaternion: Floats) -> Frame:
 
 
 @kernel
-def _draw_losses(keys: np.ndarray, passages: Passages, chance: float, out: Bools) -> None:
+def _draw_losses(keys: Keys, passages: Passages, chance: float, out: Bools) -> None:
     for i in range(len(out)):
-        name = 64 * passages.station[i] + 8 * passages.plane[i] + 1
-        out[i] = uniform(keys[passages.craft[i]] + np.uint64(name), passages.sweep[i], passages.photodiode[i]) < chance
+        kind = LOST + 8 * (1 + passages.plane[i] + 8 * passages.station[i])
+        out[i] = uniforms(keys[passages.craft[i]], passages.sweep[i], passages.photodiode[i], kind)[0] < chance
 
 
 @kernel
@@ -390,40 +393,31 @@ def _log_pulses(
     missed: Bools,
     flashed: Bools,
     flash: tuple[Floats, Ints],
-    keys: np.ndarray,
-    count: Ints,
+    keys: Keys,
     frame: int,
-    chances: tuple[float, float, float],
+    miss: float,
+    stray: Strays,
     start_tick: Floats,
     tick: float,
     out: Pulses,
 ) -> None:
     """Write every craft's pulses: flashes, sweeps, strays.
 
-    flashed: photodiodes that see each flash, (C, K, F). flash: rises [s] and widths [ticks], (F,). chances: probability
-    of a missed flash, mean number of strays, length of the period [s].
+    flashed: photodiodes that see each flash, (C, K, F). flash: rises [s] and widths [ticks], (F,). miss: probability of
+    a missed flash.
     """
-    miss, strays, period = chances
-    for c in range(len(count)):
+    for c in range(len(keys)):
         for f in range(flashed.shape[2]):
-            if miss > 0 and uniform(keys[c] + np.uint64(2), flashed.shape[2] * frame + f, 0) < miss:
+            if miss > 0 and uniforms(keys[c], frame, f, MISSED)[0] < miss:
                 continue
             rise = int(np.rint(start_tick[c] + flash[0][f] / tick))
             for k in range(flashed.shape[1]):
                 if flashed[c, k, f]:
                     _add(out, c, k, rise, flash[1][f])
-        if strays > 0 and count[c] > 0:
-            # By the gaps between them, which are exponential.
-            number, share = 0, 0.0
-            while True:
-                share -= np.log(uniform(keys[c] + np.uint64(3), frame, 4 * number)) / strays
-                if share >= 1 or out.total[c] >= out.photodiode.shape[1]:
-                    break
-                k = int(count[c] * uniform(keys[c] + np.uint64(3), frame, 4 * number + 1))
-                wide = STRAY_WIDTH_MAX_S * uniform(keys[c] + np.uint64(3), frame, 4 * number + 2)
-                rise = int(np.rint(start_tick[c] + share * period / tick))
-                _add(out, c, k, rise, max(1, int(np.rint(wide / tick))))
-                number += 1
+        for n in range(stray.number[c]):
+            rise = int(np.rint(start_tick[c] + stray.pulse[c, n, 1] / tick))
+            wide = max(1, int(np.rint(stray.pulse[c, n, 2] / tick)))
+            _add(out, c, int(stray.pulse[c, n, 0]), rise, wide)
     for i in range(len(missed)):
         if not missed[i]:
             c, ticks = passages.craft[i], max(1, int(np.rint(passages.width_s[i] / tick)))

@@ -12,15 +12,16 @@ The craft's computers receive none of this information.
 """
 
 from collections.abc import Sequence
+from math import prod
 
 import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.lighthouse.sweep import measured_theta, time_from_theta
-from swarm import random
+from swarm.draws import Keys, key_of, uniform_rows
 from swarm.flight.faults.schedule import Schedule, Window, speed_swing
 from swarm.messages import BeamHits, Pulses, Signals
-from swarm.random import Blocks, Purpose
+from swarm.random import Purpose
 from swarm.scenario.faults import (
     AnyFault,
     CraftLost,
@@ -42,9 +43,6 @@ from swarm.sensors.visibility import Visibility
 from swarm.units import si
 from swarm.world.execution import StuckThruster
 from swarm.world.pushes import Blow
-
-BLOCK = 64
-"""Lighthouse periods per block of random draws."""
 
 
 class NoFaults:
@@ -132,7 +130,7 @@ class Faults(NoFaults):
         self._lighthouse, self._visibility = lighthouse, visibility
         self._frame, self._now = 0, list[Window]()
         self._registers: dict[tuple[int, int, int, int], Register] = {}
-        self._draws: dict[tuple[int, int], Blocks[Floats]] = {}
+        self._draws: dict[tuple[int, int], Keys] = {}
 
     def begin(self, frame: int) -> None:
         """Advance to period `frame`."""
@@ -278,14 +276,8 @@ class Faults(NoFaults):
         return Clock(float(start), tick_s, period_s)
 
     def _draw(self, window: Window, shape: tuple[int, ...]) -> Floats:
-        """Return uniform random numbers of this period, from a stream per fault and craft."""
+        """Return uniform random numbers of this period, of this fault and craft."""
         own = (window.number, self._keys[window.craft])
         if own not in self._draws:
-
-            def draw(block: int) -> Floats:
-                return random.stream(self._seed, Purpose.FAULT, *own, block).random((BLOCK, *shape))
-
-            self._draws[own] = Blocks(BLOCK, draw)
-        draws, place = self._draws[own].at(self._frame)
-        out: Floats = draws[place]
-        return out
+            self._draws[own] = np.array([key_of(self._seed, Purpose.FAULT, *own)])
+        return uniform_rows(self._draws[own], self._frame, prod(shape)).reshape(shape)

@@ -10,11 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.arrays import Bools, Floats
-from swarm import random
-from swarm.random import Blocks, Purpose
-
-BLOCK = 256
-"""Number of lighthouse periods per block of random draws."""
+from swarm.draws import keys_of, normal_rows
+from swarm.random import Purpose
 
 
 class Disturbance(NamedTuple):
@@ -40,8 +37,9 @@ class Pushes:
             seed: The run's seed.
             purpose: The purpose of the draws.
         """
-        self._sigma, self._keys, self._seed, self._purpose = sigma.reshape(-1, 2, 1), list(keys), seed, purpose
-        self._draws = Blocks(BLOCK, self._draw)
+        self._sigma = sigma.reshape(-1, 2, 1)
+        self._who = np.flatnonzero(self.pushed)
+        self._keys = keys_of(seed, purpose, [keys[craft] for craft in self._who.tolist()])
 
     @property
     def pushed(self) -> Bools:
@@ -51,14 +49,7 @@ class Pushes:
 
     def at(self, frame: int) -> Disturbance:
         """Return the accelerations in lighthouse period `frame`."""
-        draws, place = self._draws.at(frame)
-        push = self._sigma * draws[place]
+        push = np.zeros((len(self._sigma), 2, 3))
+        if len(self._who):
+            push[self._who] = self._sigma[self._who] * normal_rows(self._keys, frame, 6).reshape(-1, 2, 3)
         return Disturbance(push[:, 0], push[:, 1])
-
-    def _draw(self, block: int) -> Floats:
-        """Draw (BLOCK, C, 2, 3) standard normal numbers."""
-        out = np.zeros((BLOCK, len(self._keys), 2, 3))
-        for craft in np.flatnonzero(self.pushed):
-            stream = random.stream(self._seed, self._purpose, self._keys[craft], block)
-            out[:, craft] = stream.standard_normal((BLOCK, 2, 3))
-        return out
