@@ -69,6 +69,9 @@ ELSEWHERE = {
 STEERED = {"crossing", "formation"}
 """Scenarios whose craft move smoothly, by orders that their filters do not know."""
 LONG = {"orbit", "free-flight", "two-stations"}
+SEEDS = {"static": (3, 4, 5, 6)}
+"""Flights whose mean counts, of few craft at rest, which average for seconds: one alone has 4.9 with a standard
+deviation of 0.5."""
 
 
 @pytest.mark.parametrize(
@@ -85,7 +88,9 @@ def test_the_filter_is_neither_vain_nor_timid_in_any_scenario_with_one_set_of_pr
     # 6 is what the filter promises on motion like one of its models; a smooth motion lies between the 4.5 of a filter
     # that expects accelerations which never come (alpha-beta theory at low tracking index) and 7.5.
     low, high = (5.0, 7.0) if name in STEERED else (4.5, 7.5)
-    assert low < flown(name).summary["swarm"]["nees"]["mean"] < high
+    several = [("navigation.filter=compiled", f"seed={seed}") for seed in SEEDS.get(name, ())]
+    means = [flown(name, *overrides).summary["swarm"]["nees"]["mean"] for overrides in several or [()]]
+    assert low < np.mean(means) < high
 
 
 def test_tumbling_craft_keep_their_pose_by_single_sweeps(flown):
@@ -135,36 +140,45 @@ def bound(flight: Flight, period: Period) -> Floats:
 def test_drift_is_consistent_with_the_chi_square_band_and_near_the_posterior_bound():
     """Over 1000 independent values of NEES: their mean is known to 1.8 % (1 sigma), so that 12 % of P is 6 sigma away.
 
-    Independent are the values after their correlation in time and the rotor's noise, which the craft share.
+    Independent are the values after their correlation in time and the rotor's noise, which the craft share. Two of 24
+    craft that drift among each other touch in every other flight: no filter knows of the blow, and they are left out
+    from then on.
     """
     craft, pose = 24, np.ix_(*[[0, 1, 2, 6, 7, 8]] * 2)
     values = [f"swarm.count={craft}", "swarm.motion.spacing_m=0.6", "duration_s=10", "navigation.filter=compiled"]
     flight = Flight(swarm.load("drift", values))
     nees, nis, errors, bounds = [], [], [], []
+    touched = np.zeros(craft, dtype=bool)
     for period in flight.fly():
         truth, estimate = period.truth, period.estimate
         assert truth is not None
+        touched |= truth.contact
         if period.frame % 120 == 60:
-            bounds.append(np.diagonal(bound(flight, period), axis1=1, axis2=2))
+            best = np.diagonal(bound(flight, period), axis1=1, axis2=2)
+            bounds.append(np.where(touched[:, None], np.nan, best))
         turn = rot.log(rot.matrix_from_quaternion(truth.quaternion) @ np.swapaxes(estimate.rotation, 1, 2))
         error = np.concatenate([turn, truth.position - estimate.position], axis=1)[..., None]
+        error[touched] = np.nan
         errors.append(error[..., 0])
         covariance = np.stack([own[pose] for own in estimate.covariance])
         nees.append((np.swapaxes(error, 1, 2) @ np.linalg.solve(covariance, error))[:, 0, 0])
-        nis.append(estimate.nis)
+        nis.append(np.where(touched, np.nan, estimate.nis))
+    assert touched.sum() <= 2
     for every in (np.array(nees), np.array(nis)):
         settled = every[30:]
         known = np.isfinite(settled)
-        assert known.mean() > 0.95
+        assert known.mean() > 0.93
         found = consistency(np.nonzero(known)[0], settled[known], flight.period_s)
         assert found is not None
         effective = found["effective_samples"]
         assert effective > 1000
         low, high = chi2.ppf([0.0005, 0.9995], 6 * effective) / effective
         assert low < found["mean"] < high
-    square, best = np.array(errors)[30:], np.array(bounds)
+    square, variance = np.array(errors)[30:], np.array(bounds)
     for part, of in ((slice(0, 3), slice(0, 3)), (slice(3, 6), slice(6, 9))):
-        ratio = np.sqrt(np.nanmean(np.sum(square[..., part] ** 2, axis=2)) / np.mean(np.sum(best[..., of], axis=2)))
+        ratio = np.sqrt(
+            np.nanmean(np.sum(square[..., part] ** 2, axis=2)) / np.nanmean(np.sum(variance[..., of], axis=2))
+        )
         # 3 % is two sigmas of an RMS of over 1000 independent errors.
         assert 0.97 < ratio < 1.05
 
