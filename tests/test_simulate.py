@@ -88,8 +88,8 @@ def test_the_filter_is_neither_vain_nor_timid_in_any_scenario_with_one_set_of_pr
     # 6 is what the filter promises on motion like one of its models; a smooth motion lies between the 4.5 of a filter
     # that expects accelerations which never come (alpha-beta theory at low tracking index) and 7.5.
     low, high = (5.0, 7.0) if name in STEERED else (4.5, 7.5)
-    several = [("navigation.filter=compiled", f"seed={seed}") for seed in SEEDS.get(name, ())]
-    means = [flown(name, *overrides).summary["swarm"]["nees"]["mean"] for overrides in several or [()]]
+    several: list[list[str]] = [["navigation.filter=compiled", f"seed={seed}"] for seed in SEEDS.get(name, ())]
+    means = [flown(name, *overrides).summary["swarm"]["nees"]["mean"] for overrides in several or [[]]]
     assert low < np.mean(means) < high
 
 
