@@ -158,15 +158,24 @@ class Command(NamedTuple):
 
     acceleration: linear accelerations, (C, 3) [m/s^2].
     angular_acceleration: angular accelerations, (C, 3) [rad/s^2].
+    inertia: (C, 3, 3) [kg m^2], body frame, of craft that order no torque and whose wheels are at rest: they turn
+        freely; NaN for the others; None: none of them.
     """
 
     acceleration: Floats
     angular_acceleration: Floats
+    inertia: Floats | None = None
 
     def only(self, mask: Bools) -> "Command":
         """Return the command of the craft in `mask` (C,), and zero for the others."""
         flat = np.reshape(mask, (-1, 1))
-        return Command(np.where(flat, self.acceleration, 0.0), np.where(flat, self.angular_acceleration, 0.0))
+        linear, angular = (np.where(flat, part, 0.0) for part in (self.acceleration, self.angular_acceleration))
+        return Command(linear, angular, None if self.inertia is None else np.where(flat[:, None], self.inertia, np.nan))
+
+    def of(self, craft: Ints | slice) -> "Command":
+        """Return a copy of the command of some craft, by their indices."""
+        inertia = None if self.inertia is None else self.inertia[craft].copy()
+        return Command(self.acceleration[craft].copy(), self.angular_acceleration[craft].copy(), inertia)
 
 
 class Order(NamedTuple):

@@ -9,7 +9,10 @@ import pytest
 from estimators import rotation as rot
 from estimators.filter.error_state import STATES
 from swarm.flight import builders
+from swarm.flight.builders.dynamics import fitted
+from swarm.hardware import actuator_set
 from swarm.messages import Command
+from swarm.onboard.actuation.actuation import Actuation
 from swarm.onboard.filters import tracks_of
 from swarm.scenario import validate
 
@@ -40,3 +43,33 @@ def test_a_filter_that_knows_its_orders_follows_them_to_rounding(steps: int) -> 
     assert off[0] < 1e-12
     assert off[1] > 1e4 * off[0]
     np.testing.assert_allclose(rot.log(informed.bank.rotation[0] @ state.rotation[0].T), 0.0, atol=1e-12)
+
+
+def test_a_craft_that_orders_no_torque_is_known_to_turn_freely() -> None:
+    """A box that has lost its control tumbles by Euler's equation; any torque ordered ends that."""
+    craft = [{"feedback": "estimate", "motion": {"kind": "hold", "position_m": [0.0, 0.0, 3.0]}}]
+    scenario = validate({"name": "lost", "craft": craft}, file="lost", folder=Path())
+    world = builders.world(scenario, builders.fleet(scenario))
+    settings = replace(builders.navigation(scenario), quiet=None, filter="compiled", coast_limit_s=1e3)
+    actuators = actuator_set(fitted(scenario, world), world.com_m)
+    actuation = Actuation(actuators, world.mass, world.inertia, settings.frame_s)
+    informed, naive = (tracks_of(1, settings, None) for _ in range(2))
+    still, rate = np.zeros((1, 3)), np.array([[0.6, 0.5, 0.3]])
+    kick = world.inertial_wrench(still, rate / settings.frame_s)
+    for number in range(30):
+        truth = world.advance(*(kick if number == 0 else (still, still)))
+        state = truth.state(truth.epoch)
+        order = actuation.order(still, still, state, Command(still, still)).command
+        assert order.inertia is not None
+        np.testing.assert_array_equal(order.inertia, world.inertia)
+        for tracks, told in ((informed, order), (naive, order.only(np.zeros(1, dtype=np.bool_)))):
+            if number == 1:
+                tracks._command = told
+                tracks.bank.adopt(np.ones(1, dtype=np.bool_), state, np.eye(STATES)[None])
+            elif number:
+                tracks.predict(told)
+    away = [np.linalg.norm(rot.log(tracks.bank.rotation[0] @ state.rotation[0].T)) for tracks in (informed, naive)]
+    assert away[0] < 1e-4, "what is left are the steps of the physics"
+    assert away[1] > 1e-2
+    torque = np.array([[0.0, 1e-9, 0.0]])
+    assert actuation.order(still, torque, state, Command(still, still)).command.inertia is None

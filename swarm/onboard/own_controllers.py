@@ -106,7 +106,7 @@ class OwnControllers:
             SwarmError: a controller has raised an exception, or its wrench is not one.
         """
         neighbours = self._heard(believed)
-        out = Steering(Command(*(part.copy() for part in usual.command)), usual.force.copy(), usual.torque.copy())
+        out = Steering(usual.command.of(slice(None)), usual.force.copy(), usual.torque.copy())
         for i, controller in self._own.items():
             name, state = self._crafts[i].name, believed.of(i)
             wrench, turning = Wrench(np.zeros(3), np.zeros(3)), np.zeros(3)

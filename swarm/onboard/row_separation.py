@@ -90,6 +90,7 @@ class RowSeparation:
         self.point_m = np.ascontiguousarray(np.repeat(point_m, self._size, axis=0))
         if not self.wanted:
             return
+        self._source = np.repeat(np.arange(self._craft), self._size)
         turning = None if inertia is None else np.repeat(inertia, self._size, axis=0)
         self._tracks = tracks_of(len(self.point_m), s, turning)
         self._decided, self._posed = np.zeros((2, len(self.point_m)), dtype=np.bool_)
@@ -106,7 +107,7 @@ class RowSeparation:
     def begin(self, command: Command | None) -> None:
         """Predict every filter to the next epoch; `command` has the orders of the C craft, if known."""
         if self.wanted:
-            orders = None if command is None else Command._make(np.repeat(part, self._size, axis=0) for part in command)
+            orders = None if command is None else command.of(self._source)
             self._tracks.predict(orders)
 
     def pose(self, fix: PoseFix) -> None:

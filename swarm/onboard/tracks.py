@@ -174,8 +174,9 @@ class Tracks:
             self._command = command or self._command
             return None
         pull = None if self._orbit is None else acceleration(self._orbit, bank.position, bank.velocity)
-        free = active & self._turns_freely
-        turns = self._free_turns(free) if free.any() else None
+        unsteered = self._unsteered(command)
+        free = active & (self._turns_freely | unsteered)
+        turns = self._free_turns(free, unsteered, command) if free.any() else None
         bank.predict(self._frame_s, active)
         still = np.zeros_like(self.inertia[:, 0])
         if turns is not None:
@@ -183,22 +184,45 @@ class Tracks:
         if pull is not None:
             bank.add_motion(active, still, still, pull * self._frame_s**2 / 2, pull * self._frame_s)
         if command is not None:
-            self._add_command(command)
+            self._add_command(command, unsteered)
         return None if turns is None else turns.coupling
 
-    def _free_turns(self, free: Bools) -> FreeTurns:
-        """Return the motion of the craft of the mask, which turn without torque, beyond that at constant rates."""
-        bank = self.bank
-        return free_turns(free, bank.rotation, bank.angular_rate, self.inertia, self._inverse, self._frame_s)
+    def _unsteered(self, command: Command | None) -> Bools:
+        """Return the craft (C,) that turn freely between the epochs only because they order no torque."""
+        last = self._command
+        if command is None or command.inertia is None or last is None or last.inertia is None:
+            return np.zeros_like(self._turns_freely)
+        out: Bools = np.isfinite(command.inertia[:, 0, 0] + last.inertia[:, 0, 0]) & ~self._turns_freely
+        return out
 
-    def _add_command(self, command: Command) -> None:
+    def _free_turns(self, free: Bools, unsteered: Bools, command: Command | None) -> FreeTurns:
+        """Return the motion of craft that turn without torque, beyond that at constant rates.
+
+        Args:
+            free: (C,), the craft.
+            unsteered: (C,), those of them whose orders tell it.
+            command: their orders.
+        """
+        bank, inertia, inverse = self.bank, self.inertia, self._inverse
+        if unsteered.any() and command is not None and command.inertia is not None:
+            inertia, inverse = inertia.copy(), inverse.copy()
+            inertia[unsteered] = command.inertia[unsteered]
+            inverse[unsteered] = np.linalg.inv(inertia[unsteered])
+        return free_turns(free, bank.rotation, bank.angular_rate, inertia, inverse, self._frame_s)
+
+    def _add_command(self, command: Command, unsteered: Bools) -> None:
         """Add the ordered motion between the epochs, T apart: half a period by the last command, half by this one,
         which has begun earlier by the lead of the orders.
+
+        Args:
+            command: orders of the craft.
+            unsteered: (C,), craft whose turning is known already.
         """
         last, half, lead = self._command or command, self._frame_s / 2, self._lead_s
         self._command = command
-        before = last.angular_acceleration, last.acceleration
-        after = command.angular_acceleration, command.acceleration
+        held = ~unsteered[:, None]
+        before = last.angular_acceleration * held, last.acceleration
+        after = command.angular_acceleration * held, command.acceleration
         if not any(order.any() for order in (*before, *after)):
             # Craft that steer by the truth give no orders to their filters.
             return

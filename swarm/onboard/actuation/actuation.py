@@ -28,7 +28,7 @@ class Actuation:
             period_s: length of a lighthouse period [s].
         """
         self._orders = Orders(actuators, period_s)
-        self._who, self._mass, self._inertia = actuators.who, mass, inertia[actuators.who]
+        self._who, self._mass, self._inertia = actuators.who, mass, inertia
         self._thrusting = actuators.thrusting(len(mass))
         self._nothing = np.zeros(actuators.has_thruster.shape), np.zeros(actuators.torque_nm.shape)
 
@@ -42,8 +42,9 @@ class Actuation:
             command: accelerations that the wanted wrench corresponds to.
         """
         who = self._who
+        still: Bools = ~np.any(torque, axis=1)
         if not len(who):
-            return Order(force, torque, *self._nothing, self._orders.stored, command)
+            return Order(force, torque, *self._nothing, self._orders.stored, self._told(command, still))
         rotation, rate = believed.rotation[who], believed.angular_rate[who]
         able: Bools = np.isfinite(np.sum(rotation, axis=(1, 2)) + np.sum(rate, axis=1))
         rotation, rate = np.where(able[:, None, None], rotation, np.eye(3)), np.where(able[:, None], rate, 0.0)
@@ -56,7 +57,8 @@ class Actuation:
         given = self._orders.give(body_force, body_torque, body_rate, able)
         force, torque = force.copy(), torque.copy()
         force[self._thrusting], torque[who] = 0.0, 0.0
-        ordered = self._accelerations(command, given, rotation, body_rate, stored)
+        still[who] = ~np.any([given.wrench[:, 3:], stored, self._orders.stored], axis=(0, 2))
+        ordered = self._told(self._accelerations(command, given, rotation, body_rate, stored), still)
         return Order(force, torque, given.open_s, given.wheel_torque, self._orders.stored, ordered)
 
     def _accelerations(
@@ -64,10 +66,17 @@ class Actuation:
     ) -> Command:
         """Return the accelerations that the orders cause: F / m, and I^-1 (M - w x (I w + h)), lighthouse frame."""
         who, thrusting = self._who, self._thrusting[self._who]
-        momentum = (self._inertia @ rate[..., None])[..., 0] + stored
-        change = np.linalg.solve(self._inertia, (given.wrench[:, 3:] - np.cross(rate, momentum))[..., None])
+        inertia = self._inertia[who]
+        momentum = (inertia @ rate[..., None])[..., 0] + stored
+        change = np.linalg.solve(inertia, (given.wrench[:, 3:] - np.cross(rate, momentum))[..., None])
         linear = rotation @ (given.wrench[:, :3] / self._mass[who, None])[..., None]
         acceleration, angular_acceleration = command.acceleration.copy(), command.angular_acceleration.copy()
         acceleration[who[thrusting]] = linear[thrusting, :, 0]
         angular_acceleration[who] = (rotation @ change)[..., 0]
         return Command(acceleration, angular_acceleration)
+
+    def _told(self, command: Command, still: Bools) -> Command:
+        """Return the command with the inertia of the craft that order no torque, (C,)."""
+        if not still.any():
+            return command
+        return command._replace(inertia=np.where(still[:, None, None], self._inertia, np.nan))

@@ -61,7 +61,7 @@ class OnboardCost(Computer):
                 pulses.total[:1].copy(),
             )
         )
-        self._commands.append(None if command is None else _first(command))
+        self._commands.append(None if command is None else command.of(slice(1)))
         began = thread_time()
         known = super().step(signals, command, off)
         self._swarm_s.append(thread_time() - began)
@@ -85,7 +85,3 @@ class OnboardCost(Computer):
             "onboard_swarm_per_craft_us": median_us(self._swarm_s[WARM_UP:], self._craft),
             "onboard_alone_apart_m": apart_m,
         }
-
-
-def _first(command: Command) -> Command:
-    return Command(command.acceleration[:1].copy(), command.angular_acceleration[:1].copy())
