@@ -262,7 +262,7 @@ def left_jacobian_into(v: Floats, out: Floats) -> None:
 
 @kernel
 def left_jacobian_rows(x: float, y: float, z: float) -> Rows:
-    """Return the rows of J_l(v), of `left_jacobian_into`, as tuples: nothing is allocated.
+    """Return the rows of J_l(v), of `left_jacobian_into`, as tuples, of numbers or lanes: nothing is allocated.
 
     Args:
         x: v_x [rad].
@@ -270,12 +270,15 @@ def left_jacobian_rows(x: float, y: float, z: float) -> Rows:
         z: v_z [rad].
     """
     square = x * x + y * y + z * z
-    angle = np.sqrt(square)
-    if angle < 1e-2:
-        c, t = 0.5 - square / 24 + square * square / 720, 1 / 6 - square / 120 + square * square / 5040
-    else:
-        half = np.sin(angle / 2)
-        c, t = 2 * half * half / square, (angle - np.sin(angle)) / (angle * square)
+    c, t = 0.5 - square / 24 + square * square / 720, 1 / 6 - square / 120 + square * square / 5040
+    if not all_of(np.sqrt(square) < 1e-2):
+        for i in range(width(square)):
+            one = lane(square, i)
+            angle = np.sqrt(one)
+            if not angle < 1e-2:
+                half = np.sin(angle / 2)
+                c = with_lane(c, i, 2 * half * half / one)
+                t = with_lane(t, i, (angle - np.sin(angle)) / (angle * one))
     # I + c [v]x + t [v]x^2, with [v]x^2 = v v^T - |v|^2 I
     one = 1 - t * square
     return (

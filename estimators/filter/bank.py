@@ -41,7 +41,9 @@ class UpdateResult(NamedTuple):
 
 class Given(NamedTuple):
     """Measurements of C craft, checked: y (C, m), h (C, m, 12), r (C, m, m), of which each craft uses its first `rows`
-    (C,); gate (m + 1,): the largest normalised innovation squared that is let in, per number of rows.
+    (C,); gate (M + 1,): the largest normalised innovation squared that is let in, per number of measurements; freedoms
+    (C,): numbers of measurements that the rows stand for; square (C,): the part of the normalised innovation squared
+    of which the rows tell nothing.
     """
 
     y: Floats
@@ -49,12 +51,13 @@ class Given(NamedTuple):
     r: Floats
     rows: Ints
     gate: Floats
+    freedoms: Ints
+    square: Floats
 
 
 class Independent(NamedTuple):
     """Measurements of C craft whose noise is independent from row to row, checked: as `Given`, with the variances of
-    the rows (C, m) in the place of r; pivot (C, PIVOT): points about which corrections turn the bodies; freedoms
-    (C,): numbers of measurements that the rows stand for, by which they are gated.
+    the rows (C, m) in the place of r; pivot (C, PIVOT): points about which corrections turn the bodies.
     """
 
     y: Floats
@@ -272,6 +275,7 @@ class FilterBank(ABC):
         count: Ints | None = None,
         pivot: Floats | None = None,
         freedoms: Ints | None = None,
+        square: Floats | None = None,
     ) -> UpdateResult:
         """Take in measurements y = H x + noise, gated per craft; a craft whose rows are gated out keeps its state.
 
@@ -283,8 +287,10 @@ class FilterBank(ABC):
             count: (C,), the number of rows of each craft, the first of the m; None: all m.
             pivot: (C, PIVOT) [m]: where large corrections turn the bodies about, with independent rows
                 (`estimators.pivot`); None: their origins.
-            freedoms: (C,), with independent rows: the numbers of measurements that they stand for, as the sums of many
-                in fewer rows; the gate is that of as many. None: every row is one.
+            freedoms: (C,), the numbers of measurements that the rows stand for, as the sums of many in fewer rows; the
+                gate is that of as many. None: every row is one.
+            square: (C,), with covariances: the part of the normalised innovation squared of these measurements of
+                which the rows tell nothing; None: zero.
 
         Raises:
             ValueError: a wrong shape, a value that is not finite, a covariance that is not positive definite, a craft
@@ -297,9 +303,17 @@ class FilterBank(ABC):
         used = np.full(craft, rows) if count is None else np.ascontiguousarray(count, dtype=np.int64)
         if used.shape != (craft,) or np.any((used < 0) | (used > rows)):
             raise ValueError(f"count: expected {(craft,)} numbers from 0 to {rows}")
+        free = used if freedoms is None else np.ascontiguousarray(freedoms, dtype=np.int64)
+        if free.shape != (craft,) or np.any(free[mask] < 0):
+            raise ValueError(f"freedoms: expected {(craft,)} numbers, zero or more")
         if np.ndim(r) == 2:
-            independent = self._independent(mask, y, h, r, used, pivot, used if freedoms is None else freedoms)
+            independent = self._independent(mask, y, h, r, used, pivot, free)
             return self._taken("r", mask & (used > 0), independent)
+        more = self._argument("square", np.zeros(craft) if square is None else square, (), mask)
+        gate = gates(self.gate_probability, int(free[mask].max(initial=rows)))
+        if count is None:
+            y, h = self._argument("y", y, (rows,), mask), self._argument("h", h, (rows, STATES), mask)
+            return self._taken("r", mask, Given(y, h, self._covariances("r", r, rows, mask), used, gate, free, more))
         there = np.arange(rows) < used[:, None]
         # Rows that a craft does not have are not read: whatever stands there becomes zero.
         y = self._argument("y", np.where(there, y, 0.0), (rows,), mask)
@@ -308,24 +322,21 @@ class FilterBank(ABC):
         both = there[:, :, None] & there[:, None, :]
         r = np.where(both, self._shaped("r", r, (rows, rows)), np.eye(rows))
         r = self._covariances("r", r, rows, mask)
-        return self._taken("r", mask & (used > 0), Given(y, h, r, used, gates(self.gate_probability, rows)))
+        return self._taken("r", mask & (used > 0), Given(y, h, r, used, gate, free, more))
 
     def _independent(
         self, mask: Bools, y: Floats, h: Floats, r: Floats, used: Ints, pivot: Floats | None, freedoms: Ints
     ) -> Independent:
         """Return rows of independent noise, checked; the arguments are those of `update`."""
         craft, rows = np.shape(y)
-        free = np.ascontiguousarray(freedoms, dtype=np.int64)
-        if free.shape != (craft,) or np.any(free[mask] < 0):
-            raise ValueError(f"freedoms: expected {(craft,)} numbers, zero or more")
         out = Independent(
             self._shaped("y", y, (rows,)),
             self._shaped("h", h, (rows, STATES)),
             self._shaped("r", r, (rows,)),
             used,
-            gates(self.gate_probability, int(free[mask].max(initial=rows))),
+            gates(self.gate_probability, int(freedoms[mask].max(initial=rows))),
             self._argument("pivot", np.zeros((craft, PIVOT)) if pivot is None else pivot, (PIVOT,), mask),
-            free,
+            freedoms,
         )
         if (wrong := _wrong_row(mask, out)) >= 0:
             reason = ("not finite", "not finite", "a variance is not positive and finite")[wrong]
@@ -358,7 +369,7 @@ class FilterBank(ABC):
         y, h = np.empty((len(mask), POSE)), np.empty((len(mask), POSE, STATES))
         innovations_into(mask, rotation, position, self._state, rate_coupling, y, h)
         count, gate = np.full(len(mask), POSE), gates(self.gate_probability, POSE)
-        return self._taken("covariance", mask, Given(y, h, covariance, count, gate))
+        return self._taken("covariance", mask, Given(y, h, covariance, count, gate, count, np.zeros(len(mask))))
 
     def adopt(self, mask: Bools, state: State, covariance: Floats) -> None:
         """Take over states and covariances, and start the craft that are not active.

@@ -482,8 +482,9 @@ def _update_all(mask: Bools, given: Given, state: State, covariance: Floats, res
         regular, nis[c], volume = absorb(covariance[c], given.y[c], given.h[c], given.r[c], n, work, x, left)
         if not regular:
             return c
+        nis[c] += given.square[c]
         log_determinant[c] = 2 * np.log(volume)
-        accepted[c] = nis[c] <= given.gate[n]
+        accepted[c] = nis[c] <= given.gate[given.freedoms[c]]
         if accepted[c]:
             covariance[c] = left
             correct(state.rotation[c], state.angular_rate[c], state.position[c], state.velocity[c], x)

@@ -130,7 +130,8 @@ def _update_all(
         for at in range(LANES):
             if runs(at, c, mixtures) and not lane(regular, at):
                 return c
-        accepted = _lowest(c, squared, volume, mixtures, nis, spread) <= given.gate[n]
+        squared += given.square[c]
+        accepted = _lowest(c, squared, volume, mixtures, nis, spread) <= given.gate[given.freedoms[c]]
         result.accepted[c] = accepted
         result.nis[c], result.log_determinant[c] = weigh(c, accepted, nis, spread, mixtures)
         if accepted:
@@ -140,7 +141,7 @@ def _update_all(
                     covariances[c, i, j] = left[i, j]
             centre(c, mixtures, correction)
             correct(state.rotation[c], state.angular_rate[c], state.position[c], state.velocity[c], correction)
-            settle(c, n, mixtures, covariance[c])
+            settle(c, given.freedoms[c], mixtures, covariance[c])
     return -1
 
 

@@ -54,8 +54,9 @@ class PoseFilterBank(FilterBank):
         for i in np.flatnonzero(mask).tolist():
             n = given.rows[i]
             noise = np.diag(given.variance[i, :n]) if isinstance(given, Independent) else given.r[i, :n, :n]
-            free = given.freedoms[i] if isinstance(given, Independent) else n
-            x = self._take(i, given.y[i, :n], given.h[i, :n], noise, given.gate[free], result)
+            more = 0.0 if isinstance(given, Independent) else given.square[i]
+            gate = given.gate[given.freedoms[i]]
+            x = self._take(i, (given.y[i, :n], given.h[i, :n], noise), more, gate, result)
             if x is None:
                 return i
             if not result.accepted[i]:
@@ -72,23 +73,24 @@ class PoseFilterBank(FilterBank):
             self._covariance[i] = f.P
         return -1
 
-    def _take(self, i: int, y: Floats, h: Floats, r: Floats, gate: float, result: UpdateResult) -> Floats | None:
+    def _take(
+        self, i: int, given: tuple[Floats, Floats, Floats], more: float, gate: float, result: UpdateResult
+    ) -> Floats | None:
         """Return the estimated error (12, 1) by the rows of one craft; None if its innovation's covariance is not
         positive definite.
 
         Args:
             i: the craft.
-            y: (n,), innovations.
-            h: (n, 12), H.
-            r: (n, n), covariance of the noise.
+            given: y (n,), innovations, H (n, 12), and the covariance R (n, n) of the noise.
+            more: part of the normalised innovation squared of which the rows tell nothing.
             gate: largest normalised innovation squared that is let in.
             result: receives the fate.
         """
         f = self._filter[i]
         x_prior, p_prior = f.x, f.P
-        if (fate := taken_by(f, y, h, r)) is None:
+        if (fate := taken_by(f, *given)) is None:
             return None
-        result.nis[i], result.log_determinant[i] = fate
+        result.nis[i], result.log_determinant[i] = fate[0] + more, fate[1]
         result.accepted[i] = result.nis[i] <= gate
         if not result.accepted[i]:
             f.x, f.P = x_prior, p_prior

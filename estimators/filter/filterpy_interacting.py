@@ -78,14 +78,16 @@ class FilterpyInteractingBank(InteractingBank):
         for c in np.flatnonzero(mask).tolist():
             n, models = int(given.rows[c]), min(LANES, int(mixtures.models[c]))
             if isinstance(given, Independent):
-                noise, free = np.diag(given.variance[c, :n]), given.freedoms[c]
+                noise, more = np.diag(given.variance[c, :n]), 0.0
             else:
-                noise, free = given.r[c, :n, :n], n
+                noise, more = given.r[c, :n, :n], given.square[c]
+            free = given.freedoms[c]
             f, blocks = self._filters[models], self._blocks_of(models, n)
             _fill_rows(given.y[c], given.h[c], noise, blocks)
             f.x, f.P = _stacked(c, models, mixtures)
             if not updated(f, *blocks) or not _fates(f.y, f.S, f.SI, n, nis, spread):
                 return c
+            nis += more
             accepted = nis[:models].min() <= given.gate[free]
             result.accepted[c] = accepted
             result.nis[c], result.log_determinant[c] = weigh(c, accepted, nis, spread, mixtures)

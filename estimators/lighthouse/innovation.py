@@ -14,30 +14,21 @@ they are no better where four or more photodiodes are lit, and bias the distance
 attitude open. What makes few rows right is the correction about their photodiodes' centre (`estimators.pivot`).
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from itertools import islice
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
-from estimators.lighthouse.integrity import AngleNoise, dropped_sets
-from estimators.lighthouse.rows import Packed, Rows, linearise, row_into
+from estimators.lighthouse.integrity import AngleNoise
+from estimators.lighthouse.rows import Packed, Rows, row_into
 from estimators.lighthouse.sweep import HALF_PI
 from estimators.pivot import PIVOT
 from estimators.state import STATES, State
 
 SWEEPS = 1 << 20
 """More sweeps of one fan than there are in a period."""
-CONDENSED = 8
-"""Rows of a craft above which their sums take their place."""
-NEGLIGIBLE = 1e-5
-"""Information of a sum relative to the prediction's, below which the sum counts for the gate only."""
-POSE, ORDER = 6, np.array([0, 1, 2, 6, 7, 8, 3, 4, 5, 9, 10, 11])
-"""Columns of H, those of the pose first."""
-ROUNDING = 1e-12
-"""Share of a sum of squares below which what is left of it is rounding."""
 
 
 class RowBatch(NamedTuple):
@@ -366,101 +357,6 @@ def sigmas_into(
         out[n] = abs(residual) / np.sqrt(variance)
 
 
-def condense(found: Innovations, mask: Bools, covariance: Floats) -> tuple[Innovations, Ints]:
-    """Return the rows of the craft of the mask, with their sums in the place of many, and how many (C,) each one had.
-
-    Args:
-        found: innovations.
-        mask: (C,), the craft concerned; the others have no rows in what is returned.
-        covariance: (C, 12, 12) of the predictions, which tells the information that may be left out.
-    """
-    craft, most = found.y.shape
-    width = min(most, STATES + 1)
-    number = np.zeros_like(found.number)
-    out = Innovations(np.empty((craft, width)), np.empty((craft, width, STATES)), number, found.pivot)
-    _condense_all(mask, covariance, found, out)
-    return out, np.where(mask, found.number, 0)
-
-
-@kernel
-def _condense_all(mask: Bools, covariance: Floats, found: Innovations, out: Innovations) -> None:
-    """Write the rows of every craft of the mask, or their sums if it has more than CONDENSED."""
-    for c in range(len(mask)):
-        if not mask[c]:
-            continue
-        n = found.number[c]
-        if n > CONDENSED:
-            out.number[c] = _condense(found.y[c], found.h[c], n, covariance[c], out.y[c], out.h[c])
-            continue
-        out.number[c] = n
-        for k in range(n):
-            out.y[c, k] = found.y[c, k]
-            out.h[c, k] = found.h[c, k]
-
-
-@kernel
-def _condense(y: Floats, h: Floats, n: int, p: Floats, sum_y: Floats, sum_h: Floats) -> int:
-    """Write fewer rows that say the same as n rows with noise of variance one, and return their number.
-
-    Their sums are H^T H = L L^T and H^T y, and L^T x = L^-1 H^T y + noise, twelve rows, says all that they say of x.
-    What the rows have beyond, y^T y - |L^-1 H^T y|^2, is a row without x, for the gate. The pose comes first, so that
-    the last six rows are of the rates alone, which one sweep hardly tells: most of them count for the gate only.
-
-    Args:
-        y: (m,), innovations.
-        h: (m, 12), their derivatives.
-        n: number of rows.
-        p: (12, 12), covariance of the prediction.
-        sum_y: (13,), or as many as there are rows if these are fewer: receives the innovations.
-        sum_h: (13, 12), likewise: receives their derivatives.
-    """
-    lower, total, moved = np.zeros((STATES, STATES)), np.zeros(STATES), np.empty(STATES)
-    square = 0.0
-    for k in range(n):
-        square += y[k] * y[k]
-        for i in range(STATES):
-            moved[i] = h[k, ORDER[i]]
-        for i in range(STATES):
-            total[i] += moved[i] * y[k]
-            for j in range(i + 1):
-                lower[i, j] += moved[i] * moved[j]
-    for j in range(STATES):  # the root L, and L^-1 H^T y
-        before, pivot = lower[j, j], lower[j, j]
-        for k in range(j):
-            pivot -= lower[j, k] * lower[j, k]
-        told = pivot > ROUNDING * before
-        scale = 1 / np.sqrt(pivot) if told else 0.0
-        for i in range(j, STATES):
-            value = lower[i, j]
-            for k in range(j):
-                value -= lower[i, k] * lower[j, k]
-            lower[i, j] = value * scale
-        value = total[j]
-        for k in range(j):
-            value -= lower[j, k] * total[k]
-        total[j] = value * scale
-        square -= total[j] * total[j]
-    count = 0
-    for j in range(STATES):
-        if j >= POSE:
-            worth = 0.0
-            for i in range(j, STATES):
-                for k in range(j, STATES):
-                    worth += lower[i, j] * p[ORDER[i], ORDER[k]] * lower[k, j]
-            if worth < NEGLIGIBLE:
-                square += total[j] * total[j]
-                continue
-        sum_y[count] = total[j]
-        sum_h[count] = 0.0
-        for i in range(j, STATES):
-            sum_h[count, ORDER[i]] = lower[i, j]
-        count += 1
-    if count < n:
-        sum_y[count], sum_h[count] = np.sqrt(max(square, 0.0)), 0.0
-        count += 1
-    return count
-
-
 def noise_of(rows: Rows, noise: Sequence[AngleNoise]) -> Floats:
     """Return R (n, n) [rad^2] of the rows of one craft; `noise` of each station."""
     same = (rows.station[:, None] == rows.station) & (rows.fan[:, None] == rows.fan)
@@ -468,71 +364,3 @@ def noise_of(rows: Rows, noise: Sequence[AngleNoise]) -> Floats:
     own, shared = (np.array(part)[rows.station] for part in zip(*noise, strict=True))
     out: Floats = own**2 * np.eye(len(same)) + shared**2 * same
     return out
-
-
-def agreeing(
-    rows: Rows,
-    stations: Packed,
-    point_m: Floats,
-    state: State,
-    covariance: Floats,
-    noise: Sequence[AngleNoise],
-    gate: Floats,
-    places: Mapping[int, Floats] | None = None,
-) -> Bools | None:
-    """Return the rows (n,) of one craft without those of photodiodes that must be false; None if the rest never agrees.
-
-    The search is that for a pose (`estimators.lighthouse.integrity`), by the innovations, those that lie farthest from
-    the prediction first. At least half of them remain. A photodiode may be false before one station, as by a
-    reflection, and honest before another; of several stations, each is tried as a whole as well.
-
-    Args:
-        rows: the rows that do not agree with the prediction.
-        stations: stations that they name.
-        point_m: (K, 3) [m], photodiodes in the body frame.
-        state: predicted state of the craft, without the craft axis.
-        covariance: (12, 12), its covariance.
-        noise: noise of the rows of each station.
-        gate: (n + 1,), the largest normalised innovation squared of 0, 1, ... rows that is believed.
-        places: covariances (12, 12) of errors that all rows of a station share, as errors of the craft's own state.
-    """
-    y, h = linearise(rows, stations, point_m, state.rotation, state.position, state.velocity, state.angular_rate)
-    front = np.isfinite(y)
-    y, h = np.where(front, y, 0.0), np.where(front[:, None], h, 0.0)
-    s = h @ covariance @ h.T + noise_of(rows, noise)
-    for station, own in (places or {}).items():
-        there = h * (rows.station == station)[:, None]
-        s += there @ own @ there.T
-    seen = rows.station * len(point_m) + rows.photodiode
-    lit = np.unique(seen[front])
-
-    def without(dropped: Sequence[int]) -> tuple[float, Bools]:
-        kept: Bools = front & ~np.isin(seen, dropped)
-        at = np.flatnonzero(kept)
-        square = float(y[at] @ np.linalg.solve(s[np.ix_(at, at)], y[at]))
-        return square / float(gate[len(at)]), kept
-
-    away = [float(np.max(np.abs(y / np.sqrt(np.diag(s)))[front & (seen == k)])) for k in lit]
-    far = lit[np.argsort(away, kind="stable")[::-1]]
-    for subsets in _with_stations(dropped_sets(lit, far, len(lit) // 2), lit, len(point_m)):
-        share, kept = min((without(dropped) for dropped in subsets), key=lambda found: found[0])
-        if share <= 1:
-            return kept
-    return None
-
-
-def _with_stations(
-    sets: Iterator[list[tuple[int, ...]]], lit: Ints, photodiodes: int
-) -> Iterator[list[tuple[int, ...]]]:
-    """Yield the sets of a search, and behind the single photodiodes those of each whole station, if there are several.
-
-    Args:
-        sets: of the search.
-        lit: (n,), photodiodes, numbered on from one station to the next.
-        photodiodes: number before each station.
-    """
-    yield from islice(sets, 1)
-    stations = np.unique(lit // photodiodes)
-    if len(stations) > 1:
-        yield [tuple(lit[lit // photodiodes == station].tolist()) for station in stations]
-    yield from sets

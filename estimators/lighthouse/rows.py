@@ -19,8 +19,18 @@ import numpy as np
 
 from estimators.arrays import Floats, Ints
 from estimators.kernel import kernel
+from estimators.lanes import all_of, lane, width, with_lane
 from estimators.lighthouse.projection import checked
-from estimators.lighthouse.sweep import FAN, LIGHTHOUSE_1, Fan, angle_gradient, kernel_fans, measured_angle
+from estimators.lighthouse.sweep import (
+    FAN,
+    LIGHTHOUSE_1,
+    Fan,
+    angle_gradient,
+    is_perfect,
+    kernel_fans,
+    measured_angle,
+    perfect_gradient,
+)
 from estimators.rotation import exp_into, exp_rows, left_jacobian_rows
 from estimators.state import STATES, State
 
@@ -154,6 +164,8 @@ def row_into(
 ) -> float:
     """Return the residual y of one row, and write its H (12,) into `matrix`; NaN where not in front of the station.
 
+    Of numbers, or of lanes with the same station and fan: NaN in all of them where any is not in front.
+
     Args:
         tau: instant after the epoch [s].
         angle: measured angle from boresight [rad].
@@ -182,10 +194,12 @@ def row_into(
     x = s[0, 0] * v0 + s[1, 0] * v1 + s[2, 0] * v2
     y = s[0, 1] * v0 + s[1, 1] * v1 + s[2, 1] * v2
     z = s[0, 2] * v0 + s[1, 2] * v1 + s[2, 2] * v2
-    if not z > 0:
-        matrix[:] = np.nan
-        return np.nan
-    g = angle_gradient(x, y, z, fan)
+    if not all_of(z > 0):
+        nothing: float = x * np.nan
+        for i in range(STATES):
+            matrix[i] = nothing
+        return nothing
+    expected, g = _seen(x, y, z, fan)
     # The gradient u in the world frame.
     u0 = s[0, 0] * g[0] + s[0, 1] * g[1] + s[0, 2] * g[2]
     u1 = s[1, 0] * g[0] + s[1, 1] * g[1] + s[1, 2] * g[2]
@@ -202,7 +216,29 @@ def row_into(
     matrix[3] = m0 * j0[0] + m1 * j1[0] + m2 * j2[0]
     matrix[4] = m0 * j0[1] + m1 * j1[1] + m2 * j2[1]
     matrix[5] = m0 * j0[2] + m1 * j1[2] + m2 * j2[2]
-    return angle - measured_angle(x, y, z, fan)
+    return angle - expected
+
+
+@kernel
+def _seen(x: float, y: float, z: float, fan: Floats) -> tuple[float, tuple[float, float, float]]:
+    """Return `measured_angle` and `angle_gradient` of numbers or of lanes.
+
+    Args:
+        x: the point's x [m], station frame.
+        y: its y [m].
+        z: its z [m].
+        fan: (FAN,), a row of `kernel_fans`.
+    """
+    angle = x
+    for i in range(width(x)):
+        angle = with_lane(angle, i, measured_angle(lane(x, i), lane(y, i), lane(z, i), fan))
+    if is_perfect(fan):
+        return angle, perfect_gradient(fan[0] * x + fan[1] * y, z, fan)
+    g0, g1, g2 = x, x, x
+    for i in range(width(x)):
+        own = angle_gradient(lane(x, i), lane(y, i), lane(z, i), fan)
+        g0, g1, g2 = with_lane(g0, i, own[0]), with_lane(g1, i, own[1]), with_lane(g2, i, own[2])
+    return angle, (g0, g1, g2)
 
 
 @kernel

@@ -212,6 +212,26 @@ def measured_angle(x: float, y: float, z: float, fan: Floats) -> float:
 
 
 @kernel
+def is_perfect(fan: Floats) -> bool:
+    """Return whether an upright fan (FAN,) has no error but its phase."""
+    perfect: bool = fan[13] == 0.0 and fan[6] == 0.0 and fan[8] == 0.0 and fan[10] == 0.0
+    return perfect
+
+
+@kernel
+def perfect_gradient(across: float, z: float, fan: Floats) -> Vector:
+    """Return `angle_gradient` of a perfect fan, of numbers or of lanes.
+
+    Args:
+        across: the point's coordinate across the fan [m].
+        z: its z [m].
+        fan: (FAN,).
+    """
+    square = across * across + z * z
+    return fan[0] * (z / square), fan[1] * (z / square), -across / square
+
+
+@kernel
 def angle_gradient(x: float, y: float, z: float, fan: Floats) -> Vector:
     """Return the gradient (3) [rad/m] of `measured_angle` by the point, of the same arguments.
 
@@ -232,8 +252,8 @@ def angle_gradient(x: float, y: float, z: float, fan: Floats) -> Vector:
                 across, up, z, tangent, curve, gibbous_phase, gibbous_magnitude, fan[11], fan[12]
             )
         return fan[0] * by_across + fan[3] * by_up, fan[1] * by_across + fan[4] * by_up, by_ahead
-    if tangent == 0.0 and curve == 0.0 and gibbous_magnitude == 0.0:  # what follows, without its trigonometry
-        return fan[0] * (z / square), fan[1] * (z / square), -across / square
+    if is_perfect(fan):  # what follows, without its trigonometry
+        return perfect_gradient(across, z, fan)
     argument = up * tangent / np.sqrt(square)
     steep = 1 / np.sqrt(1 - argument * argument)
     b = np.arctan2(across, z) - phase + np.arcsin(argument)

@@ -19,19 +19,12 @@ from estimators.arrays import Bools, Floats, Ints
 from estimators.filter.bank import FilterBank, UpdateResult, gates
 from estimators.kernel import kernel
 from estimators.lighthouse.curvature import to_second_order
-from estimators.lighthouse.innovation import (
-    Innovations,
-    RowBatch,
-    agreeing,
-    condense,
-    innovations,
-    light_of,
-    noise_of,
-    rows_of_sweeps,
-)
+from estimators.lighthouse.innovation import Innovations, RowBatch, innovations, light_of, noise_of, rows_of_sweeps
 from estimators.lighthouse.integrity import AngleNoise, shown_to_gate
 from estimators.lighthouse.planar import bends as is_coarse
 from estimators.lighthouse.row_faults import row_faults
+from estimators.lighthouse.row_screen import agreeing
+from estimators.lighthouse.row_sums import condense, pose_sums
 from estimators.lighthouse.rows import Rows, Station, linearise, packed
 from estimators.lighthouse.sweep import lighthouse_1
 from estimators.pivot import PIVOT
@@ -122,7 +115,7 @@ class SingleSweeps:
         predicted = tracks.filtered()
         out = _none(len(mask), rows, predicted)
         kept = out.kept
-        self._update(rows, kept, mask, tracks, out)
+        self._update(rows, kept, mask, tracks, out, predicted)
         if self._screens:
             self._without_false(rows, kept, predicted, tracks, out)
         _count_photodiodes(rows.first, rows.photodiode, kept, out.fresh, self._point_m.shape[1], out.photodiodes)
@@ -130,15 +123,34 @@ class SingleSweeps:
             self._faults(rows, kept, predicted, tracks, out)
         return out
 
-    def _update(self, rows: RowBatch, kept: Bools, mask: Bools, tracks: Tracks, out: SweepsTaken) -> None:
-        """Give the kept rows of the craft of the mask to their filters, and write their fate."""
-        result, angles = self.give(rows, kept, mask, tracks.bank)
+    def _update(
+        self,
+        rows: RowBatch,
+        kept: Bools,
+        mask: Bools,
+        tracks: Tracks,
+        out: SweepsTaken,
+        predicted: Filtered | None = None,
+    ) -> None:
+        """Give the kept rows of the craft of the mask to their filters, and write their fate.
+
+        Args:
+            rows: of all craft.
+            kept: (N,), those that are used.
+            mask: (C,), the craft concerned.
+            tracks: filters, predicted to the epoch.
+            out: receives the fate.
+            predicted: the filters as they are, if that is known.
+        """
+        result, angles = self.give(rows, kept, mask, tracks.bank, predicted)
         asked = np.isfinite(result.nis)
         out.fresh[asked], out.refused[asked] = result.accepted[asked], ~result.accepted[asked]
         out.nis[asked], out.rows[asked] = result.nis[asked], np.where(result.accepted, angles, 0)[asked]
         out.log_determinant[asked] = result.log_determinant[asked]
 
-    def give(self, rows: RowBatch, kept: Bools, mask: Bools, bank: FilterBank) -> tuple[UpdateResult, Ints]:
+    def give(
+        self, rows: RowBatch, kept: Bools, mask: Bools, bank: FilterBank, before: Filtered | None = None
+    ) -> tuple[UpdateResult, Ints]:
         """Give the kept rows of the craft of the mask to filters; return their fate and the numbers of rows, (C,).
 
         Args:
@@ -146,18 +158,32 @@ class SingleSweeps:
             kept: (N,), those that are used; becomes False where a row cannot be.
             mask: (C,), the craft concerned.
             bank: their filters.
+            before: the filters as they are, if that is known.
         """
-        found = innovations(rows, kept, mask, self._stations, self._point_m, bank.state, self._noise)
-        asked, covariance = mask & (found.number > 0), bank.covariance
-        bent = asked & self.bends(covariance, bank.position)
+        state, covariance = (bank.state, bank.covariance) if before is None else (before.state, before.covariance)
+        bends, light = self.bends(covariance, state.position), light_of(self._stations, self._noise)
+        many = pose_sums(rows, kept, mask & ~bends, light, self._point_m, state, covariance)
+        result, angles = None, np.where(many.told, many.rows, 0)
+        if many.told.any():
+            result = bank.update(many.told, many.y, many.h, many.r, freedoms=many.rows, square=many.square)
+            result.log_determinant[many.told] += many.log_determinant[many.told]
+        few = mask & ~many.told
+        if not few.any() and result is not None:
+            return result, angles
+        found = innovations(rows, kept, few, self._stations, self._point_m, state, self._noise)
+        asked = few & (found.number > 0)
+        bent = asked & bends
         if bent.any():
 
             def there(state: State, mask: Bools) -> Innovations:
                 return innovations(rows, kept.copy(), mask, self._stations, self._point_m, state, self._noise)
 
-            to_second_order(found, bent, bank.state, covariance, there)
-        sums, angles = condense(found, asked, covariance)
-        return bank.update(asked, sums.y, sums.h, np.ones_like(sums.y), sums.number, sums.pivot, angles), angles
+            to_second_order(found, bent, state, covariance, there)
+        sums, counted = condense(found, asked, covariance)
+        other = bank.update(asked, sums.y, sums.h, np.ones_like(sums.y), sums.number, sums.pivot, counted)
+        if result is not None:
+            other = UpdateResult._make(np.where(asked, one, first) for first, one in zip(result, other, strict=True))
+        return other, np.where(asked, counted, angles)
 
     def centre(self, craft: int, rows: Rows) -> Floats:
         """Return the pivot (PIVOT,) of `estimators.pivot` in the centre of the photodiodes of one craft's rows."""

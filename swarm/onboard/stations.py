@@ -33,8 +33,6 @@ from estimators.lighthouse.innovation import (
     Innovations,
     RowBatch,
     StationArrays,
-    agreeing,
-    condense,
     innovations,
     light_of,
     sigmas_into,
@@ -43,7 +41,9 @@ from estimators.lighthouse.integrity import AngleNoise, shown_to_gate
 from estimators.lighthouse.pnp import PoseSolution
 from estimators.lighthouse.row_faults import row_faults
 from estimators.lighthouse.row_pose import RowPose, solve_rows
+from estimators.lighthouse.row_screen import agreeing
 from estimators.lighthouse.row_snooping import snooped
+from estimators.lighthouse.row_sums import condense
 from estimators.lighthouse.rows import Rows, Station, expect_into, packed, row_into
 from estimators.state import STATES, State
 from swarm.hardware import Photodiodes
