@@ -1,7 +1,7 @@
 """What is navigation by single sweeps worth? RMS over the posterior Cramer-Rao bound by the number of lit photodiodes.
 
     python benchmarks/single_sweeps.py [--craft 200] [--seeds 8] [--photodiodes 1 2 3 4 12] [--at-s 1 5]
-                                       [--coupling auto] [--independent] [--core CORE] [--out FILE]
+                                       [--coupling auto] [--independent] [--keep FILE.npz] [--core CORE] [--out FILE]
 
 Mockups 3 m from the lighthouse move exactly as the filter assumes, white accelerations, and hold their places by their
 own estimates: their orders are known motion. They see all photodiodes for `CONVERGE_S`, then only some, drawn anew for
@@ -13,9 +13,14 @@ Jacobians at the truth by finite differences, of a model that is written here on
 
     J' = (Q + F J^-1 F^T)^-1 + sum of H^T R^-1 H,   R = (1 - rho) s^2 I + rho s^2 1 1^T per fan
 
+--keep: samples are kept in a file, and a run with the same numbers goes on where an earlier one was stopped, or adds
+seeds to it. A ratio's error is its standard error; a ratio of sigma is that of the filter's own covariance to the
+bound.
+
 --independent: the filter takes the rows as independent, as the common open implementation does, to compare.
 """
 
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -148,11 +153,13 @@ class Model(NamedTuple):
 
 class Samples(NamedTuple):
     """Squared errors and traces of the bound of the C craft at one instant, (3, C) each, of attitude, position and the
-    centre of the lit photodiodes in straight coordinates; and their NEES (C,).
+    centre of the lit photodiodes in straight coordinates; the traces of the filter's own covariance, likewise; and
+    their NEES (C,).
     """
 
     square: Floats
     bound: Floats
+    own: Floats
     nees: Floats
 
 
@@ -267,21 +274,25 @@ def _samples(truth: Truth, known: Truth, covariance: Floats, information: Floats
         return arm, turn @ p[:, pose[:, None], pose] @ np.swapaxes(turn, 1, 2)
 
     arm, p = at_centre(known, covariance)
-    own, best = at_centre(truth, bound)
+    there_arm, best = at_centre(truth, bound)
     e = error[:, pose]
-    e[:, 3:] += own - arm
+    e[:, 3:] += there_arm - arm
     if lit.shape[1] == 2:
         line = lit[:, 1] - lit[:, 0]
         e[:, :3] = _three_angles(truth, known, known.position + arm, line)
-        e[:, 3:] += _unbent(e, truth, known, own, arm, line)
+        e[:, 3:] += _unbent(e, truth, known, there_arm, arm, line)
     parts = error[:, :3], error[:, 6:9], e[:, 3:]
     square = np.stack([np.sum(part**2, axis=1) for part in parts])
-    blocks = bound[:, :3, :3], bound[:, 6:9, 6:9], best[:, 3:, 3:]
-    traces = np.stack([np.trace(block, axis1=1, axis2=2) for block in blocks])
+    traces, own = (
+        np.stack(
+            [np.trace(block, axis1=1, axis2=2) for block in (whole[:, :3, :3], whole[:, 6:9, 6:9], part[:, 3:, 3:])]
+        )
+        for whole, part in ((bound, best), (covariance, p))
+    )
     there = np.isfinite(error).all(axis=1)
     nees = np.full(len(error), np.nan)
     nees[there] = np.einsum("ci,ci->c", e[there], np.linalg.solve(p[there], e[there, :, None])[..., 0])
-    return Samples(square, traces, nees)
+    return Samples(square, traces, own, nees)
 
 
 def _three_angles(truth: Truth, known: Truth, centre: Floats, line: Floats) -> Floats:
@@ -346,10 +357,12 @@ def _unbent(error: Floats, truth: Truth, known: Truth, own: Floats, arm: Floats,
 
 def figures(samples: list[Samples]) -> dict[str, Any]:
     """Return RMS, bound, their ratio, and the NEES with its 95 % band, of independent samples."""
-    square, bound, nees = (np.concatenate(part, axis=-1) for part in zip(*samples, strict=True))
+    square, bound, own, nees = (np.concatenate(part, axis=-1) for part in zip(*samples, strict=True))
     known = np.isfinite(nees)
-    rms = np.sqrt(square[:, known].mean(axis=1))
-    best = np.sqrt(bound[:, known].mean(axis=1))
+    rms, best, sigma = (np.sqrt(part[:, known].mean(axis=1)) for part in (square, bound, own))
+    # Standard error of the ratios, of independent craft: half of that of the squares.
+    error = (square[:, known] / best[:, None] ** 2 - bound[:, known] * (rms / best**2)[:, None] ** 2).std(axis=1)
+    error *= best / rms / 2 / np.sqrt(known.sum())
     median, best_median = (np.sqrt(np.median(part[:, known], axis=1)) for part in (square, bound))
     n = int(known.sum())
     low, high = chi2.ppf([0.025, 0.975], 6 * n) / n
@@ -361,18 +374,53 @@ def figures(samples: list[Samples]) -> dict[str, Any]:
         "position_bound_mm": 1e3 * float(best[1]),
         "position_bound_median_mm": 1e3 * float(best_median[1]),
         "position_ratio": float(rms[1] / best[1]),
+        "position_ratio_error": float(error[1]),
+        "position_sigma_ratio": float(sigma[1] / best[1]),
         "straight_ratio": float(rms[2] / best[2]),
         "attitude_rms_deg": float(np.degrees(rms[0])),
         "attitude_median_deg": float(np.degrees(median[0])),
         "attitude_bound_deg": float(np.degrees(best[0])),
         "attitude_bound_median_deg": float(np.degrees(best_median[0])),
         "attitude_ratio": float(rms[0] / best[0]),
+        "attitude_ratio_error": float(error[0]),
+        "attitude_sigma_ratio": float(sigma[0] / best[0]),
         "nees": mean,
         "nees_low": float(low),
         "nees_high": float(high),
         "inside": bool(low <= mean <= high),
         "samples": n,
     }
+
+
+class Kept:
+    """Samples by case and seed, in a file if there is one."""
+
+    def __init__(self, file: str, what: str) -> None:
+        """Begin with the samples of the file that were made as `what` says; an empty name: with none, and keep none."""
+        self._file, self._what = file, what
+        self._arrays: dict[str, Floats] = {}
+        if file and Path(file).is_file():
+            with np.load(file) as stored:
+                self._arrays.update(stored)
+
+    def has(self, case: str, seed: int) -> bool:
+        """Return whether the samples of a case and seed are there."""
+        return self._name(case, seed) in self._arrays
+
+    def get(self, case: str, seed: int) -> Samples:
+        """Return the samples of a case and seed."""
+        rows = self._arrays[self._name(case, seed)]
+        return Samples(rows[:3], rows[3:6], rows[6:9], rows[9])
+
+    def add(self, made: dict[str, Samples], seed: int) -> None:
+        """Add the samples of cases, and write the file."""
+        for case, one in made.items():
+            self._arrays[self._name(case, seed)] = np.concatenate([one.square, one.bound, one.own, one.nees[None]])
+        if self._file:
+            np.savez(self._file, **self._arrays)  # type: ignore[arg-type]
+
+    def _name(self, case: str, seed: int) -> str:
+        return f"{self._what}: {case}, seed {seed}"
 
 
 def mockup() -> Floats:
@@ -394,6 +442,7 @@ def main() -> None:
         at_s=([1.0, 5.0], "instants after the others go dark [s]"),
         coupling=("auto", "navigation.coupling"),
         independent=(False, "take the rows as independent in the filter"),
+        keep=("", "file of the samples, to go on from"),
     )
     overrides = ['navigation.filter="compiled"', 'navigation.quiet.craft="none"']
     scenario = load("drift", [f'navigation.coupling="{chosen.coupling}"', *overrides])
@@ -411,12 +460,17 @@ def main() -> None:
         settings = replace(settings, rotor_correlation=0.0)
     points, result = mockup(), {}
     samples: dict[str, list[Samples]] = {f"{n} lit, {time:g} s": [] for n in chosen.photodiodes for time in chosen.at_s}
+    kept = Kept(chosen.keep, f"{chosen.craft} craft, {chosen.coupling}, {chosen.independent}")
     for seed in range(chosen.seeds):
         for count in chosen.photodiodes:
-            rng = np.random.default_rng([seed, count])
-            lit = np.argsort(rng.random((chosen.craft, len(points))), axis=1)[:, :count]
-            for time, one in fly(settings, model, points, lit, chosen.at_s, 1000 * count + seed).items():
-                samples[f"{count} lit, {time:g} s"].append(one)
+            names = {time: f"{count} lit, {time:g} s" for time in chosen.at_s}
+            if not all(kept.has(name, seed) for name in names.values()):
+                rng = np.random.default_rng([seed, count])
+                lit = np.argsort(rng.random((chosen.craft, len(points))), axis=1)[:, :count]
+                flown = fly(settings, model, points, lit, chosen.at_s, 1000 * count + seed)
+                kept.add({names[time]: one for time, one in flown.items()}, seed)
+            for name in names.values():
+                samples[name].append(kept.get(name, seed))
         # After every seed, so that a run that is stopped says something.
         result = {key: figures(some) for key, some in samples.items()}
         rows = [[key, *value.values()] for key, value in result.items()]
