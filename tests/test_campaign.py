@@ -16,11 +16,19 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from estimators.filter.error_state import STATES, process_noise_into, transition_into
+from estimators.lighthouse.innovation import noise_of, rows_of_sweeps
+from estimators.lighthouse.rows import AT_ORIGIN, linearise, packed
+from estimators.rotation import matrix_from_quaternion
 from swarm.cli import app as cli
 from swarm.errors import SwarmError
+from swarm.flight import builders
+from swarm.flight.flight import Flight
+from swarm.scenario import load
 from swarm.studies.campaign import cluster, conduct, study_folder
 from swarm.studies.campaign.conduct import StudyProgress
 from swarm.studies.campaign.plan import plan
+from swarm.studies.campaign.posterior_bound import PosteriorBound
 from swarm.studies.campaign.study import load_study, study_toml
 from swarm.studies.campaign.study_folder import JOURNAL, ROWS, STATE, FinishedStudy, open_study, rows_table
 from swarm.studies.campaign.task import LOST, Order, fly, is_wall_clock
@@ -318,6 +326,38 @@ def test_measures_are_of_the_flight_and_change_nothing() -> None:
     assert row["own_air_bytes_per_s"] == 0
     assert row["central_position_rms_m"] == pytest.approx(row["own_position_rms_m"], rel=0.05)
     assert -1e-6 < row["central_position_gain_share"] < row["rotor_known_position_gain_share"] < 0.1
+
+
+def test_the_bound_of_a_study_is_that_of_the_information_of_all_light() -> None:
+    """Against the recursion of the information itself, with the rows and their covariance as they are."""
+    scenario = load("drift", ["swarm.count=2", "duration_s=0.2"], seed=3)
+    flight = Flight(scenario)
+    bound = PosteriorBound(scenario, flight)
+    s, point = builders.navigation(scenario), flight.world.photodiodes.point_m
+    information, f, q = np.linalg.inv(bound._covariance), np.zeros((STATES, STATES)), np.zeros((STATES, STATES))
+    process_noise_into(s.frame_s, s.acceleration_noise_m_s2, s.angular_acceleration_noise_rad_s2, q)
+    rate = None
+    for period in flight.fly():
+        bound.period(period)
+        truth = period.truth
+        assert truth is not None
+        batch = rows_of_sweeps(period.angles.theta, period.angles.offset_s, np.isfinite(period.angles.theta))
+        turned = matrix_from_quaternion(truth.quaternion)
+        for c in range(2):
+            if rate is not None:
+                transition_into(rate[c], s.frame_s, f)
+                information[c] = np.linalg.inv(f @ np.linalg.inv(information[c]) @ f.T + q)
+            rows, state = batch.of(c), (turned[c], truth.position[c], truth.velocity[c], truth.angular_rate[c])
+            h = linearise(rows, packed([AT_ORIGIN]), point[c], *state).matrix
+            information[c] += h.T @ np.linalg.solve(noise_of(rows, [s.noise]), h)
+        rate = truth.angular_rate
+    wanted = np.linalg.inv(information)
+    scale = np.sqrt(np.einsum("ci,cj->cij", *[np.diagonal(wanted, axis1=1, axis2=2)] * 2))
+    np.testing.assert_allclose(bound._covariance / scale, wanted / scale, rtol=0, atol=1e-6)
+    found = bound.metrics()
+    # Twelve periods of two craft are hardly more than one sample.
+    assert 0.2 < found["position_over_bound"] < 3.0
+    assert 0.2 < found["attitude_over_bound"] < 3.0
 
 
 MISTAKES = [

@@ -2,6 +2,7 @@
 
 onboard       time of the craft's computers (`swarm.studies.campaign.onboard_cost`)
 central       a central solver in their place (`swarm.studies.campaign.central_cost`)
+bound         the posterior Cramer-Rao bound (`swarm.studies.campaign.posterior_bound`)
 first_craft   the summary's figures of craft 0 alone
 """
 
@@ -13,6 +14,7 @@ from swarm.results.period import Period
 from swarm.scenario import Scenario
 from swarm.studies.campaign.central_cost import CentralCost
 from swarm.studies.campaign.onboard_cost import OnboardCost
+from swarm.studies.campaign.posterior_bound import PosteriorBound
 
 Metrics = dict[str, Any]
 
@@ -26,6 +28,7 @@ class Instruments:
         self._photodiodes = 0.0
         self._onboard: OnboardCost | None = None
         self._central: CentralCost | None = None
+        self._bound: PosteriorBound | None = None
 
     def begin(self, flight: Flight) -> None:
         """See the flight before its first period."""
@@ -34,11 +37,14 @@ class Instruments:
             self._onboard = OnboardCost(self._scenario, flight)
         if "central" in self._measure:
             self._central = CentralCost(self._scenario, flight.world.photodiodes)
+        if "bound" in self._measure:
+            self._bound = PosteriorBound(self._scenario, flight)
 
     def period(self, period: Period) -> None:
         """See one period at its epoch."""
-        if self._central is not None:
-            self._central.period(period)
+        for instrument in (self._central, self._bound):
+            if instrument is not None:
+                instrument.period(period)
 
     def metrics(self, summary: Metrics) -> Metrics:
         """Return figures by name, with units in the names; None where there is nothing to say. summary: the run's."""
@@ -52,6 +58,6 @@ class Instruments:
             for name in ("tracking_share", "ekf_position_rms_m", "ekf_attitude_rms_deg"):
                 out[f"first_craft_{name}"] = first.get(name)
             out["first_craft_nees_mean"] = (first.get("nees") or {}).get("mean")
-        for instrument in (self._onboard, self._central):
+        for instrument in (self._onboard, self._central, self._bound):
             out |= {} if instrument is None else instrument.metrics()
         return out

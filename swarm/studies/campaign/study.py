@@ -30,7 +30,7 @@ from swarm.scenario.text import toml_value
 from swarm.user_text import dotted_keys, user_path
 
 Seed = Annotated[int, Field(ge=0, lt=10**18)]
-Measure = Literal["onboard", "central", "first_craft"]
+Measure = Literal["onboard", "central", "first_craft", "bound"]
 MOST_RUNS = 1_000_000
 
 
@@ -71,7 +71,7 @@ class Study(Table):
     )
     telemetry: bool = Field(default=False, description="Keep every run's telemetry.")
     measure: Annotated[tuple[Measure, ...], Strict(False)] = Field(
-        default=(), description="What else to measure: `onboard`, `central`, `first_craft`."
+        default=(), description="What else to measure: `onboard`, `central`, `first_craft`, `bound`."
     )
     workers: int | None = Field(
         default=None, ge=1, le=10000, description="Runs at a time on this machine. Unset: one per core."
