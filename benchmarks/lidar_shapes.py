@@ -102,7 +102,10 @@ def answered(path: Path, number: int, given: argparse.Namespace) -> Iterator[Ans
 
 
 def bound(scan: Scan, shape: Shape, truth: Floats, place: Floats) -> Floats:
-    """Return the least covariance (6, 6), ordered (attitude, position), that a scan's ranges allow at the truth."""
+    """Return the least covariance (6, 6), ordered (attitude, position), that a scan's ranges allow at the truth.
+
+    Infinite where they leave a direction free.
+    """
     direction = scan.direction[scan.returned]
     hits = cast(shape.mesh, -truth.T @ place, direction @ truth)
     met = np.isfinite(hits.distance)
@@ -111,7 +114,10 @@ def bound(scan: Scan, shape: Shape, truth: Floats, place: Floats) -> Floats:
     sideways = scan.jitter_rad * depth * np.sqrt(1 - np.minimum(cosine, 1.0) ** 2)
     jacobian = np.concatenate([np.cross(along * depth[:, None] - place, normal), normal], axis=1)
     variance = (scan.noise_m * cosine) ** 2 + sideways**2
-    out: Floats = np.linalg.inv(jacobian.T @ (jacobian / variance[:, None]))
+    known = jacobian.T @ (jacobian / variance[:, None])
+    if np.linalg.matrix_rank(known, hermitian=True) < 6:
+        return np.full((6, 6), np.inf)
+    out: Floats = np.linalg.inv(known)
     return out
 
 
@@ -124,9 +130,10 @@ def print_bounds(path: Path, number: int, given: argparse.Namespace) -> None:
         around = scan.around(bench.position, bench.shape.radius_m)
         edges = around.edges(JUMP * bench.shape.radius_m)
         reach_m = RIGHT_LENGTH * bench.shape.radius_m
-        fit = register(around.point, bench.shape, truth, bench.position, scan.noise_m, edges=edges, reach_m=reach_m)
-        if not fit.degenerate:
-            least = np.trace(bound(around, bench.shape, truth, bench.position)[3:, 3:])
+        noise = scan.noise_m, scan.jitter_rad
+        fit = register(around.point, bench.shape, truth, bench.position, *noise, edges=edges, reach_m=reach_m)
+        least = np.trace(bound(around, bench.shape, truth, bench.position)[3:, 3:])
+        if not fit.degenerate and np.isfinite(least):
             off = float(np.sum((fit.position - bench.position) ** 2))
             rows.append((off, least, np.trace(fit.covariance[3:, 3:]), len(around.point)))
     if rows:

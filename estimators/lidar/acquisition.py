@@ -282,9 +282,10 @@ def _refined(
 ) -> list[_Candidate]:
     out = []
     edges = scan.edges(JUMP * shape.radius_m) if with_edges else None
+    noise = scan.noise_m, scan.jitter_rad
     for rotation, position in zip(poses.rotation, poses.position, strict=True):
         reach_m = (REACH_ROUGH if rough else REACH) * shape.radius_m
-        fit = register(point, shape, rotation, position, scan.noise_m, edges=edges, reach_m=reach_m, rough=rough)
+        fit = register(point, shape, rotation, position, *noise, edges=edges, reach_m=reach_m, rough=rough)
         seen = agreement(scan, shape, fit.rotation, fit.position)
         if seen.rays:
             out.append(_Candidate(fit, seen.cost, seen.overlap, seen.conflict))
@@ -304,8 +305,9 @@ def _slid(scan: Scan, shape: Shape, point: Floats, rough: _Candidate) -> _Candid
     if better is None:
         return rough
     edges, reach_m = scan.edges(JUMP * shape.radius_m), REACH * shape.radius_m
+    noise = scan.noise_m, scan.jitter_rad
     turn, place = better.rotation, better.position
-    fit = register(point, shape, turn, place, scan.noise_m, edges=edges, reach_m=reach_m, rough=True)
+    fit = register(point, shape, turn, place, *noise, edges=edges, reach_m=reach_m, rough=True)
     seen = agreement(scan, shape, fit.rotation, fit.position)
     return _Candidate(fit, seen.cost, seen.overlap, seen.conflict) if seen.cost < rough.cost else rough
 

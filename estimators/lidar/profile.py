@@ -69,7 +69,7 @@ def profiled(scan: Scan, shape: Shape, rotation: Floats, position: Floats) -> Pr
     unit = np.array([WEAK_ATTITUDE_RAD] * 3 + [WEAK_POSITION * shape.radius_m] * 3)
     before, start = (rotation, position), agreement(scan, shape, rotation, position)
     for _ in range(ROUNDS):
-        normal, _ = normal_equations(scan.point, shape, rotation, position, scan.noise_m)
+        normal, _ = normal_equations(scan.returns, shape, rotation, position)
         if not normal.any():
             return None
         known, vector = np.linalg.eigh(normal * unit[:, None] * unit)
@@ -108,7 +108,7 @@ def _followed(
     """
     firm = HELD * held @ held.T + np.eye(6)
     for _ in range(FOLLOWED):
-        normal, right = normal_equations(scan.point, shape, rotation, position, scan.noise_m)
+        normal, right = normal_equations(scan.returns, shape, rotation, position)
         step = unit * np.linalg.solve(normal * unit[:, None] * unit + firm, unit * right)
         rotation, position = _moved(rotation, position, step)
     return rotation, position

@@ -7,8 +7,12 @@ with its closest surface point m_i (k-d tree), normal n_i, both in t; with q_i =
 
 gives the step d = (attitude, position): R <- Exp([d]x) R, p <- p + dp (Chen and Medioni 1992; error convention of this
 package: active, left). Only surface that the scanner can see takes part. w_i = b_i / s_i^2: an error of the range
-counts across the surface by the cosine of its incidence, s_i^2 = (noise cos)^2 + (0.3 noise)^2, and Tukey's b takes
-outliers away, its width shrinking from the start's uncertainty to a few times the noise.
+counts across the surface by the cosine of its incidence, an error of the ray's direction, which moves the return by
+range times jitter, by the sine,
+
+    s_i^2 = (noise cos)^2 + (range jitter sin)^2 + (0.3 noise)^2
+
+and Tukey's b takes outliers away, its width shrinking from the start's uncertainty to a few times the noise.
 
 Near the end two things become exact: the matches are where the points' own rays meet the mesh, and the scan's edges,
 where its lines leave the target, are matched with the shape's sharp edges: with T_i the edge's tangent,
@@ -33,7 +37,7 @@ from estimators import rotation as rot
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
 from estimators.lidar.ray_cast import cast
-from estimators.lidar.scan import Edges
+from estimators.lidar.scan import Edges, Returns
 from estimators.lidar.shape import Shape
 from estimators.lidar.silhouette import matched, propagated
 from estimators.lidar.symmetry import FREE_RAD, symmetry
@@ -41,7 +45,7 @@ from estimators.lidar.symmetry import FREE_RAD, symmetry
 FEWEST_POINTS = 12
 """Matched points without which there is no answer."""
 FLOOR = 0.3
-"""Part of the noise that no incidence takes away, of jitter and of the known shape itself."""
+"""Part of the noise that no incidence takes away, of the known shape itself."""
 FEW, FEW_SHARE, MANY = 3.0, 0.01, 0.02
 """Points that must tell of a direction while they are matched with the closest ones: at least, and of all. Only looked
 at where the weakest direction has less than the last part of the strongest.
@@ -156,6 +160,7 @@ def register(
     rotation: Floats,
     position: Floats,
     noise_m: float,
+    jitter_rad: float = 0.0,
     *,
     edges: Edges | None = None,
     reach_m: float = 0.3,
@@ -169,6 +174,7 @@ def register(
         rotation: (3, 3), start.
         position: (3,) [m], start.
         noise_m: 1 sigma of a range.
+        jitter_rad: 1 sigma of a ray's direction, per axis.
         edges: where the scan's lines leave the target.
         reach_m: how far points may lie from the surface at the start.
         rough: end at steps of a thousandth of the radius, each edge a normal error.
@@ -180,41 +186,40 @@ def register(
         raise ValueError("point, rotation, position: not finite")
     if len(point) < FEWEST_POINTS:
         return failed(rotation, position)
-    return _iterated(point, shape, rotation, position, noise_m, edges, reach_m, rough)
+    return _iterated(Returns(point, noise_m, jitter_rad), shape, rotation, position, edges, reach_m, rough)
 
 
 def normal_equations(
-    point: Floats, shape: Shape, rotation: Floats, position: Floats, noise_m: float
+    returns: Returns, shape: Shape, rotation: Floats, position: Floats
 ) -> tuple[Floats, Floats]:
     """Return the normal matrix (6, 6) and the right side (6,) of the ranges alone at a pose; zeros where too few of
     them meet the surface.
 
     Args:
-        point: (n, 3) [m] in s.
+        returns: of the scan.
         shape: of the target.
         rotation: (3, 3).
         position: (3,) [m].
-        noise_m: 1 sigma of a range.
     """
-    width = WIDE * 3.5 * float(np.hypot(noise_m, 0.15 * shape.spacing_m))
-    matched = _along_rays(point, shape, rotation, position)
-    error, jacobian, weight, _ = _linearised(point, *matched, rotation, position, width, noise_m)
+    width = WIDE * 3.5 * float(np.hypot(returns.noise_m, 0.15 * shape.spacing_m))
+    matched = _along_rays(returns.point, shape, rotation, position)
+    error, jacobian, weight, _ = _linearised(returns, matched, rotation, position, width)
     if np.count_nonzero(weight) < FEWEST_POINTS:
         return np.zeros((6, 6)), np.zeros(6)
     return jacobian.T @ (weight[:, None] * jacobian), jacobian.T @ (weight * error)
 
 
 def _iterated(
-    point: Floats,
+    returns: Returns,
     shape: Shape,
     rotation: Floats,
     position: Floats,
-    noise_m: float,
     edges: Edges | None,
     reach_m: float,
     rough: bool,
 ) -> Registration:
     """Match and step until the steps are small, as `register`."""
+    point, noise_m = returns.point, returns.noise_m
     least = 3.5 * float(np.hypot(noise_m, 0.15 * shape.spacing_m))
     width, gate = max(reach_m, least), EDGE_GATE[0] * shape.radius_m
     converged, polishing, number, seen = False, False, 0, None
@@ -231,7 +236,7 @@ def _iterated(
             matched = _along_rays(point, shape, rotation, position)
         else:
             matched = _closest(point, shape, seen, rotation, position, width)
-        error, jacobian, weight, bisquare = _linearised(point, *matched, rotation, position, width, noise_m)
+        error, jacobian, weight, bisquare = _linearised(returns, matched, rotation, position, width)
         normal, right = jacobian.T @ (weight[:, None] * jacobian), jacobian.T @ (weight * error)
         if polishing and edges is not None and len(edges.point):
             gate = max(0.75 * gate, EDGE_GATE[1] * float(np.max(edges.width_m)) / np.sqrt(12))
@@ -253,7 +258,7 @@ def _iterated(
         rms = 1.5 * float(np.median(np.abs(error[used])))
         width = max(least, min(0.7 * width, 4.0 * rms + 0.3 * width))
     if polishing and not rough and seen is not None and edges is not None and len(edges.point):
-        last = _finished(point, shape, seen, edges, rotation, position, WIDE * width, noise_m)
+        last = _finished(returns, shape, seen, edges, rotation, position, WIDE * width)
         if last is None:
             return failed(rotation, position)
         normal, error, weight, bisquare, rotation, position = last
@@ -279,22 +284,21 @@ def _limits(shape: Shape, rough: bool) -> tuple[int, float, float]:
 
 
 def _finished(
-    point: Floats,
+    returns: Returns,
     shape: Shape,
     seen: _Visible,
     edges: Edges,
     rotation: Floats,
     position: Floats,
     width: float,
-    noise_m: float,
 ) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats] | None:
     """Return the normal matrix, errors, weights and their Tukey part, and the pose, every edge an interval; None where
     too few points are matched.
     """
     gate = INTERVAL_GATE * float(np.max(edges.width_m))
     for blurred in BLURRED:
-        m, n, found = _along_rays(point, shape, rotation, position)
-        error, jacobian, weight, bisquare = _linearised(point, m, n, found, rotation, position, width, noise_m)
+        met = _along_rays(returns.point, shape, rotation, position)
+        error, jacobian, weight, bisquare = _linearised(returns, met, rotation, position, width)
         if np.count_nonzero(weight) < FEWEST_POINTS:
             return None
         normal, right = jacobian.T @ (weight[:, None] * jacobian), jacobian.T @ (weight * error)
@@ -352,25 +356,27 @@ def _along_rays(point: Floats, shape: Shape, rotation: Floats, position: Floats)
 
 
 def _linearised(
-    point: Floats, m: Floats, n: Floats, found: Bools, rotation: Floats, position: Floats, width: float, noise_m: float
+    returns: Returns, met: tuple[Floats, Floats, Bools], rotation: Floats, position: Floats, width: float
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return errors (n,), Jacobians (n, 6), weights (n,) and their Tukey part (n,) of points matched with `m`, `n`."""
-    error, weight, bisquare = (np.empty(len(point)) for _ in range(3))
-    jacobian = np.empty((len(point), 6))
-    _linearise_into(point, m, n, found, rotation, position, width, noise_m, error, jacobian, weight, bisquare)
+    """Return errors (n,), Jacobians (n, 6), weights (n,) and their Tukey part (n,) of points matched with `met`."""
+    count = len(returns.point)
+    error, weight, bisquare = (np.empty(count) for _ in range(3))
+    jacobian = np.empty((count, 6))
+    _linearise_into(*returns, *met, rotation, position, width, error, jacobian, weight, bisquare)
     return error, jacobian, weight, bisquare
 
 
 @kernel
 def _linearise_into(
     point: Floats,
+    noise_m: float,
+    jitter_rad: float,
     m: Floats,
     n: Floats,
     found: Bools,
     rotation: Floats,
     position: Floats,
     width: float,
-    noise_m: float,
     error: Floats,
     jacobian: Floats,
     weight: Floats,
@@ -393,7 +399,8 @@ def _linearise_into(
         # A face seen at a grazing angle is told from its neighbour by a hair: what it would say weighs too much.
         counts = found[i] and abs(ratio) < 1 and abs(cosine) >= GRAZING
         bisquare[i] = (1 - ratio**2) ** 2 if counts else 0.0
-        weight[i] = bisquare[i] / (noise_m**2 * (cosine**2 + FLOOR**2))
+        sideways = square * jitter_rad**2 * max(0.0, 1 - cosine**2)
+        weight[i] = bisquare[i] / (noise_m**2 * (cosine**2 + FLOOR**2) + sideways)
         jacobian[i, 0] = turned[1] * across[2] - turned[2] * across[1]
         jacobian[i, 1] = turned[2] * across[0] - turned[0] * across[2]
         jacobian[i, 2] = turned[0] * across[1] - turned[1] * across[0]

@@ -32,6 +32,14 @@ class Edges(NamedTuple):
     lost: Bools
 
 
+class Returns(NamedTuple):
+    """Points of a scan, (n, 3) [m]. noise_m: 1 sigma of a range. jitter_rad: of a ray's direction, per axis."""
+
+    point: Floats
+    noise_m: float
+    jitter_rad: float
+
+
 class Scan(NamedTuple):
     """Rays of one scan. direction: (N, 3) unit. range_m: (N,) [m], NaN: no return. spacing_rad: between neighbouring
     rays, at the widest (between the lines). noise_m: 1 sigma of a range. line: (N,), which line a ray belongs to, and
@@ -57,6 +65,11 @@ class Scan(NamedTuple):
         hit = self.returned
         out: Floats = self.direction[hit] * self.range_m[hit, None]
         return out
+
+    @property
+    def returns(self) -> Returns:
+        """The points, and what is known of their errors."""
+        return Returns(self.point, self.noise_m, self.jitter_rad)
 
     def rays(self, which: Bools | Ints) -> "Scan":
         """Return the scan with some of the rays."""

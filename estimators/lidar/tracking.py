@@ -133,7 +133,8 @@ def _tracked(scan: Scan, shape: Shape, rotation: Floats, position: Floats, s: Tr
     if len(point) < s.fewest:
         return Track(rotation, position, np.full((6, 6), np.nan), Outcome.TOO_FEW, np.nan, np.nan, len(point))
     edges, reach_m = part.edges(JUMP * shape.radius_m), s.reach * shape.radius_m
-    fit = register(point, shape, rotation, position, scan.noise_m, edges=edges, reach_m=reach_m)
+    noise = scan.noise_m, scan.jitter_rad
+    fit = register(point, shape, rotation, position, *noise, edges=edges, reach_m=reach_m)
     seen = agreement(part, shape, fit.rotation, fit.position)
     walked = float(rot.angle_between(fit.rotation, rotation)) > s.walk_sure_rad
     if not seen.overlap >= (s.overlap_certain if walked else s.overlap_sure):
@@ -141,7 +142,7 @@ def _tracked(scan: Scan, shape: Shape, rotation: Floats, position: Floats, s: Tr
         near = search(part, shape, AROUND @ rotation)
         starts = [(rotation, position), *zip(near.rotation[:TRIED], near.position[:TRIED], strict=True)]
         for turn, place, known in _elsewhere(part, shape, point, starts, edges, reach_m, fit, seen.cost):
-            other = register(point, shape, turn, place, scan.noise_m, edges=known, reach_m=reach_m)
+            other = register(point, shape, turn, place, *noise, edges=known, reach_m=reach_m)
             agrees = agreement(part, shape, other.rotation, other.position)
             # Where only false edges determined the pose, that it is not determined is the better answer. The ranges
             # alone always fit a little better without edges, which is no reason to do without.
@@ -182,10 +183,11 @@ def _elsewhere(
     to be used: roughly registered, with edges and without, and each once.
     """
     out: list[tuple[Floats, Floats, Edges | None]] = []
+    noise = scan.noise_m, scan.jitter_rad
     for known in (edges, None):
         met = [(fit.rotation, fit.position)] if known else []
         for start in starts:
-            other = register(point, shape, *start, scan.noise_m, edges=known, reach_m=reach_m, rough=True)
+            other = register(point, shape, *start, *noise, edges=known, reach_m=reach_m, rough=True)
             if any(_same(other, *pose, shape) for pose in met):
                 continue
             met.append((other.rotation, other.position))
