@@ -24,7 +24,7 @@ from estimators.lidar.likeness import mistaken
 from estimators.lidar.pose_search import STARTS, Poses, distinct, rotations, search
 from estimators.lidar.profile import profiled
 from estimators.lidar.registration import JUMP, Registration, register, shifted
-from estimators.lidar.scan import Scan, checked, clusters
+from estimators.lidar.scan import Edges, Scan, checked, clusters
 from estimators.lidar.shape import Shape
 from estimators.lidar.symmetry import symmetry
 
@@ -199,24 +199,25 @@ def _of_object(scan: Scan, everything: Scan, shape: Shape, s: AcquisitionSetting
     found = search(scan, shape, group.one_of_each(rotations(s.starts)))
     poses = distinct(found, s.apart_rad / 2, s.candidates, group.angle_between)
     some = point[:: max(1, len(point) // 300)]
-    rough = _refined(scan, shape, poses, some, rough=True)
+    edges = scan.edges(JUMP * shape.radius_m)
+    rough = _refined(scan, shape, poses, some, edges, rough=True)
     # The best ones once more, with all points; and then what the best of all is mistaken for, until it stays the best.
     fine, asked = list[_Candidate](), None
     for _ in range(ROUNDS):
         rough = _apart(sorted(rough, key=lambda c: c.cost), fine, shape)
-        fine = sorted(fine + _fine(scan, shape, rough[:FINE], s), key=lambda c: c.cost)
+        fine = sorted(fine + _fine(scan, shape, rough[:FINE], edges, s), key=lambda c: c.cost)
         rough = rough[FINE:]
         if not fine or (asked is not None and not _differ(fine[0].fit, asked, s, shape)):
             break
         asked = fine[0].fit
-        rough += _refined(scan, shape, mistaken(shape, asked.rotation, asked.position), some, rough=True)
+        rough += _refined(scan, shape, mistaken(shape, asked.rotation, asked.position), some, edges, rough=True)
     if not fine:
         return nothing(len(point))._replace(verdict=Verdict.NOT_RECOGNISED)
     others = [c for c in fine[1:] + rough if _differ(c.fit, fine[0].fit, s, shape)]
     second = min(others, key=lambda c: c.cost, default=None)
     if second is not None and not any(second is c for c in fine):
         # As far as the best: a rough one would lose for being rough.
-        fine = sorted(fine + _fine(scan, shape, [second], s), key=lambda c: c.cost)
+        fine = sorted(fine + _fine(scan, shape, [second], edges, s), key=lambda c: c.cost)
         others = [c for c in fine[1:] + rough if _differ(c.fit, fine[0].fit, s, shape)]
         second = min(others, key=lambda c: c.cost, default=None)
     best = fine[0]
@@ -276,12 +277,11 @@ def _refined(
     shape: Shape,
     poses: Poses,
     point: Floats,
+    edges: Edges | None,
     *,
     rough: bool = False,
-    with_edges: bool = True,
 ) -> list[_Candidate]:
     out = []
-    edges = scan.edges(JUMP * shape.radius_m) if with_edges else None
     noise = scan.noise_m, scan.jitter_rad
     for rotation, position in zip(poses.rotation, poses.position, strict=True):
         reach_m = (REACH_ROUGH if rough else REACH) * shape.radius_m
@@ -291,10 +291,10 @@ def _refined(
             out.append(_Candidate(fit, seen.cost, seen.overlap, seen.conflict))
     hopeful = HOPEFUL * min((c.cost for c in out), default=0.0)
     free = [c.fit.degenerate and c.cost < hopeful and np.isfinite(c.fit.residual_m) for c in out]
-    return [_slid(scan, shape, point, c) if rough and slides else c for c, slides in zip(out, free, strict=True)]
+    return [_slid(scan, shape, point, edges, c) if rough and slides else c for c, slides in zip(out, free, strict=True)]
 
 
-def _slid(scan: Scan, shape: Shape, point: Floats, rough: _Candidate) -> _Candidate:
+def _slid(scan: Scan, shape: Shape, point: Floats, edges: Edges | None, rough: _Candidate) -> _Candidate:
     """Return a rough registration once more from where the rays want it along what its points leave free, if better.
 
     What points leave free stays where the search had it: a plate slides within its plane, and neither its own points
@@ -304,15 +304,16 @@ def _slid(scan: Scan, shape: Shape, point: Floats, rough: _Candidate) -> _Candid
     better = profiled(some, shape, rough.fit.rotation, rough.fit.position)
     if better is None:
         return rough
-    edges, reach_m = scan.edges(JUMP * shape.radius_m), REACH * shape.radius_m
-    noise = scan.noise_m, scan.jitter_rad
+    noise, reach_m = (scan.noise_m, scan.jitter_rad), REACH * shape.radius_m
     turn, place = better.rotation, better.position
     fit = register(point, shape, turn, place, *noise, edges=edges, reach_m=reach_m, rough=True)
     seen = agreement(scan, shape, fit.rotation, fit.position)
     return _Candidate(fit, seen.cost, seen.overlap, seen.conflict) if seen.cost < rough.cost else rough
 
 
-def _fine(scan: Scan, shape: Shape, candidates: list[_Candidate], s: AcquisitionSettings) -> list[_Candidate]:
+def _fine(
+    scan: Scan, shape: Shape, candidates: list[_Candidate], edges: Edges, s: AcquisitionSettings
+) -> list[_Candidate]:
     """Return rough registrations once more, with all points; where few rays agree, without edges if better.
 
     Perhaps edges were matched with others than their own. Rivals have the same chance: one that is spoilt so does not
@@ -321,9 +322,9 @@ def _fine(scan: Scan, shape: Shape, candidates: list[_Candidate], s: Acquisition
     out = []
     for rough in candidates:
         one = Poses(rough.fit.rotation[None], rough.fit.position[None], np.zeros(1))
-        found = _refined(scan, shape, one, scan.point)
+        found = _refined(scan, shape, one, scan.point, edges)
         if found and found[0].overlap < s.overlap_edges:
-            plain = _refined(scan, shape, one, scan.point, with_edges=False)
+            plain = _refined(scan, shape, one, scan.point, None)
             found += [c for c in plain if not c.fit.degenerate]
         found = sorted(found, key=lambda c: c.cost)[:1]
         out += [rough] if not found or rough.cost < CLEARLY * found[0].cost else found

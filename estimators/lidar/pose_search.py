@@ -154,11 +154,11 @@ def _ray_image(scan: Scan, centroid: Floats, shape: Shape) -> _RayImage:
 
 
 @kernel
-def _nearest(own: Floats, nearest: NDArray[np.int32], low: Floats, cell: float) -> int:
-    """Return the index of the surface point nearest to `own` (3,), by the grid; outside it, by the nearest cell."""
-    i = min(max(int((own[0] - low[0]) / cell), 0), nearest.shape[0] - 1)
-    j = min(max(int((own[1] - low[1]) / cell), 0), nearest.shape[1] - 1)
-    k = min(max(int((own[2] - low[2]) / cell), 0), nearest.shape[2] - 1)
+def _nearest(x: float, y: float, z: float, nearest: NDArray[np.int32], low: Floats, cell: float) -> int:
+    """Return the index of the surface point nearest to a place, by the grid; outside it, by the nearest cell."""
+    i = min(max(int((x - low[0]) / cell), 0), nearest.shape[0] - 1)
+    j = min(max(int((y - low[1]) / cell), 0), nearest.shape[1] - 1)
+    k = min(max(int((z - low[2]) / cell), 0), nearest.shape[2] - 1)
     return int(nearest[i, j, k])
 
 
@@ -177,11 +177,14 @@ def _view(direction: Floats, rotation: Floats, toward: Floats) -> int:
 
 
 @kernel
-def _into_body(rotation: Floats, position: Floats, point: Floats, out: Floats) -> None:
-    for k in range(3):
-        out[k] = 0.0
-        for i in range(3):
-            out[k] += rotation[i, k] * (point[i] - position[i])
+def _into_body(rotation: Floats, position: Floats, point: Floats, s: int) -> tuple[float, float, float]:
+    """Return point `s` in the body: three numbers, since a row of an array counts references."""
+    x, y, z = point[s, 0] - position[0], point[s, 1] - position[1], point[s, 2] - position[2]
+    return (
+        rotation[0, 0] * x + rotation[1, 0] * y + rotation[2, 0] * z,
+        rotation[0, 1] * x + rotation[1, 1] * y + rotation[2, 1] * z,
+        rotation[0, 2] * x + rotation[1, 2] * y + rotation[2, 2] * z,
+    )
 
 
 @kernel
@@ -203,9 +206,9 @@ def _search_into(
     translations: int,
     steps: int,
 ) -> None:
-    own, j, step = np.empty(3), np.empty(6), np.empty(6)
+    j, step = np.empty(6), np.empty(6)
     a, lower = np.empty((6, 6)), np.zeros((6, 6))
-    turn, turned = np.empty((3, 3)), np.empty((3, 3))
+    turn = np.empty((3, 3))
     for c in range(len(rotation)):
         r, p = rotation[c], position[c]
         for number in range(translations + steps):
@@ -213,30 +216,33 @@ def _search_into(
             step[:] = 0.0
             reach = 4 * width if translations > 0 and number < translations + 2 else 2 * width
             for s in range(len(point)):
-                _into_body(r, p, point[s], own)
-                near = _nearest(own, nearest, low, cell)
-                m, n = surface[near], normal[near]
-                square = (own[0] - m[0]) ** 2 + (own[1] - m[1]) ** 2 + (own[2] - m[2]) ** 2
+                x, y, z = _into_body(r, p, point, s)
+                near = _nearest(x, y, z, nearest, low, cell)
+                mx, my, mz = surface[near, 0], surface[near, 1], surface[near, 2]
+                dx, dy, dz = x - mx, y - my, z - mz
+                square = dx**2 + dy**2 + dz**2
                 if square > reach * reach:
                     continue
                 weight = (1 - square / (reach * reach)) ** 2
                 if number < translations:
                     for i in range(3):
                         a[i, i] += weight
-                        for k in range(3):
-                            step[i] += weight * r[i, k] * (own[k] - m[k])
+                        step[i] += weight * r[i, 0] * dx
+                        step[i] += weight * r[i, 1] * dy
+                        step[i] += weight * r[i, 2] * dz
                     continue
-                error = n[0] * (own[0] - m[0]) + n[1] * (own[1] - m[1]) + n[2] * (own[2] - m[2])
-                for i in range(3):
-                    turned[0, i] = r[i, 0] * m[0] + r[i, 1] * m[1] + r[i, 2] * m[2]
-                    turned[1, i] = r[i, 0] * n[0] + r[i, 1] * n[1] + r[i, 2] * n[2]
-                q, w = turned[0], turned[1]
-                j[0], j[1], j[2] = q[1] * w[2] - q[2] * w[1], q[2] * w[0] - q[0] * w[2], q[0] * w[1] - q[1] * w[0]
-                j[3], j[4], j[5] = w[0], w[1], w[2]
+                nx, ny, nz = normal[near, 0], normal[near, 1], normal[near, 2]
+                error = nx * dx + ny * dy + nz * dz
+                q0, w0 = r[0, 0] * mx + r[0, 1] * my + r[0, 2] * mz, r[0, 0] * nx + r[0, 1] * ny + r[0, 2] * nz
+                q1, w1 = r[1, 0] * mx + r[1, 1] * my + r[1, 2] * mz, r[1, 0] * nx + r[1, 1] * ny + r[1, 2] * nz
+                q2, w2 = r[2, 0] * mx + r[2, 1] * my + r[2, 2] * mz, r[2, 0] * nx + r[2, 1] * ny + r[2, 2] * nz
+                j[0], j[1], j[2] = q1 * w2 - q2 * w1, q2 * w0 - q0 * w2, q0 * w1 - q1 * w0
+                j[3], j[4], j[5] = w0, w1, w2
                 for i in range(6):
-                    step[i] += weight * j[i] * error
+                    w = weight * j[i]
+                    step[i] += w * error
                     for k in range(i + 1):
-                        a[i, k] += weight * j[i] * j[k]
+                        a[i, k] += w * j[k]
             if number < translations:
                 for i in range(3):
                     p[i] += step[i] / max(a[i, i], 1.0)
@@ -256,7 +262,7 @@ def _search_into(
             multiply_into(turn, r, r)
             for i in range(3):
                 p[i] += step[3 + i]
-        score[c] = _score(r, p, point, surface, nearest, low, cell, views, image, depth, width, tolerance, own)
+        score[c] = _score(r, p, point, surface, nearest, low, cell, views, image, depth, width, tolerance)
 
 
 @kernel
@@ -273,13 +279,12 @@ def _score(
     depth: Floats,
     width: float,
     tolerance: float,
-    own: Floats,
 ) -> float:
     forward = 0.0
     for s in range(len(point)):
-        _into_body(rotation, position, point[s], own)
-        m = surface[_nearest(own, nearest, low, cell)]
-        square = (own[0] - m[0]) ** 2 + (own[1] - m[1]) ** 2 + (own[2] - m[2]) ** 2
+        x, y, z = _into_body(rotation, position, point, s)
+        near = _nearest(x, y, z, nearest, low, cell)
+        square = (x - surface[near, 0]) ** 2 + (y - surface[near, 1]) ** 2 + (z - surface[near, 2]) ** 2
         forward += min(square / (width * width), 1.0)
     distance = np.sqrt(np.sum(position**2))
     v = _view(views.direction, rotation, -position / max(distance, 1e-9))
@@ -287,9 +292,9 @@ def _score(
     size = image.ray.shape[0]
     q = np.empty(3)
     for index in views.sample[v]:
-        m = surface[index]
+        mx, my, mz = surface[index, 0], surface[index, 1], surface[index, 2]
         for i in range(3):
-            q[i] = position[i] + rotation[i, 0] * m[0] + rotation[i, 1] * m[1] + rotation[i, 2] * m[2]
+            q[i] = position[i] + rotation[i, 0] * mx + rotation[i, 1] * my + rotation[i, 2] * mz
         z = image.frame[2, 0] * q[0] + image.frame[2, 1] * q[1] + image.frame[2, 2] * q[2]
         if z <= 0:
             continue

@@ -27,33 +27,29 @@ the eigenvalues of the normal matrix, and get an infinite variance. Covariance: 
 w e^2 where that is above one.
 """
 
-from functools import cached_property
+import math
+from functools import cached_property, lru_cache
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from estimators import rotation as rot
-from estimators.arrays import Bools, Floats, Ints
+from estimators.arrays import Floats, Ints
 from estimators.kernel import kernel
-from estimators.lidar.ray_cast import cast
+from estimators.lidar.matching import Equations, along_rays, closest, linearised
 from estimators.lidar.scan import Edges, Returns
 from estimators.lidar.shape import Shape
 from estimators.lidar.silhouette import matched, propagated
 from estimators.lidar.symmetry import FREE_RAD, symmetry
+from estimators.rotation import exp_into, multiply_into
 
 FEWEST_POINTS = 12
 """Matched points without which there is no answer."""
-FLOOR = 0.3
-"""Part of the noise that no incidence takes away, of the known shape itself."""
 FEW, FEW_SHARE, MANY = 3.0, 0.01, 0.02
 """Points that must tell of a direction while they are matched with the closest ones: at least, and of all. Only looked
 at where the weakest direction has less than the last part of the strongest.
 """
-GRAZING = 0.12
-"""Cosine of the incidence (83 degrees) beyond which a return is not used."""
-NEIGHBOURS = 4
-"""Surface points that a return is compared with."""
 WEAK_ATTITUDE_RAD, WEAK_POSITION = 0.05, 0.05
 """A direction whose sigma is larger (position: against the shape's radius) is not determined."""
 EDGE_GATE = (0.025, 4.0)
@@ -127,16 +123,11 @@ def shifted(pose: Posed, position: Floats) -> Floats:
 
 
 class _Visible:
-    """Surface and edges of the shape that are seen from viewpoint (3,) [m]: their indices, and trees of them."""
+    """The part of a shape that is seen from viewpoint (3,) [m]. surface: (n,), 1 where a point is; edge: indices."""
 
     def __init__(self, shape: Shape, viewpoint: Floats) -> None:
         self._shape, self.viewpoint = shape, viewpoint
-        self.surface: Ints = np.flatnonzero(shape.visible_from(viewpoint))
-
-    @cached_property
-    def tree(self) -> cKDTree:
-        """The surface's."""
-        return cKDTree(self._shape.point[self.surface])
+        self.surface: Ints = shape.visible_from(viewpoint).astype(np.int64)
 
     @cached_property
     def edge(self) -> Ints:
@@ -147,6 +138,12 @@ class _Visible:
     def edge_tree(self) -> cKDTree:
         """The edges'."""
         return cKDTree(self._shape.edge.point[self.edge])
+
+
+@lru_cache(maxsize=64)
+def _visible(shape: Shape, x: float, y: float, z: float) -> _Visible:
+    """Return what is seen from a viewpoint [m]; one start is often registered twice, with edges and without."""
+    return _Visible(shape, np.array([x, y, z]))
 
 
 def failed(rotation: Floats, position: Floats) -> Registration:
@@ -189,9 +186,7 @@ def register(
     return _iterated(Returns(point, noise_m, jitter_rad), shape, rotation, position, edges, reach_m, rough)
 
 
-def normal_equations(
-    returns: Returns, shape: Shape, rotation: Floats, position: Floats
-) -> tuple[Floats, Floats]:
+def normal_equations(returns: Returns, shape: Shape, rotation: Floats, position: Floats) -> tuple[Floats, Floats]:
     """Return the normal matrix (6, 6) and the right side (6,) of the ranges alone at a pose; zeros where too few of
     them meet the surface.
 
@@ -202,11 +197,10 @@ def normal_equations(
         position: (3,) [m].
     """
     width = WIDE * 3.5 * float(np.hypot(returns.noise_m, 0.15 * shape.spacing_m))
-    matched = _along_rays(returns.point, shape, rotation, position)
-    error, jacobian, weight, _ = _linearised(returns, matched, rotation, position, width)
-    if np.count_nonzero(weight) < FEWEST_POINTS:
+    told = linearised(returns, along_rays(returns.point, shape, rotation, position), rotation, position, width)
+    if told.used < FEWEST_POINTS:
         return np.zeros((6, 6)), np.zeros(6)
-    return jacobian.T @ (weight[:, None] * jacobian), jacobian.T @ (weight * error)
+    return told.normal, told.right
 
 
 def _iterated(
@@ -219,7 +213,7 @@ def _iterated(
     rough: bool,
 ) -> Registration:
     """Match and step until the steps are small, as `register`."""
-    point, noise_m = returns.point, returns.noise_m
+    noise_m = returns.noise_m
     least = 3.5 * float(np.hypot(noise_m, 0.15 * shape.spacing_m))
     width, gate = max(reach_m, least), EDGE_GATE[0] * shape.radius_m
     converged, polishing, number, seen = False, False, 0, None
@@ -228,46 +222,73 @@ def _iterated(
         number += 1
         viewpoint = -rotation.T @ position
         # What is visible changes with the pose: looked at again when the view has turned by more than 3 degrees.
-        if seen is None or np.linalg.norm(viewpoint - seen.viewpoint) > 0.05 * np.linalg.norm(viewpoint):
-            seen = _Visible(shape, viewpoint)
-            if len(seen.surface) < FEWEST_POINTS:
+        if seen is None or _length(viewpoint - seen.viewpoint) > 0.05 * _length(viewpoint):
+            seen = _visible(shape, *viewpoint.tolist())
+            if np.count_nonzero(seen.surface) < FEWEST_POINTS:
                 return failed(rotation, position)
         if polishing:
-            matched = _along_rays(point, shape, rotation, position)
+            met = along_rays(returns.point, shape, rotation, position)
         else:
-            matched = _closest(point, shape, seen, rotation, position, width)
-        error, jacobian, weight, bisquare = _linearised(returns, matched, rotation, position, width)
-        normal, right = jacobian.T @ (weight[:, None] * jacobian), jacobian.T @ (weight * error)
+            met = closest(returns.point, shape, seen.surface, rotation, position, width)
+        told = linearised(returns, met, rotation, position, width)
+        normal, right = told.normal, told.right
         if polishing and edges is not None and len(edges.point):
             gate = max(0.75 * gate, EDGE_GATE[1] * float(np.max(edges.width_m)) / np.sqrt(12))
             own_normal, own_right = _of_edges(edges, noise_m, shape, seen, rotation, position, gate)
             normal, right = normal + own_normal, right + own_right
-        used = weight > 0
-        if np.count_nonzero(used) < FEWEST_POINTS:
+        if told.used < FEWEST_POINTS:
             return failed(rotation, position)
-        told = normal if polishing else _of_many(normal, jacobian, weight, shape.radius_m)
-        step, _ = _solve(told + _pinned(shape, rotation), right, 1.0, shape.radius_m)
+        kept = normal if polishing else _of_many(told, shape.radius_m)
+        step, _ = _solve(kept + _pinned(shape, rotation), right, 1.0, shape.radius_m)
         # Two sets of matches may lead to each other: steps that become shorter end between them.
         step = step * SHORTER ** max(0, number - PATIENCE)
-        rotation, position = rot.exp(step[:3]) @ rotation, position + step[3:]
-        converged = polishing and bool(np.linalg.norm(step[:3]) < step_rad and np.linalg.norm(step[3:]) < step_m)
+        rotation, position = _turned(rotation, step), position + step[3:]
+        turned, moved = _length(step[:3]), _length(step[3:])
+        converged = polishing and turned < step_rad and moved < step_m
         if converged:
             break
-        polishing = polishing or bool(width <= least and np.linalg.norm(step[:3]) < POLISH_RAD)
+        polishing = polishing or (width <= least and turned < POLISH_RAD)
         # The weights follow what is left of the error, but never widen again.
-        rms = 1.5 * float(np.median(np.abs(error[used])))
+        rms = 1.5 * _median(np.abs(told.error[told.weight > 0]))
         width = max(least, min(0.7 * width, 4.0 * rms + 0.3 * width))
     if polishing and not rough and seen is not None and edges is not None and len(edges.point):
         last = _finished(returns, shape, seen, edges, rotation, position, WIDE * width)
         if last is None:
             return failed(rotation, position)
-        normal, error, weight, bisquare, rotation, position = last
-        used = weight > 0
-    residual = float(np.sqrt(np.average(error**2, weights=bisquare)))
-    sigma = np.sqrt(max(1.0, float(np.sum(weight * error**2) / np.sum(bisquare))))
+        normal, told, rotation, position = last
+    certain = float(np.sum(told.bisquare))
+    residual = float(np.sqrt(told.bisquare @ told.error**2 / certain))
+    sigma = np.sqrt(max(1.0, float(told.weight @ told.error**2 / certain)))
     covariance = _covariance(normal, sigma, shape, rotation)
-    degenerate = not bool(np.isfinite(covariance).all())
-    return Registration(rotation, position, covariance, converged, number, residual, float(np.mean(used)), degenerate)
+    degenerate, share = not bool(np.isfinite(covariance).all()), told.used / len(returns.point)
+    return Registration(rotation, position, covariance, converged, number, residual, share, degenerate)
+
+
+def _length(vector: Floats) -> float:
+    return math.sqrt(vector @ vector)
+
+
+def _turned(rotation: Floats, step: Floats) -> Floats:
+    """Return Exp([d]x) R of a step (6,)."""
+    out = np.empty((3, 3))
+    _turned_into(rotation, step, out)
+    return out
+
+
+@kernel
+def _turned_into(rotation: Floats, step: Floats, out: Floats) -> None:
+    turn = np.empty((3, 3))
+    exp_into(step, turn)
+    multiply_into(turn, rotation, out)
+
+
+def _median(values: Floats) -> float:
+    """Return the median of values (n,), as np.median does in several times the time."""
+    half = len(values) // 2
+    if len(values) % 2:
+        return float(np.partition(values, half)[half])
+    ranked = np.partition(values, (half - 1, half))
+    return float((ranked[half - 1] + ranked[half]) / 2)
 
 
 def _covariance(normal: Floats, sigma: float, shape: Shape, rotation: Floats) -> Floats:
@@ -291,26 +312,24 @@ def _finished(
     rotation: Floats,
     position: Floats,
     width: float,
-) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats] | None:
-    """Return the normal matrix, errors, weights and their Tukey part, and the pose, every edge an interval; None where
-    too few points are matched.
+) -> tuple[Floats, Equations, Floats, Floats] | None:
+    """Return the normal matrix, the points' equations and the pose, every edge an interval; None where too few points
+    are matched.
     """
     gate = INTERVAL_GATE * float(np.max(edges.width_m))
     for blurred in BLURRED:
-        met = _along_rays(returns.point, shape, rotation, position)
-        error, jacobian, weight, bisquare = _linearised(returns, met, rotation, position, width)
-        if np.count_nonzero(weight) < FEWEST_POINTS:
+        told = linearised(returns, along_rays(returns.point, shape, rotation, position), rotation, position, width)
+        if told.used < FEWEST_POINTS:
             return None
-        normal, right = jacobian.T @ (weight[:, None] * jacobian), jacobian.T @ (weight * error)
         distance, index = seen.edge_tree.query((edges.point - position) @ rotation, distance_upper_bound=gate)
         intervals = matched(edges, shape, seen.edge, index, np.isfinite(distance), rotation, position)
         intervals = intervals._replace(blur=blurred * intervals.blur)
         # What neither points nor edges determine is known to be within a radian, and a radius.
         weak = np.diag([1.0] * 3 + [shape.radius_m**-2] * 3)
-        normal, right = propagated(normal + _pinned(shape, rotation) + weak, right, intervals)
+        normal, right = propagated(told.normal + _pinned(shape, rotation) + weak, told.right, intervals)
         step, _ = _solve(normal, right, 1.0, shape.radius_m)
-        rotation, position = rot.exp(step[:3]) @ rotation, position + step[3:]
-    return normal, error, weight, bisquare, rotation, position
+        rotation, position = _turned(rotation, step), position + step[3:]
+    return normal, told, rotation, position
 
 
 def _pinned(shape: Shape, rotation: Floats) -> Floats:
@@ -318,93 +337,12 @@ def _pinned(shape: Shape, rotation: Floats) -> Floats:
 
     Any of these poses is as good as the others; their variance is added afterwards.
     """
-    axis = symmetry(shape).axes @ rotation.T
-    out = np.zeros((6, 6))
+    out, axes = np.zeros((6, 6)), symmetry(shape).axes
+    if not len(axes):
+        return out
+    axis = axes @ rotation.T
     out[:3, :3] = axis.T @ axis / PINNED_RAD**2
     return out
-
-
-def _closest(
-    point: Floats, shape: Shape, seen: _Visible, rotation: Floats, position: Floats, width: float
-) -> tuple[Floats, Floats, Bools]:
-    """Return the closest surface points (n, 3), their normals (n, 3), both in t, and which are within reach (n,)."""
-    own = (point - position) @ rotation
-    distance, index = seen.tree.query(own, k=NEIGHBOURS, distance_upper_bound=width + 2 * shape.spacing_m)
-    near = seen.surface[np.where(np.isfinite(distance), index, 0)]
-    offset = own[:, None] - shape.point[near]
-    along = np.einsum("nkj,nkj->nk", shape.normal[near], offset)
-    # A surface point stands for a disc around it: beside an edge, the nearest one may be that of the wrong face.
-    lateral = np.sqrt(np.maximum(distance**2 - along**2, 0.0)) - shape.spacing_m
-    which = np.argmin(along**2 + np.maximum(lateral, 0.0) ** 2, axis=1)
-    row = np.arange(len(own))
-    chosen = near[row, which]
-    return shape.point[chosen], shape.normal[chosen], np.isfinite(distance[row, which])
-
-
-def _along_rays(point: Floats, shape: Shape, rotation: Floats, position: Floats) -> tuple[Floats, Floats, Bools]:
-    """Return where the points' own rays meet the exact surface (n, 3), the normals there (n, 3), in t, and which do
-    (n,).
-    """
-    direction = point @ rotation
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    viewpoint = -rotation.T @ position
-    hits = cast(shape.mesh, viewpoint, direction)
-    # On a rim, a ray of half a step's difference meets another face: what such a match says is chance.
-    found = np.isfinite(hits.distance) & shape.broad[hits.triangle]
-    m = viewpoint + np.where(np.isfinite(hits.distance), hits.distance, 0.0)[:, None] * direction
-    return m, shape.mesh.normal[hits.triangle], found
-
-
-def _linearised(
-    returns: Returns, met: tuple[Floats, Floats, Bools], rotation: Floats, position: Floats, width: float
-) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return errors (n,), Jacobians (n, 6), weights (n,) and their Tukey part (n,) of points matched with `met`."""
-    count = len(returns.point)
-    error, weight, bisquare = (np.empty(count) for _ in range(3))
-    jacobian = np.empty((count, 6))
-    _linearise_into(*returns, *met, rotation, position, width, error, jacobian, weight, bisquare)
-    return error, jacobian, weight, bisquare
-
-
-@kernel
-def _linearise_into(
-    point: Floats,
-    noise_m: float,
-    jitter_rad: float,
-    m: Floats,
-    n: Floats,
-    found: Bools,
-    rotation: Floats,
-    position: Floats,
-    width: float,
-    error: Floats,
-    jacobian: Floats,
-    weight: Floats,
-    bisquare: Floats,
-) -> None:
-    turned, across = np.empty(3), np.empty(3)
-    for i in range(len(point)):
-        error[i], along, square = 0.0, 0.0, 0.0
-        for k in range(3):
-            own = 0.0
-            turned[k], across[k] = 0.0, 0.0
-            for c in range(3):
-                own += (point[i, c] - position[c]) * rotation[c, k]
-                turned[k] += rotation[k, c] * m[i, c]
-                across[k] += rotation[k, c] * n[i, c]
-            error[i] += n[i, k] * (own - m[i, k])
-            along += across[k] * point[i, k]
-            square += point[i, k] ** 2
-        ratio, cosine = error[i] / width, along / np.sqrt(square)
-        # A face seen at a grazing angle is told from its neighbour by a hair: what it would say weighs too much.
-        counts = found[i] and abs(ratio) < 1 and abs(cosine) >= GRAZING
-        bisquare[i] = (1 - ratio**2) ** 2 if counts else 0.0
-        sideways = square * jitter_rad**2 * max(0.0, 1 - cosine**2)
-        weight[i] = bisquare[i] / (noise_m**2 * (cosine**2 + FLOOR**2) + sideways)
-        jacobian[i, 0] = turned[1] * across[2] - turned[2] * across[1]
-        jacobian[i, 1] = turned[2] * across[0] - turned[0] * across[2]
-        jacobian[i, 2] = turned[0] * across[1] - turned[1] * across[0]
-        jacobian[i, 3:] = across
 
 
 def _of_edges(
@@ -417,40 +355,78 @@ def _of_edges(
     gate: float,
 ) -> tuple[Floats, Floats]:
     """Return the normal matrix (6, 6) and the right side (6,) of the scan's edges."""
-    sigma = np.hypot(edges.width_m / np.sqrt(12), EDGE_FLOOR * noise_m)
-    own = (edges.point - position) @ rotation
-    distance, index = seen.edge_tree.query(own, distance_upper_bound=gate)
-    found = np.isfinite(distance)
-    chosen = seen.edge[index[found]]
-    x, m = edges.point[found], shape.edge.point[chosen]
-    # An edge is seen across itself, and by a line that crosses it: one that runs along it does not end there.
-    across = rot.cross(x, shape.edge.tangent[chosen] @ rotation.T)
-    size = np.linalg.norm(across, axis=1) / np.linalg.norm(x, axis=1)
-    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
-    turned = m @ rotation.T
-    error = np.sum(across * (x - turned - position), axis=1)
-    crossing = np.abs(np.sum(across * edges.along[found], axis=1))
-    clear = (size > CLEAR) & (crossing > CLEAR) & (np.abs(error) < gate)
-    weight = np.where(clear, (1 - (error / gate) ** 2) ** 2, 0.0) / sigma[found] ** 2
-    jacobian = np.concatenate([rot.cross(turned, across), across], axis=1)
-    return jacobian.T @ (weight[:, None] * jacobian), jacobian.T @ (weight * error)
+    distance, index = seen.edge_tree.query((edges.point - position) @ rotation, distance_upper_bound=gate)
+    normal, right = np.zeros((6, 6)), np.zeros(6)
+    chosen = np.where(np.isfinite(distance), seen.edge[np.where(np.isfinite(distance), index, 0)], -1)
+    known, own = shape.edge, (edges.point, edges.along, edges.width_m)
+    _edges_into(*own, noise_m, known.point, known.tangent, chosen, rotation, position, gate, normal, right)
+    return normal, right
 
 
-def _of_many(normal: Floats, jacobian: Floats, weight: Floats, radius_m: float) -> Floats:
-    """Return the normal matrix (6, 6) without the directions of which a few points tell nearly all.
+@kernel
+def _edges_into(
+    point: Floats,
+    along: Floats,
+    width: Floats,
+    noise_m: float,
+    known: Floats,
+    tangent: Floats,
+    chosen: Ints,
+    rotation: Floats,
+    position: Floats,
+    gate: float,
+    normal: Floats,
+    right: Floats,
+) -> None:
+    m, t, n, j = np.empty(3), np.empty(3), np.empty(3), np.empty(6)
+    for i in range(len(point)):
+        if chosen[i] < 0:
+            continue
+        square = 0.0
+        for k in range(3):
+            m[k], t[k] = 0.0, 0.0
+            for c in range(3):
+                m[k] += rotation[k, c] * known[chosen[i], c]
+                t[k] += rotation[k, c] * tangent[chosen[i], c]
+            square += point[i, k] ** 2
+        # An edge is seen across itself, and by a line that crosses it: one that runs along it does not end there.
+        for k in range(3):
+            a, b = (k + 1) % 3, (k + 2) % 3
+            n[k] = point[i, a] * t[b] - point[i, b] * t[a]
+        size = np.sqrt(n[0] ** 2 + n[1] ** 2 + n[2] ** 2)
+        error, crossing = 0.0, 0.0
+        for k in range(3):
+            n[k] /= max(size, 1e-12)
+            error += n[k] * (point[i, k] - m[k] - position[k])
+            crossing += n[k] * along[i, k]
+        if not (size / np.sqrt(square) > CLEAR and abs(crossing) > CLEAR and abs(error) < gate):
+            continue
+        variance = width[i] ** 2 / 12 + (EDGE_FLOOR * noise_m) ** 2
+        weight = (1 - (error / gate) ** 2) ** 2 / variance
+        for k in range(3):
+            a, b = (k + 1) % 3, (k + 2) % 3
+            j[k], j[3 + k] = m[a] * n[b] - m[b] * n[a], n[k]
+        for r in range(6):
+            right[r] += weight * j[r] * error
+            for c in range(6):
+                normal[r, c] += weight * j[r] * j[c]
+
+
+def _of_many(told: Equations, radius_m: float) -> Floats:
+    """Return the normal matrix (6, 6) of points without the directions of which a few points tell nearly all.
 
     Some of the closest points are matched with the wrong face. In a direction that all others leave free, nothing
     contradicts these, and they would lead the whole pose astray.
     """
     unit = np.array([WEAK_ATTITUDE_RAD] * 3 + [WEAK_POSITION * radius_m] * 3)
-    value, vector = np.linalg.eigh(normal * unit[:, None] * unit)
+    value, vector = np.linalg.eigh(told.normal * unit[:, None] * unit)
     if value[0] > MANY * value[-1]:
-        return normal
-    told = weight[:, None] * (jacobian @ (unit[:, None] * vector)) ** 2
-    count = told.sum(axis=0) ** 2 / np.maximum((told**2).sum(axis=0), 1e-300)
-    few = count < max(FEW, FEW_SHARE * np.count_nonzero(weight))
+        return told.normal
+    each = told.weight[:, None] * (told.jacobian @ (unit[:, None] * vector)) ** 2
+    count = each.sum(axis=0) ** 2 / np.maximum((each**2).sum(axis=0), 1e-300)
+    few = count < max(FEW, FEW_SHARE * told.used)
     if not few.any():
-        return normal
+        return told.normal
     kept = vector * np.where(few, 0.0, value)
     out: Floats = (kept @ vector.T) / unit[:, None] / unit
     return out

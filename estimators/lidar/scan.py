@@ -7,11 +7,9 @@ returned from range r is the point r d; r is NaN where nothing came back.
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from estimators.arrays import Bools, Floats, Ints
+from estimators.kernel import kernel
 
 LINKS = 2.2
 """Neighbouring returns of one object lie within this many ray spacings."""
@@ -176,10 +174,37 @@ def clusters(scan: Scan, link_m: float) -> list[Ints]:
         return []
     point = scan.point
     reach = np.maximum(LINKS * scan.spacing_rad * scan.range_m[hit], link_m)
-    pairs = cKDTree(point).query_pairs(float(reach.max()), output_type="ndarray")
-    gap = np.linalg.norm(point[pairs[:, 0]] - point[pairs[:, 1]], axis=1)
-    linked = pairs[gap <= np.minimum(reach[pairs[:, 0]], reach[pairs[:, 1]])]
-    graph = coo_matrix((np.ones(len(linked)), (linked[:, 0], linked[:, 1])), shape=(len(hit), len(hit)))
-    label = connected_components(graph, directed=False)[1]
+    label = np.full(len(hit), -1, dtype=np.int64)
+    _join_into(point, reach, label)
     order = np.argsort(-np.bincount(label), kind="stable")
     return [hit[label == which] for which in order]
+
+
+@kernel
+def _join_into(point: Floats, reach: Floats, label: Ints) -> None:
+    """Write the objects' numbers (n,), from zero; every point looks at all that belong to none yet."""
+    left, queue = np.arange(len(point)), np.empty(len(point), dtype=np.int64)
+    number = 0
+    for first in range(len(point)):
+        if label[first] >= 0:
+            continue
+        label[first], queue[0], head, tail = number, first, 0, 1
+        while head < tail:
+            i = queue[head]
+            head += 1
+            kept = 0
+            for k in range(len(left)):
+                j = left[k]
+                if label[j] >= 0:
+                    continue
+                square = 0.0
+                for c in range(3):
+                    square += (point[i, c] - point[j, c]) ** 2
+                if square <= min(reach[i], reach[j]) ** 2:
+                    label[j], queue[tail] = number, j
+                    tail += 1
+                else:
+                    left[kept] = j
+                    kept += 1
+            left = left[:kept]
+        number += 1

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from estimators.arrays import Bools, Floats, Ints
+from estimators.lidar.nearest import PointTree, point_tree
 from estimators.lidar.ray_cast import Triangles, cast, triangles
 
 POINTS = 4000
@@ -139,6 +140,11 @@ class Shape:
         alike = [np.count_nonzero(of_both(self.normal[i] @ n) > ALIKE) for i, n in zip(near, m.normal, strict=True)]
         out: Bools = np.array(alike) > BROAD * expected
         return out
+
+    @cached_property
+    def nearest(self) -> PointTree:
+        """A tree of the points, of which some can be left out."""
+        return point_tree(self.point)
 
     @cached_property
     def centred(self) -> "Shape":

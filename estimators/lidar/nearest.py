@@ -1,0 +1,105 @@
+"""Nearest of many points, some of which do not count: a tree of boxes over all, and a mask of those that do.
+
+What is seen of a shape changes with the view, the shape does not: one tree serves all views.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators.arrays import Floats, Ints
+from estimators.kernel import kernel
+from estimators.lidar.ray_cast import grown
+
+
+class PointTree(NamedTuple):
+    """Points in a tree, as triangles are in `estimators.lidar.ray_cast.Triangles`.
+
+    box: (N, 6) [m]. first, last, right: (N,). number: (n,), indices of the points in the order of the leaves; packed:
+    (n, 3) [m], the points in this order.
+    """
+
+    box: Floats
+    first: Ints
+    last: Ints
+    right: Ints
+    number: Ints
+    packed: Floats
+
+
+def point_tree(point: Floats) -> PointTree:
+    """Return the tree of points (n, 3) [m]."""
+    tree = grown(point, point)
+    return PointTree(*tree, np.ascontiguousarray(point[tree[-1]]))
+
+
+@kernel
+def _squared_gap(box: Floats, b: int, x: float, y: float, z: float) -> float:
+    """Return the squared distance of a point from box `b`."""
+    dx = max(max(box[b, 0] - x, x - box[b, 3]), 0.0)
+    dy = max(max(box[b, 1] - y, y - box[b, 4]), 0.0)
+    dz = max(max(box[b, 2] - z, z - box[b, 5]), 0.0)
+    return float(dx * dx + dy * dy + dz * dz)
+
+
+@kernel
+def nearest_into(
+    tree: PointTree,
+    counts: Ints,
+    x: float,
+    y: float,
+    z: float,
+    reach: float,
+    squared: Floats,
+    index: Ints,
+    stack: Ints,
+    gaps: Floats,
+) -> int:
+    """Write the nearest points, nearest first; return how many there are.
+
+    Args:
+        tree: of the points.
+        counts: (n,), 1 where a point counts, by its index.
+        x: of the place [m].
+        y: likewise.
+        z: likewise.
+        reach: only nearer points [m].
+        squared: receives squared distances (k,).
+        index: receives indices (k,).
+        stack: of boxes, `ray_cast.DEPTH`.
+        gaps: of their squared distances, `ray_cast.DEPTH`.
+    """
+    box, right, packed = tree.box, tree.right, tree.packed
+    most, found, worst, top = len(squared), 0, reach * reach, 1
+    stack[0], gaps[0] = 0, _squared_gap(box, 0, x, y, z)
+    while top > 0:
+        top -= 1
+        b = stack[top]
+        if gaps[top] >= worst:
+            continue
+        while b >= 0 and right[b] >= 0:
+            one, two = b + 1, right[b]
+            near, far = _squared_gap(box, one, x, y, z), _squared_gap(box, two, x, y, z)
+            if far < near:
+                one, two, near, far = two, one, far, near
+            if far < worst:
+                stack[top], gaps[top] = two, far
+                top += 1
+            b = one if near < worst else -1
+        if b < 0:
+            continue
+        for i in range(tree.first[b], tree.last[b]):
+            dx, dy, dz = packed[i, 0] - x, packed[i, 1] - y, packed[i, 2] - z
+            d = dx * dx + dy * dy + dz * dz
+            number = tree.number[i]
+            if d >= worst or counts[number] == 0:
+                continue
+            place = found if found < most else most - 1
+            while place > 0 and squared[place - 1] > d:
+                squared[place], index[place] = squared[place - 1], index[place - 1]
+                place -= 1
+            squared[place], index[place] = d, number
+            found = min(found + 1, most)
+            if found == most:
+                worst = squared[most - 1]
+    return found

@@ -1,0 +1,104 @@
+"""Matches of a scan's points with a shape, the trees they are looked up in, and what their errors weigh."""
+
+import numpy as np
+import pytest
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from estimators.lidar.matching import Matches, closest, linearised
+from estimators.lidar.nearest import nearest_into, point_tree
+from estimators.lidar.ray_cast import DEPTH, cast, triangles
+from estimators.lidar.scan import Returns, clusters, from_points
+from estimators.rotation import exp
+from tests.lidar_target import DISTANCE, crooked
+
+NOISE_M = 0.01
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(3)
+
+
+@pytest.mark.parametrize("flat", [False, True])
+def test_the_nearest_of_those_that_count(rng, flat):
+    point = rng.normal(size=(500, 3)) * [1, 1, 0 if flat else 1]
+    point[100:120] = point[100]
+    counts = rng.random(500) < 0.4
+    tree, kept = point_tree(point), np.flatnonzero(counts)
+    stack, gaps = np.empty(DEPTH, dtype=np.int64), np.empty(DEPTH)
+    for place in 1.5 * rng.normal(size=(200, 3)):
+        squared, index = np.empty(4), np.empty(4, dtype=np.int64)
+        x, y, z = place
+        found = nearest_into(tree, counts.astype(np.int64), x, y, z, 0.7, squared, index, stack, gaps)
+        right = cKDTree(point[kept]).query(place, k=4, distance_upper_bound=0.7)[0]
+        assert found == np.count_nonzero(np.isfinite(right))
+        assert np.sqrt(squared[:found]) == pytest.approx(right[:found])
+        assert np.linalg.norm(point[index[:found]] - place, axis=1) == pytest.approx(right[:found])
+        assert counts[index[:found]].all()
+
+
+@pytest.mark.parametrize("spread", [1.0, 1e-9, 0.0])
+def test_every_triangle_hangs_in_the_tree_once_and_is_hit_where_a_loop_over_all_says(rng, spread):
+    """Triangles on one heap, too, where no slab divides them."""
+    corner = spread * rng.normal(size=(400, 1, 3)) + rng.normal(size=(400, 3, 3)) * 0.3
+    corner[50:90] = corner[50]
+    mesh = triangles(corner.reshape(-1, 3), np.arange(1200).reshape(-1, 3))
+    leaves = np.flatnonzero(mesh.right < 0)
+    held = np.concatenate([np.arange(mesh.first[leaf], mesh.last[leaf]) for leaf in leaves])
+    assert sorted(held.tolist()) == sorted(mesh.number.tolist()) == list(range(400))
+    direction = rng.normal(size=(300, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    origin, best = np.array([0.2, -0.1, 0.4]), np.full(300, np.inf)
+    for a, e1, e2 in zip(mesh.corner, mesh.edge1, mesh.edge2, strict=True):
+        h, f = np.cross(direction, e2), np.cross(origin - a, e1)
+        u, v, s = (x / (h @ e1) for x in (h @ (origin - a), direction @ f, np.full(300, e2 @ f)))
+        hit = (u >= 0) & (v >= 0) & (u + v <= 1) & (s > 0)
+        best = np.where(hit & (s < best), s, best)
+    assert np.isfinite(best).any()
+    assert cast(mesh, origin, direction).distance == pytest.approx(best)
+
+
+def test_a_point_is_matched_with_the_closest_surface_that_is_seen(rng):
+    shape, turn = crooked(), exp(np.array([0.3, -0.5, 0.2]))
+    seen = shape.visible_from(-turn.T @ DISTANCE)
+    on = shape.point[seen][::9]
+    lifted = on + 0.004 * shape.normal[seen][::9]
+    met = closest(lifted @ turn.T + DISTANCE, shape, seen.astype(np.int64), turn, DISTANCE, 0.1)
+    assert met.found.all()
+    assert np.abs(np.sum(met.normal * (lifted - met.point), axis=1)) == pytest.approx(0.004, abs=1e-6)
+    nothing = closest(lifted @ turn.T + DISTANCE, shape, np.zeros(len(seen), np.int64), turn, DISTANCE, 0.1)
+    assert not nothing.found.any()
+
+
+@pytest.mark.parametrize("incidence_deg", [0.0, 40.0, 75.0])
+def test_weights_know_noise_and_jitter_of_a_ray_at_any_incidence(rng, incidence_deg):
+    """A ray at a slant plane 100 m away, bent by 0.3 mrad, has another range, and is believed where it was meant."""
+    jitter_rad, tilt = 3e-4, np.radians(incidence_deg)
+    across = np.array([-np.cos(tilt), np.sin(tilt), 0.0])
+    meant = np.tile([1.0, 0.0, 0.0], (20_000, 1))
+    bent = meant + jitter_rad * rng.normal(size=meant.shape)
+    bent /= np.linalg.norm(bent, axis=1, keepdims=True)
+    place = np.array([100.0, 0.0, 0.0])
+    depth = (place @ across) / (bent @ across) + NOISE_M * rng.normal(size=len(bent))
+    on = Matches(np.zeros_like(meant), np.tile(across, (len(bent), 1)), np.ones(len(bent), dtype=np.bool_))
+    told = linearised(Returns(depth[:, None] * meant, NOISE_M, jitter_rad), on, np.eye(3), place, 10.0)
+    variance = np.mean(told.error**2)
+    assert variance == pytest.approx((NOISE_M * np.cos(tilt)) ** 2 + (0.03 * np.sin(tilt)) ** 2, rel=0.05)
+    # The floor, of the known shape, is added to what the rays themselves have.
+    assert 1 / told.weight[0] == pytest.approx(variance + (0.3 * NOISE_M) ** 2, rel=0.05)
+    assert told.normal == pytest.approx(told.jacobian.T @ (told.weight[:, None] * told.jacobian))
+    assert told.right == pytest.approx(told.jacobian.T @ (told.weight * told.error))
+
+
+def test_objects_are_what_the_graph_of_near_pairs_says(rng):
+    point = np.array([8.0, 0, 0]) + rng.normal(size=(300, 3))
+    scan = from_points(point, 0.02, NOISE_M)
+    reach = np.maximum(2.2 * 0.02 * np.linalg.norm(point, axis=1), 0.3)
+    gap = np.linalg.norm(point[:, None] - point, axis=2)
+    label = connected_components(coo_matrix(gap <= np.minimum(reach[:, None], reach)), directed=False)[1]
+    right = [set(np.flatnonzero(label == k).tolist()) for k in range(label.max() + 1)]
+    found = clusters(scan, 0.3)
+    assert sorted(map(sorted, found)) == sorted(map(sorted, right))
+    assert [len(one) for one in found] == sorted(map(len, right), reverse=True)
