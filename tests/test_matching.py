@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from lidar_target import DISTANCE, crooked
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
@@ -11,7 +12,6 @@ from estimators.lidar.nearest import nearest_into, point_tree
 from estimators.lidar.ray_cast import DEPTH, cast, triangles
 from estimators.lidar.scan import Returns, clusters, from_points
 from estimators.rotation import exp
-from tests.lidar_target import DISTANCE, crooked
 
 NOISE_M = 0.01
 

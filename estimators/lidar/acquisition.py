@@ -92,6 +92,7 @@ class Acquisition(NamedTuple):
     covariance: (6, 6), ordered (attitude, position). verdict: whether to believe it. confidence: 0 to 1, above 0.5
     exactly where `verdict` is FOUND. overlap: share of the rays that agree. margin: how much worse the runner-up is.
     runner_up: its attitude (3, 3), NaN where there is none. residual_m: RMS. points: returns of the target.
+    rivals: registrations of poses that differ, this one first, which further scans may tell apart (`evidence`).
     """
 
     rotation: Floats
@@ -104,6 +105,7 @@ class Acquisition(NamedTuple):
     runner_up: Floats
     residual_m: float
     points: int
+    rivals: tuple[Registration, ...] = ()
 
     @property
     def found(self) -> bool:
@@ -121,10 +123,13 @@ class Acquisition(NamedTuple):
         return self._replace(rotation=rotation, position=position, covariance=shifted(self, position))
 
 
-class _Candidate(NamedTuple):
+class Candidate(NamedTuple):
+    """A registration, and how a scan agrees with it: cost, overlap, rays and conflict (N,) of `Agreement`."""
+
     fit: Registration
     cost: float
     overlap: float
+    rays: int
     conflict: Bools
 
 
@@ -139,15 +144,26 @@ def acquire(scan: Scan, shape: Shape, settings: AcquisitionSettings | None = Non
     Raises:
         ValueError: the scan is none (`checked`).
     """
-    found = _acquired(scan, shape.centred, settings or AcquisitionSettings())
+    return about_origin(acquire_centred(scan, shape.centred, settings or AcquisitionSettings()), shape)
+
+
+def about_origin(found: Acquisition, shape: Shape) -> Acquisition:
+    """Return an acquisition of the shape about its middle as one about its own origin, without rivals."""
+    found = found._replace(rivals=())
     if not shape.centre.any():
         return found
     position = found.position - found.rotation @ shape.centre
     return found._replace(position=position, covariance=shifted(found, position))
 
 
-def _acquired(scan: Scan, shape: Shape, s: AcquisitionSettings) -> Acquisition:
-    """Return the pose of a target whose shape is about its origin."""
+def acquire_centred(scan: Scan, shape: Shape, s: AcquisitionSettings) -> Acquisition:
+    """Return the pose of a target whose shape is about its origin, as `acquire`, with rivals.
+
+    Args:
+        scan: of the target and its surroundings.
+        shape: of the target.
+        s: the settings.
+    """
     best, tried = nothing(0), set[tuple[int, int, int]]()
     most = 0
     # Parts of the target may stand apart where what joins them was not hit; other things may stand near it.
@@ -200,79 +216,111 @@ def _of_object(scan: Scan, everything: Scan, shape: Shape, s: AcquisitionSetting
     poses = distinct(found, s.apart_rad / 2, s.candidates, group.angle_between)
     some = point[:: max(1, len(point) // 300)]
     edges = scan.edges(JUMP * shape.radius_m)
-    rough = _refined(scan, shape, poses, some, edges, rough=True)
+    rough = refined(scan, shape, poses, some, edges, rough=True)
     # The best ones once more, with all points; and then what the best of all is mistaken for, until it stays the best.
-    fine, asked = list[_Candidate](), None
+    fine, asked = list[Candidate](), None
     for _ in range(ROUNDS):
         rough = _apart(sorted(rough, key=lambda c: c.cost), fine, shape)
-        fine = sorted(fine + _fine(scan, shape, rough[:FINE], edges, s), key=lambda c: c.cost)
+        fine = sorted(fine + finely(scan, shape, rough[:FINE], edges, s), key=lambda c: c.cost)
         rough = rough[FINE:]
-        if not fine or (asked is not None and not _differ(fine[0].fit, asked, s, shape)):
+        if not fine or (asked is not None and not differ(fine[0].fit, asked, s, shape)):
             break
         asked = fine[0].fit
-        rough += _refined(scan, shape, mistaken(shape, asked.rotation, asked.position), some, edges, rough=True)
+        rough += refined(scan, shape, mistaken(shape, asked.rotation, asked.position), some, edges, rough=True)
     if not fine:
         return nothing(len(point))._replace(verdict=Verdict.NOT_RECOGNISED)
-    others = [c for c in fine[1:] + rough if _differ(c.fit, fine[0].fit, s, shape)]
+    others = [c for c in fine[1:] + rough if differ(c.fit, fine[0].fit, s, shape)]
     second = min(others, key=lambda c: c.cost, default=None)
     if second is not None and not any(second is c for c in fine):
         # As far as the best: a rough one would lose for being rough.
-        fine = sorted(fine + _fine(scan, shape, [second], edges, s), key=lambda c: c.cost)
-        others = [c for c in fine[1:] + rough if _differ(c.fit, fine[0].fit, s, shape)]
+        fine = sorted(fine + finely(scan, shape, [second], edges, s), key=lambda c: c.cost)
+        others = [c for c in fine[1:] + rough if differ(c.fit, fine[0].fit, s, shape)]
         second = min(others, key=lambda c: c.cost, default=None)
     best = fine[0]
-    margin = _margin(best, second, s) if second else np.inf
+    margin = margin_of(best, second, s) if second else np.inf
     # What else returned from where the target is said to be must be explained, too: this may be but a part of it.
     whole = agreement(everything.around(best.fit.position, shape.radius_m), shape, best.fit.rotation, best.fit.position)
     best = best._replace(overlap=min(best.overlap, whole.overlap) if whole.rays else 0.0)
+    rivals = [c.fit for c in others if margin_of(best, c, s) < s.margin]
+    out = answered(best.fit, second.fit if second else None, best.overlap, margin, s)
+    return out._replace(points=len(point), rivals=(best.fit, *rivals[: s.candidates]))
+
+
+def answered(
+    best: Registration, second: Registration | None, overlap: float, margin: float, s: AcquisitionSettings
+) -> Acquisition:
+    """Return the answer that the best pose is, with points and rivals left open.
+
+    Args:
+        best: of all.
+        second: the runner-up, if any.
+        overlap: of the best.
+        margin: of the runner-up.
+        s: the settings.
+    """
     verdict = Verdict.FOUND
-    if best.overlap < s.overlap_least:
+    if overlap < s.overlap_least:
         verdict = Verdict.NOT_RECOGNISED
-    elif best.fit.degenerate:
+    elif best.degenerate:
         verdict = Verdict.UNDETERMINED
     elif margin < s.margin:
         verdict = Verdict.AMBIGUOUS
-    return Acquisition(
-        best.fit.rotation,
-        best.fit.position,
-        best.fit.covariance,
-        verdict,
-        _confidence(best, margin, s),
-        best.overlap,
-        margin,
-        second.fit.rotation if second else np.full((3, 3), np.nan),
-        best.fit.residual_m,
-        len(point),
-    )
+    confidence = 0.0 if best.degenerate else confidence_of(overlap, margin, s)
+    runner_up = second.rotation if second else np.full((3, 3), np.nan)
+    pose = best.rotation, best.position, best.covariance
+    return Acquisition(*pose, verdict, confidence, overlap, margin, runner_up, best.residual_m, 0)
 
 
-def _margin(best: _Candidate, second: _Candidate, s: AcquisitionSettings) -> float:
+def margin_of(best: Candidate, second: Candidate, s: AcquisitionSettings) -> float:
     """Return how much worse the runner-up is, in units of what is enough: by its cost, or by the rays that decide.
+
+    Args:
+        best: of all.
+        second: another.
+        s: the settings.
+    """
+    against = int(np.count_nonzero(second.conflict & ~best.conflict))
+    opposed = int(np.count_nonzero(best.conflict & ~second.conflict))
+    return margin_by(best.cost, second.cost, best.overlap, (against, opposed), s)
+
+
+def margin_by(cost: float, other: float, overlap: float, decide: tuple[int, int], s: AcquisitionSettings) -> float:
+    """Return the same from sums over all rays.
 
     A small part may be all that tells two attitudes: of a thousand rays, the twenty that meet it. Where nearly all rays
     agree with the best, those that contradict but one of the two are counted, and must be many, and nearly unanimous.
+
+    Args:
+        cost: of the best.
+        other: of the other.
+        overlap: of the best.
+        decide: how many rays contradict only the other, and only the best.
+        s: the settings.
     """
     # A cost of few rays is small, and then one or two that contradict by chance are much.
-    by_cost = (second.cost - best.cost) / max(best.cost, s.rays_against * WORST)
-    if best.overlap < s.overlap_sure:
+    by_cost = (other - cost) / max(cost, s.rays_against * WORST)
+    if overlap < s.overlap_sure:
         return by_cost
-    against = int(np.count_nonzero(second.conflict & ~best.conflict))
-    opposed = int(np.count_nonzero(best.conflict & ~second.conflict))
+    against, opposed = decide
     return max(by_cost, s.margin * min(against / s.rays_against, against / (s.unanimous * max(opposed, 1))))
 
 
-def _confidence(best: _Candidate, margin: float, s: AcquisitionSettings) -> float:
-    """The weaker of the two: how far overlap and margin are beyond their limits, a half at the limit itself."""
-    if best.fit.degenerate:
-        return 0.0
-    fits = best.overlap / s.overlap_least
-    beyond = (best.overlap - s.overlap_least) / (1 - s.overlap_least)
-    overlap = 0.5 * fits**4 if fits < 1 else 0.5 + 0.5 * beyond
+def confidence_of(overlap: float, margin: float, s: AcquisitionSettings) -> float:
+    """Return the weaker of the two: how far overlap and margin are beyond their limits, a half at the limit itself.
+
+    Args:
+        overlap: of the best.
+        margin: of the runner-up.
+        s: the settings.
+    """
+    fits = overlap / s.overlap_least
+    beyond = (overlap - s.overlap_least) / (1 - s.overlap_least)
+    agrees = 0.5 * fits**4 if fits < 1 else 0.5 + 0.5 * beyond
     unique = 1 - 0.5 ** max(margin / s.margin, 0.0)
-    return float(min(overlap, unique))
+    return float(min(agrees, unique))
 
 
-def _refined(
+def refined(
     scan: Scan,
     shape: Shape,
     poses: Poses,
@@ -280,7 +328,17 @@ def _refined(
     edges: Edges | None,
     *,
     rough: bool = False,
-) -> list[_Candidate]:
+) -> list[Candidate]:
+    """Return registrations from poses, those that no ray says anything of left out.
+
+    Args:
+        scan: of the target.
+        shape: of the target.
+        poses: where they start.
+        point: (n, 3) [m], those returns that are registered.
+        edges: of the scan; None: without.
+        rough: as of `register`; one that its points leave free is looked for along what they do.
+    """
     out = []
     noise = scan.noise_m, scan.jitter_rad
     for rotation, position in zip(poses.rotation, poses.position, strict=True):
@@ -288,13 +346,13 @@ def _refined(
         fit = register(point, shape, rotation, position, *noise, edges=edges, reach_m=reach_m, rough=rough)
         seen = agreement(scan, shape, fit.rotation, fit.position)
         if seen.rays:
-            out.append(_Candidate(fit, seen.cost, seen.overlap, seen.conflict))
+            out.append(Candidate(fit, seen.cost, seen.overlap, seen.rays, seen.conflict))
     hopeful = HOPEFUL * min((c.cost for c in out), default=0.0)
     free = [c.fit.degenerate and c.cost < hopeful and np.isfinite(c.fit.residual_m) for c in out]
     return [_slid(scan, shape, point, edges, c) if rough and slides else c for c, slides in zip(out, free, strict=True)]
 
 
-def _slid(scan: Scan, shape: Shape, point: Floats, edges: Edges | None, rough: _Candidate) -> _Candidate:
+def _slid(scan: Scan, shape: Shape, point: Floats, edges: Edges | None, rough: Candidate) -> Candidate:
     """Return a rough registration once more from where the rays want it along what its points leave free, if better.
 
     What points leave free stays where the search had it: a plate slides within its plane, and neither its own points
@@ -308,32 +366,39 @@ def _slid(scan: Scan, shape: Shape, point: Floats, edges: Edges | None, rough: _
     turn, place = better.rotation, better.position
     fit = register(point, shape, turn, place, *noise, edges=edges, reach_m=reach_m, rough=True)
     seen = agreement(scan, shape, fit.rotation, fit.position)
-    return _Candidate(fit, seen.cost, seen.overlap, seen.conflict) if seen.cost < rough.cost else rough
+    return Candidate(fit, seen.cost, seen.overlap, seen.rays, seen.conflict) if seen.cost < rough.cost else rough
 
 
-def _fine(
-    scan: Scan, shape: Shape, candidates: list[_Candidate], edges: Edges, s: AcquisitionSettings
-) -> list[_Candidate]:
+def finely(
+    scan: Scan, shape: Shape, candidates: list[Candidate], edges: Edges, s: AcquisitionSettings
+) -> list[Candidate]:
     """Return rough registrations once more, with all points; where few rays agree, without edges if better.
 
     Perhaps edges were matched with others than their own. Rivals have the same chance: one that is spoilt so does not
     contradict the best. A rough one that all rays clearly prefer stays as it is.
+
+    Args:
+        scan: of the target.
+        shape: of the target.
+        candidates: the rough ones.
+        edges: of the scan.
+        s: the settings.
     """
     out = []
     for rough in candidates:
         one = Poses(rough.fit.rotation[None], rough.fit.position[None], np.zeros(1))
-        found = _refined(scan, shape, one, scan.point, edges)
+        found = refined(scan, shape, one, scan.point, edges)
         if found and found[0].overlap < s.overlap_edges:
-            plain = _refined(scan, shape, one, scan.point, None)
+            plain = refined(scan, shape, one, scan.point, None)
             found += [c for c in plain if not c.fit.degenerate]
         found = sorted(found, key=lambda c: c.cost)[:1]
         out += [rough] if not found or rough.cost < CLEARLY * found[0].cost else found
     return out
 
 
-def _apart(candidates: list[_Candidate], known: list[_Candidate], shape: Shape) -> list[_Candidate]:
+def _apart(candidates: list[Candidate], known: list[Candidate], shape: Shape) -> list[Candidate]:
     """Return the candidates that are neither a known pose nor one before them, to a hundredth."""
-    out = list[_Candidate]()
+    out = list[Candidate]()
     for one in candidates:
         met = [c.fit for c in out + known]
         if not any(_distance(one.fit, fit, shape) < SAME for fit in met):
@@ -348,6 +413,13 @@ def _distance(a: Registration, b: Registration, shape: Shape) -> float:
     return max(float(rot.angle_between(rotation, b.rotation)), shift)
 
 
-def _differ(a: Registration, b: Registration, s: AcquisitionSettings, shape: Shape) -> bool:
-    """Return whether two poses are not one, and not equivalent by the shape's symmetry."""
+def differ(a: Registration, b: Registration, s: AcquisitionSettings, shape: Shape) -> bool:
+    """Return whether two poses are not one, and not equivalent by the shape's symmetry.
+
+    Args:
+        a: a pose.
+        b: another.
+        s: the settings.
+        shape: of the target.
+    """
     return _distance(a, b, shape) > s.apart_rad

@@ -3,7 +3,7 @@
 Per scan and observer, at the epoch of the lighthouse period in which the scan is complete:
 
     scan, everything moved to the epoch                                  swarm.onboard.lidar
-    -> no track: acquire, without a prediction                            estimators.lidar.acquisition
+    -> no track: acquire, without a prediction, by all scans since then   estimators.lidar.evidence
     -> a track: register, from the filter's prediction                    estimators.lidar.tracking
     -> lost (residual, overlap, gate) in several successive scans: acquire again from this very scan
     -> pose of the target in the lighthouse frame, through the observer's own fix
@@ -45,7 +45,8 @@ from estimators.filter.filterpy_interacting import FilterpyInteractingBank
 from estimators.filter.smoother import Models, Prediction, no_models, predicted
 from estimators.filter.tumble import PARTS, Inertia, Tumble, tensors
 from estimators.free_rotation import free_turns
-from estimators.lidar.acquisition import Verdict, acquire
+from estimators.lidar.acquisition import Verdict
+from estimators.lidar.evidence import Evidence
 from estimators.lidar.scan import Scan
 from estimators.lidar.shape import Shape
 from estimators.lidar.symmetry import Symmetry, symmetry
@@ -202,6 +203,8 @@ class Inspection:
         self._since_s = np.full(rows, np.inf)
         self._failures = np.zeros(rows, dtype=np.int64)
         self._ambiguous = np.zeros(rows, dtype=np.bool_)
+        self._evidence = [Evidence(o.shape) for o in self.observers]
+        self._scanner = [(np.eye(3), np.zeros(3))] * len(self.observers)
         self._nis = np.full(rows, np.nan)
         self._prediction: Prediction | None = None
         self._started = np.zeros(rows, dtype=np.bool_)
@@ -387,6 +390,7 @@ class Inspection:
             if t.tracked or self._failures[i] + 1 < s.lost_after:
                 word, confidence = t.outcome.value, 1.0 if t.tracked else 0.0
                 self._failures[i] = 0 if t.tracked else self._failures[i] + 1
+                self._evidence[i].forget()
                 return _Pose(
                     t.rotation,
                     t.position,
@@ -399,7 +403,9 @@ class Inspection:
                     t.overlap,
                     confidence,
                 )
-        a = acquire(seen, o.shape)
+        before, there = self._scanner[i]
+        a = self._evidence[i].take(seen, turn.T @ before, turn.T @ (there - place))
+        self._scanner[i] = turn, place
         for row in (i, self._fused(i)):
             if a.found and self._filter.active[row]:
                 a = a.nearest(o.shape, turn.T @ self._filter.rotation[row])
