@@ -2,15 +2,17 @@
 
 import numpy as np
 import pytest
-from lidar_target import DISTANCE, crooked
+from lidar_target import DISTANCE, crooked, scan_of
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+from scipy.spatial import ConvexHull, cKDTree
 
 from estimators.lidar.matching import Matches, closest, linearised
 from estimators.lidar.nearest import nearest_into, point_tree
 from estimators.lidar.ray_cast import DEPTH, cast, triangles
+from estimators.lidar.registration import register
 from estimators.lidar.scan import Returns, clusters, from_points
+from estimators.lidar.shape import Shape
 from estimators.rotation import exp
 
 NOISE_M = 0.01
@@ -102,3 +104,21 @@ def test_objects_are_what_the_graph_of_near_pairs_says(rng):
     found = clusters(scan, 0.3)
     assert sorted(map(sorted, found)) == sorted(map(sorted, right))
     assert [len(one) for one in found] == sorted(map(len, right), reverse=True)
+
+
+def test_a_shape_without_any_sharp_edge_is_registered(rng):
+    """An egg: its scan has edges, where lines leave it, and the shape has none to match them with."""
+    polar, around = (x.ravel() for x in np.meshgrid(np.linspace(0.02, np.pi - 0.02, 24), np.arange(24) * np.pi / 12))
+    across = np.sin(polar) * (1 + 0.2 * np.cos(polar))
+    vertex = np.stack([0.5 * across * np.cos(around), 0.35 * across * np.sin(around), 0.8 * np.cos(polar)], axis=1)
+    hull = ConvexHull(vertex)
+    a, b, c = (vertex[corner] for corner in hull.simplices.T)
+    inward = np.sum(np.cross(b - a, c - a) * hull.equations[:, :3], axis=1) < 0
+    face = np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices)
+    shape, turn = Shape(vertex, face, points=600), exp(np.array([0.4, -0.2, 0.7]))
+    scan = scan_of(shape, turn, DISTANCE, rng)
+    edges = scan.edges(0.1 * shape.radius_m)
+    assert len(edges.point) > 5
+    assert not len(shape.edge.point)
+    fit = register(scan.point, shape, exp(np.array([0.02, 0.01, 0.02])) @ turn, DISTANCE, NOISE_M, edges=edges)
+    assert np.linalg.norm(fit.position - DISTANCE) < 0.05

@@ -60,7 +60,7 @@ class _Rival:
 
 
 class Evidence:
-    """What the scans of one target say of its pose, one after the other."""
+    """All that the scans of one target have said of its pose, one after the other."""
 
     def __init__(self, shape: Shape, settings: AcquisitionSettings | None = None) -> None:
         """Take the target's shape; settings: None, the usual ones."""

@@ -357,7 +357,8 @@ def _of_edges(
     """Return the normal matrix (6, 6) and the right side (6,) of the scan's edges."""
     distance, index = seen.edge_tree.query((edges.point - position) @ rotation, distance_upper_bound=gate)
     normal, right = np.zeros((6, 6)), np.zeros(6)
-    chosen = np.where(np.isfinite(distance), seen.edge[np.where(np.isfinite(distance), index, 0)], -1)
+    near, chosen = np.isfinite(distance), np.full(len(distance), -1)
+    chosen[near] = seen.edge[index[near]]
     known, own = shape.edge, (edges.point, edges.along, edges.width_m)
     _edges_into(*own, noise_m, known.point, known.tangent, chosen, rotation, position, gate, normal, right)
     return normal, right
