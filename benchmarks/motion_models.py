@@ -53,7 +53,7 @@ def errors(period: Period, estimate: Estimate) -> Floats:
     return out
 
 
-def fly(name: str, seed: int, duration_s: float, models: int, ways: Sequence[str]) -> Floats:
+def fly(name: str, seed: int, duration_s: float, models: int, ways: Sequence[str], steps: int) -> Floats:
     """Return the errors and the numbers of lit photodiodes (W, T, C, 4) of one flight, by every way.
 
     Args:
@@ -62,8 +62,10 @@ def fly(name: str, seed: int, duration_s: float, models: int, ways: Sequence[str
         duration_s: of the flight [s].
         models: number of models of motion of the craft that fly.
         ways: W of WAYS.
+        steps: physics steps in a period; 0: as the scenario does.
     """
     values = [f"duration_s={duration_s}", f"navigation.quiet.models={models}", 'navigation.filter="compiled"']
+    values += [f"physics.steps_per_period={steps}"] if steps else []
     scenario = load(name, values, seed=seed)
     flight = Flight(scenario)
     own = flight.computer.navigator
@@ -131,11 +133,12 @@ def main() -> None:
         settle_s=(1.0, "time at the start that is left out [s]"),
         models=(6, "models of motion"),
         ways=(["one", "several"], "ways to navigate: late, loose, one, several"),
+        steps=(0, "physics steps in a period; 0: as the scenario does"),
     )
     result: dict[str, Any] = {}
     for name in chosen.scenarios:
         seeds = range(1, chosen.seeds + 1)
-        flown = [fly(name, seed, chosen.duration_s, chosen.models, chosen.ways) for seed in seeds]
+        flown = [fly(name, seed, chosen.duration_s, chosen.models, chosen.ways, chosen.steps) for seed in seeds]
         begin = round(chosen.settle_s / chosen.duration_s * flown[0].shape[1])
         result[name] = {way: figures([one[k, begin:] for one in flown]) for k, way in enumerate(chosen.ways)}
         columns = ["", *next(iter(result[name].values()))]

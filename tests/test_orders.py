@@ -17,7 +17,7 @@ from swarm.onboard.filters import tracks_of
 from swarm.scenario import validate
 
 
-@pytest.mark.parametrize("steps", [4, 12])
+@pytest.mark.parametrize("steps", [2, 4, 12])
 def test_a_filter_that_knows_its_orders_follows_them_to_rounding(steps: int) -> None:
     """A physics step moves the craft at the velocity of its end; a filter that does not know drifts by millimetres."""
     craft = [{"motion": {"kind": "hold", "position_m": [0.0, 0.0, 3.0]}}]

@@ -147,7 +147,7 @@ def test_every_default_is_written_and_what_is_unset_says_so() -> None:
         ("duration_s = true", "duration_s = true: expected a number in s, not true or false"),
         ("seed = -1", "seed = -1: must be at least 0"),
         ("seed = 1.5", "seed = 1.5: expected a whole number, not a decimal"),
-        ("[physics]\nsteps_per_period = 6", "physics.steps_per_period = 6: must be a multiple of 4"),
+        ("[physics]\nsteps_per_period = 7", "physics.steps_per_period = 7: must be a multiple of 2"),
         (
             '[swarm]\nfeedback = "trth"',
             "swarm.feedback = \"trth\": must be 'truth' or 'estimate'; did you mean 'truth'?",

@@ -27,8 +27,8 @@ def periods_of(scenario: Scenario) -> int:
 class Flight:
     """World, actuators, sensors, faults and computers of one scenario.
 
-    period_s: length of a lighthouse period [s]. believed: layout, fan errors and noise that the craft assume when they
-    measure, for a calibration.
+    period_s: length of a lighthouse period [s]. steps: physics steps in it, and how exact they are. believed: layout,
+    fan errors and noise that the craft assume when they measure, for a calibration.
     """
 
     def __init__(self, scenario: Scenario, *, history: bool = False, pilot: type[Pilot] = Pilot) -> None:
@@ -45,7 +45,8 @@ class Flight:
         self.period_s = scenario.period_s
         self.periods = periods_of(scenario)
         self.motions = builders.fleet(scenario)
-        self.world = builders.world(scenario, self.motions)
+        self.steps = builders.steps(scenario, self.motions, agents=pilot is not Pilot)
+        self.world = builders.world(scenario, self.motions, self.steps.number)
         self.sensors = builders.sensors(scenario, self.world, self.motions)
         self.faults = builders.faults(scenario, self.world, self.sensors)
         self.latches = builders.latches(scenario, self.world)

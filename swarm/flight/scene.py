@@ -50,6 +50,7 @@ def scene(scenario: Scenario, flight: Flight) -> Scene:
         up=scenario.recording.up,
         pairs=flight.computer.navigator.settings.relations.pairs,
         orbit=_orbit(scenario),
+        physics=flight.steps.sentence(),
         angle_noise_rad=assumed_angle_noise(scenario).sigma_rad,
     )
 

@@ -83,6 +83,7 @@ def simulate(
         live=live,
         angles=flight.believed if scenario.recording.angles else None,
         history=history,
+        found={"physics": flight.steps.summary()},
     ) as writer:
         for period in flight.fly():
             writer.append(period)

@@ -70,7 +70,8 @@ class Scene(NamedTuple):
     deviation of a sweep angle that the craft assume; None: unknown. stations: all of several stations; none: there is
     one, whose frame is the world. up: axis of the world that points up, "-y" or "z".
     truth: a truth of another system goes with a replay. pairs: (who knows, of whom), craft that navigate relative to
-    others. orbit: of the lighthouse; None in weightless space.
+    others. orbit: of the lighthouse; None in weightless space. physics: a sentence about steps and their errors; empty:
+    nothing is simulated.
     """
 
     craft: Sequence[str]
@@ -93,6 +94,7 @@ class Scene(NamedTuple):
     truth: bool = False
     pairs: Sequence[tuple[int, int]] = ()
     orbit: OrbitScene | None = None
+    physics: str = ""
 
     @property
     def without_sensors(self) -> list[str]:

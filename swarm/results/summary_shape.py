@@ -61,6 +61,7 @@ _SUMMARY = Keys(
         "groups": Keys(rest=_FIGURES),
         "craft": Keys(rest=_FIGURES),
         "lidar": Keys(rest=_LIDAR),
+        "physics": Keys(known={"chosen": _YES}, rest=_NUMBER),
         "criteria": [_VERDICT],
         "criteria_held": _YES,
     }

@@ -120,7 +120,7 @@ INCIDENCE = Why(
 # The flight as a whole.
 DURATION = Why(f"a shorter run has no period: {_PERIOD}", "a longer run does not fit on a disk or in a working day")
 STEPS = Why(
-    "the sweeps read the motion at quarters of a period",
+    "poses are told in the middle of a period",
     "the motion of a craft within 1/256 of a period is below a micrometre; more steps only take time",
 )
 COUNT = Why("a number of craft is not negative", "the physics and the filters of more craft do not fit in memory")

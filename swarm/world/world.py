@@ -68,7 +68,8 @@ class CraftStart(NamedTuple):
 class PeriodTruth(NamedTuple):
     """The true motion over one lighthouse period, at n + 1 knots from t_k to t_k + T, in the lighthouse frame.
 
-    The rates at a knot are those of the interval that ends there.
+    The rates at a knot are those of the interval that ends there. The intervals are physics steps, or halves of them
+    where their number is no multiple of four.
 
     time_s: times of the knots, (n + 1,) [s].
     position: positions, (n + 1, C, 3) [m].
@@ -107,7 +108,10 @@ class PeriodTruth(NamedTuple):
 
 
 class World:
-    """The only holder of MuJoCo's state. Arrays over craft are in the order of the `CraftStart` records."""
+    """The only holder of MuJoCo's state. Arrays over craft are in the order of the `CraftStart` records.
+
+    steps: physics steps in a period.
+    """
 
     def __init__(
         self,
@@ -125,7 +129,7 @@ class World:
             craft: the craft and their states at time 0.
             lighthouse: path of the lighthouse's model file.
             rate_hz: rate of the lighthouse periods [Hz].
-            steps_per_period: number of physics steps per period.
+            steps_per_period: number of physics steps per period, even.
             orbit: the station's orbit; None: weightless space.
             latches: pairs of craft, by index, that `latch` can hold together.
             stations: lighthouse stations that stay where they are; None: the lighthouse at the origin.
@@ -137,7 +141,7 @@ class World:
         self.names = tuple(start.name for start in craft)
         _check_names(self.names)
         self._models = tuple(load_craft(start.model, start.passive) for start in craft)
-        self._rate_hz, self._steps, self._frame = rate_hz, steps_per_period, 0
+        self.steps, self._rate_hz, self._frame = steps_per_period, rate_hz, 0
         position = _table([start.position for start in craft], 3)
         quaternion = _table([start.quaternion for start in craft], 4)
         quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
@@ -211,7 +215,7 @@ class World:
         Raises:
             SwarmError: The wrench is not finite or the simulation is unstable; the message gives craft and time.
         """
-        count, steps = len(self.names), self._steps
+        count, steps = len(self.names), self.steps
         pose, rate = np.empty((steps + 1, count, 7)), np.empty((steps + 1, count, 6))
         contact = np.zeros(count, dtype=np.bool_)
         pose[0], rate[0] = self._pose, self._rate
@@ -236,6 +240,9 @@ class World:
                 pose[step], rate[step] = self._pose, self._rate
                 if self._data.ncon:
                     contact[self._touching()] = True
+        if steps % 4:
+            pose, rate = _halved(pose, rate)
+        steps = len(pose) - 1
         time_s = (self._frame + np.arange(steps + 1) / steps) / self._rate_hz
         self._frame += 1
         position, velocity, angular_rate = np.empty((3, steps + 1, count, 3))
@@ -335,6 +342,18 @@ class World:
             )
         which = int(np.flatnonzero(self._data.warning.number)[0])
         raise SwarmError(f"MuJoCo: {mujoco.mju_warningText(which, 0)} at {time_s[-1]:.4f} s")
+
+
+def _halved(pose: Floats, rate: Floats) -> tuple[Floats, Floats]:
+    """Return pose (n + 1, C, 7) and rate (n + 1, C, 6) with the middle of every step, where the rate is the step's."""
+    steps = len(pose) - 1
+    poses, rates = np.empty((2 * steps + 1, *pose.shape[1:])), np.empty((2 * steps + 1, *rate.shape[1:]))
+    poses[::2], rates[::2], rates[1::2] = pose, rate, rate[1:]
+    middle = pose[:-1] + pose[1:]
+    # The sum of two quaternions halves the turn between them.
+    middle[..., 3:] *= 2 / np.linalg.norm(middle[..., 3:], axis=-1, keepdims=True)
+    poses[1::2] = middle / 2
+    return poses, rates
 
 
 @kernel

@@ -25,6 +25,7 @@ from swarm.flight.builders.navigation import believed_layout, navigation
 from swarm.flight.builders.plug_ins import of_one_lighthouse, of_stations, own_navigators, plug_ins
 from swarm.flight.builders.station import FAN_ERROR_MAX_RAD, angle_noise, assumed_angle_noise, decoder, timing_noise
 from swarm.flight.builders.stations import frame as station_frame
+from swarm.flight.builders.steps import steps
 
 __all__ = [
     "FAN_ERROR_MAX_RAD",
@@ -60,6 +61,7 @@ __all__ = [
     "start_state",
     "station_frame",
     "steers_by_estimate",
+    "steps",
     "surroundings",
     "timing_noise",
     "world",

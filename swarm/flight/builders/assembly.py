@@ -102,7 +102,7 @@ def computer(
     known = [known for _, known in cameras(scenario, world, begin)]
     # Who holds no attitude turns without torque.
     inertia = np.where(begin.holds_attitude[:, None, None], np.nan, world.inertia)
-    settings = replace(navigation(scenario), history=history, reference=_references(scenario, begin))
+    settings = replace(navigation(scenario, world.steps), history=history, reference=_references(scenario, begin))
     own = own_navigators(scenario, settings, _light(scenario, layout, settings), _bodies(world))
     if scenario.station:
         return station_computer(scenario, settings, layout, known, inertia, inspection(scenario, suite.lidars), own)
@@ -165,7 +165,7 @@ def pilot(
     actuators = actuator_set(fitted(scenario, world), world.com_m)
     actuation = Actuation(actuators, world.mass, world.inertia, period_s)
     body, by_estimate = Body(world.mass, world.inertia), steers_by_estimate(scenario)
-    settings = navigation(scenario)
+    settings = navigation(scenario, world.steps)
     own = own_controllers(scenario, settings, _light(scenario, layout, settings), _bodies(world))
     return kind(motions, guides, actuation, body, by_estimate, period_s, orbit(scenario), own)
 

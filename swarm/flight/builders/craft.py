@@ -35,14 +35,14 @@ def fleet(settings: Scenario) -> Fleet:
         SwarmError: a motion makes no sense; the message names scenario, key and value.
     """
     craft, courses = scenario.craft(settings), list[Course]()
-    with _blame(settings, craft):
+    with blame(settings, craft):
         for c, place in zip(craft, places(settings, craft), strict=True):
             with _named(c):
                 courses.append(c.table.motion.course(place))
     for pair in matings(settings):
         turn = facing_port(pair, Fleet([courses[pair.target]]).at(0.0))
         courses[pair.craft] = courses[pair.craft]._replace(turn_rad=turn)
-    with _blame(settings, craft):
+    with blame(settings, craft):
         try:
             return Fleet(courses, settings.seed)
         except SwarmError:
@@ -90,8 +90,13 @@ def start(settings: Scenario, motions: Fleet) -> Start:
     )
 
 
-def world(settings: Scenario, motions: Fleet) -> World:
+def world(settings: Scenario, motions: Fleet, steps: int | None = None) -> World:
     """Return the world with every craft at the start of its motion.
+
+    Args:
+        settings: the scenario.
+        motions: the motion of every craft.
+        steps: physics steps in a period; None: as the scenario says, or 8.
 
     Raises:
         SwarmError: a model cannot fly, or a craft is inside another one; the message names scenario, key and value.
@@ -111,12 +116,12 @@ def world(settings: Scenario, motions: Fleet) -> World:
         for i, c in enumerate(craft)
     ]
     latches = [(pair.craft, pair.target) for pair in matings(settings)]
-    with _blame(settings, craft):
+    with blame(settings, craft):
         return World(
             starts,
             find_model(settings.lighthouse.model),
             settings.period_hz,
-            settings.physics.steps_per_period,
+            steps or settings.physics.steps_per_period or 8,
             orbit(settings),
             latches,
             standing(settings),
@@ -154,7 +159,7 @@ def _named(craft: Craft) -> Iterator[None]:
 
 
 @contextmanager
-def _blame(settings: Scenario, craft: list[Craft]) -> Iterator[None]:
+def blame(settings: Scenario, craft: list[Craft]) -> Iterator[None]:
     """Name the keys of the scenario that cause a mistake, if its message names a craft or a model's file."""
     try:
         yield

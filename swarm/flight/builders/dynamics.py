@@ -30,5 +30,4 @@ def fitted(settings: Scenario, world: World) -> list[Fitted]:
 def actuators(settings: Scenario, world: World) -> Actuators:
     """Return the thrusters and wheels of every craft with their true properties."""
     own = fitted(settings, world)
-    period_s, steps = settings.period_s, settings.physics.steps_per_period
-    return Actuators(own, actuator_set(own, world.com_m), world.mass, period_s, steps, settings.seed)
+    return Actuators(own, actuator_set(own, world.com_m), world.mass, settings.period_s, world.steps, settings.seed)

@@ -19,13 +19,19 @@ SPEED_TOLERANCE = 20e-6
 """Largest relative speed error of a rotor to ignore: 31 urad at boresight, below the rotor's part of the noise."""
 
 
-def navigation(settings: Scenario) -> NavigationSettings:
+def navigation(settings: Scenario, steps: int | None = None) -> NavigationSettings:
     """Return the settings of every craft's computer.
+
+    Args:
+        settings: the scenario.
+        steps: physics steps in a period. None: as many as the scenario says; where it leaves them open, or nothing
+            is simulated, orders count from the beginning of their period.
 
     Raises:
         SwarmError: the calibration file cannot be read.
     """
     table, noise = si(settings.navigation), assumed_angle_noise(settings)
+    steps = steps or settings.physics.steps_per_period
     calibration = None if table.calibration is None else read_calibration(table.calibration)
     made = NavigationSettings(
         frame_s=settings.period_s,
@@ -43,7 +49,7 @@ def navigation(settings: Scenario) -> NavigationSettings:
         orbit=orbit(settings),
         relations=_relations(settings),
         # A physics step moves a body at the velocity of its end, half a step ahead of what the wrench makes of it.
-        order_lead_s=settings.period_s / settings.physics.steps_per_period / 2,
+        order_lead_s=0.0 if steps is None else settings.period_s / steps / 2,
     )
     if calibration is None:
         return made

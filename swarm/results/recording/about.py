@@ -48,7 +48,7 @@ the eye beside `fans` or `{rays}`.
 *NEES* is the squared error over the filter's own covariance: 6 on average if it is consistent; the band holds 95 % of
 the values of independent craft. *ADOP* and *PDOP* say how much attitude and position suffer from angle noise. A
 *protection level* is what the craft says its error is below, false photodiodes included.
-"""
+{physics}"""
 
 
 def about(scene: Scene, crowd: bool) -> str:
@@ -63,5 +63,6 @@ def about(scene: Scene, crowd: bool) -> str:
         slowed=FAN_TURN_S / REAL_FAN_TURN_S,
         crowd=CROWD if crowd else "",
         trail=TRAIL_POINTS * TRAIL_STEP_S,
+        physics=f"\n# Physics\n\n{scene.physics}\n" if scene.physics else "",
         cameras=(CAMERAS if scene.ccd else "") + (LIDARS if scene.lidar else "") + (ORBIT if scene.orbit else ""),
     )

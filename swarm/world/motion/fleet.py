@@ -49,7 +49,11 @@ class Start(NamedTuple):
 
 
 class Fleet:
-    """The references of all craft, in the order of the courses."""
+    """The references of all craft, in the order of the courses.
+
+    free: craft that are left to themselves, (C,). push_sigma: 1 sigma per axis of their random pushes, (C, 2) [m/s^2]
+    and [rad/s^2].
+    """
 
     def __init__(self, courses: Sequence[Course], seed: int = 0) -> None:
         """Prepare the paths.
@@ -69,8 +73,8 @@ class Fleet:
         self._offset_angle = angles[..., 0]
         self._spin: Floats = np.array([course.spin_rad_s for course in courses], dtype=np.float64)
         self._free: Bools = np.array([course.free for course in courses], dtype=np.bool_)
-        sigma = np.array([course.push for course in courses], dtype=np.float64)
-        self._pushes = Pushes(sigma, [course.key for course in courses], seed, Purpose.DRIFT)
+        self.free, self.push_sigma = self._free, np.array([course.push for course in courses], dtype=np.float64)
+        self._pushes = Pushes(self.push_sigma, [course.key for course in courses], seed, Purpose.DRIFT)
         for place in self._paths_at(0.0).position[self._facing]:
             if np.hypot(place[0], place[2]) < LEAST_OFF_AXIS_M:
                 raise SwarmError(
