@@ -81,18 +81,15 @@ def errors(scenario: Scenario, seconds: float) -> dict[str, Any]:
         if frame % second == second - 1:
             free.compare(flight.world)
     bounds = flight.steps.errors
-    return {
-        "scenario": scenario.name,
-        "steps": flight.steps.number,
-        "period_m": close.most_m,
-        "period_m_bound": float(bounds.period_m.max()),
-        "period_rad": close.most_rad,
-        "period_rad_bound": float(bounds.period_rad.max()),
-        "second_m": free.most_m,
-        "second_m_bound": float(bounds.second_m.max()),
-        "second_rad": free.most_rad,
-        "second_rad_bound": float(bounds.second_rad.max()),
+    pairs = {
+        "period_um": (close.most_m, bounds.period_m, 1e6),
+        "period_arcsec": (close.most_rad, bounds.period_rad, np.degrees(3600)),
+        "second_mm": (free.most_m, bounds.second_m, 1e3),
+        "second_deg": (free.most_rad, bounds.second_rad, np.degrees(1)),
     }
+    measured = {name: unit * error for name, (error, _, unit) in pairs.items()}
+    bound = {f"bound_{name}": unit * float(most.max()) for name, (_, most, unit) in pairs.items()}
+    return {"steps": flight.steps.number, **measured, **bound}
 
 
 def _advance(flight: Flight, frame: int, others: tuple[Beside, Beside]) -> None:
@@ -127,12 +124,9 @@ def _advance(flight: Flight, frame: int, others: tuple[Beside, Beside]) -> None:
 
 
 def row(found: dict[str, Any]) -> str:
-    """Return measured figures and bounds as a row of a table: um and arcsec in a period, mm and deg in a second."""
-    units = {"period_m": 1e6, "period_rad": np.degrees(3600), "second_m": 1e3, "second_rad": np.degrees(1)}
-    return " | ".join(
-        f"{unit * found[key]:.2g} of {unit * found[key + '_bound']:.2g}" if found[key + "_bound"] > 1e-12 else "0"
-        for key, unit in units.items()
-    )
+    """Return measured figures and bounds as a row of a table."""
+    names = "period_um", "period_arcsec", "second_mm", "second_deg"
+    return " | ".join(f"{found[name]:.2g} of {found['bound_' + name]:.2g}" for name in names)
 
 
 def main() -> None:
@@ -143,14 +137,14 @@ def main() -> None:
         steps=(0, "steps in a period; 0: as the scenario does"),
         seconds=(4.0, "simulated time of each"),
     )
-    found = []
+    found = {}
     print("| scenario | steps | in a period, um | arcsec | in a second, mm | deg |\n|---|---|---|---|---|---|")
     for name in chosen.scenarios:
         fewer = ["swarm.count=50"] if load(name).swarm.count > 50 else []
         steps = [f"physics.steps_per_period={chosen.steps}"] if chosen.steps else []
-        found.append(errors(load(name, [*fewer, *steps, "recording.enabled=false"]), chosen.seconds))
-        print(f"| {found[-1]['scenario']} | {found[-1]['steps']} | {row(found[-1])} |", flush=True)
-    finish("physics_steps", {"scenarios": found}, chosen.out)
+        found[name] = errors(load(name, [*fewer, *steps, "recording.enabled=false"]), chosen.seconds)
+        print(f"| {name} | {found[name]['steps']} | {row(found[name])} |", flush=True)
+    finish("physics_steps", found, chosen.out)
 
 
 if __name__ == "__main__":

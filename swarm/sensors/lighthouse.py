@@ -166,9 +166,11 @@ class Lighthouse:
         jitter = settings.sync_jitter_s * np.array(normals(self._rotor, frame, 0, FLASH))
         flash = turn.phase_s + np.array([0.0, period / turn.speed / 2]) + jitter
         flash_width = (SYNC_WIDTH_S + SYNC_WIDTH_STEP_S * np.arange(2)) / settings.tick_s
-        flashed, lost = lit.copy(), np.empty(lit.shape, dtype=np.bool_)
+        flashed, lost = lit, np.zeros(lit.shape, dtype=np.bool_)
         chances = settings.missed_sync_probability, settings.lost_pulse_probability
-        chances_into(self.keys, frame, *chances, flashed, lost)
+        if any(chances):
+            flashed = lit.copy()
+            chances_into(self.keys, frame, *chances, flashed, lost)
         stray = strays(self.keys, self._count, frame, settings.stray_pulse_rate_hz, period)
         most = 4 * lit.shape[1] + stray.pulse.shape[1]
         photodiode = np.full((craft, most), -1, dtype=np.int16)
