@@ -230,6 +230,7 @@ def test_holding_station_below_costs_three_n_squared_z(tmp_path):
     """At rest 10 m below, gravity pulls down by 3 n^2 z: the delta-v is that times the time, and nothing moves."""
     hold = {"kind": "hold", "position_m": [0.0, 10.0, 8.0]}
     data = {"duration_s": 2.0, "orbit": {"altitude_km": 400.0}, "swarm": {"count": 1, "motion": hold}}
+    data["physics"] = {"steps_per_period": 8}
     run = swarm.simulate(validate(data, file="test", folder=tmp_path), out=tmp_path / "run", record=False)
     delta_v, down = (run.telemetry[name][-1].as_py() for name in ("delta_v_m_s", "true_py_m"))
     # The start's velocity, h / 2 of gravity's, is taken out first: 4e-8 of the 8e-5 m/s.

@@ -41,7 +41,7 @@ CHOICES = (2, 4, 8, 16, 32, 64)
 
 
 class Vigour(NamedTuple):
-    """How C craft move at most, (C,) each.
+    """The largest speeds, rates and accelerations of C craft, (C,) each.
 
     speed: [m/s]. acceleration: [m/s^2]. rate: angular rate [rad/s]. turning: angular acceleration that torques make
     [rad/s^2]. shape: k of the moments of inertia. wheels: momentum of the wheels over the least moment [rad/s].
