@@ -154,13 +154,14 @@ class Model(NamedTuple):
 class Samples(NamedTuple):
     """Squared errors and traces of the bound of the C craft at one instant, (3, C) each, of attitude, position and the
     centre of the lit photodiodes in straight coordinates; the traces of the filter's own covariance, likewise; and
-    their NEES (C,).
+    their NEES (C,); tilt (C,), of two, the squared error of their line's tilt over its variance, else NaN.
     """
 
     square: Floats
     bound: Floats
     own: Floats
     nees: Floats
+    tilt: Floats
 
 
 def _order(estimate: Truth) -> tuple[Floats, Floats]:
@@ -277,10 +278,13 @@ def _samples(truth: Truth, known: Truth, covariance: Floats, information: Floats
     there_arm, best = at_centre(truth, bound)
     e = error[:, pose]
     e[:, 3:] += there_arm - arm
+    tilt = np.full(len(error), np.nan)
     if lit.shape[1] == 2:
         line = lit[:, 1] - lit[:, 0]
         e[:, :3] = _three_angles(truth, known, known.position + arm, line)
         e[:, 3:] += _unbent(e, truth, known, there_arm, arm, line)
+        axis = np.cross(np.einsum("cij,cj->ci", known.rotation, line), known.position + arm)
+        tilt = np.einsum("ci,ci->c", axis, e[:, :3]) ** 2 / np.einsum("ci,cij,cj->c", axis, p[:, :3, :3], axis)
     parts = error[:, :3], error[:, 6:9], e[:, 3:]
     square = np.stack([np.sum(part**2, axis=1) for part in parts])
     traces, own = (
@@ -292,7 +296,7 @@ def _samples(truth: Truth, known: Truth, covariance: Floats, information: Floats
     there = np.isfinite(error).all(axis=1)
     nees = np.full(len(error), np.nan)
     nees[there] = np.einsum("ci,ci->c", e[there], np.linalg.solve(p[there], e[there, :, None])[..., 0])
-    return Samples(square, traces, own, nees)
+    return Samples(square, traces, own, nees, tilt)
 
 
 def _three_angles(truth: Truth, known: Truth, centre: Floats, line: Floats) -> Floats:
@@ -357,7 +361,7 @@ def _unbent(error: Floats, truth: Truth, known: Truth, own: Floats, arm: Floats,
 
 def figures(samples: list[Samples]) -> dict[str, Any]:
     """Return RMS, bound, their ratio, and the NEES with its 95 % band, of independent samples."""
-    square, bound, own, nees = (np.concatenate(part, axis=-1) for part in zip(*samples, strict=True))
+    square, bound, own, nees, tilt = (np.concatenate(part, axis=-1) for part in zip(*samples, strict=True))
     known = np.isfinite(nees)
     rms, best, sigma = (np.sqrt(part[:, known].mean(axis=1)) for part in (square, bound, own))
     # Standard error of the ratios, of independent craft: half of that of the squares.
@@ -384,6 +388,7 @@ def figures(samples: list[Samples]) -> dict[str, Any]:
         "attitude_ratio": float(rms[0] / best[0]),
         "attitude_ratio_error": float(error[0]),
         "attitude_sigma_ratio": float(sigma[0] / best[0]),
+        "tilt_square": float(tilt[known].mean()),
         "nees": mean,
         "nees_low": float(low),
         "nees_high": float(high),
@@ -410,12 +415,14 @@ class Kept:
     def get(self, case: str, seed: int) -> Samples:
         """Return the samples of a case and seed."""
         rows = self._arrays[self._name(case, seed)]
-        return Samples(rows[:3], rows[3:6], rows[6:9], rows[9])
+        return Samples(rows[:3], rows[3:6], rows[6:9], rows[9], rows[10])
 
     def add(self, made: dict[str, Samples], seed: int) -> None:
         """Add the samples of cases, and write the file."""
         for case, one in made.items():
-            self._arrays[self._name(case, seed)] = np.concatenate([one.square, one.bound, one.own, one.nees[None]])
+            self._arrays[self._name(case, seed)] = np.concatenate(
+                [one.square, one.bound, one.own, one.nees[None], one.tilt[None]]
+            )
         if self._file:
             np.savez(self._file, **self._arrays)  # type: ignore[arg-type]
 
