@@ -10,7 +10,7 @@ from estimators.rotation import angle_between, exp
 
 TURN = exp(np.radians([0.3, -0.2, 0.3]))
 """How the target turns from scan to scan."""
-STRICT = AcquisitionSettings(rays_against=700)
+STRICT = AcquisitionSettings(starts=800, candidates=6, rays_against=450)
 """So many rays must decide as no scan of the target has."""
 
 
