@@ -20,10 +20,17 @@ from numba.core.types import unliteral
 from numba.extending import register_jitable
 
 from estimators.kernel_cache import KernelCache
+from estimators.kernel_compiler import KernelCompiler
 
 P = ParamSpec("P")
 R = TypeVar("R")
-OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": False, "no_cfunc_wrapper": True}
+OPTIONS: dict[str, Any] = {
+    "nogil": True,
+    "error_model": "numpy",
+    "fastmath": False,
+    "no_cfunc_wrapper": True,
+    "pipeline_class": KernelCompiler,
+}
 """No kernel is called from C."""
 PART: dict[str, Any] = OPTIONS | {"no_cpython_wrapper": True}
 """What other kernels call takes and gives no objects of Python."""

@@ -26,6 +26,8 @@ from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 from platformdirs import user_cache_path
 
+from estimators.kernel_compiler import SOURCE as COMPILER
+from estimators.kernel_compiler import part_from_cache
 from estimators.kernel_digest import KernelDigest
 from estimators.kernel_elements import SOURCE
 
@@ -78,7 +80,10 @@ class KernelCache(NumbaCache):
         except Exception:
             # Whatever a damaged or a foreign pickle raises: the kernel is compiled anew.
             return None
-        return CompileResult._rebuild(target_context, *payload) if written == key else None  # type: ignore[no-untyped-call]
+        if written != key:
+            return None
+        rebuild = part_from_cache if self._form else CompileResult._rebuild
+        return rebuild(target_context, *payload)
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Write the compiled kernel `data` for the argument types `sig`, unless the folder cannot be written."""
@@ -104,7 +109,7 @@ class KernelCache(NumbaCache):
 
     @property
     def _version(self) -> tuple[Any, ...]:
-        return numba.__version__, sys.version_info[:2], SOURCE, self._digest
+        return numba.__version__, sys.version_info[:2], SOURCE, COMPILER, self._digest
 
     def _key(self, sig: Any, codegen: Any) -> tuple[Any, ...]:
         return (sig, self._form, codegen.magic_tuple(), *self._version)
