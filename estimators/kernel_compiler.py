@@ -15,7 +15,7 @@ The values are numba's: the same operations, in the same order.
 import gc
 import hashlib
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -54,7 +54,6 @@ _VIEWS = {
     *("pair_second", "getiter", "iternext", "cast", "phi", "null", "undef"),
 }
 """Expressions that make no array: numbers, tuples, and views of arrays that there are."""
-_OPERATIONS = {"binop", "inplace_binop", "unary"}
 
 
 @contextmanager
@@ -210,37 +209,35 @@ def part_from_cache(target: Any, library: tuple[str, bytes], description: Any, e
 
 def _makes_arrays(state: Any) -> bool:
     """Return whether a kernel may make an array, or give one back, so that references to it have to be counted."""
-    models = state.targetctx.data_model_manager
+    models, kinds = state.targetctx.data_model_manager, state.typemap
 
-    def counted(kind: Any) -> bool:
-        return bool(models[kind].contains_nrt_meminfo())
+    def counted(*values: Any) -> bool:
+        return any(models[kinds[value.name]].contains_nrt_meminfo() for value in values)
 
-    return (
-        state.func_ir.is_generator
-        or counted(state.return_type)
-        or any(
-            isinstance(statement, ir.Assign)
-            and isinstance(statement.value, ir.Expr)
-            and _may_make_array(statement.value, statement.target.name, state.typemap, counted)
-            for block in state.func_ir.blocks.values()
-            for statement in block.body
-        )
-    )
-
-
-def _may_make_array(expression: Any, result: str, kinds: dict[str, Any], counted: Callable[[Any], bool]) -> bool:
-    if expression.op in _OPERATIONS:
-        return counted(kinds[result])
-    if expression.op == "call":
-        called = kinds[expression.func.name]
-        if isinstance(called, types.Dispatcher):
-            return counted(kinds[result])
-        if isinstance(called, types.NamedTupleClass) or getattr(called, "typing_key", None) in (len, lanes_in):
+    def may_make(statement: Any) -> bool:
+        if isinstance(statement, ir.SetItem | ir.StaticSetItem):
+            return counted(statement.value)  # several elements at once
+        if not isinstance(statement, ir.Assign):
+            return not isinstance(statement, ir.Branch | ir.Jump | ir.Return | ir.Del)
+        expression, result = statement.value, statement.target
+        if not isinstance(expression, ir.Expr):
             return False
-        return any(counted(kinds[name]) for name in (result, *(value.name for value in expression.args)))
-    if expression.op == "getitem" and counted(kinds[result]):
-        return counted(kinds[expression.index.name])  # a list of places copies; a slice does not
-    return expression.op not in _VIEWS
+        if expression.op in ("binop", "inplace_binop", "unary"):
+            return counted(result)
+        if expression.op == "getitem" and counted(result):
+            return counted(expression.index)  # a list of places copies; a slice does not
+        if expression.op == "call":
+            called = kinds[expression.func.name]
+            if isinstance(called, types.Dispatcher):
+                return counted(result)
+            if isinstance(called, types.NamedTupleClass) or getattr(called, "typing_key", None) in (len, lanes_in):
+                return False
+            return counted(result, *expression.args)
+        return expression.op not in _VIEWS
+
+    if state.func_ir.is_generator or models[state.return_type].contains_nrt_meminfo():
+        return True
+    return any(may_make(statement) for block in state.func_ir.blocks.values() for statement in block.body)
 
 
 _BEFORE: tuple[Any, ...] = (
