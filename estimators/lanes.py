@@ -265,6 +265,32 @@ def lanes_in(array: Floats) -> Floats:
     return array
 
 
+def transposed(a: T, b: T, c: T, d: T) -> tuple[T, T, T, T]:
+    """Return the first lanes of all four, as lanes, then the second ones, the third and the fourth.
+
+    Args:
+        a: lanes.
+        b: lanes.
+        c: lanes.
+        d: lanes.
+    """
+    return a, b, c, d
+
+
+def _transpose(builder: Any, *rows: Any) -> Any:
+    def shuffled(one: Any, other: Any, *places: int) -> Any:
+        return builder.shuffle_vector(one, other, ir.Constant(ir.VectorType(ir.IntType(32), LANES), list(places)))
+
+    # The even lanes of two rows side by side, and the odd ones; then the halves of both pairs.
+    (even, odd), (more_even, more_odd) = (
+        (shuffled(one, other, 0, 4, 2, 6), shuffled(one, other, 1, 5, 3, 7)) for one, other in (rows[:2], rows[2:])
+    )
+    columns = [
+        shuffled(*pair, *half) for half in ((0, 1, 4, 5), (2, 3, 6, 7)) for pair in ((even, more_even), (odd, more_odd))
+    ]
+    return cgutils.pack_array(builder, columns)
+
+
 def _number_of_bits(builder: Any, mask: Any) -> Any:
     return builder.bitcast(_bits(builder, mask), ir.IntType(LANES))
 
@@ -316,6 +342,7 @@ _define(
     ),
     (_lanes, (types.float64,) * LANES, lambda builder, *parts: _vector(builder, _DOUBLES, parts)),
 )
+_define(transposed, (types.UniTuple(_lanes, LANES), (_lanes,) * LANES, _transpose))
 _define(
     lane,
     (types.float64, (_lanes, types.intp), lambda builder, value, at: builder.extract_element(value, at)),

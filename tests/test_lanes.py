@@ -11,7 +11,7 @@ from estimators import rotation as rot
 from estimators.arrays import Bools, Floats
 from estimators.kernel import kernel
 from estimators.kernel_digest import KernelDigest
-from estimators.lanes import all_of, any_of, lane, lanes_in, opposite, pack, select, width, with_lane
+from estimators.lanes import all_of, any_of, lane, lanes_in, opposite, pack, select, transposed, width, with_lane
 from estimators.lighthouse.dop import dilution, dilution_one
 from estimators.lighthouse.pnp import FEWEST_LIT, ITERATIONS_MAX, refine_one, refine_projections
 from estimators.lighthouse.projection import COLUMNS, VALUE, WEIGHT, gather, table_spans_plane
@@ -40,13 +40,14 @@ def everything(given: Floats, out: Floats) -> None:
         into[16, k] = with_lane(with_lane(a, 0, lane(b, 2)), 2, width(a))
         into[17, k] = select(pack(True, False, lane(a < b, 2), all_of(a == a)), 1.0, 0.0)
         into[18, k] = select(any_of(a < 0) & (a == a), 1.0, 0.0)
+        into[19, k], into[20, k], into[21, k], into[22, k] = transposed(a, b, abs(a), abs(b))
 
 
 def test_every_operation_is_numpys_bit_for_bit() -> None:
     pairs = np.array(np.meshgrid(ODD, ODD)).reshape(2, -1)
     rng = np.random.default_rng(1)
     given = np.concatenate([pairs, rng.standard_normal((2, 100))], axis=1).reshape(2, -1, 4)
-    out = np.full((19, given.shape[1], 4), 7.0)
+    out = np.full((23, given.shape[1], 4), 7.0)
     everything(given, out)
     a, b = given
     swapped = a.copy()
@@ -60,6 +61,7 @@ def test_every_operation_is_numpys_bit_for_bit() -> None:
             *(np.stack([a[:, 3], b[:, 0], np.ones(len(a)), a[:, 1]], axis=-1), swapped),
             np.stack([np.ones(len(a)), np.zeros(len(a)), a[:, 2] < b[:, 2], (a == a).all(axis=1)], axis=-1),
             np.any(a < 0, axis=1, keepdims=True) & (a == a),
+            *np.stack([a, b, abs(a), abs(b)]).transpose(2, 1, 0),
         ]
     for number, (mine, theirs) in enumerate(zip(out, wanted, strict=True)):
         assert bits(mine) == bits(np.asarray(theirs, dtype=np.float64)), number

@@ -164,7 +164,7 @@ def test_mixing_moves_probabilities_to_the_next_models_only_and_keeps_what_is_kn
     one = mixture(np.random.default_rng(4), 1, [0.0, 0.6, 0.4, 0.0])  # lanes 1 to 3 and 0 are models 1 to 4
     before, after = np.empty((2, STATES, STATES))
     combine(0, one, before)
-    _mix.py_func(0, 0.1, GRID, one)  # type: ignore[attr-defined]
+    _mix(0, 0.1, GRID, one)
     combine(0, one, after)
     np.testing.assert_allclose(after, before, atol=1e-12)
     livelier, quieter = 0.1 / 30, 0.05

@@ -28,11 +28,13 @@ from estimators.filter.bank import FilterBank, Given, Independent, UpdateResult
 from estimators.filter.error_state import POSE, POSE_COLUMNS, STATES, correct
 from estimators.kernel import formula, kernel
 from estimators.lanes import LANES, any_of, lanes_in
-from estimators.linear import absorb_row, cholesky_into
+from estimators.linear import absorb_row
 from estimators.pivot import ARMS, is_wide, shear, turn_about
 from estimators.rotation import exp_into, left_jacobian_into, multiply_into
 from estimators.state import State
 
+SINGULAR = 1e-14
+"""Share of a diagonal element that a pivot keeps at least where a matrix is positive definite: less is rounding."""
 SHRUNK = 1e-3
 """Share of a variance that an update may leave before the covariance is computed in the form of Joseph."""
 
@@ -59,19 +61,6 @@ class CompiledFilterBank(FilterBank):
             _update_one_by_one(mask, given, self._state, self._covariance, result)
             return -1
         return _update_all(mask, given, self._state, self._covariance, result)
-
-
-@kernel
-def _advance_rows(p: Floats, turn: Floats, dt_jacobian: Floats, dt: float, out: Floats) -> None:
-    """Write F P, (12, 12), into `out`."""
-    for i in range(3):
-        e0, e1, e2 = turn[i, 0], turn[i, 1], turn[i, 2]
-        d0, d1, d2 = dt_jacobian[i, 0], dt_jacobian[i, 1], dt_jacobian[i, 2]
-        for j in range(STATES):
-            out[i, j] = e0 * p[0, j] + e1 * p[1, j] + e2 * p[2, j] + (d0 * p[3, j] + d1 * p[4, j] + d2 * p[5, j])
-            out[3 + i, j] = p[3 + i, j]
-            out[6 + i, j] = p[6 + i, j] + dt * p[9 + i, j]
-            out[9 + i, j] = p[9 + i, j]
 
 
 @kernel
@@ -113,22 +102,38 @@ def advance(
         dt: the step [s].
         acceleration: sigma [m/s^2] of the process noise, as in `process_noise_into`.
         angular_acceleration: likewise [rad/s^2].
-        fp: (12, 12), workspace.
+        fp: (3, 12), workspace.
     """
-    _advance_rows(p, turn, dt_jacobian, dt, fp)
+    # The first rows of F P; the others are rows of P, but for those of the position, which are summed where they count.
     for i in range(3):
         e0, e1, e2 = turn[i, 0], turn[i, 1], turn[i, 2]
         d0, d1, d2 = dt_jacobian[i, 0], dt_jacobian[i, 1], dt_jacobian[i, 2]
-        # Rows i, 3 + i, 6 + i, 9 + i of F (F P)^T, up to the diagonal.
+        for j in range(STATES):
+            fp[i, j] = e0 * p[0, j] + e1 * p[1, j] + e2 * p[2, j] + (d0 * p[3, j] + d1 * p[4, j] + d2 * p[5, j])
+    # F (F P)^T: what is of the position's rows, and not yet moved, first.
+    for i in range(3):
+        for j in range(i + 1):
+            far, near = p[6 + j, 6 + i] + dt * p[9 + j, 6 + i], p[6 + j, 9 + i] + dt * p[9 + j, 9 + i]
+            p[6 + i, 6 + j] = p[6 + j, 6 + i] = far + dt * near
+        for j in range(3):
+            p[6 + i, 3 + j] = p[3 + j, 6 + i] = p[3 + j, 6 + i] + dt * p[3 + j, 9 + i]
+    for i in range(3):
+        for j in range(3):
+            p[9 + i, 6 + j] = p[6 + j, 9 + i] = p[6 + j, 9 + i] + dt * p[9 + j, 9 + i]
+    for i in range(3):
+        e0, e1, e2 = turn[i, 0], turn[i, 1], turn[i, 2]
+        d0, d1, d2 = dt_jacobian[i, 0], dt_jacobian[i, 1], dt_jacobian[i, 2]
         for j in range(i + 1):
             value = e0 * fp[j, 0] + e1 * fp[j, 1] + e2 * fp[j, 2] + (d0 * fp[j, 3] + d1 * fp[j, 4] + d2 * fp[j, 5])
             p[i, j] = p[j, i] = value
-        for j in range(4 + i):
+        for j in range(3):
             p[3 + i, j] = p[j, 3 + i] = fp[j, 3 + i]
-        for j in range(7 + i):
             p[6 + i, j] = p[j, 6 + i] = fp[j, 6 + i] + dt * fp[j, 9 + i]
-        for j in range(10 + i):
             p[9 + i, j] = p[j, 9 + i] = fp[j, 9 + i]
+            # What stays becomes as symmetric as the rest.
+            p[9 + i, 3 + j] = p[3 + j, 9 + i]
+        for j in range(i):
+            p[3 + i, 3 + j], p[9 + i, 9 + j] = p[3 + j, 3 + i], p[9 + j, 9 + i]
     for first, sigma in ((0, angular_acceleration), (6, acceleration)):
         place, both, rate = sigma * dt * dt / 2, sigma * sigma * dt * dt * dt / 2, sigma * dt
         place, rate = place * place, rate * rate
@@ -167,7 +172,7 @@ def _predict_all(
     covariance: Floats,
 ) -> None:
     """Move the craft of the mask on by step (C,) [s]; sigmas [m/s^2], [rad/s^2] as in `process_noise_into`."""
-    turn, jacobian, fp = np.empty((3, 3)), np.empty((3, 3)), np.empty((STATES, STATES))
+    turn, jacobian, fp = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, STATES))
     for c in range(len(mask)):
         if mask[c]:
             step_into(state.angular_rate[c], step[c], turn, jacobian)
@@ -190,8 +195,8 @@ def _picked(h: Floats) -> int:
 class Work(NamedTuple):
     """Places for what updates by up to m rows compute, of numbers or of lanes.
 
-    picked: (m,), columns of `pick`. y: (m,). g: (m, 12). s, lower: (m, m). rest, half: (12, 12). gain: (1, 12). scale:
-    (1,).
+    picked: (m,), columns of `pick`. y: (m,). g: (m, 12). s, lower: (m, m). rest, half: (12, 12). left: (12,). gain:
+    (1, 12). scale: (1,).
     """
 
     picked: Ints
@@ -201,6 +206,7 @@ class Work(NamedTuple):
     lower: Floats
     rest: Floats
     half: Floats
+    left: Floats
     gain: Floats
     scale: Floats
 
@@ -217,6 +223,7 @@ def work_for(most: int) -> Work:
         square[0][1],
         square[1][0],
         square[1][1],
+        np.empty(STATES),
         np.empty((1, STATES)),
         np.empty(1),
     )
@@ -234,17 +241,18 @@ def lanes_work_for(most: int) -> Work:
         square[1],
         large[0],
         large[1],
+        lanes_in(np.empty((STATES, LANES))),
         lanes_in(np.empty((1, STATES, LANES))),
         lanes_in(np.empty((1, LANES))),
     )
 
 
 @kernel
-def _has_shrunk(before: Floats, after: Floats) -> bool:
-    """Return whether less than SHRUNK of a variance is left, of numbers or in any lane."""
-    shrunk = after[0, 0] < SHRUNK * before[0, 0]
+def _has_shrunk(before: Floats, left: Floats) -> bool:
+    """Return whether less than SHRUNK of a variance is left, of numbers or in any lane; left: (12,), variances."""
+    shrunk = left[0] < SHRUNK * before[0, 0]
     for i in range(1, STATES):
-        shrunk = shrunk | (after[i, i] < SHRUNK * before[i, i])
+        shrunk = shrunk | (left[i] < SHRUNK * before[i, i])
     return any_of(shrunk)
 
 
@@ -259,7 +267,7 @@ def _joseph_into(p: Floats, gain: Floats, h: Floats, r: Floats, n: int, work: Wo
         r: (m, m), R.
         n: number of rows.
         work: places.
-        out: (12, 12).
+        out: (12, 12), may be P.
     """
     rest, half = work.rest, work.half
     for i in range(STATES):
@@ -297,40 +305,38 @@ def pick(h: Floats, n: int, picked: Ints) -> None:
 
 
 @kernel
-def absorb(
-    p: Floats, y: Floats, h: Floats, r: Floats, n: int, work: Work, x: Floats, left: Floats
-) -> tuple[bool, float, float]:
-    """Take n rows into an error estimate x of covariance P, of numbers or of lanes; return whether S is positive
-    definite, NIS, and the root of det S.
+def weigh_rows(p: Floats, y: Floats, h: Floats, r: Floats, n: int, work: Work, x: Floats) -> tuple[bool, float, float]:
+    """Weigh n rows against an error estimate x of covariance P, of numbers or of lanes; return whether S is positive
+    definite, NIS, and the root of det S. Z and z stay in `work`, for `take_rows`.
 
     Sums go by groups: pose columns, then angular rate, then velocity. A row that has a single 1 in its pose columns, as
     those of a solved pose have, H = [I B], picks it instead of summing: the fast path of poses.
 
     Args:
-        p: (12, 12), P, as it was.
+        p: (12, 12), P.
         y: (m,), innovations of x = 0.
         h: (m, 12), H.
         r: (m, m), R.
         n: number of rows that are used.
         work: places; `picked` of these rows is known (`pick`).
-        x: (12,), corrected in place.
-        left: (12, 12), receives the covariance that is left.
+        x: (12,).
     """
     z, g, s, lower, picked = work.y, work.g, work.s, work.lower, work.picked
     for a in range(n):
-        z[a] = y[a] - h[a, 0] * x[0]
+        value = y[a] - h[a, 0] * x[0]
         for i in range(1, STATES):
-            z[a] -= h[a, i] * x[i]
-        b0, b1, b2, b3, b4, b5 = h[a, 3], h[a, 4], h[a, 5], h[a, 9], h[a, 10], h[a, 11]
-        for i in range(STATES):
+            value -= h[a, i] * x[i]
+        z[a] = value
+    for i in range(STATES):
+        w0, w1, w2, v0, v1, v2 = p[3, i], p[4, i], p[5, i], p[9, i], p[10, i], p[11, i]
+        for a in range(n):
             if picked[a] >= 0:
                 value = p[picked[a], i]
             else:
                 value = h[a, 0] * p[0, i] + h[a, 1] * p[1, i] + h[a, 2] * p[2, i]
                 value += h[a, 6] * p[6, i] + h[a, 7] * p[7, i] + h[a, 8] * p[8, i]
-            g[a, i] = (
-                value + (b0 * p[3, i] + b1 * p[4, i] + b2 * p[5, i]) + (b3 * p[9, i] + b4 * p[10, i] + b5 * p[11, i])
-            )
+            value += h[a, 3] * w0 + h[a, 4] * w1 + h[a, 5] * w2
+            g[a, i] = value + (h[a, 9] * v0 + h[a, 10] * v1 + h[a, 11] * v2)
     for a in range(n):
         for d in range(a + 1):
             if picked[d] >= 0:
@@ -342,33 +348,56 @@ def absorb(
             value += g[a, 3] * h[d, 3] + g[a, 4] * h[d, 4] + g[a, 5] * h[d, 5]
             value += g[a, 9] * h[d, 9] + g[a, 10] * h[d, 10] + g[a, 11] * h[d, 11]
             s[a, d] = value
-    regular = cholesky_into(s[:n, :n], lower[:n, :n])
 
-    # Z and z by forward substitution, in the places of G and y.
-    squared, volume = z[0] * 0.0, z[0] * 0.0 + 1.0
+    # `cholesky_into`, and by forward substitution Z and z in the places of G and y, a row as soon as its factor is
+    # known: a processor then has work while it waits for roots and quotients.
+    regular, squared, volume = True, z[0] * 0.0, z[0] * 0.0 + 1.0
     for a in range(n):
+        square = s[a, a]
         for k in range(a):
-            factor = lower[a, k]
-            z[a] -= factor * z[k]
-            for i in range(STATES):
-                g[a, i] -= factor * g[k, i]
-        pivot = 1 / lower[a, a]
-        z[a] *= pivot
-        for i in range(STATES):
-            g[a, i] *= pivot
+            square -= lower[a, k] * lower[a, k]
+        regular = regular & (square > SINGULAR * s[a, a])
+        root = np.sqrt(square)
+        lower[a, a] = root
+        for d in range(a + 1, n):
+            value = s[d, a]
+            for k in range(a):
+                value -= lower[d, k] * lower[a, k]
+            lower[d, a] = value / root
+        pivot = 1 / root
+        value = z[a]
+        for k in range(a):
+            value -= lower[a, k] * z[k]
+        z[a] = value * pivot
         squared += z[a] * z[a]
-        volume *= lower[a, a]
+        volume *= root
+        for i in range(STATES):
+            value = g[a, i]
+            for k in range(a):
+                value -= lower[a, k] * g[k, i]
+            g[a, i] = value * pivot
+    return regular, squared, volume
 
+
+@kernel
+def take_rows(p: Floats, h: Floats, r: Floats, n: int, work: Work, x: Floats) -> None:
+    """Take n rows that have been weighed into an error estimate x of covariance P, of numbers or of lanes, in place.
+
+    Args:
+        p: (12, 12), P.
+        h: (m, 12), H.
+        r: (m, m), R.
+        n: number of rows that are used.
+        work: places, with Z and z of `weigh_rows`.
+        x: (12,).
+    """
+    z, g, lower, left = work.y, work.g, work.lower, work.left
     for i in range(STATES):
-        value = x[i]
+        value, own = x[i], p[i, i]
         for a in range(n):
             value += g[a, i] * z[a]
-        x[i] = value
-        for j in range(i + 1):
-            value = p[i, j]
-            for a in range(n):
-                value -= g[a, i] * g[a, j]
-            left[i, j] = left[j, i] = value
+            own -= g[a, i] * g[a, i]
+        x[i], left[i] = value, own
     if _has_shrunk(p, left):
         for a in range(n - 1, -1, -1):  # K^T = L^-T Z
             for k in range(a + 1, n):
@@ -377,8 +406,20 @@ def absorb(
                     g[a, i] -= factor * g[k, i]
             for i in range(STATES):
                 g[a, i] /= lower[a, a]
-        _joseph_into(p, g, h, r, n, work, left)
-    return regular, squared, volume
+        _joseph_into(p, g, h, r, n, work, p)
+        return
+    # Two rows and two columns at once: an element of Z serves twice.
+    for i in range(0, STATES, 2):
+        for j in range(0, i + 1, 2):
+            one, two, three, four = p[i, j], p[i, j + 1], p[i + 1, j], p[i + 1, j + 1]
+            for a in range(n):
+                left0, left1, right0, right1 = g[a, i], g[a, i + 1], g[a, j], g[a, j + 1]
+                one -= left0 * right0
+                two -= left0 * right1
+                three -= left1 * right0
+                four -= left1 * right1
+            p[i, j], p[i, j + 1], p[i + 1, j], p[i + 1, j + 1] = one, two, three, four
+            p[j, i], p[j + 1, i], p[j, i + 1], p[j + 1, i + 1] = one, two, three, four
 
 
 @kernel
@@ -457,7 +498,9 @@ def absorb_independent(
             continue
         squared += absorb_row(left, x, h[a], y[a], variance[a], gain[0], scale)
         volume *= np.sqrt(scale[0])
-    if _has_shrunk(p, left):
+    for i in range(STATES):
+        work.left[i] = left[i, i]
+    if _has_shrunk(p, work.left):
         for a in range(n):
             if _tells(h[a]):
                 _joseph_row(p, h[a], variance[a], work)
@@ -471,22 +514,21 @@ def absorb_independent(
 def _update_all(mask: Bools, given: Given, state: State, covariance: Floats, result: UpdateResult) -> int:
     """Take in the rows of the craft of the mask; -1, or the first craft whose S is not positive definite."""
     accepted, nis, log_determinant = result
-    work = work_for(given.y.shape[1])
-    x, left = np.empty(STATES), np.empty((STATES, STATES))
+    work, x = work_for(given.y.shape[1]), np.empty(STATES)
     for c in range(len(mask)):
         if not mask[c]:
             continue
         n = given.rows[c]
         x[:] = 0.0
         pick(given.h[c], n, work.picked)
-        regular, nis[c], volume = absorb(covariance[c], given.y[c], given.h[c], given.r[c], n, work, x, left)
+        regular, nis[c], volume = weigh_rows(covariance[c], given.y[c], given.h[c], given.r[c], n, work, x)
         if not regular:
             return c
         nis[c] += given.square[c]
         log_determinant[c] = 2 * np.log(volume)
         accepted[c] = nis[c] <= given.gate[given.freedoms[c]]
         if accepted[c]:
-            covariance[c] = left
+            take_rows(covariance[c], given.h[c], given.r[c], n, work, x)
             correct(state.rotation[c], state.angular_rate[c], state.position[c], state.velocity[c], x)
     return -1
 

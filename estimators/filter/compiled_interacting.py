@@ -9,13 +9,14 @@ import numpy as np
 from estimators.arrays import Bools, Floats
 from estimators.filter.bank import Given, Independent, UpdateResult
 from estimators.filter.compiled import (
-    absorb,
     absorb_independent,
     advance,
     lanes_work_for,
     move_on,
     pick,
     step_into,
+    take_rows,
+    weigh_rows,
 )
 from estimators.filter.error_state import correct
 from estimators.filter.interacting import (
@@ -67,7 +68,7 @@ def _noise(noises: Floats, window: int) -> float:
 def _predict_all(mask: Bools, step: Floats, grid: Grid, mixtures: Mixtures, state: State, covariance: Floats) -> None:
     """Mix the models of the craft of the mask, and move them on by step (C,) [s]."""
     turn, jacobian = np.empty((3, 3)), np.empty((3, 3))
-    moved, fp = lanes_in(np.empty((3, LANES))), lanes_in(np.empty((STATES, STATES, LANES)))
+    moved, fp = lanes_in(np.empty((3, LANES))), lanes_in(np.empty((3, STATES, LANES)))
     means, covariances = lanes_in(mixtures.mean), lanes_in(mixtures.covariance)
     for c in range(len(mask)):
         if not mask[c]:
@@ -116,17 +117,14 @@ def _update_all(
 ) -> int:
     """Take in the rows of the craft of the mask; -1, or the first craft whose S is not positive definite."""
     work, correction = lanes_work_for(given.y.shape[1]), np.empty(STATES)
-    x, left = lanes_in(np.empty((STATES, LANES))), lanes_in(np.empty((STATES, STATES, LANES)))
     means, covariances = lanes_in(mixtures.mean), lanes_in(mixtures.covariance)
     nis, spread = np.empty(LANES), np.empty(LANES)
     for c in range(len(mask)):
         if not mask[c]:
             continue
-        n = given.rows[c]
-        pick(given.h[c], n, work.picked)
-        for i in range(STATES):
-            x[i] = means[c, i]
-        regular, squared, volume = absorb(covariances[c], given.y[c], given.h[c], given.r[c], n, work, x, left)
+        n, x, p, h, r = given.rows[c], means[c], covariances[c], given.h[c], given.r[c]
+        pick(h, n, work.picked)
+        regular, squared, volume = weigh_rows(p, given.y[c], h, r, n, work, x)
         for at in range(LANES):
             if runs(at, c, mixtures) and not lane(regular, at):
                 return c
@@ -135,10 +133,7 @@ def _update_all(
         result.accepted[c] = accepted
         result.nis[c], result.log_determinant[c] = weigh(c, accepted, nis, spread, mixtures)
         if accepted:
-            for i in range(STATES):
-                means[c, i] = x[i]
-                for j in range(STATES):
-                    covariances[c, i, j] = left[i, j]
+            take_rows(p, h, r, n, work, x)
             centre(c, mixtures, correction)
             correct(state.rotation[c], state.angular_rate[c], state.position[c], state.velocity[c], correction)
             settle(c, given.freedoms[c], mixtures, covariance[c])

@@ -33,7 +33,7 @@ import numpy as np
 from estimators.arrays import Bools, Floats, Ints
 from estimators.filter.bank import FilterBank, couple
 from estimators.kernel import kernel
-from estimators.lanes import LANES, lane, lanes_in, pack
+from estimators.lanes import LANES, lane, lanes_in, pack, transposed, with_lane
 from estimators.pivot import is_wide, shear, shear_into
 from estimators.state import STATES
 
@@ -242,9 +242,9 @@ def mix_if_due(c: int, dt: float, grid: Grid, mixtures: Mixtures) -> None:
         grid: the models.
         mixtures: models of all craft, changed in place.
     """
+    mixed, moved, zero = lanes_in(mixtures.mixed)[c], lanes_in(mixtures.moved)[c], pack(0.0, 0.0, 0.0, 0.0)
     for j in range(LANES):
-        for i in range(LANES):
-            mixtures.mixed[c, j, i] = mixtures.moved[c, j, i] = 1.0 if i == j else 0.0
+        mixed[j] = moved[j] = with_lane(zero, j, 1.0)
     if mixtures.told[c]:
         mixtures.told[c] = False
         mixtures.since_s[c] += dt
@@ -259,7 +259,7 @@ def _mix(c: int, dt: float, grid: Grid, mixtures: Mixtures) -> None:
     weight = np.zeros((LANES, LANES))
     up, down = min(dt * grid.livelier, 0.25), min(dt * grid.quieter, 0.25)
     window, end = mixtures.window[c], min(mixtures.window[c] + LANES, mixtures.models[c])
-    own, mean, covariance = mixtures.probability[c], mixtures.mean[c].copy(), mixtures.covariance[c]
+    own, x, p = mixtures.probability[c], lanes_in(mixtures.mean)[c], lanes_in(mixtures.covariance)[c]
     for model in range(window, end):
         i, stays = model % LANES, 1.0
         if model > window:
@@ -282,20 +282,29 @@ def _mix(c: int, dt: float, grid: Grid, mixtures: Mixtures) -> None:
     for j in range(LANES):
         for i in range(LANES):
             mixtures.mixed[c, j, i] = weight[j, i]
-    moment, x, y = np.empty(LANES), np.empty(LANES), np.empty(LANES)
+    share = (
+        pack(weight[0, 0], weight[1, 0], weight[2, 0], weight[3, 0]),
+        pack(weight[0, 1], weight[1, 1], weight[2, 1], weight[3, 1]),
+        pack(weight[0, 2], weight[1, 2], weight[2, 2], weight[3, 2]),
+        pack(weight[0, 3], weight[1, 3], weight[2, 3], weight[3, 3]),
+    )
+    mean = lanes_in(np.empty((STATES, LANES)))
+    for a in range(STATES):
+        mean[a] = _mixed(share, x[a])
     for a in range(STATES):
         for b in range(a + 1):
-            for i in range(LANES):
-                moment[i] = covariance[a, b, i] + mean[a, i] * mean[b, i]
-            for j in range(LANES):
-                total, x[j], y[j] = 0.0, 0.0, 0.0
-                for i in range(LANES):
-                    total += weight[j, i] * moment[i]
-                    x[j] += weight[j, i] * mean[a, i]
-                    y[j] += weight[j, i] * mean[b, i]
-                covariance[a, b, j] = covariance[b, a, j] = total - x[j] * y[j]
-        for j in range(LANES):
-            mixtures.mean[c, a, j] = x[j]
+            p[a, b] = p[b, a] = _mixed(share, p[a, b] + x[a] * x[b]) - mean[a] * mean[b]
+    for a in range(STATES):
+        x[a] = mean[a]
+
+
+@kernel
+def _mixed(share: tuple[float, float, float, float], value: float) -> float:
+    """Return a number of all models, as lanes, after mixing; share: lanes of w_ij of every j, of the i one by one."""
+    total: float = 0.0 + share[0] * lane(value, 0)
+    total += share[1] * lane(value, 1)
+    total += share[2] * lane(value, 2)
+    return total + share[3] * lane(value, 3)
 
 
 @kernel
@@ -310,10 +319,17 @@ def combine(c: int, mixtures: Mixtures, covariance: Floats) -> None:
     x, p, own = lanes_in(mixtures.mean)[c], lanes_in(mixtures.covariance)[c], mixtures.probability[c]
     share = pack(own[0], own[1], own[2], own[3])
     for a in range(STATES):
-        for b in range(a + 1):
-            value = share * (p[a, b] + x[a] * x[b])
-            total = (lane(value, 0) + lane(value, 1)) + (lane(value, 2) + lane(value, 3))
-            covariance[a, b] = covariance[b, a] = total
+        # Four columns at once, up to the diagonal.
+        for b in range(0, a + 1, LANES):
+            one, two, three, four = transposed(
+                share * (p[a, b] + x[a] * x[b]),
+                share * (p[a, b + 1] + x[a] * x[b + 1]),
+                share * (p[a, b + 2] + x[a] * x[b + 2]),
+                share * (p[a, b + 3] + x[a] * x[b + 3]),
+            )
+            total = (one + two) + (three + four)
+            for k in range(LANES):
+                covariance[a, b + k] = covariance[b + k, a] = lane(total, k)
 
 
 @kernel
@@ -365,12 +381,16 @@ def centre(c: int, mixtures: Mixtures, x: Floats) -> None:
         mixtures: models of all craft, changed in place.
         x: (12,), receives the mean.
     """
-    for a in range(STATES):
-        x[a] = 0.0
-        for at in range(LANES):
-            x[a] += mixtures.probability[c, at] * mixtures.mean[c, a, at]
-        for at in range(LANES):
-            mixtures.mean[c, a, at] -= x[a]
+    means, own = lanes_in(mixtures.mean)[c], mixtures.probability[c]
+    share = pack(own[0], own[1], own[2], own[3])
+    for a in range(0, STATES, LANES):
+        one, two, three, four = transposed(
+            share * means[a], share * means[a + 1], share * means[a + 2], share * means[a + 3]
+        )
+        total = 0.0 + one + two + three + four
+        for k in range(LANES):
+            x[a + k] = lane(total, k)
+            means[a + k] = means[a + k] - x[a + k]
 
 
 @kernel
