@@ -221,6 +221,9 @@ class FilterBank(ABC):
         A longer gap is several calls of one period each: the process noise of one long step is another model.
         """
         mask = self._checked(mask)
+        if isinstance(dt, float) and 0 <= dt < np.inf:
+            self._predict(mask, np.full(len(mask), dt))
+            return
         every = np.asarray(dt, dtype=np.float64)
         step = self._argument("dt", np.full(len(mask), every) if every.ndim == 0 else every, (), mask)
         if np.any(step[mask] < 0):

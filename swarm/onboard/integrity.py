@@ -144,6 +144,8 @@ class Monitor:
         self._missed = np.sqrt(noncentralities(self._threshold, settings.missed_detection))
         self._quantile = -float(ndtri(settings.risk / 2))
         self._held = np.zeros((2, craft))
+        limits = settings.alert_position_m, float(np.rad2deg(settings.alert_attitude_rad))
+        self._watched = [(i, limit) for i, limit in enumerate(limits) if np.isfinite(limit)]
         self._turn = RotorWatch(craft)
 
     def assume(self, noise: AngleNoise) -> None:
@@ -257,10 +259,10 @@ class Monitor:
             taken.fresh,
             active,
             after.covariance,
+            screened.solution.solved,
             self._held,
             out,
         )
-        out[:2, ~screened.solution.solved] = np.nan
         out[2:] += sweep_fault
         if separated is not None:
             own = np.where(active, separated.levels + sweep_fault, np.nan)
@@ -270,12 +272,10 @@ class Monitor:
             distance = np.linalg.norm(pose.position[at] - after.state.position[at], axis=1)
             angle = np.rad2deg(angle_between(pose.rotation[at], after.state.rotation[at]))
             out[2:, at] = np.fmax(out[2:, at], np.stack([distance, angle]) + out[:2, at])
-        limits = s.alert_position_m, float(np.rad2deg(s.alert_attitude_rad))
-        watched = [i for i, limit in enumerate(limits) if np.isfinite(limit)]
         alert = np.zeros(out.shape[1], dtype=np.bool_)
-        for i in watched:
-            alert |= ~(out[2 + i] <= limits[i])
-        return Integrity(screened.dropped, out[0], out[1], out[2], out[3], alert, bool(watched))
+        for i, limit in self._watched:
+            alert |= ~(out[2 + i] <= limit)
+        return Integrity(screened.dropped, out[0], out[1], out[2], out[3], alert, bool(self._watched))
 
 
 @kernel
@@ -289,10 +289,12 @@ def _levels_into(
     by_lighthouse: Bools,
     active: Bools,
     covariance: Floats,
+    solved: Bools,
     held: Floats,
     out: Floats,
 ) -> None:
-    """Write levels (4, C): position [m] and attitude [deg] of the poses, then of the filters; `held` (2, C) is kept.
+    """Write levels (4, C): position [m] and attitude [deg] of the poses, NaN where not solved, then of the filters;
+    `held` (2, C) is kept.
 
     factors, slopes: per radian, of the attitude, then of the position. missed: sqrt(L) sqrt(1 - rho) s by the number of
     photodiodes. sigma: s [rad].
@@ -301,7 +303,7 @@ def _levels_into(
         for i in range(2):
             # The levels have the position first, `factors` and `slopes` the attitude.
             fault = slopes[1 - i][c] * missed[count[c]] if missed[count[c]] > 0 else 0.0
-            out[i, c] = quantile * sigma * factors[1 - i][c] + fault
+            out[i, c] = quantile * sigma * factors[1 - i][c] + fault if solved[c] else np.nan
             if by_lighthouse[c]:
                 held[i, c] = fault
             elif not active[c]:

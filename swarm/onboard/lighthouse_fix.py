@@ -15,6 +15,7 @@ import numpy as np
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats, Ints
 from estimators.filter.error_state import POSE_COLUMNS
+from estimators.kernel import kernel
 from estimators.lighthouse.dop import Dilution, dilution
 from estimators.lighthouse.integrity import AngleNoise, Sweeps, linearised
 from estimators.lighthouse.planar import Rows, Side, Spread, bends, is_flat, pose_rows, spread
@@ -28,6 +29,8 @@ from swarm.onboard.integrity import Integrity, Monitor, Screened, Separated
 from swarm.onboard.settings import MIN_LIT, NavigationSettings, Sensor
 from swarm.onboard.tracks import UNKNOWN_RATE, Filtered, Pair, PoseFix, Taken, Tracks
 
+LIGHTHOUSE = int(Sensor.LIGHTHOUSE)
+"""The code as a plain number, which NumPy takes at once."""
 SIDE_PERIODS = 6
 """Periods after which the evidence on the sign of a tilt is forgotten: a craft may have turned meanwhile."""
 PAIR_APART = 36.0
@@ -142,8 +145,7 @@ class LighthouseFix:
         """
         s, active = self.settings, tracks.bank.active
         predicted = s.station.state_into(tracks.bank.state)
-        turned, theta, lit = self._ideal(angles)
-        visible = np.count_nonzero(lit, axis=1)
+        turned, theta, lit, visible = self._ideal(angles)
         enough = visible >= MIN_LIT
         lost = tracks.lost(s.search_again_s)
         start = self._acquire(theta, lit, angles.offset_s, enough, lost, predicted, tracks)
@@ -164,11 +166,12 @@ class LighthouseFix:
         # Where the sweeps themselves go into the filter, precision is that at the prediction.
         unsolved = enough & active & ~known
         at = State(screened.solution.rotation, screened.solution.position, predicted.velocity, predicted.angular_rate)
-        at = predicted.where(unsolved, at) if unsolved.any() else at
+        searching = unsolved.any()
+        at = predicted.where(unsolved, at) if searching else at
         precision = dilution(
             at.rotation,
             at.position,
-            np.where(unsolved[:, None], lit, screened.lit),
+            np.where(unsolved[:, None], lit, screened.lit) if searching else screened.lit,
             sweeps.point_m,
             sweeps.offset_s,
             sweeps.angular_rate,
@@ -200,13 +203,17 @@ class LighthouseFix:
         """
         return self._monitor.levels(light.screened, light.dilution, taken, after, sweep_fault, separated)
 
-    def _ideal(self, angles: SweepAngles) -> tuple[Floats, Floats, Bools]:
-        """Return the angles (C, K, 2) less rotor speed, and less fan errors too, and the mask (C, K) of the latter."""
+    def _ideal(self, angles: SweepAngles) -> tuple[Floats, Floats, Bools, Ints]:
+        """Return the angles (C, K, 2) less rotor speed, and less fan errors too, the mask (C, K) of the latter, and
+        each craft's number of them, (C,).
+        """
         s = self.settings
         speed = self._monitor.speed(angles, s.frame_s)
         turned = angles.theta if speed is None else angles.theta * speed[:, None, None]
         theta = correct(turned, (s.fan_x, s.fan_y))
-        return turned, theta, angles.lit & np.isfinite(theta[..., 0]) & np.isfinite(theta[..., 1])
+        lit, visible = np.empty_like(angles.lit), np.empty(len(theta), dtype=np.int64)
+        _count_seen(theta, angles.lit, lit, visible)
+        return turned, theta, lit, visible
 
     def _solve(self, sweeps: Sweeps, known: Bools, visible: Ints, start: _Start, tracks: Tracks) -> Screened:
         """Solve every craft's pose from its start, and test the residuals."""
@@ -235,7 +242,7 @@ class LighthouseFix:
             covariance=s.station.matrix_out(self._sigma_rad**2 * precision.covariance),
             coupling=coupling if s.motion_compensation else np.zeros_like(coupling),
             start_coupling=coupling,
-            sensor=np.full(len(pnp.solved), Sensor.LIGHTHOUSE, dtype=np.int64),
+            sensor=np.full(len(pnp.solved), LIGHTHOUSE),
             tested=s.integrity.residual_test,
         )
 
@@ -306,6 +313,8 @@ class LighthouseFix:
         self.pairs = {}
         start = _Start(np.zeros(len(enough), dtype=np.bool_), predicted.rotation, predicted.position, {})
         who = np.flatnonzero(enough & (lost | ~active))
+        if not len(who):
+            return start
         before = [self._hypotheses[i] for i in who]
         sightings = [Sighting(theta[i], lit[i], self._point_m[i], offset_s[i]) for i in who]
         after = advance(before, sightings, self._noise.own_rad)
@@ -387,3 +396,20 @@ def _at_rest(seen: Sighting) -> Sweeps:
     """Return the angles of one searching craft as a batch of one, as if at rest."""
     rest = np.zeros((1, 3))
     return Sweeps(seen.theta[None], seen.lit[None], seen.point_m[None], seen.offset_s[None], rest, rest)
+
+
+@kernel
+def _count_seen(theta: Floats, given: Bools, lit: Bools, visible: Ints) -> None:
+    """Write which photodiodes of C craft have two angles, and how many.
+
+    Args:
+        theta: (C, K, 2) [rad], NaN where there is none.
+        given: (C, K), photodiodes that the decoder saw.
+        lit: (C, K), receives them.
+        visible: (C,), receives their numbers.
+    """
+    for c in range(len(visible)):
+        visible[c] = 0
+        for k in range(lit.shape[1]):
+            lit[c, k] = given[c, k] and np.isfinite(theta[c, k, 0]) and np.isfinite(theta[c, k, 1])
+            visible[c] += lit[c, k]

@@ -92,6 +92,8 @@ class MirrorImages:
 
     def start(self, pairs: Mapping[int, Pair]) -> None:
         """Start both filters of craft, by index, that a search leaves with two poses."""
+        if not pairs:
+            return
         own, other = self._tracks.bank, self._images.bank
         mask = np.zeros_like(self.hidden)
         for c, pair in pairs.items():
@@ -114,8 +116,11 @@ class MirrorImages:
         taken: what the craft's own filters made of them.
         """
         own, other = self._tracks.bank, self._images.bank
-        other.stop(other.active & ~own.active)
-        self.hidden &= other.active
+        followed = other.active
+        if followed.any():
+            other.stop(followed & ~own.active)
+            followed = other.active
+        self.hidden &= followed
         if taken.batch is None or taken.before is None:
             return
         asked = other.active & (taken.fresh | taken.refused)
@@ -168,7 +173,9 @@ class MirrorImages:
         """Return the filters with the mean and covariance of both where a mirror image is followed, as inactive where
         both are of a search.
         """
-        for c in np.flatnonzero(self.open & after.active & ~self.hidden).tolist():
+        if not (followed := self.open).any():
+            return after
+        for c in np.flatnonzero(followed & after.active & ~self.hidden).tolist():
             self._mixed(c, after.state, after.covariance)
         if not self.hidden.any():
             return after

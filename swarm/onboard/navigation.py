@@ -39,10 +39,13 @@ from swarm.onboard.reference_craft import ReferenceCraft
 from swarm.onboard.relative import RelativeNavigation, RelativePoses
 from swarm.onboard.row_separation import RowSeparation
 from swarm.onboard.separation import Separation
-from swarm.onboard.settings import MIN_LIT, Coupling, NavigationSettings, Sensor, Status
+from swarm.onboard.settings import MIN_LIT, Coupling, NavigationSettings, Sensor, status_codes
 from swarm.onboard.shared_errors import SharedErrors
 from swarm.onboard.single_sweeps import SingleSweeps, SweepsTaken
 from swarm.onboard.tracks import Filtered, PoseFix, Taken, Tracks
+
+LIGHTHOUSE, LOOSE, TIGHT = int(Sensor.LIGHTHOUSE), int(Coupling.LOOSE), int(Coupling.TIGHT)
+"""The codes as plain numbers, which NumPy takes at once."""
 
 
 class Estimate(NamedTuple):
@@ -179,8 +182,9 @@ class Navigator:
             self._separation.poses(fix, taken[-1], tracks.bank, separated=False)
             self._beside.pose(fix)
             seen = seen._replace(nis=taken[-1].nis)
-        pose = np.any([part.fresh for part in taken], axis=0)
-        refused = np.any([part.refused for part in taken], axis=0)
+        pose, refused = taken[0].fresh, taken[0].refused
+        for more in taken[1:]:
+            pose, refused = pose | more.fresh, refused | more.refused
         tracks.count(
             pose | sweeps.decided,
             sweeps.fresh & ~sweeps.decided,
@@ -236,6 +240,8 @@ class Navigator:
         else:
             separated = self._separation.levels(after, since_s)
         found = self._light.levels(light, pose, after, fault, separated)
+        if not sweeps.dropped.any():
+            return found
         return found._replace(dropped=np.where(sweeps.dropped != 0, sweeps.dropped, found.dropped))
 
     def _estimate(
@@ -251,18 +257,17 @@ class Navigator:
         alone = after.covariance
         after = after._replace(covariance=self._shared.widened(alone))
         integrity = self._integrity(light, taken[0], sweeps, after)
-        relative = self._relative.step(after.active, after.state, alone, integrity.levels)
-        sensor = np.full(len(light.visible), Sensor.NONE, dtype=np.int64)
+        relative: RelativePoses | None = None
+        if self._relative.wanted:
+            relative = self._relative.step(after.active, after.state, alone, integrity.levels)
+        sensor = sweeps.fresh * LIGHTHOUSE
         for fix, became in zip(fixes, taken, strict=True):
-            sensor = np.where(became.fresh, sensor | fix.sensor, sensor)
-        sensor = np.where(sweeps.fresh, sensor | Sensor.LIGHTHOUSE, sensor)
-        tight = sweeps.fresh & after.active
-        coupling = np.where(tight, Coupling.TIGHT, np.where(taken[0].fresh, Coupling.LOOSE, Coupling.NONE))
-        status = np.where(self._light.undecided | self._images.hidden, Status.AMBIGUOUS, Status.SEARCHING)
-        fresh = np.where(self.tracks.since_update_s == 0.0, Status.SINGLE_SWEEPS, Status.COASTING)
-        fresh = np.where(self.tracks.since_pose_s == 0.0, Status.TRACKING, fresh)
+            sensor |= became.fresh * fix.sensor
+        coupling = taken[0].fresh * LOOSE
+        coupling[sweeps.fresh & after.active] = TIGHT
+        ambiguous = self._light.undecided | self._images.hidden
         return Estimate(
-            status=np.where(after.active, fresh, status).astype(np.int64),
+            status=status_codes(after.active, ambiguous, self.tracks.since_update_s, self.tracks.since_pose_s),
             visible=light.visible,
             pnp=light.screened.solution,
             dilution=light.dilution,

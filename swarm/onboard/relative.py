@@ -120,6 +120,11 @@ class RelativeNavigation:
         self._craft = np.array([pair[0] for pair in pairs], dtype=np.int64)
         self._to = np.array([pair[1] for pair in pairs], dtype=np.int64)
 
+    @property
+    def wanted(self) -> bool:
+        """Whether there are pairs."""
+        return bool(self._pairs)
+
     def step(self, active: Bools, state: State, covariance: Floats, levels: Floats) -> RelativePoses | None:
         """Return what every pair knows after a period; None without pairs.
 

@@ -4,6 +4,9 @@ from dataclasses import dataclass, field
 from enum import IntEnum, IntFlag
 from math import sqrt
 
+import numpy as np
+
+from estimators.arrays import Bools, Floats, Ints
 from estimators.filter.error_state import (
     DEFAULT_ACCELERATION_NOISE_M_S2,
     DEFAULT_ANGULAR_ACCELERATION_NOISE_RAD_S2,
@@ -41,8 +44,27 @@ class Status(IntEnum):
     SINGLE_SWEEPS = 4
 
 
+SEARCHING, TRACKING, COASTING, AMBIGUOUS, SINGLE_SWEEPS = (int(status) for status in Status)
+"""The codes as plain numbers, which NumPy takes at once."""
 BY_LIGHT = (Status.TRACKING, Status.SINGLE_SWEEPS)
 """States of a craft whose filter took in light in this period."""
+
+
+def status_codes(active: Bools, ambiguous: Bools, since_update_s: Floats, since_pose_s: Floats) -> Ints:
+    """Return the codes of `Status` (C,) after a period.
+
+    Args:
+        active: (C,), craft with an estimate.
+        ambiguous: (C,), those of the others whose light fits more than one pose.
+        since_update_s: (C,), time since a filter took in a pose or single sweeps [s].
+        since_pose_s: (C,), time since it took in a pose, or sweep angles of as many photodiodes as decide one [s].
+    """
+    out = np.full(len(active), COASTING)
+    out[since_update_s == 0.0] = SINGLE_SWEEPS
+    out[since_pose_s == 0.0] = TRACKING
+    out[~active] = SEARCHING
+    out[~active & ambiguous] = AMBIGUOUS
+    return out
 
 
 class Coupling(IntEnum):

@@ -63,17 +63,22 @@ class SweepsTaken(NamedTuple):
 
 
 def _none(craft: int, batch: RowBatch | None = None, before: Filtered | None = None) -> SweepsTaken:
+    fates, numbers, unknown = (
+        np.zeros((2, craft), dtype=np.bool_),
+        np.zeros((3, craft), dtype=np.int64),
+        np.full((2, craft), np.nan),
+    )
     return SweepsTaken(
-        fresh=np.zeros(craft, dtype=np.bool_),
-        refused=np.zeros(craft, dtype=np.bool_),
-        nis=np.full(craft, np.nan),
-        rows=np.zeros(craft, dtype=np.int64),
-        photodiodes=np.zeros(craft, dtype=np.int64),
-        dropped=np.zeros(craft, dtype=np.int64),
+        fresh=fates[0],
+        refused=fates[1],
+        nis=unknown[0],
+        rows=numbers[0],
+        photodiodes=numbers[1],
+        dropped=numbers[2],
         fault=np.zeros((2, craft)),
         batch=batch,
         kept=np.ones(0 if batch is None else len(batch.angle), dtype=np.bool_),
-        log_determinant=np.full(craft, np.nan),
+        log_determinant=unknown[1],
         before=before,
     )
 

@@ -62,7 +62,7 @@ from swarm.onboard.rivals import CHOICE_RAD, CHOICE_RATIO
 from swarm.onboard.row_counts import decides, numbers
 from swarm.onboard.row_search import Found, RowSearch, scatter
 from swarm.onboard.row_separation import HARDER, RowSeparation
-from swarm.onboard.settings import Coupling, NavigationSettings, Sensor, Status
+from swarm.onboard.settings import Coupling, NavigationSettings, Sensor, status_codes
 from swarm.onboard.shared_errors import SharedErrors
 from swarm.onboard.tracks import Filtered, Motion, PoseFix, Taken, Tracks
 
@@ -556,11 +556,8 @@ class StationNavigator:
         for fix, became in fixes:
             sensor = np.where(became.fresh, sensor | fix.sensor, sensor)
         coupling = np.where(fixes[0][1].fresh, Coupling.LOOSE, Coupling.NONE)
-        status = np.where(self._undecided, Status.AMBIGUOUS, Status.SEARCHING)
-        fresh = np.where(self.tracks.since_update_s == 0.0, Status.SINGLE_SWEEPS, Status.COASTING)
-        fresh = np.where(self.tracks.since_pose_s == 0.0, Status.TRACKING, fresh)
         return Estimate(
-            status=np.where(after.active, fresh, status).astype(np.int64),
+            status=status_codes(after.active, self._undecided, self.tracks.since_update_s, self.tracks.since_pose_s),
             visible=visible,
             pnp=_as_solution(pose),
             dilution=self._dilution(pose),

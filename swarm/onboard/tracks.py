@@ -144,6 +144,7 @@ class Tracks:
         self.bank, self._frame_s, self._limits, self._orbit = bank, frame_s, limits, orbit
         self.since_update_s, self.since_pose_s = np.zeros((2, craft))
         self._rejections = np.zeros(craft, dtype=np.int64)
+        self._still = np.zeros((craft, 3))
         self._command: Command | None = None
         self.inertia = np.full((craft, 3, 3), np.nan) if inertia is None else np.ascontiguousarray(inertia)
         self._turns_freely: Bools = np.isfinite(self.inertia).all(axis=(1, 2))
@@ -178,11 +179,10 @@ class Tracks:
         free = active & (self._turns_freely | unsteered)
         turns = self._free_turns(free, unsteered, command) if free.any() else None
         bank.predict(self._frame_s, active)
-        still = np.zeros_like(self.inertia[:, 0])
         if turns is not None:
-            bank.add_motion(free, turns.turn, turns.rate, still, still, turns.coupling)
+            bank.add_motion(free, turns.turn, turns.rate, self._still, self._still, turns.coupling)
         if pull is not None:
-            bank.add_motion(active, still, still, pull * self._frame_s**2 / 2, pull * self._frame_s)
+            bank.add_motion(active, self._still, self._still, pull * self._frame_s**2 / 2, pull * self._frame_s)
         if command is not None:
             self._add_command(command, unsteered)
         return None if turns is None else turns.coupling
@@ -252,9 +252,10 @@ class Tracks:
     def _update(self, update: Bools, fix: PoseFix) -> tuple[Bools, Floats]:
         """Update the filters of the craft of the mask; return whose were accepted, (C,), and the NIS, (C,)."""
         bank = self.bank
-        by_rows = np.zeros_like(update) if fix.rows is None else update & fix.rows.mask
-        result = bank.update_pose(update & ~by_rows, fix.rotation, fix.position, fix.covariance, fix.coupling)
-        if fix.rows is None:
+        by_rows = None if fix.rows is None else update & fix.rows.mask
+        by_pose = update if by_rows is None else update & ~by_rows
+        result = bank.update_pose(by_pose, fix.rotation, fix.position, fix.covariance, fix.coupling)
+        if fix.rows is None or by_rows is None:
             return result.accepted, result.nis
         h = _all_columns(fix.rows)
         other = bank.update(by_rows, fix.rows.y, h, np.broadcast_to(np.eye(POSE), (len(update), POSE, POSE)))
@@ -320,15 +321,19 @@ class Tracks:
         self.since_update_s = np.where(fresh, 0.0, self.since_update_s + self._frame_s)
         self.since_pose_s = np.where(pose, 0.0, self.since_pose_s + self._frame_s)
         self._rejections = np.where(fresh, 0, self._rejections + refused)
-        given_up = (self.since_update_s > limit) | (sweeps & self.beyond(MEANINGLESS_RAD))
+        given_up = self.since_update_s > limit
+        if sweeps.any():
+            given_up |= sweeps & self.beyond(MEANINGLESS_RAD)
         self.bank.stop(self.bank.active & (given_up | (self._rejections >= self._limits.rejections_limit)))
 
     def lost(self, time_s: float) -> Bools:
         """Return the craft (C,) with a filter that have had no light for `time_s`, or only single sweeps that leave
         the attitude undecided.
         """
-        undecided = (self.since_pose_s > time_s) & self.beyond(UNDECIDED_RAD)
-        return self.bank.active & ((self.since_update_s > time_s) | undecided)
+        out, without = self.since_update_s > time_s, self.since_pose_s > time_s
+        if without.any():
+            out |= without & self.beyond(UNDECIDED_RAD)
+        return self.bank.active & out
 
     def beyond(self, attitude_rad: float) -> Bools:
         """Return the craft (C,) with a filter whose attitude's standard deviation exceeds `attitude_rad`."""
