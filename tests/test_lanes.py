@@ -14,7 +14,7 @@ from estimators.kernel_digest import KernelDigest
 from estimators.lanes import all_of, any_of, lane, lanes_in, opposite, pack, select, transposed, width, with_lane
 from estimators.lighthouse.dop import dilution, dilution_one
 from estimators.lighthouse.pnp import FEWEST_LIT, ITERATIONS_MAX, refine_one, refine_projections
-from estimators.lighthouse.projection import COLUMNS, VALUE, WEIGHT, gather, table_spans_plane
+from estimators.lighthouse.projection import COLUMNS, VALUE, WEIGHT, gather, projections, table_spans_plane
 
 ODD = [0.0, -0.0, 1.0, -2.5, np.inf, -np.inf, np.nan, 5e-324, 1e308, -1e-310]
 
@@ -183,3 +183,17 @@ def test_four_dilutions_at_once_are_those_of_one_alone_bit_for_bit() -> None:
             assert ours.attitude_slope_deg_per_rad[c] == np.rad2deg(found[1]), c
             assert ours.position_slope_m_per_rad[c] == found[2], c
     assert 20 <= np.count_nonzero(np.isfinite(ours.pdop_m_per_rad)) < len(company.lit) - 5
+
+
+def test_a_cotangent_is_exact_to_four_units_in_the_last_place_and_the_same_of_lanes_and_of_a_number() -> None:
+    rng = np.random.default_rng(8)
+    small = 10.0 ** rng.uniform(-300, 0, 500)
+    near = np.pi / 2 + 10.0 ** rng.uniform(-17, 0, 500) * rng.choice([-1, 1], 500)
+    theta = np.concatenate([rng.uniform(0, np.pi, 4000), small, np.pi - 10.0 ** rng.uniform(-15, 0, 500), near])
+    exact = np.cos(theta.astype(np.longdouble)) / np.sin(theta.astype(np.longdouble))
+    found = projections(theta)
+    assert (np.abs(found - exact) <= 4 * np.spacing(np.abs(exact.astype(np.float64)))).all()
+    outside = np.array([0.0, -1.0, np.pi, 4.0, np.nan, np.inf, -np.inf])
+    assert np.isnan(projections(outside)).all()
+    shifted = projections(np.concatenate([outside[:1], theta]))[1:]  # other angles side by side, and left over
+    assert bits(shifted) == bits(found)

@@ -5,11 +5,13 @@ the epoch; R = R_l_b and t are the pose at the epoch, w and v the motion assumed
 cot theta_x, fan Y v = y/z = cot theta_y. Derivatives are by a left rotation error d, R <- Exp([d]x) R, and by t.
 """
 
+from math import factorial
+
 import numpy as np
 
 from estimators.arrays import Bools, Floats
 from estimators.kernel import kernel
-from estimators.lanes import select
+from estimators.lanes import LANES, lanes_in, select
 from estimators.rotation import Row, exp_rows
 
 COLLINEAR = 1e-6
@@ -43,10 +45,49 @@ def checked_lit(lit: Bools, shape: tuple[int, ...] | None = None) -> Bools:
     return out
 
 
+_SINE = tuple((-1) ** k / factorial(2 * k + 1) for k in range(8, 0, -1))
+_COSINE = tuple((-1) ** k / factorial(2 * k) for k in range(8, 0, -1))
+"""Coefficients of both series, the last one first, without the leading 1; within pi/4 they are exact to a rounding."""
+_PI_REST = 1.2246467991473532e-16
+"""Pi less its double."""
+
+
+@kernel
+def cotangent(theta: float) -> float:
+    """Return cot theta of an angle [rad], of numbers or of lanes; NaN outside (0, pi), where no fan can hit the front.
+
+    It is the tangent of what is missing from a quarter turn, or where that is more than an eighth, one over the tangent
+    of what is missing from 0 or pi: within four units in the last place.
+    """
+    missing = (np.pi / 2 - theta) + _PI_REST / 2
+    ahead = abs(missing) <= np.pi / 4
+    arc = select(ahead, missing, select(missing > 0, theta, (theta - np.pi) - _PI_REST))
+    square = arc * arc
+    sine, cosine = square * _SINE[0], square * _COSINE[0]
+    for k in range(1, 8):
+        sine, cosine = square * (sine + _SINE[k]), square * (cosine + _COSINE[k])
+    sine, cosine = arc + arc * sine, 1 + cosine
+    value = select(ahead, sine, cosine) / select(ahead, cosine, sine)
+    out: float = select((theta > 0) & (theta < np.pi), value, np.nan)
+    return out
+
+
+@kernel
+def _cotangents_into(theta: Floats, rest: Floats, out: Floats, of_rest: Floats) -> None:
+    """Write `cotangent` of angles (N, LANES), and of those that are left over, (n,)."""
+    fours, into = lanes_in(theta), lanes_in(out)
+    for i in range(len(fours)):
+        into[i] = cotangent(fours[i])
+    for i in range(len(rest)):
+        of_rest[i] = cotangent(rest[i])
+
+
 def projections(theta: Floats) -> Floats:
     """Return (u, v) = cot theta (2) of angles [rad], any shape; NaN outside (0, pi), where no fan can hit the front."""
-    inside = (theta > 0) & (theta < np.pi)
-    out: Floats = np.where(inside, 1 / np.tan(np.where(inside, theta, 1.0)), np.nan)
+    angles = np.ascontiguousarray(theta, dtype=np.float64)
+    out = np.empty(angles.shape)
+    given, into, whole = angles.reshape(-1), out.reshape(-1), angles.size - angles.size % LANES
+    _cotangents_into(given[:whole].reshape(-1, LANES), given[whole:], into[:whole].reshape(-1, LANES), into[whole:])
     return out
 
 
