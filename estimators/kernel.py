@@ -40,9 +40,20 @@ _KERNELS: dict[Any, KernelCache] = {}
 
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
     """Compile `function` with numba: cached, NumPy's division by zero (inf, nan), strict IEEE order."""
+    return _compiled(function, PART)
+
+
+def inlined(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile `function` as `kernel` does, for a place in what calls it: a call of its own hands every array over in
+    seven words, which takes as long as the work where there are many arrays, and little work.
+    """
+    return _compiled(function, PART | {"forceinline": True})
+
+
+def _compiled(function: Callable[P, R], options: dict[str, Any]) -> Callable[P, R]:
     compiled: Callable[P, R] = numba.njit(**OPTIONS)(function)
     if isinstance(compiled, Dispatcher):  # not where NUMBA_DISABLE_JIT is set
-        part: Any = numba.njit(**PART)(function)
+        part: Any = numba.njit(**options)(function)
         compiled._cache = KernelCache(function)  # type: ignore[arg-type,attr-defined]
         part._cache = KernelCache(function, "part")  # type: ignore[arg-type]
         compiled.get_call_template = _of_any_value(part)  # type: ignore[assignment,method-assign]

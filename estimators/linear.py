@@ -185,3 +185,23 @@ def absorb_row(p: Floats, x: Floats, h: Floats, y: float, variance: float, gain:
             p[i, j] = p[j, i] = p[i, j] - factor * gain[j]
     share: float = left * left
     return share
+
+
+@kernel
+def from_triangle(triangle: Floats, out: Floats) -> None:
+    """Write a symmetric matrix (n, n) whose lower triangle is given row by row, of numbers or of lanes."""
+    k = 0
+    for i in range(out.shape[0]):
+        for j in range(i + 1):
+            out[i, j] = out[j, i] = triangle[k]
+            k += 1
+
+
+@kernel
+def to_triangle(a: Floats, out: Floats) -> None:
+    """Write the lower triangle of `a` (n, n) row by row, of numbers or of lanes."""
+    k = 0
+    for i in range(a.shape[0]):
+        for j in range(i + 1):
+            out[k] = a[i, j]
+            k += 1

@@ -148,7 +148,7 @@ def mixture(rng: np.random.Generator, window: int, probability: list[float]) -> 
         models=np.array([6]),
         probability=np.array([probability]),
         mean=mean[None],
-        covariance=np.moveaxis(root @ np.swapaxes(root, 1, 2), 0, -1)[None].copy(),
+        covariance=np.moveaxis(root @ np.swapaxes(root, 1, 2), 0, -1)[None][:, *np.tril_indices(STATES)].copy(),
         told=np.ones(1, dtype=np.bool_),
         since_s=np.zeros(1),
         mixed=np.zeros((1, LANES, LANES)),
@@ -191,12 +191,12 @@ def test_a_window_moves_by_one_model_where_the_likeliest_is_at_its_end(window: i
     assert one.window[0] == then
     assert one.probability.sum() == pytest.approx(1.0)
     assert one.probability[0, best % LANES] == one.probability.max()
-    changed = [at for at in range(LANES) if not np.array_equal(one.covariance[0, :, :, at], old[0, :, :, at])]
+    changed = [at for at in range(LANES) if not np.array_equal(one.covariance[0, :, at], old[0, :, at])]
     if then == window:
         assert not changed
         return
     # The newcomer is a copy of the likeliest, hardly probable, in the lane of the one given up.
     newcomer = then if then < window else then + LANES - 1
     assert changed == [newcomer % LANES]
-    np.testing.assert_array_equal(one.covariance[0, :, :, newcomer % LANES], old[0, :, :, best % LANES])
+    np.testing.assert_array_equal(one.covariance[0, :, newcomer % LANES], old[0, :, best % LANES])
     assert one.probability[0, newcomer % LANES] < 1e-5

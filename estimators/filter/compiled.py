@@ -26,7 +26,7 @@ import numpy as np
 from estimators.arrays import Bools, Floats, Ints
 from estimators.filter.bank import FilterBank, Given, Independent, UpdateResult
 from estimators.filter.error_state import POSE, POSE_COLUMNS, STATES, correct
-from estimators.kernel import formula, kernel
+from estimators.kernel import formula, inlined, kernel
 from estimators.lanes import LANES, any_of, lanes_in
 from estimators.linear import absorb_row
 from estimators.pivot import ARMS, is_wide, shear, turn_about
@@ -304,7 +304,7 @@ def pick(h: Floats, n: int, picked: Ints) -> None:
         picked[a] = _picked(h[a])
 
 
-@kernel
+@inlined
 def weigh_rows(p: Floats, y: Floats, h: Floats, r: Floats, n: int, work: Work, x: Floats) -> tuple[bool, float, float]:
     """Weigh n rows against an error estimate x of covariance P, of numbers or of lanes; return whether S is positive
     definite, NIS, and the root of det S. Z and z stay in `work`, for `take_rows`.
@@ -379,7 +379,7 @@ def weigh_rows(p: Floats, y: Floats, h: Floats, r: Floats, n: int, work: Work, x
     return regular, squared, volume
 
 
-@kernel
+@inlined
 def take_rows(p: Floats, h: Floats, r: Floats, n: int, work: Work, x: Floats) -> None:
     """Take n rows that have been weighed into an error estimate x of covariance P, of numbers or of lanes, in place.
 

@@ -32,8 +32,9 @@ from estimators.filter.interacting import (
     shear_models,
     weigh,
 )
-from estimators.kernel import kernel
+from estimators.kernel import inlined, kernel
 from estimators.lanes import LANES, lane, lanes_in, pack
+from estimators.linear import from_triangle, to_triangle
 from estimators.pivot import ARMS, turn_about
 from estimators.state import STATES, State
 
@@ -51,7 +52,7 @@ class CompiledInteractingBank(InteractingBank):
         return _update_all(mask, given, self._mixtures, self._state, self._covariance, result)
 
 
-@kernel
+@inlined
 def _noise(noises: Floats, window: int) -> float:
     """Return the noises of the models that a craft runs, as lanes; noises: (N,), of all models."""
     last = len(noises) - 1
@@ -69,6 +70,7 @@ def _predict_all(mask: Bools, step: Floats, grid: Grid, mixtures: Mixtures, stat
     """Mix the models of the craft of the mask, and move them on by step (C,) [s]."""
     turn, jacobian = np.empty((3, 3)), np.empty((3, 3))
     moved, fp = lanes_in(np.empty((3, LANES))), lanes_in(np.empty((3, STATES, LANES)))
+    p = lanes_in(np.empty((STATES, STATES, LANES)))
     means, covariances = lanes_in(mixtures.mean), lanes_in(mixtures.covariance)
     for c in range(len(mask)):
         if not mask[c]:
@@ -86,12 +88,14 @@ def _predict_all(mask: Bools, step: Floats, grid: Grid, mixtures: Mixtures, stat
             _noise(grid.acceleration, mixtures.window[c]),
             _noise(grid.angular_acceleration, mixtures.window[c]),
         )
-        advance(covariances[c], turn, jacobian, dt, linear, angular, fp)
+        from_triangle(covariances[c], p)
+        advance(p, turn, jacobian, dt, linear, angular, fp)
+        to_triangle(p, covariances[c])
         move_on(state, c, turn, dt)
         combine(c, mixtures, covariance[c])
 
 
-@kernel
+@inlined
 def _lowest(c: int, squared: float, volume: float, mixtures: Mixtures, nis: Floats, spread: Floats) -> float:
     """Write NIS and log det S (L,) by the models of craft c, and return the least NIS.
 
@@ -118,12 +122,13 @@ def _update_all(
     """Take in the rows of the craft of the mask; -1, or the first craft whose S is not positive definite."""
     work, correction = lanes_work_for(given.y.shape[1]), np.empty(STATES)
     means, covariances = lanes_in(mixtures.mean), lanes_in(mixtures.covariance)
-    nis, spread = np.empty(LANES), np.empty(LANES)
+    p, nis, spread = lanes_in(np.empty((STATES, STATES, LANES))), np.empty(LANES), np.empty(LANES)
     for c in range(len(mask)):
         if not mask[c]:
             continue
-        n, x, p, h, r = given.rows[c], means[c], covariances[c], given.h[c], given.r[c]
+        n, x, h, r = given.rows[c], means[c], given.h[c], given.r[c]
         pick(h, n, work.picked)
+        from_triangle(covariances[c], p)
         regular, squared, volume = weigh_rows(p, given.y[c], h, r, n, work, x)
         for at in range(LANES):
             if runs(at, c, mixtures) and not lane(regular, at):
@@ -134,6 +139,7 @@ def _update_all(
         result.nis[c], result.log_determinant[c] = weigh(c, accepted, nis, spread, mixtures)
         if accepted:
             take_rows(p, h, r, n, work, x)
+            to_triangle(p, covariances[c])
             centre(c, mixtures, correction)
             correct(state.rotation[c], state.angular_rate[c], state.position[c], state.velocity[c], correction)
             settle(c, given.freedoms[c], mixtures, covariance[c])
@@ -155,8 +161,7 @@ def _update_one_by_one(
             continue
         for i in range(STATES):
             x[i] = means[c, i]
-            for j in range(STATES):
-                p[i, j] = covariances[c, i, j]
+        from_triangle(covariances[c], p)
         squared, volume = absorb_independent(p, given.y[c], given.h[c], given.variance[c], given.rows[c], work, x, left)
         free = given.freedoms[c]
         accepted = _lowest(c, squared, volume, mixtures, nis, spread) <= given.gate[free]
@@ -165,8 +170,7 @@ def _update_one_by_one(
         if accepted:
             for i in range(STATES):
                 means[c, i] = x[i]
-                for j in range(STATES):
-                    covariances[c, i, j] = left[i, j]
+            to_triangle(left, covariances[c])
             centre(c, mixtures, correction)
             turn_about(
                 state.rotation[c],

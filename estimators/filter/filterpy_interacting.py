@@ -30,7 +30,7 @@ from estimators.filter.interacting import (
 )
 from estimators.kernel import kernel
 from estimators.lanes import LANES
-from estimators.linear import cholesky_into
+from estimators.linear import cholesky_into, from_triangle, to_triangle
 from estimators.pivot import ARMS, turn_about
 from estimators.state import STATES, State
 
@@ -129,8 +129,7 @@ def _stacked(c: int, models: int, mixtures: Mixtures) -> tuple[Floats, Floats]:
         own = at * STATES
         for i in range(STATES):
             x[own + i, 0] = mixtures.mean[c, i, at]
-            for j in range(STATES):
-                p[own + i, own + j] = mixtures.covariance[c, i, j, at]
+        from_triangle(mixtures.covariance[c, :, at], p[own : own + STATES, own : own + STATES])
     return x, p
 
 
@@ -141,8 +140,7 @@ def _unstack(c: int, x: Floats, p: Floats, mixtures: Mixtures) -> None:
         own = at * STATES
         for i in range(STATES):
             mixtures.mean[c, i, at] = x[own + i, 0]
-            for j in range(STATES):
-                mixtures.covariance[c, i, j, at] = p[own + i, own + j]
+        to_triangle(p[own : own + STATES, own : own + STATES], mixtures.covariance[c, :, at])
 
 
 @kernel

@@ -32,8 +32,9 @@ import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.filter.bank import FilterBank, couple
-from estimators.kernel import kernel
+from estimators.kernel import inlined, kernel
 from estimators.lanes import LANES, lane, lanes_in, pack, transposed, with_lane
+from estimators.linear import from_triangle, to_triangle
 from estimators.pivot import is_wide, shear, shear_into
 from estimators.state import STATES
 
@@ -43,6 +44,8 @@ MIXED_S = 0.095
 """Time after which models are mixed again [s]: short against that in which craft change from one to another."""
 LEAST = 1e-6
 """Least probability of a model: so much evidence is forgotten."""
+TRIANGLE = STATES * (STATES + 1) // 2
+"""Numbers of the lower triangle of a covariance."""
 LARGEST_LOSS = 50.0
 """Largest logarithm of a ratio of likelihoods that counts."""
 
@@ -64,10 +67,11 @@ class Mixtures(NamedTuple):
     """The models that C craft run, in L = LANES lanes: model m is in lane m mod L.
 
     window: (C,), the liveliest model that is run. models: (C,), number of models that the craft has; a lane of none has
-    the probability zero. probability: (C, L). mean: (C, 12, L), x_j. covariance: (C, 12, 12, L), P_j. told: (C,),
-    whether the last update told the models apart. since_s: (C,), time since the models were mixed, as far as updates
-    told them apart [s]. mixed, moved: (C, L, L), for a smoother: what each model (row) was made of since the update
-    before, by mixing and by the last move of the window; `moved` is zero where the models have begun anew.
+    the probability zero. probability: (C, L). mean: (C, 12, L), x_j. covariance: (C, 78, L), lower triangles of P_j,
+    row by row: half of what a processor has to fetch. told: (C,), whether the last update told the models apart.
+    since_s: (C,), time since the models were mixed, as far as updates told them apart [s]. mixed, moved: (C, L, L), for
+    a smoother: what each model (row) was made of since the update before, by mixing and by the last move of the window;
+    `moved` is zero where the models have begun anew.
     """
 
     window: Ints
@@ -115,7 +119,7 @@ class InteractingBank(FilterBank):
             models=np.ascontiguousarray(models, dtype=np.int64),
             probability=np.zeros((craft, LANES)),
             mean=np.zeros((craft, STATES, LANES)),
-            covariance=np.zeros((craft, STATES, STATES, LANES)),
+            covariance=np.zeros((craft, TRIANGLE, LANES)),
             told=np.zeros(craft, dtype=np.bool_),
             since_s=np.zeros(craft),
             mixed=np.zeros((craft, LANES, LANES)),
@@ -176,14 +180,14 @@ class InteractingBank(FilterBank):
         return
 
 
-@kernel
+@inlined
 def model_in(at: int, window: int) -> int:
     """Return the model in a lane of a craft whose liveliest model is `window`."""
     model: int = window + (at - window) % LANES
     return model
 
 
-@kernel
+@inlined
 def runs(at: int, c: int, mixtures: Mixtures) -> bool:
     """Return whether craft c has the model of a lane.
 
@@ -210,8 +214,7 @@ def _begin_all(mask: Bools, covariance: Floats, mixtures: Mixtures) -> None:
             mixtures.probability[c, at] = 1 / several if at < several else 0.0
             for a in range(STATES):
                 mixtures.mean[c, a, at] = 0.0
-                for b in range(STATES):
-                    mixtures.covariance[c, a, b, at] = covariance[c, a, b]
+            to_triangle(covariance[c], mixtures.covariance[c, :, at])
 
 
 @kernel
@@ -219,6 +222,7 @@ def _couple_models(mask: Bools, coupling: Floats, mixtures: Mixtures) -> None:
     """Multiply the errors of attitude and angular rate in every model by matrices (C, 6, 6)."""
     means, covariances = lanes_in(mixtures.mean), lanes_in(mixtures.covariance)
     moved, half = lanes_in(np.empty((6, LANES))), lanes_in(np.empty((6, STATES, LANES)))
+    p = lanes_in(np.empty((STATES, STATES, LANES)))
     for c in range(len(mask)):
         if not mask[c]:
             continue
@@ -229,7 +233,9 @@ def _couple_models(mask: Bools, coupling: Floats, mixtures: Mixtures) -> None:
             moved[i] = value
         for i in range(6):
             means[c, i] = moved[i]
-        couple(coupling[c], covariances[c], half)
+        from_triangle(covariances[c], p)
+        couple(coupling[c], p, half)
+        to_triangle(p, covariances[c])
 
 
 @kernel
@@ -291,9 +297,11 @@ def _mix(c: int, dt: float, grid: Grid, mixtures: Mixtures) -> None:
     mean = lanes_in(np.empty((STATES, LANES)))
     for a in range(STATES):
         mean[a] = _mixed(share, x[a])
+    k = 0
     for a in range(STATES):
         for b in range(a + 1):
-            p[a, b] = p[b, a] = _mixed(share, p[a, b] + x[a] * x[b]) - mean[a] * mean[b]
+            p[k] = _mixed(share, p[k] + x[a] * x[b]) - mean[a] * mean[b]
+            k += 1
     for a in range(STATES):
         x[a] = mean[a]
 
@@ -307,7 +315,7 @@ def _mixed(share: tuple[float, float, float, float], value: float) -> float:
     return total + share[3] * lane(value, 3)
 
 
-@kernel
+@inlined
 def combine(c: int, mixtures: Mixtures, covariance: Floats) -> None:
     """Write the covariance (12, 12) of the mixture of craft c, whose mean is zero.
 
@@ -319,20 +327,21 @@ def combine(c: int, mixtures: Mixtures, covariance: Floats) -> None:
     x, p, own = lanes_in(mixtures.mean)[c], lanes_in(mixtures.covariance)[c], mixtures.probability[c]
     share = pack(own[0], own[1], own[2], own[3])
     for a in range(STATES):
-        # Four columns at once, up to the diagonal.
+        # Four columns at once. Beyond the diagonal stands what is of the next row, which overwrites what becomes of it.
         for b in range(0, a + 1, LANES):
+            k = a * (a + 1) // 2 + b
             one, two, three, four = transposed(
-                share * (p[a, b] + x[a] * x[b]),
-                share * (p[a, b + 1] + x[a] * x[b + 1]),
-                share * (p[a, b + 2] + x[a] * x[b + 2]),
-                share * (p[a, b + 3] + x[a] * x[b + 3]),
+                share * (p[k] + x[a] * x[b]),
+                share * (p[k + 1] + x[a] * x[b + 1]),
+                share * (p[k + 2] + x[a] * x[b + 2]),
+                share * (p[k + 3] + x[a] * x[b + 3]),
             )
             total = (one + two) + (three + four)
             for k in range(LANES):
                 covariance[a, b + k] = covariance[b + k, a] = lane(total, k)
 
 
-@kernel
+@inlined
 def weigh(c: int, accepted: bool, nis: Floats, spread: Floats, mixtures: Mixtures) -> tuple[float, float]:
     """Give the models of craft c their probabilities after an update; return the mean of NIS and log det S.
 
@@ -372,7 +381,7 @@ def _floor(c: int, total: float, mixtures: Mixtures) -> None:
         own[at] /= over
 
 
-@kernel
+@inlined
 def centre(c: int, mixtures: Mixtures, x: Floats) -> None:
     """Take the mean (12,) of the mixture of craft c off its models, and write it to x.
 
@@ -415,8 +424,8 @@ def _move_window(c: int, mixtures: Mixtures) -> None:
         total += own[k]
     for a in range(STATES):
         mixtures.mean[c, a, at] = mixtures.mean[c, a, best]
-        for b in range(STATES):
-            mixtures.covariance[c, a, b, at] = mixtures.covariance[c, a, b, best]
+    for k in range(TRIANGLE):
+        mixtures.covariance[c, k, at] = mixtures.covariance[c, k, best]
     _floor(c, total, mixtures)
 
 
@@ -433,16 +442,17 @@ def shear_models(c: int, arms: Floats, mixtures: Mixtures) -> None:
     x, p = np.empty(STATES), np.empty((STATES, STATES))
     for at in range(LANES):
         if runs(at, c, mixtures):
-            p[:] = mixtures.covariance[c, :, :, at]
+            from_triangle(mixtures.covariance[c, :, at], p)
             wide = wide or is_wide(p)
     if not wide:
         return
     shear_into(arms, s)
     for at in range(LANES):
         if runs(at, c, mixtures):
-            p[:], x[:] = mixtures.covariance[c, :, :, at], mixtures.mean[c, :, at]
+            from_triangle(mixtures.covariance[c, :, at], p)
+            x[:] = mixtures.mean[c, :, at]
             shear(p, arms)
-            mixtures.covariance[c, :, :, at] = p
+            to_triangle(p, mixtures.covariance[c, :, at])
             for i in range(STATES):
                 total = 0.0
                 for k in range(STATES):
@@ -450,7 +460,7 @@ def shear_models(c: int, arms: Floats, mixtures: Mixtures) -> None:
                 mixtures.mean[c, i, at] = total
 
 
-@kernel
+@inlined
 def settle(c: int, rows: int, mixtures: Mixtures, covariance: Floats) -> None:
     """Finish an update of craft c by so many rows: its window, and the covariance (12, 12) of the mixture.
 

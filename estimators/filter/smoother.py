@@ -85,8 +85,11 @@ class Models(NamedTuple):
 
 def _by_lanes(mixtures: Mixtures) -> tuple[Floats, Floats]:
     """Return means (C, L, 12) and covariances (C, L, 12, 12) of all models."""
-    mean, covariance = (np.ascontiguousarray(np.moveaxis(a, -1, 1)) for a in (mixtures.mean, mixtures.covariance))
-    return mean, covariance
+    mean, triangle = (np.moveaxis(a, -1, 1) for a in (mixtures.mean, mixtures.covariance))
+    covariance = np.empty((*mean.shape, STATES))
+    rows, columns = np.tril_indices(STATES)
+    covariance[..., rows, columns] = covariance[..., columns, rows] = triangle
+    return np.ascontiguousarray(mean), covariance
 
 
 def no_models(craft_count: int) -> Models:
