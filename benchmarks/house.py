@@ -162,7 +162,7 @@ def added(parts: Sequence[Lines]) -> Lines:
 
 def is_kernel(function: Function) -> bool:
     """Return whether numba compiles the function."""
-    return any(re.search(r"kernel|formula|jit", ast.unparse(one)) for one in function.decorator_list)
+    return any(re.search(r"kernel|inlined|formula|jit", ast.unparse(one)) for one in function.decorator_list)
 
 
 def long_functions(house: Sequence[Module]) -> list[str]:
