@@ -20,6 +20,7 @@ from harness import finish, options, show
 CHILD = """
 import collections, json, sys, time
 from numba.core import codegen, event
+from estimators.kernel_compiler import KernelLibrary
 began = time.process_time()
 stages, running = collections.Counter(), []
 
@@ -39,6 +40,7 @@ def clocked(owner, name, stage):
 
 clocked(codegen.CPUCodeLibrary, "_optimize_functions", "optimisation")
 clocked(codegen.CPUCodeLibrary, "_optimize_final_module", "optimisation")
+clocked(KernelLibrary, "_optimize_final_module", "optimisation")
 clocked(codegen.JITCodeLibrary, "_finalize_specific", "machine code")
 
 class Clock(event.Listener):

@@ -29,7 +29,9 @@ def in_order(lit: Bools, mask: Bools, fewest: int, count: Ints, order: Ints) -> 
         order: (C + LANES,), receives the craft, and the last one once more for every lane that is left over.
     """
     craft, photodiodes = lit.shape
-    begin = np.zeros(photodiodes + 2, np.int64)
+    begin = np.empty(photodiodes + 2, np.int64)
+    for n in range(photodiodes + 2):
+        begin[n] = 0
     for c in range(craft):
         n = 0
         for k in range(photodiodes):

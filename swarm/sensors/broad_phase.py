@@ -165,7 +165,9 @@ def sort_into_cells(placed: Placed, shape: Ints, radius: Floats, side: int, half
     """
     cells = np.empty((len(shape), 4), np.int64)
     total = _cells_into(placed, shape, radius, side, half_width, cells)
-    start = np.zeros(side * side + 1, np.int64)
+    start = np.empty(side * side + 1, np.int64)
+    for i in range(len(start)):
+        start[i] = 0
     owner = np.empty(total, np.int64)
     for c in range(len(shape)):
         for i in range(cells[c, 0], cells[c, 1] + 1):
@@ -173,7 +175,9 @@ def sort_into_cells(placed: Placed, shape: Ints, radius: Floats, side: int, half
                 start[i * side + j + 1] += 1
     for n in range(side * side):
         start[n + 1] += start[n]
-    place = start[:-1].copy()
+    place = np.empty(side * side, np.int64)
+    for n in range(side * side):
+        place[n] = start[n]
     for c in range(len(shape)):
         for i in range(cells[c, 0], cells[c, 1] + 1):
             for j in range(cells[c, 2], cells[c, 3] + 1):

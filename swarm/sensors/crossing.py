@@ -87,9 +87,12 @@ def cross_into(
         width: output, sweep widths, (C, K, 2) [s].
     """
     intervals = len(knot) - 1
-    ready, segment = np.zeros(intervals, np.bool_), np.empty((intervals, SEGMENT))
+    ready, segment = np.empty(intervals, np.bool_), np.empty((intervals, SEGMENT))
     w = 2 * np.pi / period
-    perfect = not np.any(fans[:, TERMS:])
+    perfect = True
+    for fan in range(2):
+        for term in range(TERMS, fans.shape[1]):
+            perfect = perfect and fans[fan, term] == 0
     for c in range(lit.shape[0]):
         ready[:] = False
         for fan in range(2):

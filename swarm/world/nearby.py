@@ -100,7 +100,9 @@ def _overlap(sphere: Floats) -> bool:
     size = 1
     while size < 2 * count:
         size *= 2
-    head, following = np.full(size, -1), np.empty(count, np.int64)
+    head, following = np.empty(size, np.int64), np.empty(count, np.int64)
+    for i in range(size):
+        head[i] = -1
     for i in range(count):
         x, y = int(np.floor(sphere[i, 0] / side)), int(np.floor(sphere[i, 1] / side))
         z = int(np.floor(sphere[i, 2] / side))
