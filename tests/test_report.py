@@ -389,6 +389,20 @@ def test_compiling_is_counted_a_line_every_ten_seconds_and_told_once_at_the_end(
     ]
 
 
+def test_the_time_left_leaves_out_what_was_compiled_on_the_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = [100.0]
+    monkeypatch.setattr("swarm.cli.progress.time.monotonic", lambda: clock[0])
+    out = io.StringIO()
+    with ProgressDisplay(Console(file=out, width=40), "noise") as show:
+        show.experiment(0.1, "pose 1 of 10")
+        show.compiling(Compilation(True, 0, 70))
+        clock[0] += 100.0
+        show.compiling(Compilation(False, 1, 70))
+        clock[0] += 20.0
+        show.experiment(0.5, "pose 5 of 10")
+    assert "noise: pose 5 of 10, 25 s left" in out.getvalue().splitlines()
+
+
 def test_kernels_that_nothing_keeps_are_not_said_to_be_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("estimators.kernel_cache.folder", lambda: tmp_path / "missing")
     out = io.StringIO()

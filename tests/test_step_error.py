@@ -114,10 +114,11 @@ def test_half_steps_lie_on_the_motion_of_their_step() -> None:
     assert np.allclose(np.linalg.norm(six.quaternion, axis=2), 1, atol=1e-12)
 
 
-def test_a_scenario_flies_in_the_steps_that_it_says_or_in_the_least() -> None:
-    def flown(*values: str) -> Flight:
-        return Flight(load("free-flight", ["swarm.count=1", "duration_s=1", *values]))
+def flown(*values: str) -> Flight:
+    return Flight(load("free-flight", ["swarm.count=1", "duration_s=1", *values]))
 
+
+def test_a_scenario_flies_in_the_steps_that_it_says_or_in_the_least() -> None:
     calm, told = flown(), flown("physics.steps_per_period=16")
     assert (calm.steps.number, calm.world.steps, calm.steps.chosen) == (2, 2, True)
     assert (told.steps.number, told.world.steps, told.steps.chosen) == (16, 16, False)
@@ -131,6 +132,15 @@ def test_a_scenario_flies_in_the_steps_that_it_says_or_in_the_least() -> None:
     kicked = flown("fault=[{kind='craft-lost', at_s=0.5, angular_rate_deg_s=[0, 100, 30]}]")
     assert kicked.steps.number > 8
     assert "craft-0" in kicked.steps.sentence()
+
+
+def test_too_few_steps_are_told_with_the_limit_and_the_craft_that_it_binds() -> None:
+    fast, fastest = (f"swarm.motion={{kind='tumble', angular_rate_deg_s=[{rate}, 20, 0]}}" for rate in (100, 2000))
+    chosen, told = flown(fast).steps, flown(fast, "physics.steps_per_period=2").steps
+    assert (chosen.too_few, told.too_few) == (False, True)
+    assert "for craft-0, nearest to the limit of 0.1 deg in a second" in chosen.sentence()
+    assert "as the scenario says, too few for craft-0 and the limit of 0.1 deg in a second" in told.sentence()
+    assert "64 physics steps in a period, the most there are, too few" in flown(fastest).steps.sentence()
 
 
 @pytest.mark.parametrize("name", ["docking", "crossing"])

@@ -38,7 +38,7 @@ def check(scenario: Scenario, overrides: Overrides = None, seed: Seed = None) ->
         typer.echo(to_toml(settings), nl=False)
         sys.stdout.flush()
         _report(facts(settings, flight))
-        typer.echo(f"note: {flight.steps.sentence()}", err=True)
+        typer.echo(f"{'warning' if flight.steps.too_few else 'note'}: {flight.steps.sentence()}", err=True)
         for dark in out_of_light(settings, flight):
             typer.echo(f"note: {dark}", err=True)
         if flat := builders.flat_craft(settings, flight.sensors.lighthouse.photodiodes):

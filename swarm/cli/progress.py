@@ -138,11 +138,17 @@ class ProgressDisplay:
     def _show(self, share: float, words: str, plain: str) -> None:
         self._share, self._words, self._plain = share, words, plain
         if self._first is None:
-            self._first = time.monotonic(), share
+            self._first = self._flying_s(), share
         if self._bar:
             self._bar.update(self._task, completed=share, total=1.0)
         elif time.monotonic() - self._last_line_s >= PLAIN_EVERY_S:
             self._line(plain + self._left())
+
+    def _flying_s(self) -> float:
+        """Return a time that stands still while kernels are compiled, which the rest of the run does not do again."""
+        now_s = time.monotonic()
+        since_s = self._compiling_since_s
+        return now_s - self._compiling_s - (0.0 if since_s is None else now_s - since_s)
 
     def _left(self) -> str:
         """Return the time left, in words; nothing where it is not known, or where nothing is left."""
@@ -151,7 +157,7 @@ class ProgressDisplay:
         since_s, share = self._first
         if not share < self._share < 1:
             return ""
-        left_s = (time.monotonic() - since_s) * (1 - self._share) / (self._share - share)
+        left_s = (self._flying_s() - since_s) * (1 - self._share) / (self._share - share)
         minutes, seconds = divmod(round(left_s), 60)
         hours, minutes = divmod(minutes, 60)
         if hours:

@@ -34,8 +34,8 @@ class Merit(NamedTuple):
 MERITS = (
     Merit("ekf_position_rms_m", 1000.0, "position error, RMS", "mm"),
     Merit("ekf_attitude_rms_deg", 1.0, "attitude error, RMS", "°"),
-    Merit("position_over_bound", 1.0, "position error over its bound", ""),
-    Merit("attitude_over_bound", 1.0, "attitude error over its bound", ""),
+    Merit("position_over_bound", 1.0, "position error over the bound of craft pushed at random", ""),
+    Merit("attitude_over_bound", 1.0, "attitude error over the bound of craft pushed at random", ""),
     Merit("nees_mean", 1.0, "NEES, mean", ""),
     Merit("tracking_share", 100.0, "time tracking", "%"),
     Merit("criteria_held", 100.0, "criteria held", "% of the runs"),

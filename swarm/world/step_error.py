@@ -36,6 +36,14 @@ PASSED_M = 5e-3
 """Longest way of a craft in a step, within which a contact begins."""
 DOCKING_S = 5e-3
 """Longest step where craft are to touch: a quarter of the 20 ms in which MuJoCo resolves a contact."""
+LIMITS = {
+    "20 um in a period": PERIOD_M,
+    "20 arcsec in a period": PERIOD_RAD,
+    "1.2 mm in a second": SECOND_M,
+    "0.1 deg in a second": SECOND_RAD,
+    "5 mm of way in a step": PASSED_M,
+}
+"""The limits in the order of `StepErrors`, by the names that a user reads."""
 CHOICES = (2, 4, 8, 16, 32, 64)
 """Numbers of steps in a period to choose from."""
 
@@ -72,10 +80,14 @@ class StepErrors(NamedTuple):
     passed_m: Floats
 
     @property
+    def shares(self) -> Floats:
+        """Each craft's bounds over their limits, (LIMITS, C)."""
+        return np.array([bound / limit for bound, limit in zip(self, LIMITS.values(), strict=True)])
+
+    @property
     def over(self) -> Floats:
         """The largest of each craft's bounds over its limit, (C,): at most 1 where the steps are short enough."""
-        limits = PERIOD_M, PERIOD_RAD, SECOND_M, SECOND_RAD, PASSED_M
-        out: Floats = np.max([bound / limit for bound, limit in zip(self, limits, strict=True)], axis=0)
+        out: Floats = self.shares.max(axis=0)
         return out
 
 

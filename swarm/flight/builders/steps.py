@@ -17,7 +17,7 @@ from swarm.scenario.motions.guided import Guided
 from swarm.units import si
 from swarm.world.craft import load_craft
 from swarm.world.motion.fleet import Fleet
-from swarm.world.step_error import StepErrors, Vigour, least_steps, step_errors
+from swarm.world.step_error import LIMITS, StepErrors, Vigour, least_steps, step_errors
 
 SAMPLES, SAMPLES_OF_MANY = 200, 25
 """Times at which motions are looked at, and those of more than `MANY` craft."""
@@ -35,13 +35,19 @@ class Steps(NamedTuple):
     """Physics steps in a period.
 
     number: of them. chosen: by their errors, not told by the scenario. errors: bounds, of C craft. worst: name of the
-    craft whose bounds are nearest to their limits.
+    craft whose bounds are nearest to their limits. limit: the limit that these are nearest to.
     """
 
     number: int
     chosen: bool
     errors: StepErrors
     worst: str
+    limit: str
+
+    @property
+    def too_few(self) -> bool:
+        """Whether a bound is above its limit: so few are told, or no number of steps would do."""
+        return bool(self.errors.over.max(initial=0.0) > 1)
 
     def summary(self) -> dict[str, Any]:
         """Return the entry of a run's summary: the largest bounds of all craft."""
@@ -58,12 +64,24 @@ class Steps(NamedTuple):
     def sentence(self) -> str:
         """Return how many there are, why, and how exact."""
         found = self.summary()
-        why = f"for {self.worst}" if self.chosen else "as the scenario says"
-        return (
-            f"{self.number} physics steps in a period, {why}: errors below {1e6 * found['period_error_m']:.2g} um and "
-            f"{3600 * found['period_error_deg']:.2g} arcsec in a period, {1e3 * found['second_error_m']:.2g} mm and "
-            f"{found['second_error_deg']:.2g} deg in a second (docs/physics.md)"
-        )
+        why = f"for {self.worst}, nearest to the limit of {self.limit}" if self.chosen else "as the scenario says"
+        if self.too_few:
+            many = "the most there are" if self.chosen else "as the scenario says"
+            why = f"{many}, too few for {self.worst} and the limit of {self.limit}"
+        bounds = {
+            "um": 1e6 * found["period_error_m"],
+            "arcsec in a period": 3600 * found["period_error_deg"],
+            "mm": 1e3 * found["second_error_m"],
+            "deg in a second": found["second_error_deg"],
+        }
+        um, arcsec, mm, deg = (f"{_shown(value)} {unit}" for unit, value in bounds.items())
+        errors = f"errors below {um} and {arcsec}, {mm} and {deg}"
+        return f"{self.number} physics steps in a period, {why}: {errors} (docs/physics.md)"
+
+
+def _shown(value: float) -> str:
+    """Return a bound with two digits that count, and no more than four places behind the point."""
+    return f"{value:.0f}" if value >= 10 else f"{max(value, 1e-4):.2g}"
 
 
 def steps(settings: Scenario, motions: Fleet, agents: bool = False) -> Steps:
@@ -87,7 +105,8 @@ def steps(settings: Scenario, motions: Fleet, agents: bool = False) -> Steps:
         unforeseen = agents or any(c.table.controller is not None for c in craft)
         number = max(least_steps(most, settings.period_s, docking), UNFORESEEN_STEPS if unforeseen else 0)
     errors = step_errors(most, settings.period_s, number)
-    return Steps(number, told is None, errors, craft[int(np.argmax(errors.over))].name)
+    limit, worst = np.unravel_index(np.argmax(errors.shares), errors.shares.shape)
+    return Steps(number, told is None, errors, craft[int(worst)].name, list(LIMITS)[int(limit)])
 
 
 def vigour(settings: Scenario, motions: Fleet, craft: list[Craft]) -> Vigour:
