@@ -136,7 +136,7 @@ class KernelLibrary(JITCodeLibrary):
 
 
 class _NoEngine:
-    """Where machine code would be loaded, had a part any."""
+    """A generator of code that loads no machine code."""
 
     def __init__(self, codegen: Any) -> None:
         self._codegen = codegen
@@ -149,7 +149,7 @@ class _NoEngine:
 
 
 class PartLibrary(KernelLibrary):
-    """What other kernels call: LLVM's code that is compiled within theirs, and no machine code of its own."""
+    """LLVM's code of what other kernels call, which is compiled within theirs; it has no machine code of its own."""
 
     @property
     def codegen(self) -> Any:

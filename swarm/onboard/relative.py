@@ -122,7 +122,7 @@ class RelativeNavigation:
 
     @property
     def wanted(self) -> bool:
-        """Whether there are pairs."""
+        """True where there are pairs."""
         return bool(self._pairs)
 
     def step(self, active: Bools, state: State, covariance: Floats, levels: Floats) -> RelativePoses | None:

@@ -46,7 +46,7 @@ class Steps(NamedTuple):
 
     @property
     def too_few(self) -> bool:
-        """Whether a bound is above its limit: so few are told, or no number of steps would do."""
+        """True where a bound is above its limit: so few are told, or no number of steps would do."""
         return bool(self.errors.over.max(initial=0.0) > 1)
 
     def summary(self) -> dict[str, Any]:
