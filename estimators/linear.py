@@ -10,6 +10,9 @@ import numpy as np
 from estimators.arrays import Floats
 from estimators.kernel import kernel
 
+SINGULAR = 1e-14
+"""Share of a diagonal element that a pivot keeps at least where a matrix is positive definite: less is rounding."""
+
 
 @kernel
 def cholesky_into(a: Floats, out: Floats) -> bool:
@@ -22,7 +25,7 @@ def cholesky_into(a: Floats, out: Floats) -> bool:
         for k in range(j):
             pivot -= out[j, k] * out[j, k]
         # A pivot that lost 14 digits to cancellation is rounding noise: the matrix is singular.
-        regular = regular & (pivot > 1e-14 * a[j, j])
+        regular = regular & (pivot > SINGULAR * a[j, j])
         out[j, j] = np.sqrt(pivot)
         for i in range(j + 1, n):
             s = a[i, j]
@@ -51,7 +54,7 @@ def solve_spd(a: Floats, lower: Floats, b: Floats) -> bool:
         pivot = a[j, j]
         for k in range(j):
             pivot -= lower[j, k] * lower[j, k]
-        regular = regular & (pivot > 1e-14 * a[j, j])
+        regular = regular & (pivot > SINGULAR * a[j, j])
         over = 1 / np.sqrt(pivot)
         lower[j, j] = over
         value = b[j]
@@ -130,7 +133,7 @@ def sweep_out(a: Floats, row: Floats) -> bool:
         row[k] = a[k, k]
     for k in range(n):
         pivot = a[k, k]
-        if not (pivot > 1e-14 * row[k]):
+        if not (pivot > SINGULAR * row[k]):
             return False
         over = 1 / pivot
         for j in range(n):

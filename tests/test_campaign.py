@@ -318,6 +318,9 @@ def test_measures_are_of_the_flight_and_change_nothing() -> None:
             assert row[name] == value, name
     # A craft's own computer has nothing of the swarm, and finds the same to the last bit.
     assert row["onboard_alone_apart_m"] == 0
+    steered = 'base = "formation"\noverrides = ["duration_s=0.5", "swarm.count=2", "swarm.feedback=estimate"]\n'
+    study = load_study(write('measure = ["onboard"]\n' + steered, "steered.toml"))
+    assert conduct.conduct(study, serial=True).rows.to_pylist()[0]["onboard_alone_apart_m"] == 0
     assert min(row["onboard_alone_us"], row["onboard_swarm_per_craft_us"], row["own_solve_us"]) > 0
     assert row["central_craft"] == 4
     # Without shadow all 12 photodiodes are lit: 24 angles of 4 bytes and a pose of 28, four craft, 60 times a second.

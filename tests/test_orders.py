@@ -24,7 +24,7 @@ def test_a_filter_that_knows_its_orders_follows_them_to_rounding(steps: int) -> 
     data = {"name": "orders", "craft": craft, "physics": {"steps_per_period": steps}}
     scenario = validate(data, file="orders", folder=Path())
     world = builders.world(scenario, builders.fleet(scenario))
-    settings = replace(builders.navigation(scenario), quiet=None, filter="compiled", coast_limit_s=1e3)
+    settings = replace(builders.navigation(scenario, world.steps), quiet=None, filter="compiled", coast_limit_s=1e3)
     informed, naive = (tracks_of(1, s, None) for s in (settings, replace(settings, order_lead_s=0.0)))
     rng, both = np.random.default_rng(steps), (informed, naive)
     for number in range(30):
@@ -50,7 +50,7 @@ def test_a_craft_that_orders_no_torque_is_known_to_turn_freely() -> None:
     craft = [{"feedback": "estimate", "motion": {"kind": "hold", "position_m": [0.0, 0.0, 3.0]}}]
     scenario = validate({"name": "lost", "craft": craft}, file="lost", folder=Path())
     world = builders.world(scenario, builders.fleet(scenario))
-    settings = replace(builders.navigation(scenario), quiet=None, filter="compiled", coast_limit_s=1e3)
+    settings = replace(builders.navigation(scenario, world.steps), quiet=None, filter="compiled", coast_limit_s=1e3)
     actuators = actuator_set(fitted(scenario, world), world.com_m)
     actuation = Actuation(actuators, world.mass, world.inertia, settings.frame_s)
     informed, naive = (tracks_of(1, settings, None) for _ in range(2))

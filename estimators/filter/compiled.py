@@ -28,13 +28,11 @@ from estimators.filter.bank import FilterBank, Given, Independent, UpdateResult
 from estimators.filter.error_state import POSE, POSE_COLUMNS, STATES, correct
 from estimators.kernel import formula, inlined, kernel
 from estimators.lanes import LANES, any_of, lanes_in
-from estimators.linear import absorb_row
+from estimators.linear import SINGULAR, absorb_row
 from estimators.pivot import ARMS, is_wide, shear, turn_about
 from estimators.rotation import exp_into, left_jacobian_into, multiply_into
 from estimators.state import State
 
-SINGULAR = 1e-14
-"""Share of a diagonal element that a pivot keeps at least where a matrix is positive definite: less is rounding."""
 SHRUNK = 1e-3
 """Share of a variance that an update may leave before the covariance is computed in the form of Joseph."""
 

@@ -46,10 +46,9 @@ class _Rival:
     """
 
     def __init__(self, fit: Registration) -> None:
-        self.fit, self.seen = fit, None
+        self.fit = fit
+        self.seen: Candidate | None = None
         self.cost, self.rays, self.conflicts = 0.0, 0, 0
-
-    seen: Candidate | None
 
     def add(self, seen: Candidate) -> None:
         """Take in what a scan says."""

@@ -24,14 +24,12 @@ def navigation(settings: Scenario, steps: int | None = None) -> NavigationSettin
 
     Args:
         settings: the scenario.
-        steps: physics steps in a period. None: as many as the scenario says; where it leaves them open, or nothing
-            is simulated, orders count from the beginning of their period.
+        steps: physics steps in a period; None: nothing is simulated, and orders count from the beginning of theirs.
 
     Raises:
         SwarmError: the calibration file cannot be read.
     """
     table, noise = si(settings.navigation), assumed_angle_noise(settings)
-    steps = steps or settings.physics.steps_per_period
     calibration = None if table.calibration is None else read_calibration(table.calibration)
     made = NavigationSettings(
         frame_s=settings.period_s,

@@ -38,6 +38,7 @@ class OnboardCost(Computer):
         self._craft, self._scenario = layout.craft_count, scenario
         self._inertia = own.navigator.tracks.inertia[:1]
         self._one = Photodiodes(layout.point_m[:1], layout.normal[:1], layout.present[:1])
+        self._settings = builders.navigation(scenario, flight.world.steps)
         self._swarm_s: list[float] = []
         self._pulses: list[Pulses] = []
         self._commands: list[Command | None] = []
@@ -71,7 +72,7 @@ class OnboardCost(Computer):
     def metrics(self) -> dict[str, Any]:
         """Fly craft 0 once more on its own pulses, and return the figures."""
         decoder = builders.decoder(self._scenario, self._one.present)
-        navigator = Navigator(self._one, builders.navigation(self._scenario), inertia=self._inertia)
+        navigator = Navigator(self._one, self._settings, inertia=self._inertia)
         own_s, apart_m = [], 0.0
         for pulses, command, position in zip(self._pulses, self._commands, self._positions, strict=True):
             began = thread_time()

@@ -72,8 +72,8 @@ class Fleet:
         self._offset = x @ y @ z
         self._offset_angle = angles[..., 0]
         self._spin: Floats = np.array([course.spin_rad_s for course in courses], dtype=np.float64)
-        self._free: Bools = np.array([course.free for course in courses], dtype=np.bool_)
-        self.free, self.push_sigma = self._free, np.array([course.push for course in courses], dtype=np.float64)
+        self.free: Bools = np.array([course.free for course in courses], dtype=np.bool_)
+        self.push_sigma: Floats = np.array([course.push for course in courses], dtype=np.float64)
         self._pushes = Pushes(self.push_sigma, [course.key for course in courses], seed, Purpose.DRIFT)
         for place in self._paths_at(0.0).position[self._facing]:
             if np.hypot(place[0], place[2]) < LEAST_OFF_AXIS_M:
@@ -91,10 +91,10 @@ class Fleet:
 
         steered: motions of the craft whose paths guidance replaces.
         """
-        held = self._on_path(time_s, self._facing & ~self._free, steered)
-        if not self._free.any():
+        held = self._on_path(time_s, self._facing & ~self.free, steered)
+        if not self.free.any():
             return held
-        free = self._free[:, None]
+        free = self.free[:, None]
         carried = rot.exp(self._free_rate * time_s) @ self._start_rotation
         return held._replace(
             rotation=np.where(free[..., None], carried, held.rotation),
@@ -120,7 +120,7 @@ class Fleet:
     def _paths_at(self, time_s: float) -> Motion:
         if len(self._paths) == 1:
             return self._paths[0][1].at(time_s)
-        out = Motion(*np.zeros((3, len(self._free), 3)))
+        out = Motion(*np.zeros((3, len(self.free), 3)))
         for craft, paths in self._paths:
             of_kind = paths.at(time_s)
             out.position[craft], out.velocity[craft] = of_kind.position, of_kind.velocity
@@ -129,9 +129,9 @@ class Fleet:
 
     def _on_path(self, time_s: float, turned: Bools, steered: Steered | None = None) -> Reference:
         """Return the reference on the paths, with the front towards the lighthouse where `turned`."""
-        count = len(self._free)
+        count = len(self.free)
         position, velocity, acceleration = self._paths_at(time_s)
-        holds = ~self._free
+        holds = ~self.free
         if steered is not None:
             wanted = steered.motion
             position[steered.craft], velocity[steered.craft] = wanted.position, wanted.velocity
