@@ -66,6 +66,8 @@ photodiodes a sample more or less. Of a short flight's hundred samples that is a
 counts of words are not compared there at all.
 """
 EXACT_DIGITS = 16
+WORDS = frozenset({"about"})
+"""Values that are a text in which nothing rounds: compared in full on every machine."""
 
 
 class Absent(Exception):
@@ -632,8 +634,8 @@ def check(case: str) -> Verdict:
     now, then, exact = compute(case), kept["values"], kept["machine"] == machine()
     lines = [f"{name}: is new" for name in now if name not in then]
     lines += [f"{name}: is missing" for name in then if name not in now]
-    same = _equal if exact else alike
     for name in then:
+        same = _equal if exact or name in WORDS else alike
         if name in now and not same(then[name], now[name]):
             lines.append(f"{name}: {then[name]} was kept, now {now[name]}")
     return Verdict(lines, exact)
