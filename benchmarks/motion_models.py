@@ -2,17 +2,19 @@
 
     python benchmarks/motion_models.py [--scenarios free-flight formation crossing docking tumble] [--seeds 1]
                                        [--duration-s 15] [--settle-s 1] [--models 6] [--ways one several]
+                                       [--set KEY=VALUE ...]
 
 Every scenario flies once per seed and navigates several ways on the same light and orders: `one`, by the one model of
 `navigation.quiet.craft = "none"`; `several`, as shipped; `loose`, by one model and by poses only, as it was before
 single sweeps and models of motion; `late`, as shipped, but with orders taken to act when their period begins, half a
 physics step after they do. The motion itself is that of the shipped way, which steers. Results are written
 after every scenario. `few` are the periods with fewer than four photodiodes lit; `without` is the share of the
-craft-periods without an estimate. A second table has NEES of every craft, in eight parts of the flight, of up to 16
-craft.
+craft-periods without an estimate; craft without photodiodes are left out. A second table has NEES of every craft, in
+eight parts of the flight, of up to 16 craft.
 
 Periods of one craft are not independent. The band is of one period per craft and seed, the last one with a pose:
-`nees_last` may be compared with it. `nees`, the mean over all periods, is what the summary of a run tells.
+`nees_last` may be compared with it. `nees`, the mean over all periods, is what the summary of a run tells. The standard
+error of `few_nees` is that over flights of single craft.
 """
 
 from collections.abc import Sequence
@@ -53,8 +55,10 @@ def errors(period: Period, estimate: Estimate) -> Floats:
     return out
 
 
-def fly(name: str, seed: int, duration_s: float, models: int, ways: Sequence[str], steps: int) -> Floats:
-    """Return the errors and the numbers of lit photodiodes (W, T, C, 4) of one flight, by every way.
+def fly(
+    name: str, seed: int, duration_s: float, models: int, ways: Sequence[str], steps: int, more: Sequence[str]
+) -> Floats:
+    """Return errors and numbers of lit photodiodes (W, T, C, 4) of one flight, of craft with photodiodes, by every way.
 
     Args:
         name: the scenario.
@@ -63,9 +67,11 @@ def fly(name: str, seed: int, duration_s: float, models: int, ways: Sequence[str
         models: number of models of motion of the craft that fly.
         ways: W of WAYS.
         steps: physics steps in a period; 0: as the scenario does.
+        more: other values of the scenario, as KEY=VALUE.
     """
     values = [f"duration_s={duration_s}", f"navigation.quiet.models={models}", 'navigation.filter="compiled"']
     values += [f"physics.steps_per_period={steps}"] if steps else []
+    values += filter(None, more)
     scenario = load(name, values, seed=seed)
     flight = Flight(scenario)
     own = flight.computer.navigator
@@ -81,7 +87,7 @@ def fly(name: str, seed: int, duration_s: float, models: int, ways: Sequence[str
         for way in ways:
             by = others[way].step(period.angles, None, flight.command) if way != SHIPPED else period.estimate
             out[way].append(np.column_stack([errors(period, by), period.estimate.visible]))
-    return np.array(list(out.values()))
+    return np.array(list(out.values()))[:, :, layout.present.any(axis=1)]
 
 
 def _rms(values: Floats) -> float:
@@ -89,12 +95,29 @@ def _rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(known**2))) if len(known) else float("nan")
 
 
+def _mean_of_flights(values: Sequence[Floats]) -> tuple[float, float]:
+    """Return the mean of the samples of all craft and flights, and its standard error.
+
+    Samples of one flight of a craft are not independent, flights are: the error is that of a ratio of sums over flights
+    (Cochran, Sampling Techniques, 1977, eq. 6.13).
+    """
+    known = [own[np.isfinite(own)] for own in values if np.isfinite(own).any()]
+    if not known:
+        return float("nan"), float("nan")
+    sums, counts = np.array([own.sum() for own in known]), np.array([len(own) for own in known])
+    mean = sums.sum() / counts.sum()
+    spread = np.sum((sums - mean * counts) ** 2) * len(known) / max(len(known) - 1, 1)
+    return float(mean), float(np.sqrt(spread) / counts.sum()) if len(known) > 1 else float("nan")
+
+
 def figures(flown: Sequence[Floats]) -> dict[str, Any]:
     """Return RMS and NEES of flights (T, C, 4) of one scenario."""
-    every = np.concatenate([one.reshape(-1, 4) for one in flown])
+    owns = [own for one in flown for own in np.swapaxes(one, 0, 1)]
+    every = np.concatenate(owns)
     few = every[every[:, 3] < FEW]
     few = few if np.isfinite(few[:, 0]).any() else np.full((1, 4), np.nan)
-    last = np.array([own[np.isfinite(own)][-1] for one in flown for own in one[:, :, 2].T if np.isfinite(own).any()])
+    last = np.array([known[-1] for own in owns if len(known := own[np.isfinite(own[:, 2]), 2])])
+    few_nees, few_nees_error = _mean_of_flights([own[own[:, 3] < FEW, 2] for own in owns])
     low, high = chi2.ppf([0.025, 0.975], 6 * len(last)) / len(last)
     return {
         "position_rms_mm": 1e3 * _rms(every[:, 0]),
@@ -109,7 +132,8 @@ def figures(flown: Sequence[Floats]) -> dict[str, Any]:
         "worst_deg": float(np.degrees(np.nanmax(every[:, 1]))),
         "few_rms_mm": 1e3 * _rms(few[:, 0]),
         "few_rms_deg": float(np.degrees(_rms(few[:, 1]))),
-        "few_nees": float(np.mean(few[np.isfinite(few[:, 2]), 2])) if np.isfinite(few[:, 2]).any() else float("nan"),
+        "few_nees": few_nees,
+        "few_nees_error": few_nees_error,
     }
 
 
@@ -134,11 +158,13 @@ def main() -> None:
         models=(6, "models of motion"),
         ways=(["one", "several"], "ways to navigate: late, loose, one, several"),
         steps=(0, "physics steps in a period; 0: as the scenario does"),
+        set=([""], "other values of the scenarios, as KEY=VALUE"),
     )
     result: dict[str, Any] = {}
     for name in chosen.scenarios:
         seeds = range(1, chosen.seeds + 1)
-        flown = [fly(name, seed, chosen.duration_s, chosen.models, chosen.ways, chosen.steps) for seed in seeds]
+        how = chosen.duration_s, chosen.models, chosen.ways, chosen.steps, chosen.set
+        flown = [fly(name, seed, *how) for seed in seeds]
         begin = round(chosen.settle_s / chosen.duration_s * flown[0].shape[1])
         result[name] = {way: figures([one[k, begin:] for one in flown]) for k, way in enumerate(chosen.ways)}
         columns = ["", *next(iter(result[name].values()))]

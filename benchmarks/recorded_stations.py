@@ -198,7 +198,7 @@ def recorded(folder: Path, seconds: float, seed: int) -> tuple[Flown, Path, list
     assert isinstance(navigator, StationNavigator)
     flown = fly(flight)
     file = write(folder, flown, flight, navigator.stations, scenario.lighthouse.tick_ns * 1e-9)
-    return flown, file, [noise.own_rad for noise in navigator._noise]
+    return flown, file, [noise.own_rad for noise in navigator.noise]
 
 
 def apart(own: Floats, read: Floats) -> Floats:
