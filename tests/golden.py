@@ -314,6 +314,8 @@ EXTRA = {
             "craft[0].ccd.failure_length_s=0.1",
             "craft[0].ccd.lost_image_probability=0.02",
             "craft[0].ccd.resolution_um=0.5",
+            # An estimate by this solution is so wide in depth that what steers by it feeds its rounding back.
+            "craft[0].feedback=truth",
         ),
     ),
     "random-faults": Flight("formation", 1.5, ("swarm.feedback=estimate", f"fault={RANDOM_FAULTS}")),
@@ -466,7 +468,7 @@ def _record(flight: Flight, folder: Path) -> Values:
 SMALLEST = {
     "lighthouse-static": {"poses": 3, "frames": 100},
     "lighthouse-dynamic": {"runs": 1, "seconds": 2},
-    "lighthouse-error-budget": {"draws": 3, "poses": 2},
+    "lighthouse-error-budget": {"draws": 3, "poses": 3},
     "stereo-accuracy": {"poses": 4},
     "stereo-mounting": {"poses": 64},
     "stereo-noise": {"poses": 40, "draws": 30},

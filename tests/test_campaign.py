@@ -122,6 +122,7 @@ def test_a_worker_killed_in_mid_campaign_loses_no_run(farm: Farm, serial: list[d
     assert done.state["where"] == farm.address
 
 
+@pytest.mark.long
 def test_this_machines_cores_give_the_serial_numbers(serial: list[dict[str, Any]]) -> None:
     done = conduct.conduct(load_study(write(SMALL), workers=2))
     assert numbers(done) == serial

@@ -71,6 +71,10 @@ def test_mistakes_are_named_before_anything_is_computed(tmp_path):
         (lambda: quick("lighthouse-static", tmp_path / "a", runs=3), "--runs: lighthouse-static has no such size; it"),
         (lambda: quick("lighthouse-static", tmp_path / "a", poses=0), "--poses: 0: must be at least 1"),
         (lambda: quick("lighthouse-static", tmp_path / "a", poses=2), "--poses: 2: a correlation needs at least 3"),
+        (
+            lambda: quick("lighthouse-error-budget", tmp_path / "f", poses=2),
+            "--poses: 2: the alignment of two frames needs at least 3",
+        ),
         (lambda: reproduce("lighthouse-static", seed=-1), "--seed: -1: must be at least 0"),
         (lambda: reproduce("lidar-turn", shapes=tmp_path), "--shapes: lidar-turn scans no shapes of a folder"),
         (lambda: reproduce("lidar-shapes", out=tmp_path / "a", shapes=tmp_path / "b"), "no such folder"),

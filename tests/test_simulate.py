@@ -68,7 +68,7 @@ ELSEWHERE = {
 }
 STEERED = {"crossing", "formation"}
 """Scenarios whose craft move smoothly, by orders that their filters do not know."""
-LONG = {"orbit", "free-flight", "two-stations"}
+LONG = {"cloud", "crossing", "free-flight", "orbit", "rendezvous", "static", "two-stations"}
 SEEDS = {"static": (3, 4, 5, 6)}
 """Flights whose mean counts, of few craft at rest, which average for seconds: one alone has 4.9 with a standard
 deviation of 0.5."""

@@ -100,6 +100,7 @@ class Draw(NamedTuple):
 
 def run(request: Request) -> Outcome:
     """Draw, solve every source alone and all together, add up."""
+    request.refuse_below(3, "the alignment of two frames", "poses")
     draws, poses = request.sizes["draws"], request.sizes["poses"]
     bench, rng = Bench(), request.rng()
     sizes = random_sizes(bench)
