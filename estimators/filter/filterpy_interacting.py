@@ -3,16 +3,18 @@
 The models of a craft are independent of each other while they are predicted and updated. They are the blocks of one
 filter of filterpy's: x holds their means one below the other, F, P, Q, H and R their matrices along the diagonal, and
 beside it zeros, which remain zeros. Most of what filterpy takes is for the calls: four models take twice what one does.
+A kernel stacks a few craft at once, filterpy takes one after the other, and a kernel takes them off the stack.
 
 What makes several filters one, the mixing and the weights, is that of `estimators.filter.interacting`.
 """
 
+from collections.abc import Iterator
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from estimators.arrays import Bools, Floats
+from estimators.arrays import Bools, Floats, Ints
 from estimators.filter.bank import Given, Independent, UpdateResult
 from estimators.filter.error_state import correct, process_noise_into, propagate, transition_into
 from estimators.filter.filterpy_bank import ErrorFilter, error_filter, updated
@@ -28,141 +30,192 @@ from estimators.filter.interacting import (
     shear_models,
     weigh,
 )
-from estimators.kernel import kernel
+from estimators.kernel import inlined, kernel
 from estimators.lanes import LANES
 from estimators.linear import cholesky_into, from_triangle, to_triangle
 from estimators.pivot import ARMS, turn_about
 from estimators.state import STATES, State
 
+BATCH = 8
+"""Largest number of craft on a stack."""
+
+
+class Stack(NamedTuple):
+    """B craft of M models each for filterpy: x (B, 12 M, 1), P, F and Q (B, 12 M, 12 M), zero beside the blocks; nis
+    and spread (B, L): normalised innovations squared and log det S of their models.
+    """
+
+    x: Floats
+    p: Floats
+    f: Floats
+    q: Floats
+    nis: Floats
+    spread: Floats
+
+    @classmethod
+    def of(cls, models: int) -> "Stack":
+        """Return a stack for craft of so many models."""
+        n = models * STATES
+        return cls(np.zeros((BATCH, n, 1)), *np.zeros((3, BATCH, n, n)), *np.zeros((2, BATCH, LANES)))
+
 
 class Blocks(NamedTuple):
-    """Rows of a craft for all its M models: y (M n, 1), h (M n, 12 M) and r (M n, M n), the same in every block."""
+    """Rows of B craft for all their M models: y (B, M n, 1), h (B, M n, 12 M) and r (B, M n, M n), the same in every
+    block of a craft, zero beside them.
+    """
 
     y: Floats
     h: Floats
     r: Floats
+
+    @classmethod
+    def of(cls, models: int, rows: int) -> "Blocks":
+        """Return blocks for so many rows of craft of so many models."""
+        n = models * rows
+        return cls(np.zeros((BATCH, n, 1)), np.zeros((BATCH, n, models * STATES)), np.zeros((BATCH, n, n)))
 
 
 class FilterpyInteractingBank(InteractingBank):
     """Interacting filters by filterpy: the reference, and slow, for it takes a Python loop over the craft."""
 
     @cached_property
-    def _filters(self) -> dict[int, ErrorFilter]:
-        """The filter that takes craft of so many models, one after the other."""
-        return {models: error_filter(models) for models in set(np.minimum(self._mixtures.models, LANES).tolist())}
+    def _stacks(self) -> dict[int, tuple[ErrorFilter, Stack]]:
+        """The filter that takes craft of so many models, one after the other, and their stack."""
+        sizes = set(np.minimum(self._mixtures.models, LANES).tolist())
+        return {models: (error_filter(models), Stack.of(models)) for models in sizes}
 
     @cached_property
     def _blocks(self) -> dict[tuple[int, int], Blocks]:
         """The arrays in which craft of so many models have so many rows, as far as there were any."""
         return {}
 
-    def _blocks_of(self, models: int, rows: int) -> Blocks:
-        """Return the arrays in which craft of so many models have so many rows: zeros beside the blocks."""
-        if (models, rows) not in self._blocks:
-            n = models * rows
-            self._blocks[models, rows] = Blocks(np.zeros((n, 1)), np.zeros((n, models * STATES)), np.zeros((n, n)))
-        return self._blocks[models, rows]
+    def _batches(self, mask: Bools, rows: Ints | None = None) -> Iterator[tuple[Ints, int, int]]:
+        """Yield the craft of the mask in batches of the same numbers of models and of rows, with these numbers."""
+        models = np.minimum(self._mixtures.models, LANES).tolist()
+        alike: dict[tuple[int, int], list[int]] = {}
+        for c in np.flatnonzero(mask).tolist():
+            alike.setdefault((models[c], 0 if rows is None else int(rows[c])), []).append(c)
+        for numbers, craft in alike.items():
+            for first in range(0, len(craft), BATCH):
+                yield np.array(craft[first : first + BATCH]), *numbers
 
     def _predict(self, mask: Bools, step: Floats) -> None:
-        mixtures, state, grid = self._mixtures, self._state, self.grid
-        for c in np.flatnonzero(mask).tolist():
-            f = self._filters[min(LANES, int(mixtures.models[c]))]
-            _fill_motion(c, step[c], grid, mixtures, state, f.F, f.Q)
-            f.x, f.P = _stacked(c, f.dim_x // STATES, mixtures)
-            f.predict()
-            _take_motion(c, step[c], f.x, f.P, mixtures, state, self._covariance)
+        mixtures, state = self._mixtures, self._state
+        for who, models, _ in self._batches(mask):
+            f, stack = self._stacks[models]
+            x, p = stack.x, stack.p
+            _stack_motion(who, step, self.grid, mixtures, state, stack)
+            for b in range(len(who)):
+                f.x, f.P, f.F, f.Q = x[b], p[b], stack.f[b], stack.q[b]
+                f.predict()
+                x[b], p[b] = f.x, f.P
+            _take_motion(who, step, stack, mixtures, state, self._covariance)
 
     def _update(self, mask: Bools, given: Given | Independent, result: UpdateResult) -> int:
-        mixtures, state = self._mixtures, self._state
-        nis, spread = np.zeros((2, LANES))
-        for c in np.flatnonzero(mask).tolist():
-            n, models = int(given.rows[c]), min(LANES, int(mixtures.models[c]))
+        mixtures, state, covariance = self._mixtures, self._state, self._covariance
+        for who, models, n in self._batches(mask, given.rows):
+            f, stack = self._stacks[models]
+            if (models, n) not in self._blocks:
+                self._blocks[models, n] = Blocks.of(models, n)
+            x, p, (y, h, r) = stack.x, stack.p, self._blocks[models, n]
+            noise = given.variance if isinstance(given, Independent) else given.r
+            _stack_rows(who, given.y, given.h, noise, mixtures, stack, self._blocks[models, n])
+            for b in range(len(who)):
+                f.x, f.P = x[b], p[b]
+                if not updated(f, y[b], h[b], r[b]) or not _fates(f.y, f.S, f.SI, n, stack.nis[b], stack.spread[b]):
+                    return int(who[b])
+                x[b], p[b] = f.x, f.P
             if isinstance(given, Independent):
-                noise, more = np.diag(given.variance[c, :n]), 0.0
+                _take_about(who, models, given, stack, mixtures, state, covariance, result)
             else:
-                noise, more = given.r[c, :n, :n], given.square[c]
-            free = given.freedoms[c]
-            f, blocks = self._filters[models], self._blocks_of(models, n)
-            _fill_rows(given.y[c], given.h[c], noise, blocks)
-            f.x, f.P = _stacked(c, models, mixtures)
-            if not updated(f, *blocks) or not _fates(f.y, f.S, f.SI, n, nis, spread):
-                return c
-            nis += more
-            accepted = nis[:models].min() <= given.gate[free]
-            result.accepted[c] = accepted
-            result.nis[c], result.log_determinant[c] = weigh(c, accepted, nis, spread, mixtures)
-            if not accepted:
-                continue
-            if isinstance(given, Independent):
-                _take_about(c, f.x, f.P, given.pivot[c], mixtures, state)
-            else:
-                _take(c, f.x, f.P, mixtures, state)
-            settle(c, free, mixtures, self._covariance[c])
+                _take(who, models, given, stack, mixtures, state, covariance, result)
         return -1
 
 
 @kernel
-def _fill_motion(c: int, dt: float, grid: Grid, mixtures: Mixtures, state: State, f: Floats, q: Floats) -> None:
-    """Mix the models of craft c if it is time, and write F and Q (12 M, 12 M) of all for a step of `dt` [s].
+def _stack_motion(who: Ints, step: Floats, grid: Grid, mixtures: Mixtures, state: State, stack: Stack) -> None:
+    """Mix the models of craft if it is time, and stack them with F and Q of their steps.
 
     Args:
-        c: the craft.
-        dt: the step [s].
+        who: (B,), the craft.
+        step: (C,) [s], the steps of all craft.
         grid: the models.
         mixtures: models of all craft, changed in place.
         state: states of all craft.
-        f: receives F.
-        q: receives Q.
+        stack: receives x, P, F and Q.
     """
-    mix_if_due(c, dt, grid, mixtures)
-    for at in range(f.shape[0] // STATES):
-        own, model = slice(at * STATES, (at + 1) * STATES), model_in(at, mixtures.window[c])
-        transition_into(state.angular_rate[c], dt, f[own, own])
-        process_noise_into(dt, grid.acceleration[model], grid.angular_acceleration[model], q[own, own])
+    for b in range(len(who)):
+        c = who[b]
+        mix_if_due(c, step[c], grid, mixtures)
+        _stack_models(b, c, mixtures, stack)
+        for at in range(stack.f.shape[1] // STATES):
+            own, model = slice(at * STATES, (at + 1) * STATES), model_in(at, mixtures.window[c])
+            transition_into(state.angular_rate[c], step[c], stack.f[b, own, own])
+            process_noise_into(
+                step[c], grid.acceleration[model], grid.angular_acceleration[model], stack.q[b, own, own]
+            )
 
 
 @kernel
-def _stacked(c: int, models: int, mixtures: Mixtures) -> tuple[Floats, Floats]:
-    """Return x (12 M, 1) and P (12 M, 12 M) of the M models of craft c."""
-    x, p = np.empty((models * STATES, 1)), np.zeros((models * STATES, models * STATES))
-    for at in range(models):
+def _stack_models(b: int, c: int, mixtures: Mixtures, stack: Stack) -> None:
+    """Write means and covariances of all models of craft c in place b of the stack."""
+    for at in range(stack.p.shape[1] // STATES):
         own = at * STATES
         for i in range(STATES):
-            x[own + i, 0] = mixtures.mean[c, i, at]
-        from_triangle(mixtures.covariance[c, :, at], p[own : own + STATES, own : own + STATES])
-    return x, p
+            stack.x[b, own + i, 0] = mixtures.mean[c, i, at]
+        from_triangle(mixtures.covariance[c, :, at], stack.p[b, own : own + STATES, own : own + STATES])
 
 
 @kernel
-def _unstack(c: int, x: Floats, p: Floats, mixtures: Mixtures) -> None:
-    """Write means and covariances of all models into those of craft c, as `_stacked` found them there."""
-    for at in range(x.shape[0] // STATES):
+def _unstack_models(b: int, c: int, stack: Stack, mixtures: Mixtures) -> None:
+    """Write means and covariances in place b of the stack into the models of craft c."""
+    for at in range(stack.p.shape[1] // STATES):
         own = at * STATES
         for i in range(STATES):
-            mixtures.mean[c, i, at] = x[own + i, 0]
-        to_triangle(p[own : own + STATES, own : own + STATES], mixtures.covariance[c, :, at])
+            mixtures.mean[c, i, at] = stack.x[b, own + i, 0]
+        to_triangle(stack.p[b, own : own + STATES, own : own + STATES], mixtures.covariance[c, :, at])
 
 
 @kernel
-def _take_motion(c: int, dt: float, x: Floats, p: Floats, mixtures: Mixtures, state: State, covariance: Floats) -> None:
-    """Give craft c its predicted models x, P, and the state and covariance that go with them."""
-    _unstack(c, x, p, mixtures)
-    propagate(state.rotation[c], state.angular_rate[c], state.position[c], state.velocity[c], dt)
-    combine(c, mixtures, covariance[c])
+def _take_motion(who: Ints, step: Floats, stack: Stack, mixtures: Mixtures, state: State, covariance: Floats) -> None:
+    """Give craft `who` (B,) their predicted models on the stack, and the states and covariances that go with them."""
+    for b in range(len(who)):
+        c = who[b]
+        _unstack_models(b, c, stack, mixtures)
+        propagate(state.rotation[c], state.angular_rate[c], state.position[c], state.velocity[c], step[c])
+        combine(c, mixtures, covariance[c])
 
 
 @kernel
-def _fill_rows(y: Floats, h: Floats, r: Floats, blocks: Blocks) -> None:
-    """Write rows y (n,), H (n, 12) and the covariance of their noise (n, n) into every block."""
-    n = r.shape[0]
-    for at in range(blocks.y.shape[0] // n):
-        first = at * n
-        for i in range(n):
-            blocks.y[first + i, 0] = y[i]
-            for j in range(STATES):
-                blocks.h[first + i, at * STATES + j] = h[i, j]
-            for j in range(n):
-                blocks.r[first + i, first + j] = r[i, j]
+def _stack_rows(
+    who: Ints, y: Floats, h: Floats, noise: Floats, mixtures: Mixtures, stack: Stack, blocks: Blocks
+) -> None:
+    """Stack craft with n rows each, which go into every block.
+
+    Args:
+        who: (B,), the craft.
+        y: (C, m), of which the first n count.
+        h: (C, m, 12), likewise.
+        noise: (C, m, m), covariances of the noise, or (C, m), variances.
+        mixtures: models of all craft.
+        stack: receives x and P.
+        blocks: receives the rows.
+    """
+    n = blocks.y.shape[1] // (stack.p.shape[1] // STATES)
+    for b in range(len(who)):
+        c = who[b]
+        _stack_models(b, c, mixtures, stack)
+        for at in range(stack.p.shape[1] // STATES):
+            first = at * n
+            for i in range(n):
+                blocks.y[b, first + i, 0] = y[c, i]
+                for j in range(STATES):
+                    blocks.h[b, first + i, at * STATES + j] = h[c, i, j]
+                for j in range(n):
+                    if noise.ndim == 3:
+                        blocks.r[b, first + i, first + j] = noise[c, i, j]
+                    else:
+                        blocks.r[b, first + i, first + j] = noise[c, i] if i == j else 0.0
 
 
 @kernel
@@ -190,21 +243,77 @@ def _fates(y: Floats, s: Floats, inverse: Floats, n: int, nis: Floats, spread: F
     return True
 
 
+@inlined
+def _let_in(
+    b: int, c: int, models: int, more: float, gate: float, stack: Stack, mixtures: Mixtures, result: UpdateResult
+) -> bool:
+    """Decide by the gate on the rows of craft c in place b of the stack, and write their fate.
+
+    Args:
+        b: the place.
+        c: the craft.
+        models: number of its models.
+        more: part of the normalised innovation squared of which the rows tell nothing.
+        gate: largest normalised innovation squared that is let in.
+        stack: with the fates by the models.
+        mixtures: models of all craft, whose probabilities change.
+        result: receives the fate.
+    """
+    nis, spread, least = stack.nis[b], stack.spread[b], np.inf
+    for at in range(models):
+        nis[at] += more
+        least = min(least, nis[at])
+    accepted = least <= gate
+    result.accepted[c] = accepted
+    result.nis[c], result.log_determinant[c] = weigh(c, accepted, nis, spread, mixtures)
+    return accepted
+
+
 @kernel
-def _take(c: int, x: Floats, p: Floats, mixtures: Mixtures, state: State) -> None:
-    """Give craft c its updated models, and its state their mean error."""
+def _take(
+    who: Ints,
+    models: int,
+    given: Given,
+    stack: Stack,
+    mixtures: Mixtures,
+    state: State,
+    covariance: Floats,
+    result: UpdateResult,
+) -> None:
+    """Give craft `who` (B,) whose rows are let in their updated models, and their states the mean error."""
     correction = np.empty(STATES)
-    _unstack(c, x, p, mixtures)
-    centre(c, mixtures, correction)
-    correct(state.rotation[c], state.angular_rate[c], state.position[c], state.velocity[c], correction)
+    for b in range(len(who)):
+        c = who[b]
+        free = given.freedoms[c]
+        if not _let_in(b, c, models, given.square[c], given.gate[free], stack, mixtures, result):
+            continue
+        _unstack_models(b, c, stack, mixtures)
+        centre(c, mixtures, correction)
+        correct(state.rotation[c], state.angular_rate[c], state.position[c], state.velocity[c], correction)
+        settle(c, free, mixtures, covariance[c])
 
 
 @kernel
-def _take_about(c: int, x: Floats, p: Floats, pivot: Floats, mixtures: Mixtures, state: State) -> None:
-    """`_take` where the body turns about points `pivot` (PIVOT,) of its own."""
+def _take_about(
+    who: Ints,
+    models: int,
+    given: Independent,
+    stack: Stack,
+    mixtures: Mixtures,
+    state: State,
+    covariance: Floats,
+    result: UpdateResult,
+) -> None:
+    """`_take` where the bodies turn about points of their own."""
     correction, arms = np.empty(STATES), np.empty(ARMS)
-    _unstack(c, x, p, mixtures)
-    centre(c, mixtures, correction)
-    rotation, rate = state.rotation[c], state.angular_rate[c]
-    turn_about(rotation, rate, state.position[c], state.velocity[c], correction, pivot, arms)
-    shear_models(c, arms, mixtures)
+    for b in range(len(who)):
+        c = who[b]
+        free = given.freedoms[c]
+        if not _let_in(b, c, models, 0.0, given.gate[free], stack, mixtures, result):
+            continue
+        _unstack_models(b, c, stack, mixtures)
+        centre(c, mixtures, correction)
+        rotation, rate = state.rotation[c], state.angular_rate[c]
+        turn_about(rotation, rate, state.position[c], state.velocity[c], correction, given.pivot[c], arms)
+        shear_models(c, arms, mixtures)
+        settle(c, free, mixtures, covariance[c])
