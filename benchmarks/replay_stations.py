@@ -40,7 +40,7 @@ from swarm.flight.recordings.object_light import ObjectLight, read_object
 from swarm.flight.recordings.stations_file import PlacedStations, read_stations
 from swarm.flight.recordings.trajectory import Trajectory, read_trajectory
 from swarm.flight.station_replay import StationPlayback, choose_stations
-from swarm.onboard.settings import BY_LIGHT, Status
+from swarm.onboard.settings import Status, by_light
 from swarm.scenario import for_replay
 
 CASES = {
@@ -99,7 +99,7 @@ def flown(source: ObjectLight, file: PlacedStations | None, lighthouse: int | No
         "_rotation": np.array(rotation),
         "_rate": np.array(rate),
         "_clock_s": playback.begin_s + np.array(time_s),
-        "_light": np.isin(status, BY_LIGHT),
+        "_light": by_light(status),
     }
     away = np.array(position) - np.array(peer)
     known = np.isfinite(away).all(axis=1)

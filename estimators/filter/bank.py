@@ -365,10 +365,13 @@ class FilterBank(ABC):
         mask = self._checked(mask)
         if not mask.any():
             return self._nothing()
-        rotation = self._argument("rotation", rotation, (3, 3), mask)
-        position = self._argument("position", position, (3,), mask)
-        covariance = self._covariances("covariance", covariance, POSE, mask)
-        rate_coupling = self._argument("rate_coupling", rate_coupling, (POSE, POSE), mask)
+        rotation, position = self._shaped("rotation", rotation, (3, 3)), self._shaped("position", position, (3,))
+        covariance = self._shaped("covariance", covariance, (POSE, POSE))
+        rate_coupling = self._shaped("rate_coupling", rate_coupling, (POSE, POSE))
+        if (wrong := _wrong_pose(mask, rotation, position, covariance, rate_coupling)) >= 0:
+            name = ("rotation", "position", "covariance", "rate_coupling", "covariance")[wrong]
+            reason = "a variance is not positive" if wrong == 4 else "not finite"
+            raise ValueError(f"{name}: {reason} for a craft of the mask")
         y, h = np.empty((len(mask), POSE)), np.empty((len(mask), POSE, STATES))
         innovations_into(mask, rotation, position, self._state, rate_coupling, y, h)
         count, gate = np.full(len(mask), POSE), gates(self.gate_probability, POSE)
@@ -483,6 +486,31 @@ def _wrong_row(mask: Bools, given: Independent) -> int:
                     return 1
             if not 0 < given.variance[c, a] < np.inf:
                 return 2
+    return -1
+
+
+@kernel
+def _wrong_pose(mask: Bools, rotation: Floats, position: Floats, covariance: Floats, coupling: Floats) -> int:
+    """Return the argument, counted from 0, that is not finite for a craft of the mask; 4 if a variance is not positive,
+    -1 if all are as they must be.
+    """
+    for c in range(len(mask)):
+        if not mask[c]:
+            continue
+        for i in range(3):
+            for j in range(3):
+                if not np.isfinite(rotation[c, i, j]):
+                    return 0
+            if not np.isfinite(position[c, i]):
+                return 1
+        for i in range(POSE):
+            for j in range(POSE):
+                if not np.isfinite(covariance[c, i, j]):
+                    return 2
+                if not np.isfinite(coupling[c, i, j]):
+                    return 3
+            if not covariance[c, i, i] > 0:
+                return 4
     return -1
 
 

@@ -18,6 +18,9 @@ from swarm.scenario import Scenario
 from swarm.sensors.sight import Sight
 from swarm.world.world import PeriodTruth
 
+LIT = int(Sight.LIT)
+"""The code as a plain number, which NumPy takes at once."""
+
 
 def periods_of(scenario: Scenario) -> int:
     """Return the number of lighthouse periods of a flight."""
@@ -68,7 +71,7 @@ class Flight:
         """Fly one lighthouse period: steer, move, measure, navigate. Periods are flown in order."""
         faults = self.faults
         truth, sight = self.move(frame)
-        lit = faults.light(sight == Sight.LIT)
+        lit = faults.light(sight == LIT)
         signals = self.sensors.signals(truth, frame, lit, faults.rotor())  # the only inputs of a craft
         signals = faults.signals(truth, lit, signals)
         known = self.computer.step(signals, self.command, faults.restarting())  # on board, each craft by itself

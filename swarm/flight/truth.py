@@ -17,7 +17,7 @@ from estimators.arrays import Bools, Floats
 from swarm.errors import SwarmError
 from swarm.flight.recordings.alignment import FAR_M, align, interpolated, true_positions
 from swarm.flight.recordings.trajectory import Trajectory
-from swarm.onboard.settings import BY_LIGHT
+from swarm.onboard.settings import by_light
 from swarm.results.period import Period
 from swarm.results.records import Truth
 
@@ -145,7 +145,7 @@ def _estimates(periods: Iterable[Period], begin_s: float) -> tuple[Floats, Float
     times, positions, rotations = [], [], []
     for period in periods:
         estimate = period.estimate
-        if estimate.status[0] in BY_LIGHT and np.isfinite(estimate.position[0]).all():
+        if by_light(estimate.status[0]) and np.isfinite(estimate.position[0]).all():
             times.append(period.time_s + begin_s)
             positions.append(estimate.position[0].copy())
             rotations.append(estimate.rotation[0].copy())

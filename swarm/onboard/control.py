@@ -39,9 +39,7 @@ def feedback(craft: int) -> Feedback:
     return Feedback(np.full(craft, POSITION_FREQUENCY_RAD_S**2), np.full(craft, 2 * DAMPING * POSITION_FREQUENCY_RAD_S))
 
 
-def command(
-    reference: Reference, state: State, orbit: RelativeOrbit | None = None, firm: Feedback | None = None
-) -> Command:
+def command(reference: Reference, state: State, firm: Feedback, orbit: RelativeOrbit | None = None) -> Command:
     """Return the accelerations of the feedback above.
 
     They are zero if `state` is NaN, or if the reference holds neither position nor attitude.
@@ -49,11 +47,11 @@ def command(
     Args:
         reference: references of C craft.
         state: states by which the craft steer, NaN where unknown.
+        firm: position feedback.
         orbit: the lighthouse's orbit, whose acceleration is subtracted; None in weightless space.
-        firm: position feedback, if not every craft has the usual one.
     """
     count = len(reference.position)
-    out, gains, believed = Command(*np.zeros((2, count, 3))), firm or feedback(count), _contiguous(state)
+    out, believed = Command(*np.zeros((2, count, 3))), _contiguous(state)
     _command_into(
         reference.position,
         reference.velocity,
@@ -67,8 +65,8 @@ def command(
         believed.angular_rate,
         believed.position,
         believed.velocity,
-        gains.stiffness,
-        gains.damping,
+        firm.stiffness,
+        firm.damping,
         out.acceleration,
         out.angular_acceleration,
     )

@@ -182,12 +182,12 @@ class Navigator:
             self._separation.poses(fix, taken[-1], tracks.bank, separated=False)
             self._beside.pose(fix)
             seen = seen._replace(nis=taken[-1].nis)
-        pose, refused = taken[0].fresh, taken[0].refused
+        pose, refused, decided = taken[0].fresh, taken[0].refused, sweeps.decided
         for more in taken[1:]:
             pose, refused = pose | more.fresh, refused | more.refused
         tracks.count(
-            pose | sweeps.decided,
-            sweeps.fresh & ~sweeps.decided,
+            pose | decided,
+            sweeps.fresh & ~decided,
             # Three photodiodes that contradict the filter do not prove it wrong: it coasts.
             refused | (sweeps.refused & (light.visible >= MIN_LIT)),
         )

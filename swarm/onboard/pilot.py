@@ -21,7 +21,7 @@ from swarm.onboard.guidance.guidance import Guidance, Knowledge
 from swarm.onboard.guidance.neighbours import Neighbour
 from swarm.onboard.navigation import Estimate
 from swarm.onboard.own_controllers import NO_CONTROLLERS, Controllers, Steering
-from swarm.onboard.settings import BY_LIGHT
+from swarm.onboard.settings import by_light
 
 
 class Motions(Protocol):
@@ -71,6 +71,7 @@ class Pilot:
         self.guidance, self.by_estimate = guidance, by_estimate
         self._motions, self._actuation, self._body, self._orbit = motions, actuation, body, orbit
         self._period_s, self._craft = period_s, len(by_estimate)
+        self._firm = control.feedback(self._craft) if guidance is None else guidance.feedback
         self._estimated = unknown(self._craft)
         nothing = np.zeros(self._craft)
         self._known = Knowledge(nothing > 0, nothing, nothing > 0)
@@ -102,7 +103,7 @@ class Pilot:
             self._covariance = estimate.covariance
         if self.guidance is not None:
             sigma = np.sqrt(np.trace(estimate.covariance[:, 6:9, 6:9], axis1=1, axis2=2))
-            tracking = np.isin(estimate.status, BY_LIGHT) & ~estimate.integrity.alert
+            tracking = by_light(estimate.status) & ~estimate.integrity.alert
             self._meet(estimate)
             self._known = Knowledge(
                 np.where(self.by_estimate, tracking, True),
@@ -144,8 +145,8 @@ class Pilot:
     def _command(self, reference: Reference, believed: State) -> Command:
         """Return the feedback towards the reference, kept clear of other craft and less the gravitational part."""
         if self.guidance is None:
-            return control.command(reference, believed, self._orbit)
-        wanted = control.command(reference, believed, firm=self.guidance.feedback)
+            return control.command(reference, believed, self._firm, self._orbit)
+        wanted = control.command(reference, believed, self._firm)
         clear = self.guidance.clear(wanted, believed)
         if self._orbit is None:
             return clear

@@ -12,6 +12,7 @@ from estimators.filter.error_state import (
     DEFAULT_ANGULAR_ACCELERATION_NOISE_RAD_S2,
 )
 from estimators.frame import WORLD, Frame
+from estimators.kernel import kernel
 from estimators.lighthouse.integrity import AngleNoise
 from estimators.lighthouse.row_motion import HandMotion
 from estimators.lighthouse.sweep import FanErrors
@@ -50,6 +51,7 @@ BY_LIGHT = (Status.TRACKING, Status.SINGLE_SWEEPS)
 """States of a craft whose filter took in light in this period."""
 
 
+@kernel
 def status_codes(active: Bools, ambiguous: Bools, since_update_s: Floats, since_pose_s: Floats) -> Ints:
     """Return the codes of `Status` (C,) after a period.
 
@@ -59,11 +61,20 @@ def status_codes(active: Bools, ambiguous: Bools, since_update_s: Floats, since_
         since_update_s: (C,), time since a filter took in a pose or single sweeps [s].
         since_pose_s: (C,), time since it took in a pose, or sweep angles of as many photodiodes as decide one [s].
     """
-    out = np.full(len(active), COASTING)
-    out[since_update_s == 0.0] = SINGLE_SWEEPS
-    out[since_pose_s == 0.0] = TRACKING
-    out[~active] = SEARCHING
-    out[~active & ambiguous] = AMBIGUOUS
+    out = np.empty(len(active), dtype=np.int64)
+    for c in range(len(active)):
+        if not active[c]:
+            out[c] = AMBIGUOUS if ambiguous[c] else SEARCHING
+        elif since_pose_s[c] == 0.0:
+            out[c] = TRACKING
+        else:
+            out[c] = SINGLE_SWEEPS if since_update_s[c] == 0.0 else COASTING
+    return out
+
+
+def by_light(status: Ints) -> Bools:
+    """Return the craft whose filter took in light in this period, by their codes of `Status`, any shape."""
+    out: Bools = (status == TRACKING) | (status == SINGLE_SWEEPS)
     return out
 
 

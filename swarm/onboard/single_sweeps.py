@@ -98,6 +98,9 @@ class SingleSweeps:
         self._gate = gates(s.gate_probability, 2 * point_m.shape[1])
         self._screens = s.integrity.residual_test
         self._missed = np.sqrt(shown_to_gate(self._gate, s.integrity.missed_detection))
+        self._nothing = _none(len(point_m))
+        for part in (*self._nothing[:7], self._nothing.log_determinant):
+            part.flags.writeable = False  # it is that of many periods
 
     def assume(self, noise: AngleNoise) -> None:
         """Take angles to have this noise from now on."""
@@ -114,7 +117,7 @@ class SingleSweeps:
         """
         mask = mask & tracks.bank.active
         if not mask.any():
-            return _none(len(mask))
+            return self._nothing
         instants = offset_s if self._compensated else np.zeros_like(offset_s)
         rows = rows_of_sweeps(theta, instants, np.isfinite(theta) & mask[:, None, None])
         predicted = tracks.filtered()

@@ -20,6 +20,7 @@ from estimators.filter.error_state import (
     innovations_into,
 )
 from estimators.free_rotation import FreeTurns, free_turns
+from estimators.kernel import kernel
 from estimators.lighthouse.planar import Rows
 from estimators.relative_orbit import RelativeOrbit, acceleration
 from estimators.state import State
@@ -317,14 +318,11 @@ class Tracks:
             sweeps: craft whose filter took in single sweeps of fewer photodiodes, (C,).
             refused: craft whose gate refused a pose, or rows of as many photodiodes, (C,).
         """
-        fresh, limit = pose | sweeps, self._limits.coast_limit_s
-        self.since_update_s = np.where(fresh, 0.0, self.since_update_s + self._frame_s)
-        self.since_pose_s = np.where(pose, 0.0, self.since_pose_s + self._frame_s)
-        self._rejections = np.where(fresh, 0, self._rejections + refused)
-        given_up = self.since_update_s > limit
-        if sweeps.any():
+        ages, limits = (self.since_update_s, self.since_pose_s, self._rejections), self._limits
+        given_up = np.empty_like(pose)
+        if _count(pose, sweeps, refused, self._frame_s, limits.coast_limit_s, limits.rejections_limit, ages, given_up):
             given_up |= sweeps & self.beyond(MEANINGLESS_RAD)
-        self.bank.stop(self.bank.active & (given_up | (self._rejections >= self._limits.rejections_limit)))
+        self.bank.stop(self.bank.active & given_up)
 
     def lost(self, time_s: float) -> Bools:
         """Return the craft (C,) with a filter that have had no light for `time_s`, or only single sweeps that leave
@@ -351,6 +349,41 @@ class Tracks:
             covariance: Floats = self.bank.covariance_of(craft)[np.ix_(RATE_COLUMNS, RATE_COLUMNS)]
             return covariance
         return np.diag(np.repeat(np.square(UNKNOWN_RATE), 3))
+
+
+@kernel
+def _count(
+    pose: Bools,
+    sweeps: Bools,
+    refused: Bools,
+    frame_s: float,
+    coast_limit_s: float,
+    rejections_limit: int,
+    ages: tuple[Floats, Floats, Ints],
+    given_up: Bools,
+) -> bool:
+    """Count time and refusals of C craft, and write whose exceed a limit; return whether any took in single sweeps.
+
+    Args:
+        pose: (C,), as in `Tracks.count`.
+        sweeps: (C,), likewise.
+        refused: (C,), likewise.
+        frame_s: length of the period [s].
+        coast_limit_s: longest time without light [s].
+        rejections_limit: number of refusals that is too many.
+        ages: times without light and without a pose [s], and numbers of refusals, (C,) each, changed in place.
+        given_up: (C,), receives whose exceed a limit.
+    """
+    since_update_s, since_pose_s, rejections = ages
+    some = False
+    for c in range(len(pose)):
+        fresh = pose[c] or sweeps[c]
+        since_update_s[c] = 0.0 if fresh else since_update_s[c] + frame_s
+        since_pose_s[c] = 0.0 if pose[c] else since_pose_s[c] + frame_s
+        rejections[c] = 0 if fresh else rejections[c] + refused[c]
+        given_up[c] = since_update_s[c] > coast_limit_s or rejections[c] >= rejections_limit
+        some = some or sweeps[c]
+    return some
 
 
 def _all_columns(rows: Rows) -> Floats:

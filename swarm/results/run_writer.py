@@ -11,7 +11,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 
 from swarm.errors import SwarmError
-from swarm.onboard.settings import BY_LIGHT
+from swarm.onboard.settings import by_light
 from swarm.results.angles import AngleWriter, Believed
 from swarm.results.columns.groups import groups_of
 from swarm.results.columns.schema import schema
@@ -88,7 +88,7 @@ class RunWriter:
         if self._history is not None:
             self._history.append(period)
         self._time_s = period.time_s
-        self._tracking = int(np.count_nonzero(np.isin(period.estimate.status, BY_LIGHT)))
+        self._tracking = int(np.count_nonzero(by_light(period.estimate.status)))
 
     @property
     def progress(self) -> Progress:

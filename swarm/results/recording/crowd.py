@@ -10,7 +10,7 @@ import numpy as np
 import rerun as rr
 
 from estimators.arrays import Bools, Floats, Ints
-from swarm.onboard.settings import BY_LIGHT
+from swarm.onboard.settings import by_light
 from swarm.results.columns.core import STATUS
 from swarm.results.recording import drawing
 from swarm.results.recording.batch import Batch
@@ -94,7 +94,7 @@ class Crowd:
     def _states(self, batch: Batch) -> Ints:
         """Return the index in `STATES` of every craft, (n, C)."""
         by_error = np.searchsorted(ERRORS_MM, 1e3 * np.nan_to_num(batch.errors.position_error_m))
-        out: Ints = np.where(np.isin(batch.status, BY_LIGHT), by_error, self._by_status[batch.status])
+        out: Ints = np.where(by_light(batch.status), by_error, self._by_status[batch.status])
         out[:, self._dark] = list(STATES).index("without-sensors")
         return out
 
@@ -105,12 +105,12 @@ class Crowd:
             return
         # Searching counts twice, for it is worse than coasting.
         status = batch.status[:, who]
-        lost = np.count_nonzero(~np.isin(status, BY_LIGHT), axis=0)
+        lost = np.count_nonzero(~by_light(status), axis=0)
         lost += np.count_nonzero(status == STATUS.index("searching"), axis=0)
         error: Floats = np.nan_to_num(batch.errors.position_error_m[:, who]).max(axis=0)
         k = int(np.lexsort((error, lost))[-1])
         i, periods = int(who[k]), len(batch.time_s)
-        at_worst = batch.status[~np.isin(batch.status[:, i], BY_LIGHT), i]
+        at_worst = batch.status[~by_light(batch.status[:, i]), i]
         what = STATUS[int(at_worst[-1])] if lost[k] else f"{1e3 * error[k]:.3g} mm"
         points = rr.Points3D.columns(
             positions=batch.body_position[:, i] + self._above_m,
