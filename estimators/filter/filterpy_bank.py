@@ -1,13 +1,14 @@
 """The filter of record: `filterpy.kalman.ExtendedKalmanFilter`, one per craft, of `estimators.filter.error_state`'s
 equations.
 
-No other file imports filterpy. Its `update` with a 1-D measurement and a 2-D Hx silently broadcasts the state into a
-matrix, and its `predict_update` stores the wrong prior: here everything is a column, and `predict` comes before
-`update`.
+No other file imports filterpy, which brings scipy.stats and takes most of a second: only who makes such a filter pays
+for it. Its `update` with a 1-D measurement and a 2-D Hx silently broadcasts the state into a matrix, and its
+`predict_update` stores the wrong prior: here everything is a column, and `predict` comes before `update`.
 """
 
+from typing import TYPE_CHECKING, TypeAlias
+
 import numpy as np
-from filterpy.kalman import ExtendedKalmanFilter
 
 from estimators.arrays import Bools, Floats
 from estimators.filter.bank import FilterBank, Given, Independent, UpdateResult
@@ -21,7 +22,10 @@ from estimators.filter.error_state import (
 )
 from estimators.pivot import ARMS, is_wide, shear, turn_about
 
-ErrorFilter = ExtendedKalmanFilter
+if TYPE_CHECKING:
+    from filterpy.kalman import ExtendedKalmanFilter
+
+ErrorFilter: TypeAlias = "ExtendedKalmanFilter"
 """The type of `error_filter`'s filter."""
 
 
@@ -31,7 +35,7 @@ class PoseFilterBank(FilterBank):
     def __init__(self, craft_count: int, **options: float) -> None:
         """Take the options of any `FilterBank`."""
         super().__init__(craft_count, **options)
-        self._filter: dict[int, ExtendedKalmanFilter] = {}
+        self._filter: dict[int, ErrorFilter] = {}
 
     def _begin(self, mask: Bools) -> None:
         for i in np.flatnonzero(mask).tolist():
@@ -97,12 +101,14 @@ class PoseFilterBank(FilterBank):
         return f.x  # type: ignore[no-any-return]
 
 
-def error_filter(models: int = 1) -> ExtendedKalmanFilter:
+def error_filter(models: int = 1) -> ErrorFilter:
     """Return one filter of the error states of so many models."""
+    from filterpy.kalman import ExtendedKalmanFilter
+
     return ExtendedKalmanFilter(models * STATES, models * POSE)
 
 
-def taken_by(f: ExtendedKalmanFilter, y: Floats, h: Floats, r: Floats) -> tuple[float, float] | None:
+def taken_by(f: ErrorFilter, y: Floats, h: Floats, r: Floats) -> tuple[float, float] | None:
     """Update a filter with rows, and return NIS and log det S; None, and nothing is changed, where S is not positive.
 
     Args:
@@ -122,7 +128,7 @@ def taken_by(f: ExtendedKalmanFilter, y: Floats, h: Floats, r: Floats) -> tuple[
     return None
 
 
-def updated(f: ExtendedKalmanFilter, y: Floats, h: Floats, r: Floats) -> bool:
+def updated(f: ErrorFilter, y: Floats, h: Floats, r: Floats) -> bool:
     """Update a filter with rows; return False where S is singular or not finite.
 
     Args:

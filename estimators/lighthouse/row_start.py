@@ -13,6 +13,7 @@ The craft is taken to be at rest within the period.
 """
 
 from collections.abc import Sequence
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -306,9 +307,10 @@ def _all_over(rays: Sequence[_Rays], stations: Sequence[Station], point_m: Float
         return []
     seen = np.unique(np.concatenate([at for at, _, _ in lines]))
     centre = point_m[seen].mean(axis=0)
-    return [(turn, place - turn @ centre) for turn in _SPHERE]
+    return [(turn, place - turn @ centre) for turn in _sphere()]
 
 
+@cache
 def _sphere() -> Floats:
     """Return rotations (N, 3, 3) that leave none farther away than some 45 degrees: quaternions of -1, 0, 1."""
     grid = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 4, indexing="ij"), axis=-1).reshape(-1, 4)
@@ -316,6 +318,3 @@ def _sphere() -> Floats:
     first = np.array([row[np.flatnonzero(row)[0]] > 0 for row in grid])
     unit = grid[first] / np.linalg.norm(grid[first], axis=1, keepdims=True)
     return rot.matrix_from_quaternion(unit)
-
-
-_SPHERE = _sphere()

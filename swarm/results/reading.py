@@ -41,8 +41,8 @@ def _joined(folder: Path, flown: pa.Table, names: Sequence[str]) -> pa.Table:
     if not names:
         return flown
     try:
-        smoothed = pq.read_table(folder / SMOOTH, columns=list(names), partitioning=None)
-    except (OSError, ValueError, pa.ArrowException) as error:
+        smoothed = _read_file(folder / SMOOTH, names)
+    except (OSError, ValueError, KeyError, pa.ArrowException) as error:
         raise SwarmError(f"cannot read {folder / SMOOTH}: {error}") from error
     if len(smoothed) != len(flown):
         raise SwarmError(
@@ -71,10 +71,10 @@ def _read_flown(folder: Path, columns: Sequence[str] | None) -> pa.Table:
         if file.exists():
             if not file.is_file():
                 raise SwarmError(f"cannot read the telemetry in {folder}: {file.name} is a folder")
-            return pq.read_table(file, columns=columns, partitioning=None)
+            return _read_file(file, columns)
         if parts:
             return pa.concat_tables([_read_part(part, columns) for part in parts])
-    except (OSError, ValueError, pa.ArrowException) as error:
+    except (OSError, ValueError, KeyError, pa.ArrowException) as error:
         raise SwarmError(f"cannot read the telemetry in {folder}: {error}") from error
     empty = _nothing().empty_table()
     return empty.select(columns) if columns is not None else empty
@@ -115,7 +115,7 @@ class RowReader:
         self._kept: dict[int, pa.Table] = {}
         file = folder / TELEMETRY
         try:
-            self._file = pq.ParquetFile(file) if file.exists() else None
+            self._file = pq.ParquetFile(file, memory_map=True) if file.exists() else None
             if self._file is not None:
                 about = self._file.metadata
                 sizes = [about.row_group(i).num_rows for i in range(about.num_row_groups)]
@@ -142,10 +142,20 @@ class RowReader:
     def _group(self, group: int) -> pa.Table:
         try:
             if self._file is not None:
-                return self._file.read_row_group(group, columns=self._columns)
+                return self._file.read_row_group(group, columns=self._columns, use_threads=False)
             return _read_part(self._parts[group], self._columns)
         except (OSError, ValueError, KeyError, pa.ArrowException) as error:
             raise SwarmError(f"cannot read the telemetry in {self._folder}: {error}") from error
+
+
+def _read_file(file: Path, columns: Sequence[str] | None) -> pa.Table:
+    """Return columns of a Parquet file, all if None. Raises KeyError where there is no such column.
+
+    One column is read in one thread: several take more than twice the time of the processor, and memory of their own.
+    """
+    with pq.ParquetFile(file, memory_map=True) as opened:
+        table = opened.read(columns, use_threads=columns is None)
+    return table if columns is None else table.select(columns)
 
 
 def _read_part(part: Path, columns: Sequence[str] | None) -> pa.Table:

@@ -101,6 +101,7 @@ class Telemetry:
     def close(self) -> None:
         """Write what is left and join the parts into one file. Raises SwarmError on a full disk: the parts stay."""
         self._flush()
+        self._block = self._block[:, :0].copy()  # no row will wait any more
         folder, final = self._folder / PARTS, self._folder / TELEMETRY
         temporary = folder / "joined.tmp"
         doubles = [field.name for field in self._schema if field.type == pa.float64()]

@@ -25,10 +25,8 @@ def autocorrelation_time(series: Floats) -> float:
     known = np.isfinite(series)
     n = int(np.count_nonzero(known))
     centred = np.where(known, series - (series[known].mean() if n else 0.0), 0.0)
-    size = 2 * len(series)
-    spectrum, mask = np.fft.rfft(centred, size), np.fft.rfft(known.astype(np.float64), size)
-    products = np.fft.irfft(np.abs(spectrum) ** 2, size)[: len(series)]
-    pairs = np.rint(np.fft.irfft(np.abs(mask) ** 2, size)[: len(series)])
+    products = _correlated(centred)
+    pairs = np.arange(n, 0, -1) if n == len(series) else np.rint(_correlated(known.astype(np.float64)))
     if n < 2 or products[0] <= 0:
         return 1.0
     correlation = products / np.maximum(pairs, 1) / (products[0] / n)
@@ -37,6 +35,13 @@ def autocorrelation_time(series: Floats) -> float:
     last = int(beyond[0]) if beyond.size else len(tau) - 1
     # The mean was taken from the same values, which lowers every rho_k by about tau/n (Wolff 2004).
     return float(np.clip(tau[last] * (1 + (2 * last + 3) / n), 1.0, n))
+
+
+def _correlated(series: Floats) -> Floats:
+    """Return the sums (n,) of the products of a series (n,) with itself, by the lag between them."""
+    size = 2 * len(series)
+    out: Floats = np.fft.irfft(np.abs(np.fft.rfft(series, size)) ** 2, size)[: len(series)]
+    return out
 
 
 def _per_frame(frame: Ints, x: Floats) -> tuple[Floats, Floats]:

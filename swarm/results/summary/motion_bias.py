@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from estimators.arrays import Floats, Ints
+from estimators.kernel import kernel
 from swarm.results.rows import attitude_errors_into
 from swarm.results.summary.statistics import number
 from swarm.results.table import TelemetryTable
@@ -49,10 +50,10 @@ class _Slope:
             error: (n, 3).
             rate: (n, 3).
         """
-        for axis in range(3):
-            v = rate[:, axis]
-            self._product[:, axis] += np.bincount(frame, error[:, axis] * v, len(self._product))
-            self._square[:, axis] += np.bincount(frame, v * v, len(self._square))
+        product, square = np.zeros((2, *self._product.shape))
+        _sum_by_frame(frame, error, rate, product, square)
+        self._product += product
+        self._square += square
         self._rows += len(frame)
 
     def solve(self) -> tuple[list[float | None], list[float | None], float | None]:
@@ -74,10 +75,9 @@ def position_bias(rows: TelemetryTable) -> dict[str, Any]:
     slope, along, moving = _Slope(frames), 0.0, 0
     for part in rows.blocks(BLOCK):
         error = part.derived(*_POSITION_ERROR, _position_error)
-        known = np.isfinite(error).all(axis=1)
-        error = error[known]
-        velocity = part.stacked("true_vx_m_s", "true_vy_m_s", "true_vz_m_s")[known]
-        slope.add(part.frame[known] - first, error, velocity)
+        velocity = part.stacked("true_vx_m_s", "true_vy_m_s", "true_vz_m_s")
+        frame, error, velocity = _known(part.frame - first, error, velocity)
+        slope.add(frame, error, velocity)
         speed = np.linalg.norm(velocity, axis=1)
         moves = speed > MIN_RATE
         along += float(np.sum(np.sum(error * velocity, axis=1)[moves] / speed[moves]))
@@ -97,15 +97,29 @@ def attitude_bias(rows: TelemetryTable) -> dict[str, Any]:
     slope = _Slope(frames)
     for part in rows.blocks(BLOCK):
         turn = part.derived(*_TURN, _turn)
-        known = np.isfinite(turn).all(axis=1)
-        rate = part.stacked("true_wx_rad_s", "true_wy_rad_s", "true_wz_rad_s")[known]
-        slope.add(part.frame[known] - first, turn[known], rate)
+        rate = part.stacked("true_wx_rad_s", "true_wy_rad_s", "true_wz_rad_s")
+        slope.add(*_known(part.frame - first, turn, rate))
     of_attitude, sigma, explained = slope.solve()
     return {
         "attitude_slope_s": of_attitude,
         "attitude_slope_sigma_s": sigma,
         "attitude_rms_deg": None if explained is None else float(np.degrees(explained)),
     }
+
+
+@kernel
+def _sum_by_frame(frame: Ints, error: Floats, rate: Floats, product: Floats, square: Floats) -> None:
+    """Add e v and v^2 of rows, error and rate (n, 3), to the sums (frames, 3) of their frames (n,)."""
+    for i in range(len(frame)):
+        for axis in range(3):
+            product[frame[i], axis] += error[i, axis] * rate[i, axis]
+            square[frame[i], axis] += rate[i, axis] * rate[i, axis]
+
+
+def _known(frame: Ints, error: Floats, rate: Floats) -> tuple[Ints, Floats, Floats]:
+    """Return the rows, (n,) and (n, 3) each, whose error is known."""
+    known = np.isfinite(error).all(axis=1)
+    return (frame, error, rate) if known.all() else (frame[known], error[known], rate[known])
 
 
 def _position_error(found: Floats) -> Floats:
@@ -116,10 +130,9 @@ def _position_error(found: Floats) -> Floats:
 
 def _turn(found: Floats) -> Floats:
     """Return the attitude errors (n, 3) [rad] of solutions whose quaternions stand before the true ones, (n, 8)."""
-    known = np.isfinite(found).all(axis=1)
-    out, turn = np.full((len(found), 3), np.nan), np.empty((np.count_nonzero(known), 3))
-    attitude_errors_into(found[known, 4:], found[known, :4], turn)
-    out[known] = turn
+    out = np.empty((len(found), 3))
+    attitude_errors_into(found[:, 4:], found[:, :4], out)
+    out[~np.isfinite(found).all(axis=1)] = np.nan
     return out
 
 

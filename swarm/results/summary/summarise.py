@@ -108,8 +108,10 @@ def _summary(table: TelemetryTable) -> dict[str, Any]:
 def _times(rows: TelemetryTable) -> tuple[int, int, float]:
     """Return the number of periods, the last one's number from the first, and the length of a period [s]."""
     frame, time_s = rows.frame, rows.column("time_s")
-    span = int(frame.max() - frame.min())
-    return len(np.unique(frame)), span, float(time_s.max() - time_s.min()) / span if span else 0.0
+    first = int(frame.min())
+    span = int(frame.max()) - first
+    periods = int(np.count_nonzero(np.bincount(frame - first)))
+    return periods, span, float(time_s.max() - time_s.min()) / span if span else 0.0
 
 
 def _by_craft(table: TelemetryTable, still: set[str]) -> _Sorted:
@@ -120,7 +122,8 @@ def _by_craft(table: TelemetryTable, still: set[str]) -> _Sorted:
         aside |= np.isfinite(table.column("observer"))
     equipment = table.equipment
     sensors = [" and ".join(equipment[name].sensors) if name in equipment else "" for name in names]
-    kinds = list(dict.fromkeys(sensors[code] for code in np.unique(codes[~aside]).tolist()))
+    finding = np.flatnonzero(np.bincount(codes[~aside]))
+    kinds = list(dict.fromkeys(sensors[code] for code in finding.tolist()))
     kind = np.array([kinds.index(each) if each in kinds else 0 for each in sensors], dtype=np.int64)
     last = max(len(kinds), 1)
     ranks = codes + len(names) * np.where(aside, last, kind[codes])
