@@ -183,8 +183,8 @@ class TelemetryTable:
     @property
     def by_light(self) -> Bools:
         """Return whether light went into the filter, as a pose or as single sweeps, (rows,)."""
-        out: Bools = np.any([self.being("status", status.name.lower()) for status in BY_LIGHT], axis=0)
-        return out
+        one, other = (self.being("status", status.name.lower()) for status in BY_LIGHT)
+        return one | other
 
     def stacked(self, *names: str) -> Floats:
         """Return several columns side by side, (rows, len(names))."""

@@ -13,7 +13,8 @@ def number(value: float | np.floating[Any]) -> float | None:
 
 
 def _known(x: Floats) -> Floats:
-    return x[np.isfinite(x)]
+    known = np.isfinite(x)
+    return x if known.all() else x[known]
 
 
 def mean(x: Floats) -> float | None:
@@ -48,5 +49,5 @@ def share(of: Bools, among: Bools) -> float | None:
 def ratio(above: Floats, below: Floats) -> float | None:
     """Return the ratio of two RMS, over the rows in which both are known."""
     both = np.isfinite(above) & np.isfinite(below)
-    a, b = rms(above[both]), rms(below[both])
+    a, b = (rms(x if both.all() else x[both]) for x in (above, below))
     return a / b if a is not None and b else None
