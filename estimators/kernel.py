@@ -34,8 +34,8 @@ OPTIONS: dict[str, Any] = {
 """No kernel is called from C."""
 PART: dict[str, Any] = OPTIONS | {"no_cpython_wrapper": True}
 """What other kernels call takes and gives no objects of Python."""
-_KERNELS: dict[Any, KernelCache] = {}
-"""Every kernel of the modules that have been imported, by its function."""
+_KERNELS: set[Any] = set()
+"""The functions of all kernels of the modules that have been imported."""
 
 
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
@@ -59,7 +59,7 @@ def _compiled(function: Callable[P, R], options: dict[str, Any]) -> Callable[P, 
         compiled.get_call_template = _of_any_value(part)  # type: ignore[assignment,method-assign]
         compiled.get_overload = part.get_overload  # type: ignore[method-assign]
         compiled._compiling_counter = part._compiling_counter  # a recursion is seen by it
-        _KERNELS[function] = compiled._cache  # type: ignore[attr-defined]
+        _KERNELS.add(function)
     return compiled
 
 
@@ -86,20 +86,17 @@ def _of_any_value(compiled: Dispatcher) -> Callable[[Any, Any], Any]:
 class Compilation(NamedTuple):
     """The state of compiling.
 
-    busy: a kernel is being compiled. done: kernels compiled so far. most: they and all others of the modules imported
-    that the cache does not hold; a program need not use each of them.
+    busy: a kernel is being compiled. done: number of kernels compiled so far.
     """
 
     busy: bool
     done: int
-    most: int
 
 
 class _Counter(event.Listener):
     def __init__(self, tell: Callable[[Compilation], None]) -> None:
         self._tell, self._depth = tell, 0
         self._done: set[Any] = set()
-        self._missing: dict[Any, bool] = {}
 
     def on_start(self, event: Any) -> None:
         self._depth += 1
@@ -108,15 +105,12 @@ class _Counter(event.Listener):
     def on_end(self, event: Any) -> None:
         self._depth -= 1
         function = event.data["dispatcher"].py_func
-        if function in self._missing:  # else a function of numba's own, or no kernel
+        if function in _KERNELS:  # else a function of numba's own
             self._done.add(function)
         self._say()
 
     def _say(self) -> None:
-        for function in list(_KERNELS)[len(self._missing) :]:
-            self._missing[function] = not _KERNELS[function].holds_any()
-        most = len(self._done) + sum(missing and one not in self._done for one, missing in self._missing.items())
-        self._tell(Compilation(self._depth > 0, len(self._done), most))
+        self._tell(Compilation(self._depth > 0, len(self._done)))
 
 
 @contextmanager

@@ -93,10 +93,6 @@ class KernelCache(NumbaCache):
         with suppress(OSError):
             _write(self._file(key), dumps((key, data._reduce())))  # type: ignore[no-untyped-call]
 
-    def holds_any(self) -> bool:
-        """Tell whether the folder holds this version of the kernel, for whatever argument types."""
-        return any(folder().glob(f"{escape(self._name)}.{_short(self._version)}.*.nbc"))
-
     @cached_property
     def _name(self) -> str:
         name = f"{self._function.__module__}.{self._function.__qualname__}"

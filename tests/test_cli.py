@@ -478,7 +478,7 @@ def simulator(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     ) -> Run:
         seen.update(more, scenario=scenario, out=out, force=force, progress=progress)
         with RunFolder.create(scenario.name, scenario.seed, out, force) as folder:
-            progress(Progress(1.0, 30.0, 2.0, 1, 8))
+            progress(Progress(1.0, 30.0, 1, 8))
             seen["act"]()
             folder.finish(FIGURES)
         return open_run(out)
@@ -500,7 +500,7 @@ def test_run_passes_its_options_on(command: Command, simulator: dict[str, Any]) 
     assert (simulator["force"], simulator["live"], simulator["record"]) == (True, True, False)
     assert simulator["out"] == Path("x")
     assert (simulator["scenario"].seed, simulator["scenario"].duration_s) == (4, 2.0)
-    assert "1.0 of 30.0 s, 2.0 times real time, 1 of 8 craft tracking" in result.err
+    assert "1.0 of 30.0 s, 1 of 8 craft tracking" in result.err
     assert "x/\n" in result.out
 
 
@@ -602,7 +602,7 @@ def test_a_signal_that_a_library_swallows_stops_the_run_at_its_next_period(
     def swallow() -> None:
         with suppress(KeyboardInterrupt):
             os.kill(os.getpid(), signal.SIGINT)
-        simulator["progress"](Progress(2.0, 30.0, 2.0, 1, 8))
+        simulator["progress"](Progress(2.0, 30.0, 1, 8))
 
     simulator["act"] = swallow
     assert command("run", "formation").code == 130

@@ -5,12 +5,8 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from types import FunctionType
-from typing import cast
 
 import pytest
-
-from estimators.kernel_cache import KernelCache
 
 ROOT = Path(__file__).parents[1]
 INNER = """
@@ -172,22 +168,6 @@ def test_a_damaged_file_is_compiled_anew(package: Package, tmp_path: Path) -> No
         file.write_bytes([b"", b"no pickle", file.read_bytes()[:100], b"cnowhere\nnothing\n."][number % 4])
     assert package.run()[0] == FIRST
     assert package.run() == (FIRST, 0)
-
-
-def plain(x: float) -> float:
-    return 2 * x
-
-
-def test_only_machine_code_of_the_versions_in_use_counts_as_held(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("estimators.kernel_cache.folder", lambda: tmp_path)
-    cache = KernelCache(cast(FunctionType, plain))
-    assert not cache.holds_any()
-    cache._file(("types",)).write_bytes(b"not read for this")
-    assert cache.holds_any()
-    monkeypatch.setattr("numba.__version__", "0.0")
-    assert not cache.holds_any()
 
 
 def test_where_no_folder_can_be_written_it_compiles_each_time(homed: Package, tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from rich.cells import cell_len
 from rich.console import Console
 
 from estimators.kernel import Compilation
-from swarm.cli.progress import ProgressDisplay
+from swarm.cli.progress import COMPILING, ProgressDisplay
 from swarm.report.findings import findings, meaning, warnings
 from swarm.report.run_table import print_report
 from swarm.report.sections import smoothed
@@ -267,8 +267,8 @@ def test_no_control_codes_without_a_terminal_and_no_colour_with_no_color(
     assert "\x1b[3" not in "\n".join(printed(summary(8), folder, 80, force_terminal=True))
 
 
-HALF = Progress(15.0, 30.0, 3.4, 7, 8)
-DONE = Progress(30.0, 30.0, 3.4, 8, 8)
+HALF = Progress(15.0, 30.0, 7, 8)
+DONE = Progress(30.0, 30.0, 8, 8)
 
 
 def test_without_a_terminal_progress_is_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -276,15 +276,16 @@ def test_without_a_terminal_progress_is_a_line_now_and_then(monkeypatch: pytest.
     monkeypatch.setattr("swarm.cli.progress.time.monotonic", lambda: clock[0])
     out = io.StringIO()
     with ProgressDisplay(Console(file=out, width=40), "formation") as show:
-        show.run(HALF)
+        show.run(Progress(0.0, 30.0, 0, 8))
         clock[0] += 10.0
         show.run(HALF)
         show.run(HALF)
+        clock[0] += 5.0
         show.run(DONE)
     assert out.getvalue().splitlines() == [
         "formation: starting",
-        "formation: 15.0 of 30.0 s, 3.4 times real time, 7 of 8 craft tracking",
-        "formation: 30.0 of 30.0 s, 3.4 times real time, 8 of 8 craft tracking",
+        "formation: 15.0 of 30.0 s, 1.5 times real time, 7 of 8 craft tracking, 10 s left",
+        "formation: 30.0 of 30.0 s, 2.0 times real time, 8 of 8 craft tracking",
     ]
 
 
@@ -362,6 +363,25 @@ def test_a_studys_table_fits_and_names_what_it_leaves_out(width: int, missing: s
     assert ("NEES," in " ".join(lines[:5])) == (width == 80)
 
 
+def test_the_speed_of_a_run_leaves_compiling_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = [100.0]
+    monkeypatch.setattr("swarm.cli.progress.time.monotonic", lambda: clock[0])
+    out = io.StringIO()
+    with ProgressDisplay(Console(file=out, width=80), "formation") as show:
+        show.compiling(Compilation(True, 0))
+        clock[0] += 40.0
+        show.compiling(Compilation(False, 1))
+        clock[0] += 1.0
+        show.run(Progress(0.0, 30.0, 0, 8))
+        clock[0] += 2.0
+        show.compiling(Compilation(True, 1))
+        clock[0] += 60.0
+        show.compiling(Compilation(False, 2))
+        clock[0] += 8.0
+        show.run(DONE)
+    assert "formation: 30.0 of 30.0 s, 3.0 times real time, 8 of 8 craft tracking" in out.getvalue().splitlines()
+
+
 def test_compiling_is_counted_a_line_every_ten_seconds_and_told_once_at_the_end(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -370,21 +390,22 @@ def test_compiling_is_counted_a_line_every_ten_seconds_and_told_once_at_the_end(
     out = io.StringIO()
     with ProgressDisplay(Console(file=out, width=40), "formation") as show:
         for done in range(20):
-            show.compiling(Compilation(True, done, 70))
+            show.compiling(Compilation(True, done))
             clock[0] += 1.5
-            show.compiling(Compilation(False, done + 1, 70))
+            show.compiling(Compilation(False, done + 1))
         show.run(HALF)
         clock[0] += 0.1
         # More kernels later on are not announced again.
-        show.compiling(Compilation(True, 20, 70))
+        show.compiling(Compilation(True, 20))
         clock[0] += 0.5
-        show.compiling(Compilation(False, 21, 70))
+        show.compiling(Compilation(False, 21))
         show.run(DONE)
     assert out.getvalue().splitlines() == [
         "formation: starting",
-        "formation: compiling kernels, once: 7 of at most 70, 10 s so far",
-        "formation: compiling kernels, once: 14 of at most 70, 21 s so far",
-        "formation: 30.0 of 30.0 s, 3.4 times real time, 8 of 8 craft tracking",
+        f"formation: {COMPILING}",
+        "formation: compiling: 7 kernels done, 10 s",
+        "formation: compiling: 14 kernels done, 21 s",
+        "formation: 30.0 of 30.0 s, 150.0 times real time, 8 of 8 craft tracking",
         "formation: 21 kernels compiled in 30 s; the next run finds them in the cache",
     ]
 
@@ -395,9 +416,9 @@ def test_the_time_left_leaves_out_what_was_compiled_on_the_way(monkeypatch: pyte
     out = io.StringIO()
     with ProgressDisplay(Console(file=out, width=40), "noise") as show:
         show.experiment(0.1, "pose 1 of 10")
-        show.compiling(Compilation(True, 0, 70))
+        show.compiling(Compilation(True, 0))
         clock[0] += 100.0
-        show.compiling(Compilation(False, 1, 70))
+        show.compiling(Compilation(False, 1))
         clock[0] += 20.0
         show.experiment(0.5, "pose 5 of 10")
     assert "noise: pose 5 of 10, 25 s left" in out.getvalue().splitlines()
@@ -407,8 +428,8 @@ def test_kernels_that_nothing_keeps_are_not_said_to_be_kept(tmp_path: Path, monk
     monkeypatch.setattr("estimators.kernel_cache.folder", lambda: tmp_path / "missing")
     out = io.StringIO()
     with ProgressDisplay(Console(file=out, width=40), "formation") as show:
-        show.compiling(Compilation(True, 0, 9))
-        show.compiling(Compilation(False, 1, 9))
+        show.compiling(Compilation(True, 0))
+        show.compiling(Compilation(False, 1))
     last = out.getvalue().splitlines()[-1]
     assert "the next run compiles them again" in last
     assert f"{tmp_path}/missing" in last
@@ -422,17 +443,11 @@ def test_on_a_terminal_compiling_is_one_line_that_changes(width: int, monkeypatc
     out = io.StringIO()
     console = Console(file=out, width=width, force_terminal=True, legacy_windows=False, color_system=None)
     with ProgressDisplay(console, "formation-reconfigure") as show:
-        show.compiling(Compilation(True, 31, 110))
+        show.compiling(Compilation(True, 31))
         clock[0] += 125.0
-        assert (
-            show.text()
-            == {
-                60: "compiling 31 of <=110, 125 s",
-                80: "compiling kernels, once: 31 of at most 110, 125 s so far",
-            }[width]
-        )
-        show.compiling(Compilation(False, 32, 110))
-    frames = [frame for frame in out.getvalue().replace("\x1b", "\n\x1b").splitlines() if "32 of" in frame]
+        assert show.text() == "compiling: 31 kernels done, 125 s"
+        show.compiling(Compilation(False, 32))
+    frames = [frame for frame in out.getvalue().replace("\x1b", "\n\x1b").splitlines() if "32 kernels done" in frame]
     assert frames
     assert "…" not in frames[-1]
     assert out.getvalue().endswith(
@@ -458,7 +473,7 @@ def test_only_what_is_not_in_the_cache_is_told_as_compiled(tmp_path: Path) -> No
         subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True).stdout
         for _ in range(2)
     ]
-    assert answers == ["[(True, 0, 1), (False, 1, 1)]\n", "[]\n"]
+    assert answers == ["[(True, 0), (False, 1)]\n", "[]\n"]
 
 
 def test_a_run_whose_kernels_are_in_the_cache_says_nothing_of_compiling(tmp_path: Path) -> None:
@@ -475,11 +490,16 @@ def test_a_run_whose_kernels_are_in_the_cache_says_nothing_of_compiling(tmp_path
 
 
 @pytest.mark.parametrize("width", [50, 60, 80, 120])
-def test_on_a_terminal_progress_is_one_line_with_time_speed_and_tracking(width: int) -> None:
+def test_on_a_terminal_progress_is_one_line_with_time_speed_and_tracking(
+    width: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = [100.0]
+    monkeypatch.setattr("swarm.cli.progress.time.monotonic", lambda: clock[0])
     out = io.StringIO()
     console = Console(file=out, width=width, force_terminal=True, legacy_windows=False, color_system=None)
     with ProgressDisplay(console, "formation") as show:
         show.run(HALF)
+        clock[0] += 15 / 3.4
         show.run(DONE)
     frames = [frame for frame in out.getvalue().replace("\x1b", "\n\x1b").splitlines() if "30.0/30.0 s" in frame]
     assert frames

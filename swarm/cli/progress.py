@@ -1,7 +1,7 @@
 """The progress of a run, a study or an experiment: one line that changes on a terminal, elsewhere a line now and then.
 
-Compiling is told in the same line, and once more when all is done, with the time that it took. That is half a minute to
-a minute of a processor, on a busy machine a multiple of it: nothing is promised, what is done is counted.
+Compiling is told when it begins, in the same line while it lasts, and once more when all is done, with the time that it
+took. Nobody knows beforehand which kernels a run needs: what is done is counted. Times left and speeds leave it out.
 """
 
 import math
@@ -24,6 +24,9 @@ from swarm.tables import counted
 if TYPE_CHECKING:
     from estimators.kernel import Compilation
 
+COMPILING = (
+    "compiling kernels that the cache does not hold, once: up to a minute of a processor, longer on a busy machine"
+)
 PLAIN_EVERY_S = 10.0
 """Least wall time between two plain lines; the first one and the last one count for themselves."""
 WIDE = 76
@@ -42,6 +45,7 @@ class ProgressDisplay:
         self._words, self._plain = "", ""
         self._share = 0.0
         self._first: tuple[float, float] | None = None
+        self._began: tuple[float, float] | None = None
         self._last_line, self._last_line_s = "", 0.0
         self._compilation: Compilation | None = None
         self._compiling_since_s: float | None = None
@@ -81,18 +85,24 @@ class ProgressDisplay:
         """Show how far a run is. Raises Stopped where a library has swallowed the signal that asked it to end."""
         stop_again()
         p = progress
-        if p.notice and self._first is None:
-            self._line(p.notice)
-        gap, speed = ("  ", "x real time") if self.wide else (" ", "x")
+        if self._began is None:
+            self._began = self._flying_s(), p.time_s
+            if p.notice:
+                self._line(p.notice)
+        gap = "  " if self.wide else " "
         tracking, plain = f"{p.tracking}/{p.craft} tracking", f"{p.tracking} of {p.craft} craft tracking"
         if math.isinf(p.duration_s):
             self._show(0.0, f"{p.time_s:.1f} s{gap}{tracking}", f"{p.time_s:.1f} s, {plain}")
             return
-        time_s = f"{p.time_s:.1f}/{p.duration_s:.1f} s"
+        flying_s, words, speed = self._flying_s() - self._began[0], "", ""
+        if flying_s > 0:
+            factor = (p.time_s - self._began[1]) / flying_s
+            words = f"{gap}{factor:.1f}x" + (" real time" if self.wide else "")
+            speed = f", {factor:.1f} times real time"
         self._show(
             p.time_s / p.duration_s,
-            f"{time_s}{gap}{p.real_time_factor:.1f}{speed}{gap}{tracking}",
-            f"{p.time_s:.1f} of {p.duration_s:.1f} s, {p.real_time_factor:.1f} times real time, {plain}",
+            f"{p.time_s:.1f}/{p.duration_s:.1f} s{words}{gap}{tracking}",
+            f"{p.time_s:.1f} of {p.duration_s:.1f} s{speed}, {plain}",
         )
 
     def study(self, progress: StudyProgress) -> None:
@@ -111,6 +121,8 @@ class ProgressDisplay:
 
     def compiling(self, compilation: "Compilation") -> None:
         """Tell how far the compiling of kernels is."""
+        if self._compilation is None:
+            self._line(COMPILING)
         self._compilation, now_s = compilation, time.monotonic()
         if compilation.busy and self._compiling_since_s is None:
             self._compiling_since_s = now_s
@@ -128,12 +140,10 @@ class ProgressDisplay:
         return self._words + self._left() if self._words else "starting"
 
     def _compiling_words(self) -> str:
-        done, most = (0, 0) if self._compilation is None else self._compilation[1:]
+        done = 0 if self._compilation is None else self._compilation.done
         since_s = self._compiling_since_s
         took_s = self._compiling_s + (0.0 if since_s is None else time.monotonic() - since_s)
-        if self._bar and not self.wide:
-            return f"compiling {done} of <={most}, {took_s:.0f} s"
-        return f"compiling kernels, once: {done} of at most {most}, {took_s:.0f} s so far"
+        return f"compiling: {counted(done, 'kernel')} done, {took_s:.0f} s"
 
     def _show(self, share: float, words: str, plain: str) -> None:
         self._share, self._words, self._plain = share, words, plain

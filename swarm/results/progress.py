@@ -12,7 +12,6 @@ class Progress(NamedTuple):
 
     time_s: float
     duration_s: float
-    real_time_factor: float
     tracking: int
     craft: int
     notice: str | None = None

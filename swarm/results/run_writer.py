@@ -1,7 +1,6 @@
 """One door for all that a run writes: folder, scenario, telemetry, recording, summary; one `append` per period."""
 
 import platform
-import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from importlib.metadata import version
@@ -75,7 +74,6 @@ class RunWriter:
         self._telemetry, self._recording, self._angles, self._scans = telemetry, recording, angles, scans
         self._history = history
         self._craft_count, self._duration_s = craft_count, duration_s
-        self._started_s = time.perf_counter()
         self._time_s, self._tracking = 0.0, 0
 
     def append(self, period: Period) -> None:
@@ -93,10 +91,7 @@ class RunWriter:
     @property
     def progress(self) -> Progress:
         """The state of the run."""
-        wall_s = time.perf_counter() - self._started_s
-        return Progress(
-            self._time_s, self._duration_s, self._time_s / wall_s, self._tracking, self._craft_count, self.notice
-        )
+        return Progress(self._time_s, self._duration_s, self._tracking, self._craft_count, self.notice)
 
 
 def check_criteria(scenario: Scenario, scene: Scene) -> None:
