@@ -79,6 +79,17 @@ def test_settings_and_figures_are_those_of_the_runs(runs: Path) -> None:
     assert made.notes == []
 
 
+def test_physics_steps_that_runs_have_chosen_are_told_where_they_differ(command: Command, runs: Path) -> None:
+    chosen, other = (json.loads((runs / name / "summary.json").read_text())["physics"] for name in ("usual", "noisy"))
+    assert chosen["chosen"]
+    assert chosen["steps_per_period"] == other["steps_per_period"]
+    changed(runs, "noisy", physics={**other, "steps_per_period": 64})
+    settings = {row.key: row.values for row in Comparison([runs / "usual", runs / "noisy"]).settings}
+    assert settings["physics.steps_per_period"] == (f"{chosen['steps_per_period']} (chosen)", "64 (chosen)")
+    _, out, _ = command("runs/usual", "runs/noisy")
+    assert re.search(r"^physics\.steps_per_period +\d+ \(chosen\) +64 \(chosen\)", out, re.MULTILINE)
+
+
 @pytest.mark.parametrize("columns", [60, 80])
 def test_the_table_fits_and_nothing_is_cut(command: Command, columns: int) -> None:
     code, out, err = command("runs/usual", "runs/noisy", "runs/other", columns=columns)

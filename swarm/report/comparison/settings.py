@@ -1,7 +1,8 @@
 """The settings in which runs differ: dotted keys of their scenarios, with the values of each run.
 
 A run's `scenario.toml` has every default, so a key that one run lacks belongs to a table that it does not have. Keys
-without effect are left out: those of an empty swarm, and in a replay all but the navigation's.
+without effect are left out: those of an empty swarm, and in a replay all but the navigation's. The number of physics
+steps counts as a setting where a run has chosen it itself.
 """
 
 import re
@@ -19,6 +20,8 @@ REPLAY = "swarm replay "
 """Beginning of the line in the head of a replay's scenario.toml that repeats it."""
 REPLAYED = ("name", "seed", "navigation", "recording")
 """Tables and keys that mean something in a replay."""
+STEPS = "physics.steps_per_period"
+"""Key that a run finds a value for where it is not set; its summary has it."""
 WORDS = "description"
 """Key that tells about a scenario and changes nothing."""
 FEW = 3
@@ -80,6 +83,9 @@ def _effective(subject: Subject) -> dict[str, str]:
     if isinstance(swarm, dict) and swarm.get("count") == 0:
         tables["swarm"] = {"count": 0}
     out = {key: _told(value, subject.run.folder) for key, value in _flat("", tables)}
+    physics = subject.summary.get("physics", {})
+    if physics.get("chosen") and "steps_per_period" in physics:
+        out[STEPS] = f"{physics['steps_per_period']} (chosen)"
     return out | ({"replay": replays[0].removeprefix(REPLAY)} if replays else {})
 
 
