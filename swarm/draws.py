@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from estimators.arrays import Floats
 from estimators.kernel import kernel
+from estimators.lanes import all_of, lane, width, with_lane
 from swarm.random import Purpose
 
 _M0, _M1 = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)
@@ -90,20 +91,31 @@ def uniforms(key: np.uint64, first: int, second: int, kind: int) -> tuple[float,
 
 @kernel
 def normal_quantile(share: float) -> float:
-    """Return the standard normal number below which a share of all numbers lies; 0 < share < 1 (AS 241)."""
+    """Return the standard normal number below which a share of all numbers lies, numbers or lanes; 0 < share < 1 (AS
+    241).
+    """
     q = share - 0.5
-    if abs(q) <= 0.425:
-        r = 0.180625 - q * q
-        above = 2.5090809287301226727e3 * r + 3.3430575583588128105e4
-        above = (above * r + 6.7265770927008700853e4) * r + 4.5921953931549871457e4
-        above = (above * r + 1.3731693765509461125e4) * r + 1.9715909503065514427e3
-        above = (above * r + 1.3314166789178437745e2) * r + 3.387132872796366608
-        below = 5.226495278852854561e3 * r + 2.8729085735721942674e4
-        below = (below * r + 3.9307895800092710610e4) * r + 2.1213794301586595867e4
-        below = (below * r + 5.3941960214247511077e3) * r + 6.8718700749205790830e2
-        below = (below * r + 4.2313330701600911252e1) * r + 1.0
-        return float(q * above / below)
-    r = np.sqrt(-np.log(share if q < 0 else 1 - share))
+    r = 0.180625 - q * q
+    above = 2.5090809287301226727e3 * r + 3.3430575583588128105e4
+    above = (above * r + 6.7265770927008700853e4) * r + 4.5921953931549871457e4
+    above = (above * r + 1.3731693765509461125e4) * r + 1.9715909503065514427e3
+    above = (above * r + 1.3314166789178437745e2) * r + 3.387132872796366608
+    below = 5.226495278852854561e3 * r + 2.8729085735721942674e4
+    below = (below * r + 3.9307895800092710610e4) * r + 2.1213794301586595867e4
+    below = (below * r + 5.3941960214247511077e3) * r + 6.8718700749205790830e2
+    below = (below * r + 4.2313330701600911252e1) * r + 1.0
+    out = q * above / below
+    if not all_of(abs(q) <= 0.425):
+        for i in range(width(q)):
+            if not abs(lane(q, i)) <= 0.425:
+                out = with_lane(out, i, _tail(lane(share, i)))
+    return out
+
+
+@kernel
+def _tail(share: float) -> float:
+    """Return the same of a share that is less than 0.075 or more than 0.925."""
+    r = np.sqrt(-np.log(share if share < 0.5 else 1 - share))
     if r <= 5:
         r -= 1.6
         above = 7.74545014278341407640e-4 * r + 2.27238449892691845833e-2
@@ -124,7 +136,7 @@ def normal_quantile(share: float) -> float:
         below = (below * r + 1.84631831751005468180e-5) * r + 7.86869131145613259100e-4
         below = (below * r + 1.48753612908506148525e-2) * r + 1.36929880922735805310e-1
         below = (below * r + 5.99832206555887937690e-1) * r + 1.0
-    return float(-above / below if q < 0 else above / below)
+    return float(-above / below if share < 0.5 else above / below)
 
 
 @kernel

@@ -11,10 +11,13 @@ from scipy.stats import chi2
 from estimators.arrays import Bools, Floats
 from estimators.lighthouse.sweep import LIGHTHOUSE_1, FanErrors, ideal_theta, kernel_fans, lighthouse_1, measured_theta
 from estimators.rotation import exp, quaternion_from_matrix
+from swarm.draws import key_of, keys_of, normals
 from swarm.hardware import Photodiodes, pad
 from swarm.messages import SYNC_WIDTH_S, SYNC_WIDTH_STEP_S, Pulses
+from swarm.random import Purpose
 from swarm.scenario import Lighthouse as Station
 from swarm.sensors.crossing import cross_into
+from swarm.sensors.light_draws import ANGLE, errors_into
 from swarm.sensors.light_draws import strays as strays_of
 from swarm.sensors.lighthouse import Lighthouse
 
@@ -131,6 +134,41 @@ def test_crossing_instants_equal_a_root_finder_on_the_analytic_motion(
         assert abs(instant[c, k, fan] - expected) < 1e-12
 
 
+@pytest.mark.parametrize("scale", [0.0, 0.01, 0.1, 1.0, 3.0, 10.0, 30.0])
+def test_crossings_keep_the_limit_however_fast_the_craft_move(scale: float) -> None:
+    """Slow craft cross by the series, fast ones by Newton steps; the widths are those of the pose at the crossing."""
+    motion, layout = FreeMotion(11, 8), layout_of([6] * 8)
+    rng = np.random.default_rng(12)
+    normal = rng.normal(0, 0.3, (8, 6, 3)) - motion.attitude.transpose(0, 2, 1)[:, None, :, 2]
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    motion.velocity *= scale
+    motion.turn *= scale
+    truth, error, lit = motion.period(0, 2), rng.normal(0, NOISE, (8, 6, 2)), rng.random((8, 6, 2)) < 0.8
+    instant, width = np.empty((2, 8, 6, 2))
+    perfect = kernel_fans(LIGHTHOUSE_1)
+    cross_into(*truth, layout.point_m, normal, lit, error, perfect, PERIOD, 3e-3, instant, width)
+    found = np.isfinite(instant)
+    np.testing.assert_array_equal(found, np.isfinite(width))
+    assert not np.any(found & ~lit)
+    assert found.sum() > 0.7 * lit.sum()  # the fastest leave the field
+    for c, k, fan in np.argwhere(found):
+
+        def gap(t: float, c: int = c, k: int = k, fan: int = fan) -> float:
+            return float(
+                ideal_theta(motion.points(layout, t)[c, k])[fan] + error[c, k, fan] - W * (t - fan * PERIOD / 2)
+            )
+
+        t = instant[c, k, fan]
+        # The fan and the photodiode together move by 0.8 to 1.2 w at least; what SciPy leaves is 1e-17 s.
+        assert abs(t - brentq(gap, t - 1e-6, t + 1e-6, xtol=1e-17, rtol=1e-14)) < 1.25e-13
+        rotation = motion.at(t)[1]
+        p, n = motion.points(layout, t)[c, k], rotation[c] @ normal[c, k]
+        distance = np.hypot(p[fan], p[2])
+        along = (n[fan] * p[2] - n[2] * p[fan]) / distance
+        # The sweep's edges are sharp to a thousandth of a tick of 20 ns.
+        assert abs(width[c, k, fan] - 3e-3 * np.sqrt(1 - along**2) / distance / W) < 2e-11
+
+
 def test_crossing_instants_follow_bent_knots() -> None:
     """Where the craft is pushed between knots: SciPy's slerp and a straight line within each step."""
     rng = np.random.default_rng(3)
@@ -165,6 +203,29 @@ def test_crossing_instants_follow_bent_knots() -> None:
             return float(ideal_theta(turn(t).apply(layout.point_m[0, k]) + origin)[fan] - W * (t - start))
 
         assert abs(instant[0, k, fan] - brentq(gap, start, start + PERIOD / 2, xtol=1e-14)) < 1e-12
+
+
+def test_photodiodes_cross_before_and_after_a_knot_each_in_its_own_motion() -> None:
+    layout, lit = layout_of([12]), np.ones((1, 12, 2), dtype=np.bool_)
+    knot = np.array([0.0, PERIOD / 4, PERIOD])
+    position = np.array([[[-2.0 * PERIOD / 4, 0.0, 2.0]], [[0.0, 0.0, 2.0]], [[-3.0 * PERIOD * 3 / 4, 0.0, 2.0]]])
+    still, normal = np.tile([1.0, 0.0, 0.0, 0.0], (3, 1, 1)), layout.normal
+    instant, width = np.empty((2, 1, 12, 2))
+    perfect = kernel_fans(LIGHTHOUSE_1)
+    cross_into(
+        knot, position, still, layout.point_m, normal, lit, np.zeros(lit.shape), perfect, PERIOD, 3e-3, instant, width
+    )
+    sides = set()
+    for k in range(12):
+
+        def gap(t: float, k: int = k) -> float:
+            x, y, z = layout.point_m[0, k] + [np.interp(t, knot, position[:, 0, i]) for i in range(3)]
+            return float(np.arctan2(z, x) - W * t)
+
+        t = instant[0, k, 0]
+        assert abs(t - brentq(gap, 0, PERIOD / 2, xtol=1e-17, rtol=1e-14)) < 1.25e-13
+        sides.add(t > PERIOD / 4)
+    assert sides == {False, True}
 
 
 def test_without_noise_every_pulse_is_within_half_a_tick() -> None:
@@ -272,6 +333,18 @@ def sampled_errors(table: Station, craft: int, frames: int, photodiodes: int = 5
     since = at - np.where(fan == 1, zero[1][f, c], zero[0][f, c])
     theta[f, c, which[f, c, n], fan] = W * tick_s * (since + width[f, c, n] / 2)
     return theta - ideal_theta(motion.points(layout, 0.0))
+
+
+def test_every_angles_error_is_its_own_draw_and_its_sweeps() -> None:
+    keys, rotor = keys_of(1, Purpose.LIGHT, range(3)), key_of(1, Purpose.LIGHT)
+    lit = np.random.default_rng(0).random((3, 41, 2)) < 0.5
+    out = np.full((3, 41, 2), np.nan)
+    errors_into(keys, rotor, 7, lit, 2.0, 3.0, out)
+    common = normals(rotor, 7, 0, ANGLE)
+    for c, k in np.ndindex(3, 41):
+        drawn = normals(keys[c], 7, k, ANGLE)
+        expected = [2.0 * drawn[fan] + 3.0 * common[fan] for fan in range(2)]
+        assert out[c, k].tolist() == expected if lit[c, k].any() else np.isnan(out[c, k]).all()
 
 
 def inside(sum_of_squares: float, count: int) -> bool:

@@ -11,6 +11,7 @@ import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
+from estimators.lanes import lane, pack
 from swarm.draws import Keys, normal_quantile, normals, uniforms
 from swarm.messages import SYNC_WIDTH_S
 
@@ -67,7 +68,7 @@ def _strays_into(keys: Keys, count: Ints, frame: int, mean: float, period_s: flo
 
 @kernel
 def errors_into(keys: Keys, rotor: np.uint64, frame: int, lit: Bools, own: float, shared: float, out: Floats) -> None:
-    """Write the random errors of the angles that are lit.
+    """Write the random errors of the angles of photodiodes that are lit.
 
     Args:
         keys: key of each craft, (C,).
@@ -76,17 +77,27 @@ def errors_into(keys: Keys, rotor: np.uint64, frame: int, lit: Bools, own: float
         lit: photodiodes that are lit as each fan sweeps, (C, K, 2).
         own: standard deviation of an angle by itself [rad].
         shared: standard deviation of what all angles of a sweep have in common [rad].
-        out: output, (C, K, 2) [rad]; what is not lit stays as it is.
+        out: output, (C, K, 2) [rad]; that of a photodiode that no fan lights stays as it is.
     """
     common = normals(rotor, frame, 0, ANGLE)
+    both = pack(common[0], common[1], common[0], common[1])
     for c in range(lit.shape[0]):
+        # Two photodiodes at a time have four angles.
+        before, held = -1, (0.5, 0.5)
         for k in range(lit.shape[1]):
             if not (lit[c, k, 0] or lit[c, k, 1]):
                 continue
             pair = uniforms(keys[c], frame, k, ANGLE)
+            if before < 0:
+                before, held = k, pair
+                continue
+            four = own * normal_quantile(pack(held[0], held[1], pair[0], pair[1])) + shared * both
+            out[c, before, 0], out[c, before, 1] = lane(four, 0), lane(four, 1)
+            out[c, k, 0], out[c, k, 1] = lane(four, 2), lane(four, 3)
+            before = -1
+        if before >= 0:
             for fan in range(2):
-                if lit[c, k, fan]:
-                    out[c, k, fan] = own * normal_quantile(pair[fan]) + shared * common[fan]
+                out[c, before, fan] = own * normal_quantile(held[fan]) + shared * common[fan]
 
 
 @kernel

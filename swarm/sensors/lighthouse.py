@@ -173,9 +173,9 @@ class Lighthouse:
             chances_into(self.keys, frame, *chances, flashed, lost)
         stray = strays(self.keys, self._count, frame, settings.stray_pulse_rate_hz, period)
         most = 4 * lit.shape[1] + stray.pulse.shape[1]
-        photodiode = np.full((craft, most), -1, dtype=np.int16)
-        rise, wide = np.zeros((craft, most), dtype=np.int64), np.zeros((craft, most), dtype=np.int32)
-        total = np.zeros(craft, dtype=np.int32)
+        photodiode = np.empty((craft, most), dtype=np.int16)
+        rise, wide = np.empty((craft, most), dtype=np.int64), np.empty((craft, most), dtype=np.int32)
+        total = np.empty(craft, dtype=np.int32)
         pack_into(
             flashed,
             instant,
