@@ -10,7 +10,7 @@ from estimators.rotation import matrix_from_quaternion
 from swarm.assets import find_model, models
 from swarm.hardware import Photodiodes, pad
 from swarm.scenario import Lighthouse
-from swarm.sensors.broad_phase import Placed, cell_of, place_into, sort_into_cells
+from swarm.sensors.broad_phase import Placed, cell_of, met_into, place_into, sort_into_cells
 from swarm.sensors.hits import HULL, OTHER, hull_hit
 from swarm.sensors.sight import Sight
 from swarm.sensors.solids import read_solids
@@ -143,7 +143,7 @@ def test_the_grid_misses_no_sphere_that_a_ray_meets() -> None:
     assert near.all()
     at = position + np.einsum("cij,cj->ci", matrix_from_quaternion(quaternion), centre)
     np.testing.assert_allclose(placed.centre[:-1], at, atol=1e-14)
-    grid = sort_into_cells(placed, shape, radius, 24, half_width)
+    grid = sort_into_cells(placed, shape, np.append(radius, 0.0), 24, half_width)
     for u, v in rng.uniform(-half_width, half_width, (3000, 2)):
         ray = unit(np.array([u, v, 1.0]))
         along = np.maximum(at @ ray, 0.0)
@@ -153,3 +153,30 @@ def test_the_grid_misses_no_sphere_that_a_ray_meets() -> None:
         # A sphere around the origin is met by every ray; one that a ray meets only behind the origin by none.
         assert set(meets) <= set(listed.tolist())
     assert len(grid.owner) < count * 24 * 24 / 4, "the grid must tell craft apart"
+
+
+def test_every_owner_that_a_ray_to_a_craft_meets_is_known_beforehand() -> None:
+    rng = np.random.default_rng(4)
+    count, half_width = 300, float(np.tan(np.deg2rad(60)))
+    placed = Placed(np.tile(np.eye(3), (count + 1, 1, 1)), *(np.zeros((count + 1, 3)) for _ in range(3)))
+    placed.centre[:] = np.column_stack([rng.uniform(-3, 3, (count + 1, 2)), rng.uniform(-1, 6, count + 1)])
+    shape, radius = np.zeros(count + 1, dtype=np.int64), np.exp(rng.uniform(-4, -0.5, count + 1))
+    shape[::7] = -1  # what has photodiodes, but no surface, shades nothing
+    grid = sort_into_cells(placed, shape, radius, 24, half_width)
+    met, listed, blockers = np.empty(count + 1, dtype=np.int64), 0, 0
+    for c in range(count):
+        known = met[: met_into(c, placed, grid, radius, met)].tolist()
+        assert len(set(known)) == len(known)
+        assert c not in known
+        listed += len(known)
+        for place in placed.centre[c] + radius[c] * unit(rng.standard_normal((20, 3))):
+            if not np.all(np.abs(place[:2]) < half_width * place[2]):
+                continue
+            reach = np.linalg.norm(place)
+            along = np.clip(placed.centre @ (place / reach), 0, reach)
+            meets = np.linalg.norm(placed.centre - along[:, None] * place / reach, axis=1) < radius
+            meets[c], meets[shape < 0] = False, False
+            blockers += meets.sum()
+            assert set(np.flatnonzero(meets)) <= set(known)
+    assert blockers > 3000
+    assert listed < count * count / 8, "few craft are in the way of one"

@@ -1,5 +1,6 @@
 """The lighthouse: crossing instants against a root finder, noise against its distributions, draws bit for bit."""
 
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -219,7 +220,7 @@ def test_photodiodes_cross_before_and_after_a_knot_each_in_its_own_motion() -> N
     for k in range(12):
 
         def gap(t: float, k: int = k) -> float:
-            x, y, z = layout.point_m[0, k] + [np.interp(t, knot, position[:, 0, i]) for i in range(3)]
+            x, _, z = layout.point_m[0, k] + [np.interp(t, knot, position[:, 0, i]) for i in range(3)]
             return float(np.arctan2(z, x) - W * t)
 
         t = instant[0, k, 0]
@@ -341,8 +342,8 @@ def test_every_angles_error_is_its_own_draw_and_its_sweeps() -> None:
     out = np.full((3, 41, 2), np.nan)
     errors_into(keys, rotor, 7, lit, 2.0, 3.0, out)
     common = normals(rotor, 7, 0, ANGLE)
-    for c, k in np.ndindex(3, 41):
-        drawn = normals(keys[c], 7, k, ANGLE)
+    for (c, key), k in product(enumerate(keys), range(41)):
+        drawn = normals(key, 7, k, ANGLE)
         expected = [2.0 * drawn[fan] + 3.0 * common[fan] for fan in range(2)]
         assert out[c, k].tolist() == expected if lit[c, k].any() else np.isnan(out[c, k]).all()
 

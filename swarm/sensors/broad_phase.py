@@ -7,7 +7,10 @@ sphere (x, y, z), radius r, seen along y is a circle; the two tangents to it fro
 
 and likewise v: a rectangle that holds every ray that meets the sphere, exact in u and in v. A sphere that reaches
 behind the plane z = r takes the whole width. The field is cut into cells, and each lists the spheres whose rectangle
-overlaps it: a ray needs to look into one cell.
+overlaps it. All rays to one craft lie in the cone about a sphere p, r around it, and meet another sphere m, s only
+where the cones meet and m begins before p ends:
+
+    p . m >= |p| |m| cos(asin(r / |p|) + asin(s / |m|)) = sqrt((p^2 - r^2) (m^2 - s^2)) - r s,  |m| - s <= |p| + r
 """
 
 from typing import NamedTuple
@@ -44,12 +47,14 @@ class Grid(NamedTuple):
     half_width: half width of the field on the plane z = 1.
     start: index of each cell's first entry in `owner`, (side^2 + 1,).
     owner: owners in the cells, one cell after the other.
+    cells: first and last cell of each owner along u, and along v, (N, 4).
     """
 
     side: int
     half_width: float
     start: Ints
     owner: Ints
+    cells: Ints
 
 
 @kernel
@@ -82,7 +87,7 @@ def place_into(
         out: output, the placed owners.
         near: output, craft that the light may reach, (C,).
     """
-    turn, s = np.empty((3, 3)), station_rotation
+    s = station_rotation
     for c in range(len(shape)):
         r, p = out.rotation[c], out.position[c]
         if c < len(position):
@@ -96,13 +101,15 @@ def place_into(
             if not near[c]:
                 out.centre[c, 0], out.centre[c, 1], out.centre[c, 2] = 0.0, 0.0, -np.inf
                 continue
-            matrix_from_quaternion_into(quaternion[c], turn)
+            matrix_from_quaternion_into(quaternion[c], r)
             for i in range(3):
                 p[i] = s[0, i] * x + s[1, i] * y + s[2, i] * z
+                u, v, w = r[0, i], r[1, i], r[2, i]
                 for j in range(3):
-                    r[i, j] = s[0, i] * turn[0, j] + s[1, i] * turn[1, j] + s[2, i] * turn[2, j]
+                    r[j, i] = s[0, j] * u + s[1, j] * v + s[2, j] * w
         for i in range(3):
             out.origin[c, i] = -(r[0, i] * p[0] + r[1, i] * p[1] + r[2, i] * p[2])
+            out.centre[c, i] = p[i]
             if shape[c] >= 0:
                 m = shape_centre[shape[c]]
                 out.centre[c, i] = p[i] + r[i, 0] * m[0] + r[i, 1] * m[1] + r[i, 2] * m[2]
@@ -132,14 +139,14 @@ def cell_of(u: float, side: int, half_width: float) -> int:
 
 @kernel
 def _cells_into(placed: Placed, shape: Ints, radius: Floats, side: int, half_width: float, out: Ints) -> int:
-    """Write each owner's range of cells (N, 4), empty where it is out of sight; return the total number of cells."""
+    """Write each owner's range of cells (N, 4), empty where it is out of sight; return the number of cells of all that
+    have a shape.
+    """
     total = 0
     for c in range(len(shape)):
         out[c, 0], out[c, 1], out[c, 2], out[c, 3] = 0, -1, 0, -1
-        if shape[c] < 0:
-            continue
         x, y, z = placed.centre[c, 0], placed.centre[c, 1], placed.centre[c, 2]
-        r = radius[shape[c]]
+        r = radius[c]
         if z + r <= 0:
             continue
         u0, u1 = _span(x, z, r, half_width)
@@ -148,7 +155,8 @@ def _cells_into(placed: Placed, shape: Ints, radius: Floats, side: int, half_wid
             continue
         out[c, 0], out[c, 1] = cell_of(u0, side, half_width), cell_of(u1, side, half_width)
         out[c, 2], out[c, 3] = cell_of(v0, side, half_width), cell_of(v1, side, half_width)
-        total += (out[c, 1] - out[c, 0] + 1) * (out[c, 3] - out[c, 2] + 1)
+        if shape[c] >= 0:
+            total += (out[c, 1] - out[c, 0] + 1) * (out[c, 3] - out[c, 2] + 1)
     return total
 
 
@@ -159,28 +167,63 @@ def sort_into_cells(placed: Placed, shape: Ints, radius: Floats, side: int, half
     Args:
         placed: owners at one instant.
         shape: shape of each owner, (C + 1,), -1 for none.
-        radius: radii of the shapes' spheres, (S,) [m].
+        radius: radii of spheres around the owners' centres in which their shapes and photodiodes are, (C + 1,) [m].
         side: number of cells along u and along v.
         half_width: half width of the field on the plane z = 1.
     """
     cells = np.empty((len(shape), 4), np.int64)
     total = _cells_into(placed, shape, radius, side, half_width, cells)
-    start = np.empty(side * side + 1, np.int64)
-    for i in range(len(start)):
-        start[i] = 0
+    # At first start[n + 2] counts the owners in cell n; sums make start[n + 1] its first entry, then its next free one.
+    start = np.empty(side * side + 2, np.int64)
+    for n in range(len(start)):
+        start[n] = 0
     owner = np.empty(total, np.int64)
     for c in range(len(shape)):
-        for i in range(cells[c, 0], cells[c, 1] + 1):
+        for i in range(cells[c, 0], cells[c, 1] + 1 if shape[c] >= 0 else 0):
             for j in range(cells[c, 2], cells[c, 3] + 1):
-                start[i * side + j + 1] += 1
-    for n in range(side * side):
+                start[i * side + j + 2] += 1
+    for n in range(1, side * side):
         start[n + 1] += start[n]
-    place = np.empty(side * side, np.int64)
-    for n in range(side * side):
-        place[n] = start[n]
     for c in range(len(shape)):
-        for i in range(cells[c, 0], cells[c, 1] + 1):
+        for i in range(cells[c, 0], cells[c, 1] + 1 if shape[c] >= 0 else 0):
             for j in range(cells[c, 2], cells[c, 3] + 1):
-                owner[place[i * side + j]] = c
-                place[i * side + j] += 1
-    return Grid(side, half_width, start, owner)
+                n = i * side + j + 1
+                owner[start[n]] = c
+                start[n] += 1
+    return Grid(side, half_width, start[: side * side + 1], owner, cells)
+
+
+@kernel
+def met_into(c: int, placed: Placed, grid: Grid, radius: Floats, out: Ints) -> int:
+    """Write the other owners that a ray to a craft could meet, and return their number.
+
+    Args:
+        c: the craft.
+        placed: owners at one instant.
+        grid: owners by direction.
+        radius: radii of spheres around the owners' centres in which their shapes and photodiodes are, (C + 1,) [m].
+        out: output, (C + 1,).
+    """
+    x, y, z, r = placed.centre[c, 0], placed.centre[c, 1], placed.centre[c, 2], radius[c]
+    square = x * x + y * y + z * z
+    ahead, end, count = square - r * r, np.sqrt(square) + r, 0
+    first, top = grid.cells[c, 0], grid.cells[c, 2]
+    for i in range(first, grid.cells[c, 1] + 1):
+        for j in range(top, grid.cells[c, 3] + 1):
+            for n in range(grid.start[i * grid.side + j], grid.start[i * grid.side + j + 1]):
+                owner = grid.owner[n]
+                # An owner is looked at in the first cell that it shares with the craft.
+                if owner == c or i != max(first, grid.cells[owner, 0]) or j != max(top, grid.cells[owner, 2]):
+                    continue
+                a, b, d, s = placed.centre[owner, 0], placed.centre[owner, 1], placed.centre[owner, 2], radius[owner]
+                distance = a * a + b * b + d * d
+                beyond = distance > (end + s) * (end + s)
+                # A billionth less: rounding must not hide an owner.
+                if not beyond and (
+                    ahead <= 0
+                    or distance <= s * s
+                    or a * x + b * y + d * z + r * s >= (1 - 1e-9) * np.sqrt(ahead * (distance - s * s))
+                ):
+                    out[count] = owner
+                    count += 1
+    return count

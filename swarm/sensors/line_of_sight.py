@@ -1,15 +1,20 @@
 """Kernels of the line of sight: the `Sight` of every photodiode, given the owners of solids in each direction.
 
 All tests of a photodiode against its own craft use the body frame, where photodiode, normal and surfaces never move and
-the lighthouse stands at o: range, incidence, and whether the plane under the photodiode keeps the ray outside.
+the lighthouse stands at o: range, incidence, and whether the plane under the photodiode keeps the ray outside; for four
+photodiodes at once.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
-from swarm.sensors.broad_phase import Grid, Placed, cell_of
+from estimators.lanes import LANES, all_of, lane, lanes_in, opposite
+from estimators.rotation import Row
+from swarm.sensors.broad_phase import Grid, Placed, met_into
 from swarm.sensors.hits import HULL, OTHER, hull_hit, solid_hit
 from swarm.sensors.solids import Solids
 
@@ -17,11 +22,40 @@ OUTSIDE, BLOCKED, LIT = 0, 1, 2
 """Values of `swarm.sensors.sight.Sight`."""
 
 
+class Faces(NamedTuple):
+    """Photodiodes of C craft in fours, (C, G, LANES) each, in the body frame.
+
+    point: positions, (C, G, 3, LANES) [m]. normal: (C, G, 3, LANES); NaN behind the last photodiode. plane: plane
+    (n, d) of the craft's only hull that each is farthest outside of, (C, G, 4, LANES); NaN for none.
+    """
+
+    point: Floats
+    normal: Floats
+    plane: Floats
+
+
+def faces(point: Floats, normal: Floats, present: Bools, plane: Floats) -> Faces:
+    """Return photodiodes in fours.
+
+    Args:
+        point: positions, (C, K, 3) [m].
+        normal: normals, (C, K, 3).
+        present: photodiodes that are not padding, (C, K).
+        plane: planes that most probably keep the whole ray outside of their craft, (C, K, 4); NaN for none.
+    """
+    more = -present.shape[1] % LANES
+
+    def fours(values: Floats) -> Floats:
+        whole = np.pad(values, ((0, 0), (0, more), (0, 0)), constant_values=np.nan)
+        rows = whole.reshape(len(values), -1, LANES, values.shape[2]).swapaxes(2, 3)
+        return np.ascontiguousarray(rows)
+
+    return Faces(fours(point), fours(np.where(present[..., None], normal, np.nan)), fours(plane))
+
+
 @kernel
 def sight_into(
-    point: Floats,
-    normal: Floats,
-    present: Bools,
+    faces: Faces,
     near: Bools,
     placed: Placed,
     solids: Solids,
@@ -31,15 +65,16 @@ def sight_into(
     least_cosine: float,
     thickness: float,
     likely: Ints,
+    radius: Floats,
+    direction: Floats,
+    others: Ints,
     out: NDArray[np.int8],
     unsure: Ints,
 ) -> int:
     """Write the sight of every photodiode, and list the rays that MuJoCo must decide about.
 
     Args:
-        point: positions of the photodiodes, (C, K, 3) [m], body frame.
-        normal: normals of the photodiodes, (C, K, 3), body frame.
-        present: photodiodes that are not padding, (C, K).
+        faces: the photodiodes, in fours.
         near: craft that the light may reach, (C,); the others are outside.
         placed: owners of the solids, at their poses.
         solids: solids that can block the light.
@@ -49,66 +84,82 @@ def sight_into(
         least_cosine: cosine of the largest angle of incidence.
         thickness: a surface nearer than the photodiode by less than this does not shade it [m].
         likely: plane of the photodiode's craft that most probably keeps the ray outside, (C, K), see `hull_hit`.
+        radius: radii of spheres around the owners' centres in which their shapes and photodiodes are, (C + 1,) [m].
+        direction: room for the directions of a ray, (2, 3).
+        others: room for the owners that a craft's rays could meet, (C + 1,).
         out: output, the sight of every photodiode, (C, K).
         unsure: output, undecided rays, (n, 3): craft, photodiode, and index of the geom among those of all owners.
 
     Returns:
         The number of undecided rays; larger than n where they do not fit into `unsure`.
     """
-    count = 0
-    d, e = np.empty(3), np.empty(3)
-    for c in range(present.shape[0]):
+    points, normals, planes = lanes_in(faces.point), lanes_in(faces.normal), lanes_in(faces.plane)
+    count, wide = 0, grid.half_width
+    d, e = direction[0], direction[1]
+    for c in range(out.shape[0]):
         if not near[c]:
             out[c] = OUTSIDE
             continue
         r, o = placed.rotation[c], placed.origin[c]
-        o0, o1, o2 = o[0], o[1], o[2]
         own = solids.shape[c]
-        simple = own >= 0 and solids.first[own + 1] - solids.first[own] == 1
-        for k in range(present.shape[1]):
-            out[c, k] = OUTSIDE
-            if not present[c, k]:
-                continue
-            x, y, z = point[c, k, 0] - o0, point[c, k, 1] - o1, point[c, k, 2] - o2
+        met = met_into(c, placed, grid, radius, others)
+        for g in range(points.shape[1]):
+            p, n, f = points[c, g], normals[c, g], planes[c, g]
+            x, y, z = p[0] - o[0], p[1] - o[1], p[2] - o[2]
             distance = np.sqrt(x * x + y * y + z * z)
-            facing = -(normal[c, k, 0] * x + normal[c, k, 1] * y + normal[c, k, 2] * z)
-            if not (facing >= least_cosine * distance and range_min <= distance <= range_max):
-                continue
-            # The same ray in the lighthouse frame.
+            facing = -(n[0] * x + n[1] * y + n[2] * z)
+            # The same rays in the lighthouse frame.
             qx = r[0, 0] * x + r[0, 1] * y + r[0, 2] * z
             qy = r[1, 0] * x + r[1, 1] * y + r[1, 2] * z
             qz = r[2, 0] * x + r[2, 1] * y + r[2, 2] * z
-            if not (qz > 0 and abs(qx) <= grid.half_width * qz and abs(qy) <= grid.half_width * qz):
-                continue
-            out[c, k] = LIT
+            inside = (facing >= least_cosine * distance) & (range_min <= distance) & (distance <= range_max)
+            inside = inside & (qz > 0) & (abs(qx) <= wide * qz) & (abs(qy) <= wide * qz)
             reach, scale = distance - thickness, 1 / distance
-            d[0], d[1], d[2] = x * scale, y * scale, z * scale
-            free = False
-            if simple and likely[c, k] >= 0:
-                n = solids.plane[likely[c, k]]
-                height = n[0] * o0 + n[1] * o1 + n[2] * o2 + n[3]
-                free = height > 0 and height + reach * (n[0] * d[0] + n[1] * d[1] + n[2] * d[2]) >= 0
-            column = cell_of(qx / qz, grid.side, grid.half_width) * grid.side
-            cell = column + cell_of(qy / qz, grid.side, grid.half_width)
-            for i in range(grid.start[cell], grid.start[cell + 1]):
-                j = grid.owner[i]
-                if j == c:
-                    if not free:
-                        count = _meet(c, k, c, o, d, reach, solids, likely[c, k], out, unsure, count)
-                else:
-                    centre, radius = placed.centre[j], solids.shape_radius[solids.shape[j]]
-                    along = (qx * centre[0] + qy * centre[1] + qz * centre[2]) * scale
-                    square = centre[0] * centre[0] + centre[1] * centre[1] + centre[2] * centre[2]
-                    # For a centre beyond an end of the ray, that end is the nearest point.
-                    t = min(max(along, 0.0), reach)
-                    if square - 2 * t * along + t * t <= radius * radius:
-                        s = placed.rotation[j]
-                        for a in range(3):
-                            e[a] = (s[0, a] * qx + s[1, a] * qy + s[2, a] * qz) * scale
-                        count = _meet(c, k, j, placed.origin[j], e, reach, solids, -1, out, unsure, count)
-                if out[c, k] == BLOCKED:
-                    break
+            x, y, z = x * scale, y * scale, z * scale
+            height = f[0] * o[0] + f[1] * o[1] + f[2] * o[2] + f[3]
+            free = (height > 0) & (height + reach * (f[0] * x + f[1] * y + f[2] * z) >= 0)
+            past = min(LANES, out.shape[1] - LANES * g)
+            if met == 0 and (own < 0 or all_of(free | opposite(inside))):
+                for i in range(past):
+                    out[c, LANES * g + i] = LIT if lane(inside, i) else OUTSIDE
+                continue
+            for i in range(past):
+                k = LANES * g + i
+                out[c, k] = LIT if lane(inside, i) else OUTSIDE
+                if not lane(inside, i):
+                    continue
+                d[0], d[1], d[2] = lane(x, i), lane(y, i), lane(z, i)
+                if own >= 0 and not lane(free, i):
+                    count = _meet(c, k, c, o, d, lane(reach, i), solids, likely[c, k], out, unsure, count)
+                ray = lane(qx, i), lane(qy, i), lane(qz, i)
+                for m in range(met):
+                    if out[c, k] == LIT and _passes(ray, lane(reach, i), lane(scale, i), others[m], placed, solids, e):
+                        owner = others[m]
+                        origin = placed.origin[owner]
+                        count = _meet(c, k, owner, origin, e, lane(reach, i), solids, -1, out, unsure, count)
     return count
+
+
+@kernel
+def _passes(
+    ray: Row, reach: float, scale: float, owner: int, placed: Placed, solids: Solids, direction: Floats
+) -> bool:
+    """Return whether a ray meets the sphere around an owner; write its direction in that owner's frame, (3,), then.
+
+    ray: its end in the lighthouse frame [m]. reach: its length [m]. scale: 1 over the distance of its end [1/m].
+    """
+    x, y, z = ray
+    centre, radius = placed.centre[owner], solids.shape_radius[solids.shape[owner]]
+    along = (x * centre[0] + y * centre[1] + z * centre[2]) * scale
+    square = centre[0] * centre[0] + centre[1] * centre[1] + centre[2] * centre[2]
+    # For a centre beyond an end of the ray, that end is the nearest point.
+    t = min(max(along, 0.0), reach)
+    if not square - 2 * t * along + t * t <= radius * radius:
+        return False
+    s = placed.rotation[owner]
+    for a in range(3):
+        direction[a] = (s[0, a] * x + s[1, a] * y + s[2, a] * z) * scale
+    return True
 
 
 @kernel

@@ -13,8 +13,8 @@ that is not fully transparent, of every body except the lighthouse. The millimet
 photodiode lies on a surface, which would otherwise shade it by a rounding error, and a geom of that thickness may
 represent the photodiode itself.
 
-All rays start at one point, so a grid of directions (`broad_phase`) lists the craft that could block a ray, and a
-closed-form test (`hits`) decides for each of their convex geoms. MuJoCo's own ray decides for geoms that are not
+All rays start at one point, so a grid of directions (`broad_phase`) finds the craft that could block a ray to another,
+and a closed-form test (`hits`) decides for each of their convex geoms. MuJoCo's own ray decides for geoms that are not
 convex.
 """
 
@@ -31,7 +31,7 @@ from swarm.hardware import Photodiodes
 from swarm.scenario import Lighthouse
 from swarm.sensors.broad_phase import MOST_CELLS, Placed, place_into, sort_into_cells
 from swarm.sensors.hits import HULL
-from swarm.sensors.line_of_sight import sight_into
+from swarm.sensors.line_of_sight import faces, sight_into
 from swarm.sensors.sight import Sight
 from swarm.sensors.solids import Solids, read_solids
 from swarm.units import si
@@ -89,11 +89,16 @@ class Visibility:
                 raise ValueError(f"body {model.body(body).name!r} would shade the lighthouse that it belongs to")
         self._solids, self._geoms = read_solids(model, craft_bodies, lighthouse_body)
         self._likely = _likely_planes(self._solids, photodiodes)
+        self._faces = faces(
+            photodiodes.point_m, photodiodes.normal, photodiodes.present, _only_planes(self._solids, self._likely)
+        )
         self._extent_m, self._near = _extents(self._solids, photodiodes), np.empty(craft, dtype=np.bool_)
+        self._radius = _radii(self._solids, photodiodes)
         # The scene, owner number C, never moves: its body frame is the world frame.
         self._placed = Placed(np.tile(np.eye(3), (craft + 1, 1, 1)), *(np.zeros((craft + 1, 3)) for _ in range(3)))
         self.move(frame)
-        self._side = min(4 * int(np.ceil(np.sqrt(craft))) + 4, MOST_CELLS)
+        self._side = min(2 * int(np.ceil(np.sqrt(craft))) + 2, MOST_CELLS)
+        self._direction, self._others = np.empty((2, 3)), np.empty(craft + 1, dtype=np.int64)
         self._unsure = np.empty((64, 3), dtype=np.int64)
         self._rays: Rays | None = None
 
@@ -140,12 +145,23 @@ class Visibility:
             self._near,
         )
         half_width = float(np.tan(min(limits.field_rad / 2, WIDEST_HALF_FIELD_RAD)))
-        grid = sort_into_cells(placed, solids.shape, solids.shape_radius, self._side, half_width)
+        grid = sort_into_cells(placed, solids.shape, self._radius, self._side, half_width)
         light = limits.range_min_m, limits.range_max_m, float(np.cos(limits.incidence_max_rad)), THICKNESS_M
         out = np.empty(self._photodiodes.present.shape, dtype=np.int8)
         while True:
             count = sight_into(
-                *self._photodiodes, self._near, placed, solids, grid, *light, self._likely, out, self._unsure
+                self._faces,
+                self._near,
+                placed,
+                solids,
+                grid,
+                *light,
+                self._likely,
+                self._radius,
+                self._direction,
+                self._others,
+                out,
+                self._unsure,
             )
             if count <= len(self._unsure):
                 break
@@ -228,12 +244,36 @@ def _likely_planes(solids: Solids, photodiodes: Photodiodes) -> Ints:
     return out
 
 
+def _only_planes(solids: Solids, likely: Ints) -> Floats:
+    """Return the likely planes of craft that consist of one hull, (C, K, 4), NaN for others: who is outside of it is
+    outside of the craft.
+    """
+    shape = solids.shape[:-1]
+    alone = (shape >= 0) & (np.diff(solids.first, append=0)[shape] == 1)
+    out: Floats = np.full((*likely.shape, 4), np.nan)
+    kept = (likely >= 0) & alone[:, None]
+    out[kept] = solids.plane[likely[kept]]
+    return out
+
+
 def _extents(solids: Solids, photodiodes: Photodiodes) -> Floats:
     """Return the largest distance of a photodiode or a surface from each craft's origin, (C,) [m]."""
     out: Floats = np.linalg.norm(photodiodes.point_m, axis=2).max(axis=1, initial=0.0)
     shape = solids.shape[:-1]
     solid = np.linalg.norm(solids.shape_centre, axis=1) + solids.shape_radius
     out[shape >= 0] = np.maximum(out[shape >= 0], solid[shape[shape >= 0]])
+    return out
+
+
+def _radii(solids: Solids, photodiodes: Photodiodes) -> Floats:
+    """Return radii of spheres around the owners' centres in which shapes and photodiodes are, (C + 1,) [m]."""
+    known = solids.shape >= 0
+    out, centre = np.zeros(len(solids.shape)), np.zeros((len(solids.shape), 3))
+    out[known], centre[known] = solids.shape_radius[solids.shape[known]], solids.shape_centre[solids.shape[known]]
+    away = np.linalg.norm(photodiodes.point_m - centre[:-1, None], axis=2)
+    # The margin keeps photodiodes on the sphere within it despite rounding.
+    reach = np.where(photodiodes.present, away, 0.0).max(axis=1, initial=0.0) * (1 + 1e-9)
+    out[:-1] = np.maximum(out[:-1], reach)
     return out
 
 
