@@ -60,6 +60,18 @@ class SweepAngles(NamedTuple):
     rejected: Ints
 
 
+class _Room(NamedTuple):
+    """Room for one craft at a time: its flashes, the fans whose sweeps can be read (2,), the number of pulses of each
+    photodiode and the second nearest of them (K, 2), and what it takes of its pulses (3, P).
+    """
+
+    flashes: Flashes
+    swept: Bools
+    pulses: Ints
+    rival: Floats
+    own: Ints
+
+
 @kernel
 def _read_sweeps(pulses: Ints, timing: Timing, flash: Floats, swept: Bools, epoch: int, hits: Hits) -> int:
     """Take one craft's sweep pulses into `hits`, their instants in ticks from the epoch; return the number of others.
@@ -106,17 +118,41 @@ def _decode(
     [ticks]. tick: of the craft's clock [s]. several: receives the craft with a photodiode that got several pulses in a
     sweep, (C,).
     """
+    room = _Room(
+        Flashes(
+            np.empty(MAX_FLASHES),
+            np.empty(MAX_FLASHES, np.int64),
+            np.empty(MAX_FLASHES, np.int64),
+            np.empty(MAX_FLASHES, np.int64),
+        ),
+        np.empty(2, np.bool_),
+        np.empty((present.shape[1], 2), np.int64),
+        np.empty((present.shape[1], 2)),
+        np.empty((3, photodiode.shape[1]), np.int64),
+    )
+    _decode_all(photodiode, rise, width, total, present, expected, timing, tick, last, seen, room, out, several)
+
+
+@kernel
+def _decode_all(
+    photodiode: NDArray[np.int16],
+    rise: Ints,
+    width: NDArray[np.int32],
+    total: NDArray[np.int32],
+    present: Bools,
+    expected: Floats,
+    timing: Timing,
+    tick: float,
+    last: Floats,
+    seen: Floats,
+    room: _Room,
+    out: SweepAngles,
+    several: Bools,
+) -> None:
+    """Do the work of `_decode`; without arrays of its own, it counts no references to any."""
     two_stations = timing.period > 3 * timing.half_turn
     longest_pulse = timing.code_zero + 7.5 * timing.code_step
-    flashes = Flashes(
-        np.empty(MAX_FLASHES),
-        np.empty(MAX_FLASHES, np.int64),
-        np.empty(MAX_FLASHES, np.int64),
-        np.empty(MAX_FLASHES, np.int64),
-    )
-    swept = np.empty(2, np.bool_)
-    pulses_of, rival = np.empty((present.shape[1], 2), np.int64), np.empty((present.shape[1], 2))
-    own = np.empty((3, photodiode.shape[1]), np.int64)
+    flashes, swept, pulses_of, rival, own = room
     for c in range(len(total)):
         p = 0
         for i in range(min(max(total[c], 0), photodiode.shape[1])):
@@ -144,11 +180,13 @@ def _decode(
         hits = Hits(expected[c], pulses_of, rival, out.theta[c], out.offset_s[c])
         out.rejected[c] += _read_sweeps(own[:, :p], timing, last[c], swept, out.epoch_tick[c], hits)
         out.rejected[c] += choose(hits)
+        most = 0
         for k in range(present.shape[1]):
             out.lit[c, k] = np.isfinite(out.theta[c, k, 0]) and np.isfinite(out.theta[c, k, 1])
             for fan in range(2):
                 out.offset_s[c, k, fan] *= tick
-                several[c] |= pulses_of[k, fan] > 1
+                most = max(most, pulses_of[k, fan])
+        several[c] = most > 1
 
 
 class PulseDecoder:

@@ -86,17 +86,16 @@ def group(rise: Ints, width: Ints, timing: Timing, out: Flashes) -> tuple[int, i
     for i in range(len(rise)):
         if width[i] < timing.shortest_pulse:
             continue
-        if count > 0 and float(rise[i]) - out.rise[count - 1] <= longest:
-            longest = max(longest, float(width[i]))
-        elif count < MAX_FLASHES:
-            out.rise[count], out.size[count] = float(rise[i]), 0
-            longest = float(width[i])
+        if not (count > 0 and float(rise[i]) - out.rise[count - 1] <= longest):
+            if count == MAX_FLASHES:
+                rejected += 1
+                continue
+            out.rise[count], out.size[count], longest = float(rise[i]), 0, 0.0
             count += 1
-        else:
-            rejected += 1
-            continue
         out.size[count - 1] += 1
-        out.code[count - 1] = max(-1, int(np.floor((longest - timing.code_zero) / timing.code_step + 0.5)))
+        if width[i] > longest:
+            longest = float(width[i])
+            out.code[count - 1] = max(-1, int(np.floor((longest - timing.code_zero) / timing.code_step + 0.5)))
     two_stations = timing.period > 3 * timing.half_turn
     for i in range(count):
         out.mine[i] = -1 if two_stations else 1
