@@ -162,6 +162,8 @@ class World:
         # All joints are free joints, attached in order: qpos is a table of seven columns, qvel one of six.
         self._pose = self._data.qpos.reshape(-1, 7)
         self._rate = self._data.qvel.reshape(-1, 6)
+        # The bodies of the craft are the last ones, in order.
+        self._wrench = self._data.xfrc_applied[self.model.nbody - len(self.names) :]
         self._pose[:] = np.concatenate([position, quaternion], axis=1)
         # MuJoCo keeps a free joint's angular rate in the body frame.
         body_rate = (np.swapaxes(matrix_from_quaternion(quaternion), -1, -2) @ rate[..., None])[..., 0]
@@ -219,12 +221,10 @@ class World:
         pose, rate = np.empty((steps + 1, count, 7)), np.empty((steps + 1, count, 6))
         contact = np.zeros(count, dtype=np.bool_)
         pose[0], rate[0] = self._pose, self._rate
-        if not (np.isfinite(force).all() and np.isfinite(torque).all()):
+        self._wrench[:, :3], self._wrench[:, 3:] = force, torque
+        if not np.isfinite(self._wrench).all():
             who = self.names[int(np.argmin(np.isfinite(force).all(axis=1) & np.isfinite(torque).all(axis=1)))]
             raise SwarmError(f"craft {who!r}: force or torque is not finite at {self._frame / self._rate_hz:.4f} s")
-        # The bodies of the craft are the last ones, in order.
-        self._data.xfrc_applied[-count:, :3] = force
-        self._data.xfrc_applied[-count:, 3:] = torque
         n, period_s = self._orbit.n, 1 / self._rate_hz
         most = force
         if onboard is not None or n:
@@ -240,16 +240,14 @@ class World:
                 pose[step], rate[step] = self._pose, self._rate
                 if self._data.ncon:
                     contact[self._touching()] = True
-        if steps % 4:
-            pose, rate = _halved(pose, rate)
-        steps = len(pose) - 1
-        time_s = (self._frame + np.arange(steps + 1) / steps) / self._rate_hz
+        knots = steps if steps % 4 == 0 else 2 * steps
+        time_s = (self._frame + np.arange(knots + 1) / knots) / self._rate_hz
         self._frame += 1
-        position, velocity, angular_rate = np.empty((3, steps + 1, count, 3))
-        quaternion = np.empty((steps + 1, count, 4))
+        position, velocity, angular_rate = np.empty((3, knots + 1, count, 3))
+        quaternion = np.empty((knots + 1, count, 4))
         stable = _unpack_into(pose, rate, LARGEST, position, quaternion, velocity, angular_rate)
-        if not stable or any(self._data.warning.number):
-            self._report_instability(pose, rate, time_s)
+        if not stable or self._data.warning.number.any():
+            self._report_instability(pose, rate, time_s[:: knots // steps])
         return PeriodTruth(time_s, position, quaternion, velocity, angular_rate, contact)
 
     def latch(self, number: int) -> None:
@@ -286,7 +284,7 @@ class World:
             onboard.torque[step],
             onboard.wheel_momentum[step],
             *self._orbit,
-            self._data.xfrc_applied[-len(self.names) :],
+            self._wrench,
         )
 
     def _begin_in_orbit(self, orbit: RelativeOrbit, timestep_s: float) -> None:
@@ -344,18 +342,6 @@ class World:
         raise SwarmError(f"MuJoCo: {mujoco.mju_warningText(which, 0)} at {time_s[-1]:.4f} s")
 
 
-def _halved(pose: Floats, rate: Floats) -> tuple[Floats, Floats]:
-    """Return pose (n + 1, C, 7) and rate (n + 1, C, 6) with the middle of every step, where the rate is the step's."""
-    steps = len(pose) - 1
-    poses, rates = np.empty((2 * steps + 1, *pose.shape[1:])), np.empty((2 * steps + 1, *rate.shape[1:]))
-    poses[::2], rates[::2], rates[1::2] = pose, rate, rate[1:]
-    middle = pose[:-1] + pose[1:]
-    # The sum of two quaternions halves the turn between them.
-    middle[..., 3:] *= 2 / np.linalg.norm(middle[..., 3:], axis=-1, keepdims=True)
-    poses[1::2] = middle / 2
-    return poses, rates
-
-
 @kernel
 def _unpack_into(
     pose: Floats,
@@ -366,25 +352,32 @@ def _unpack_into(
     velocity: Floats,
     angular_rate: Floats,
 ) -> bool:
-    """Write MuJoCo's pose (n, C, 7) and rate (n, C, 6) as arrays (n, C, 3) and (n, C, 4).
+    """Write MuJoCo's pose (n + 1, C, 7) and rate (n + 1, C, 6) as arrays (m + 1, C, 3) and (m + 1, C, 4), m = n or 2 n.
 
-    The angular rate is turned from the body into the lighthouse frame. Returns False where a number reaches `largest`.
+    Knots between are in the middle of a step, where the rate is the step's: the sum of two quaternions halves the turn
+    between them. The angular rate is turned from the body into the lighthouse frame. Returns False where a number
+    reaches `largest`.
     """
-    good = True
-    for n in range(pose.shape[0]):
+    good, parts = True, (len(position) - 1) // (len(pose) - 1)
+    for n in range(len(position)):
+        before, after = n // parts, (n + parts - 1) // parts
         for c in range(pose.shape[1]):
+            p, q, v = pose[before, c], pose[after, c], rate[after, c]
             for i in range(7):
-                good = good and abs(pose[n, c, i]) < largest
+                good = good and abs(q[i]) < largest
             for i in range(6):
-                good = good and abs(rate[n, c, i]) < largest
-            w, x, y, z = pose[n, c, 3], pose[n, c, 4], pose[n, c, 5], pose[n, c, 6]
+                good = good and abs(v[i]) < largest
+            w, x, y, z = q[3], q[4], q[5], q[6]
+            if before < after:
+                w, x, y, z = p[3] + w, p[4] + x, p[5] + y, p[6] + z
+                scale = 2 / np.sqrt(w * w + x * x + y * y + z * z)
+                w, x, y, z = w * scale / 2, x * scale / 2, y * scale / 2, z * scale / 2
             quaternion[n, c, 0], quaternion[n, c, 1], quaternion[n, c, 2], quaternion[n, c, 3] = w, x, y, z
-            for i in range(3):
-                position[n, c, i], velocity[n, c, i] = pose[n, c, i], rate[n, c, i]
             turn = quaternion_rows(w, x, y, z)
             for i in range(3):
                 row = turn[i]
-                angular_rate[n, c, i] = row[0] * rate[n, c, 3] + row[1] * rate[n, c, 4] + row[2] * rate[n, c, 5]
+                position[n, c, i], velocity[n, c, i] = q[i] if before == after else (p[i] + q[i]) / 2, v[i]
+                angular_rate[n, c, i] = row[0] * v[3] + row[1] * v[4] + row[2] * v[5]
     return good
 
 
