@@ -46,6 +46,7 @@ from numba.core.untyped_passes import (
 )
 
 from estimators.lanes import lanes_in
+from estimators.scratch import scratch
 
 SOURCE = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()[:16]
 """Stands for this file in the cache of kernels."""
@@ -54,6 +55,8 @@ _VIEWS = {
     *("pair_second", "getiter", "iternext", "cast", "phi", "null", "undef"),
 }
 """Expressions that make no array: numbers, tuples, and views of arrays that there are."""
+_UNCOUNTED = len, lanes_in, scratch
+"""Functions of arrays that make none of which references are counted."""
 
 
 @contextmanager
@@ -230,7 +233,7 @@ def _makes_arrays(state: Any) -> bool:
             called = kinds[expression.func.name]
             if isinstance(called, types.Dispatcher):
                 return counted(result)
-            if isinstance(called, types.NamedTupleClass) or getattr(called, "typing_key", None) in (len, lanes_in):
+            if isinstance(called, types.NamedTupleClass) or getattr(called, "typing_key", None) in _UNCOUNTED:
                 return False
             return counted(result, *expression.args)
         return expression.op not in _VIEWS

@@ -8,7 +8,7 @@ return a mask.
 import numpy as np
 
 from estimators.arrays import Floats
-from estimators.kernel import kernel
+from estimators.kernel import inlined, kernel
 
 SINGULAR = 1e-14
 """Share of a diagonal element that a pivot keeps at least where a matrix is positive definite: less is rounding."""
@@ -190,21 +190,21 @@ def absorb_row(p: Floats, x: Floats, h: Floats, y: float, variance: float, gain:
     return share
 
 
-@kernel
+@inlined
 def from_triangle(triangle: Floats, out: Floats) -> None:
     """Write a symmetric matrix (n, n) whose lower triangle is given row by row, of numbers or of lanes."""
-    k = 0
+    k = np.uint64(0)  # unsigned: an index that may be negative takes longer
     for i in range(out.shape[0]):
         for j in range(i + 1):
             out[i, j] = out[j, i] = triangle[k]
-            k += 1
+            k += np.uint64(1)
 
 
-@kernel
+@inlined
 def to_triangle(a: Floats, out: Floats) -> None:
     """Write the lower triangle of `a` (n, n) row by row, of numbers or of lanes."""
-    k = 0
+    k = np.uint64(0)
     for i in range(a.shape[0]):
         for j in range(i + 1):
             out[k] = a[i, j]
-            k += 1
+            k += np.uint64(1)

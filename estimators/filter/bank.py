@@ -43,7 +43,7 @@ class Given(NamedTuple):
     """Measurements of C craft, checked: y (C, m), h (C, m, 12), r (C, m, m), of which each craft uses its first `rows`
     (C,); gate (M + 1,): the largest normalised innovation squared that is let in, per number of measurements; freedoms
     (C,): numbers of measurements that the rows stand for; square (C,): the part of the normalised innovation squared
-    of which the rows tell nothing.
+    of which the rows tell nothing; poses: whether all rows are those of solved poses, H = [I B].
     """
 
     y: Floats
@@ -53,6 +53,7 @@ class Given(NamedTuple):
     gate: Floats
     freedoms: Ints
     square: Floats
+    poses: bool = False
 
 
 class Independent(NamedTuple):
@@ -114,7 +115,12 @@ class FilterBank(ABC):
             velocity=np.full((craft_count, 3), np.nan),
             angular_rate=np.full((craft_count, 3), np.nan),
         )
-        self._covariance = np.full((craft_count, STATES, STATES), np.nan)
+        self._p = np.full((craft_count, STATES, STATES), np.nan)
+
+    @property
+    def _covariance(self) -> Floats:
+        """P (C, 12, 12), the bank's own."""
+        return self._p
 
     @property
     def active(self) -> Bools:
@@ -232,7 +238,7 @@ class FilterBank(ABC):
 
     def transition(self, dt: float) -> Floats:
         """Return F (C, 12, 12) of the next `predict` by `dt` [s], from the states as they are; NaN where inactive."""
-        out = np.full_like(self._covariance, np.nan)
+        out = np.full_like(self._p, np.nan)
         transitions_into(self._active, self._state.angular_rate, np.full(len(self._active), float(dt)), out)
         return out
 
@@ -375,7 +381,8 @@ class FilterBank(ABC):
         y, h = np.empty((len(mask), POSE)), np.empty((len(mask), POSE, STATES))
         innovations_into(mask, rotation, position, self._state, rate_coupling, y, h)
         count, gate = np.full(len(mask), POSE), gates(self.gate_probability, POSE)
-        return self._taken("covariance", mask, Given(y, h, covariance, count, gate, count, np.zeros(len(mask))))
+        given = Given(y, h, covariance, count, gate, count, np.zeros(len(mask)), poses=True)
+        return self._taken("covariance", mask, given)
 
     def adopt(self, mask: Bools, state: State, covariance: Floats) -> None:
         """Take over states and covariances, and start the craft that are not active.

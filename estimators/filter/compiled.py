@@ -23,14 +23,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.arrays import Bools, Floats, Ints
+from estimators.arrays import Bools, Floats
 from estimators.filter.bank import FilterBank, Given, Independent, UpdateResult
-from estimators.filter.error_state import POSE, POSE_COLUMNS, STATES, correct
-from estimators.kernel import formula, inlined, kernel
-from estimators.lanes import LANES, any_of, lanes_in
+from estimators.filter.error_state import POSE, STATES, correct
+from estimators.kernel import inlined, kernel
+from estimators.lanes import any_of
 from estimators.linear import SINGULAR, absorb_row
 from estimators.pivot import ARMS, is_wide, shear, turn_about
 from estimators.rotation import exp_into, left_jacobian_into, multiply_into
+from estimators.scratch import scratch
 from estimators.state import State
 
 SHRUNK = 1e-3
@@ -58,7 +59,10 @@ class CompiledFilterBank(FilterBank):
         if isinstance(given, Independent):
             _update_one_by_one(mask, given, self._state, self._covariance, result)
             return -1
-        return _update_all(mask, given, self._state, self._covariance, result)
+        if given.poses:
+            return _update_poses(mask, given, self._state, self._covariance, result)
+        work = work_for(given.y.shape[1])
+        return _update_rows(mask, given, work, self._state, self._covariance, result)
 
 
 @kernel
@@ -71,7 +75,7 @@ def step_into(angular_rate: Floats, dt: float, turn: Floats, dt_jacobian: Floats
         turn: (3, 3), receives E.
         dt_jacobian: (3, 3), receives D.
     """
-    vector = np.empty(3)
+    vector = scratch(dt, 3)
     for i in range(3):
         vector[i] = angular_rate[i] * dt
     exp_into(vector, turn)
@@ -89,7 +93,6 @@ def advance(
     dt: float,
     acceleration: float,
     angular_acceleration: float,
-    fp: Floats,
 ) -> None:
     """Move a covariance P, of numbers or of lanes, on by one step, in place.
 
@@ -100,8 +103,8 @@ def advance(
         dt: the step [s].
         acceleration: sigma [m/s^2] of the process noise, as in `process_noise_into`.
         angular_acceleration: likewise [rad/s^2].
-        fp: (3, 12), workspace.
     """
+    fp = scratch(p, 3, STATES)
     # The first rows of F P; the others are rows of P, but for those of the position, which are summed where they count.
     for i in range(3):
         e0, e1, e2 = turn[i, 0], turn[i, 1], turn[i, 2]
@@ -152,11 +155,8 @@ def move_on(state: State, c: int, turn: Floats, dt: float) -> None:
         turn: (3, 3), E.
         dt: the step [s].
     """
-    turned = np.empty((3, 3))
-    multiply_into(turn, state.rotation[c], turned)
+    multiply_into(turn, state.rotation[c], state.rotation[c])
     for i in range(3):
-        for j in range(3):
-            state.rotation[c, i, j] = turned[i, j]
         state.position[c, i] += state.velocity[c, i] * dt
 
 
@@ -170,78 +170,33 @@ def _predict_all(
     covariance: Floats,
 ) -> None:
     """Move the craft of the mask on by step (C,) [s]; sigmas [m/s^2], [rad/s^2] as in `process_noise_into`."""
-    turn, jacobian, fp = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, STATES))
+    turn, jacobian = scratch(0.0, 3, 3), scratch(0.0, 3, 3)
     for c in range(len(mask)):
         if mask[c]:
             step_into(state.angular_rate[c], step[c], turn, jacobian)
-            advance(covariance[c], turn, jacobian, step[c], acceleration, angular_acceleration, fp)
+            advance(covariance[c], turn, jacobian, step[c], acceleration, angular_acceleration)
             move_on(state, c, turn, step[c])
-
-
-@kernel
-def _picked(h: Floats) -> int:
-    """Return the only pose column of a row of H (12,) that is not zero, if it is 1; else -1."""
-    found = -1
-    for k in range(POSE):
-        if h[POSE_COLUMNS[k]] != 0.0:
-            if found >= 0 or h[POSE_COLUMNS[k]] != 1.0:
-                return -1
-            found = POSE_COLUMNS[k]
-    return found
 
 
 class Work(NamedTuple):
     """Places for what updates by up to m rows compute, of numbers or of lanes.
 
-    picked: (m,), columns of `pick`. y: (m,). g: (m, 12). s, lower: (m, m). rest, half: (12, 12). left: (12,). gain:
-    (1, 12). scale: (1,).
+    y: (m,). g: (m, 12). s: (m, m). pivot: (m,).
     """
 
-    picked: Ints
     y: Floats
     g: Floats
     s: Floats
-    lower: Floats
-    rest: Floats
-    half: Floats
-    left: Floats
-    gain: Floats
-    scale: Floats
+    pivot: Floats
 
 
-@kernel
-def work_for(most: int) -> Work:
-    """Return places for numbers of up to `most` rows."""
-    square = np.empty((2, most, most)), np.empty((2, STATES, STATES))
+def work_for(most: int, *lanes: int) -> Work:
+    """Return places for up to `most` rows; lanes: LANES, where they are of lanes."""
     return Work(
-        np.empty(most, np.int64),
-        np.empty(most),
-        np.empty((most, STATES)),
-        square[0][0],
-        square[0][1],
-        square[1][0],
-        square[1][1],
-        np.empty(STATES),
-        np.empty((1, STATES)),
-        np.empty(1),
-    )
-
-
-@formula
-def lanes_work_for(most: int) -> Work:
-    """Return places for lanes of up to `most` rows."""
-    square, large = lanes_in(np.empty((2, most, most, LANES))), lanes_in(np.empty((2, STATES, STATES, LANES)))
-    return Work(
-        np.empty(most, np.int64),
-        lanes_in(np.empty((most, LANES))),
-        lanes_in(np.empty((most, STATES, LANES))),
-        square[0],
-        square[1],
-        large[0],
-        large[1],
-        lanes_in(np.empty((STATES, LANES))),
-        lanes_in(np.empty((1, STATES, LANES))),
-        lanes_in(np.empty((1, LANES))),
+        np.empty((most, *lanes)),
+        np.empty((most, STATES, *lanes)),
+        np.empty((most, most, *lanes)),
+        np.empty((most, *lanes)),
     )
 
 
@@ -255,8 +210,8 @@ def _has_shrunk(before: Floats, left: Floats) -> bool:
 
 
 @kernel
-def _joseph_into(p: Floats, gain: Floats, h: Floats, r: Floats, n: int, work: Work, out: Floats) -> None:
-    """Write (I - K H) P (I - K H)^T + K R K^T into `out` (12, 12).
+def _joseph(p: Floats, gain: Floats, h: Floats, r: Floats, n: int) -> None:
+    """Make (I - K H) P (I - K H)^T + K R K^T of P, in place.
 
     Args:
         p: (12, 12), P.
@@ -264,10 +219,8 @@ def _joseph_into(p: Floats, gain: Floats, h: Floats, r: Floats, n: int, work: Wo
         h: (m, 12), H.
         r: (m, m), R.
         n: number of rows.
-        work: places.
-        out: (12, 12), may be P.
     """
-    rest, half = work.rest, work.half
+    rest, half = scratch(p, STATES, STATES), scratch(p, STATES, STATES)
     for i in range(STATES):
         for j in range(STATES):
             rest[i, j] = 1.0 if i == j else 0.0
@@ -286,20 +239,22 @@ def _joseph_into(p: Floats, gain: Floats, h: Floats, r: Floats, n: int, work: Wo
             for a in range(n):
                 for d in range(n):
                     total += gain[a, i] * r[a, d] * gain[d, j]
-            out[i, j] = out[j, i] = total
+            p[i, j] = p[j, i] = total
 
 
-@kernel
-def pick(h: Floats, n: int, picked: Ints) -> None:
-    """Find the rows of H (m, 12), of which n are used, that have a single 1 in their pose columns.
+@inlined
+def _row_times(h: Floats, x: Floats) -> float:
+    """Return a row (12,) of H times x (12,), of numbers or of lanes: pose, then angular rate, then velocity."""
+    pose: float = h[0] * x[0] + h[1] * x[1] + h[2] * x[2] + h[6] * x[6] + h[7] * x[7] + h[8] * x[8]
+    return pose + (h[3] * x[3] + h[4] * x[4] + h[5] * x[5]) + (h[9] * x[9] + h[10] * x[10] + h[11] * x[11])
 
-    Args:
-        h: (m, 12).
-        n: number of rows that are used.
-        picked: (m,), receives the column of the 1, or -1.
-    """
-    for a in range(n):
-        picked[a] = _picked(h[a])
+
+@inlined
+def _pose_row_times(h: Floats, a: int, x: Floats) -> float:
+    """`_row_times` of row a of H = [I B] (6, 12)."""
+    pose: float = x[a + a // 3 * 3]
+    rate = h[a, 3] * x[3] + h[a, 4] * x[4] + h[a, 5] * x[5]
+    return pose + rate + (h[a, 9] * x[9] + h[a, 10] * x[10] + h[a, 11] * x[11])
 
 
 @inlined
@@ -307,73 +262,78 @@ def weigh_rows(p: Floats, y: Floats, h: Floats, r: Floats, n: int, work: Work, x
     """Weigh n rows against an error estimate x of covariance P, of numbers or of lanes; return whether S is positive
     definite, NIS, and the root of det S. Z and z stay in `work`, for `take_rows`.
 
-    Sums go by groups: pose columns, then angular rate, then velocity. A row that has a single 1 in its pose columns, as
-    those of a solved pose have, H = [I B], picks it instead of summing: the fast path of poses.
-
     Args:
         p: (12, 12), P.
         y: (m,), innovations of x = 0.
         h: (m, 12), H.
         r: (m, m), R.
         n: number of rows that are used.
-        work: places; `picked` of these rows is known (`pick`).
+        work: places.
         x: (12,).
     """
-    z, g, s, lower, picked = work.y, work.g, work.s, work.lower, work.picked
+    z, g, s = work.y, work.g, work.s
     for a in range(n):
-        value = y[a] - h[a, 0] * x[0]
-        for i in range(1, STATES):
-            value -= h[a, i] * x[i]
-        z[a] = value
-    for i in range(STATES):
-        w0, w1, w2, v0, v1, v2 = p[3, i], p[4, i], p[5, i], p[9, i], p[10, i], p[11, i]
-        for a in range(n):
-            if picked[a] >= 0:
-                value = p[picked[a], i]
-            else:
-                value = h[a, 0] * p[0, i] + h[a, 1] * p[1, i] + h[a, 2] * p[2, i]
-                value += h[a, 6] * p[6, i] + h[a, 7] * p[7, i] + h[a, 8] * p[8, i]
-            value += h[a, 3] * w0 + h[a, 4] * w1 + h[a, 5] * w2
-            g[a, i] = value + (h[a, 9] * v0 + h[a, 10] * v1 + h[a, 11] * v2)
-    for a in range(n):
+        z[a] = y[a] - _row_times(h[a], x)
+        for i in range(STATES):
+            g[a, i] = _row_times(h[a], p[i])
         for d in range(a + 1):
-            if picked[d] >= 0:
-                value = g[a, picked[d]]
-            else:
-                value = g[a, 0] * h[d, 0] + g[a, 1] * h[d, 1] + g[a, 2] * h[d, 2]
-                value += g[a, 6] * h[d, 6] + g[a, 7] * h[d, 7] + g[a, 8] * h[d, 8]
-            value += r[a, d]
-            value += g[a, 3] * h[d, 3] + g[a, 4] * h[d, 4] + g[a, 5] * h[d, 5]
-            value += g[a, 9] * h[d, 9] + g[a, 10] * h[d, 10] + g[a, 11] * h[d, 11]
-            s[a, d] = value
+            s[a, d] = r[a, d] + _row_times(h[d], g[a])
+    return _standardise(n, work)
 
-    # `cholesky_into`, and by forward substitution Z and z in the places of G and y, a row as soon as its factor is
-    # known: a processor then has work while it waits for roots and quotients.
+
+@inlined
+def weigh_pose(p: Floats, y: Floats, h: Floats, r: Floats, work: Work, x: Floats) -> tuple[bool, float, float]:
+    """`weigh_rows` for a solved pose, H = [I B], whose rows pick a column of the pose each.
+
+    Args:
+        p: (12, 12), P.
+        y: (6,), innovations of x = 0.
+        h: (6, 12), H.
+        r: (6, 6), R.
+        work: places.
+        x: (12,).
+    """
+    z, g, s = work.y, work.g, work.s
+    for a in range(POSE):
+        z[a] = y[a] - _pose_row_times(h, a, x)
+    for i in range(STATES):
+        for a in range(POSE):
+            g[a, i] = _pose_row_times(h, a, p[i])
+    for a in range(POSE):
+        for d in range(a + 1):
+            s[a, d] = r[a, d] + _pose_row_times(h, d, g[a])
+    return _standardise(POSE, work)
+
+
+@inlined
+def _standardise(n: int, work: Work) -> tuple[bool, float, float]:
+    """Put L, Z and z in the places of S, G and y of n rows; return as `weigh_rows`.
+
+    Row by row, and what each leaves of those after it: a processor then has work while it waits for the next root.
+    """
+    z, g, s, pivot = work.y, work.g, work.s, work.pivot
     regular, squared, volume = True, z[0] * 0.0, z[0] * 0.0 + 1.0
     for a in range(n):
+        pivot[a] = s[a, a]
+    for a in range(n):
         square = s[a, a]
-        for k in range(a):
-            square -= lower[a, k] * lower[a, k]
-        regular = regular & (square > SINGULAR * s[a, a])
+        regular = regular & (square > SINGULAR * pivot[a])
         root = np.sqrt(square)
-        lower[a, a] = root
-        for d in range(a + 1, n):
-            value = s[d, a]
-            for k in range(a):
-                value -= lower[d, k] * lower[a, k]
-            lower[d, a] = value / root
-        pivot = 1 / root
-        value = z[a]
-        for k in range(a):
-            value -= lower[a, k] * z[k]
-        z[a] = value * pivot
-        squared += z[a] * z[a]
+        over = 1 / root
+        pivot[a] = over
         volume *= root
+        z[a] *= over
+        squared += z[a] * z[a]
         for i in range(STATES):
-            value = g[a, i]
-            for k in range(a):
-                value -= lower[a, k] * g[k, i]
-            g[a, i] = value * pivot
+            g[a, i] *= over
+        for d in range(a + 1, n):
+            factor = s[d, a] * over
+            s[d, a] = factor
+            for k in range(a + 1, d + 1):
+                s[d, k] -= factor * s[k, a]
+            z[d] -= factor * z[a]
+            for i in range(STATES):
+                g[d, i] -= factor * g[a, i]
     return regular, squared, volume
 
 
@@ -389,7 +349,7 @@ def take_rows(p: Floats, h: Floats, r: Floats, n: int, work: Work, x: Floats) ->
         work: places, with Z and z of `weigh_rows`.
         x: (12,).
     """
-    z, g, lower, left = work.y, work.g, work.lower, work.left
+    z, g, s, left = work.y, work.g, work.s, scratch(p, STATES)
     for i in range(STATES):
         value, own = x[i], p[i, i]
         for a in range(n):
@@ -399,12 +359,12 @@ def take_rows(p: Floats, h: Floats, r: Floats, n: int, work: Work, x: Floats) ->
     if _has_shrunk(p, left):
         for a in range(n - 1, -1, -1):  # K^T = L^-T Z
             for k in range(a + 1, n):
-                factor = lower[k, a]
+                factor = s[k, a]
                 for i in range(STATES):
                     g[a, i] -= factor * g[k, i]
             for i in range(STATES):
-                g[a, i] /= lower[a, a]
-        _joseph_into(p, g, h, r, n, work, p)
+                g[a, i] *= work.pivot[a]
+        _joseph(p, g, h, r, n)
         return
     # Two rows and two columns at once: an element of Z serves twice.
     for i in range(0, STATES, 2):
@@ -421,7 +381,7 @@ def take_rows(p: Floats, h: Floats, r: Floats, n: int, work: Work, x: Floats) ->
 
 
 @kernel
-def _joseph_row(p: Floats, h: Floats, variance: float, work: Work) -> None:
+def _joseph_row(p: Floats, h: Floats, variance: float) -> None:
     """Take one row of independent noise into P in the form of Joseph, in place.
 
     The two products with I - K h differ from P, and from each other, by a column times a row:
@@ -432,9 +392,9 @@ def _joseph_row(p: Floats, h: Floats, variance: float, work: Work) -> None:
         p: (12, 12), P, of numbers or of lanes.
         h: (12,).
         variance: r, of its noise.
-        work: places.
     """
-    gain, told, part, left = work.gain[0], work.rest[0], work.rest[1], work.half
+    gain, told, part = scratch(p, STATES), scratch(p, STATES), scratch(p, STATES)
+    left = scratch(p, STATES, STATES)
     s = p[0, 0] * 0.0 + variance
     for i in range(STATES):
         value = h[0] * p[0, i]
@@ -468,7 +428,7 @@ def _tells(h: Floats) -> bool:
 
 @kernel
 def absorb_independent(
-    p: Floats, y: Floats, h: Floats, variance: Floats, n: int, work: Work, x: Floats, left: Floats
+    p: Floats, y: Floats, h: Floats, variance: Floats, n: int, x: Floats, left: Floats
 ) -> tuple[float, float]:
     """Take n rows of independent noise into an error estimate x of covariance P, of numbers or of lanes; return NIS,
     and the root of det S.
@@ -479,11 +439,10 @@ def absorb_independent(
         h: (m, 12), H.
         variance: (m,), of the rows.
         n: number of rows that are used.
-        work: places.
         x: (12,), corrected in place.
         left: (12, 12), receives the covariance that is left.
     """
-    gain, scale = work.gain, work.scale
+    gain, scale, variances = scratch(p, STATES), scratch(p, 1), scratch(p, STATES)
     squared, volume = x[0] * 0.0, x[0] * 0.0 + 1.0
     for i in range(STATES):
         for j in range(STATES):
@@ -494,14 +453,14 @@ def absorb_independent(
             squared += (y[a] * pivot) * (y[a] * pivot)
             volume *= np.sqrt(variance[a])
             continue
-        squared += absorb_row(left, x, h[a], y[a], variance[a], gain[0], scale)
+        squared += absorb_row(left, x, h[a], y[a], variance[a], gain, scale)
         volume *= np.sqrt(scale[0])
     for i in range(STATES):
-        work.left[i] = left[i, i]
-    if _has_shrunk(p, work.left):
+        variances[i] = left[i, i]
+    if _has_shrunk(p, variances):
         for a in range(n):
             if _tells(h[a]):
-                _joseph_row(p, h[a], variance[a], work)
+                _joseph_row(p, h[a], variance[a])
         for i in range(STATES):
             for j in range(STATES):
                 left[i, j] = p[i, j]
@@ -509,40 +468,87 @@ def absorb_independent(
 
 
 @kernel
-def _update_all(mask: Bools, given: Given, state: State, covariance: Floats, result: UpdateResult) -> int:
+def _update_rows(mask: Bools, given: Given, work: Work, state: State, covariance: Floats, result: UpdateResult) -> int:
     """Take in the rows of the craft of the mask; -1, or the first craft whose S is not positive definite."""
-    accepted, nis, log_determinant = result
-    work, x = work_for(given.y.shape[1]), np.empty(STATES)
+    x = scratch(0.0, STATES)
+    for i in range(STATES):
+        x[i] = 0.0
     for c in range(len(mask)):
-        if not mask[c]:
-            continue
-        n = given.rows[c]
-        x[:] = 0.0
-        pick(given.h[c], n, work.picked)
-        regular, nis[c], volume = weigh_rows(covariance[c], given.y[c], given.h[c], given.r[c], n, work, x)
-        if not regular:
-            return c
-        nis[c] += given.square[c]
-        log_determinant[c] = 2 * np.log(volume)
-        accepted[c] = nis[c] <= given.gate[given.freedoms[c]]
-        if accepted[c]:
-            take_rows(covariance[c], given.h[c], given.r[c], n, work, x)
-            correct(state.rotation[c], state.angular_rate[c], state.position[c], state.velocity[c], x)
+        if mask[c]:
+            n = given.rows[c]
+            weighed = weigh_rows(covariance[c], given.y[c], given.h[c], given.r[c], n, work, x)
+            if not _taken_in(c, n, given, weighed, work, x, state, covariance[c], result):
+                return c
     return -1
+
+
+@kernel
+def _update_poses(mask: Bools, given: Given, state: State, covariance: Floats, result: UpdateResult) -> int:
+    """`_update_rows` for solved poses."""
+    work = Work(scratch(0.0, POSE), scratch(0.0, POSE, STATES), scratch(0.0, POSE, POSE), scratch(0.0, POSE))
+    x = scratch(0.0, STATES)
+    for i in range(STATES):
+        x[i] = 0.0
+    for c in range(len(mask)):
+        if mask[c]:
+            weighed = weigh_pose(covariance[c], given.y[c], given.h[c], given.r[c], work, x)
+            if not _taken_in(c, POSE, given, weighed, work, x, state, covariance[c], result):
+                return c
+    return -1
+
+
+@inlined
+def _taken_in(
+    c: int,
+    n: int,
+    given: Given,
+    weighed: tuple[bool, float, float],
+    work: Work,
+    x: Floats,
+    state: State,
+    p: Floats,
+    result: UpdateResult,
+) -> bool:
+    """Take the rows of craft c that have been weighed in, if the gate lets them; False where S is not positive definite.
+
+    Args:
+        c: the craft.
+        n: number of rows that are used.
+        given: rows of all craft.
+        weighed: result of `weigh_rows`.
+        work: places, of it.
+        x: (12,), zero, before and after.
+        state: of all craft, changed in place.
+        p: (12, 12), P of the craft.
+        result: receives the fate.
+    """
+    regular, squared, volume = weighed
+    squared += given.square[c]
+    result.nis[c], result.log_determinant[c] = squared, 2 * np.log(volume)
+    if not regular:
+        return False
+    result.accepted[c] = squared <= given.gate[given.freedoms[c]]
+    if result.accepted[c]:
+        take_rows(p, given.h[c], given.r[c], n, work, x)
+        correct(state.rotation[c], state.angular_rate[c], state.position[c], state.velocity[c], x)
+    return True
 
 
 @kernel
 def _update_one_by_one(mask: Bools, given: Independent, state: State, covariance: Floats, result: UpdateResult) -> None:
     """Take in the rows of the craft of the mask, one after the other."""
     accepted, nis, log_determinant = result
-    work = work_for(given.y.shape[1])
-    p, left, x, arms = np.empty((STATES, STATES)), np.empty((STATES, STATES)), np.empty(STATES), np.empty(ARMS)
+    p, left = scratch(0.0, STATES, STATES), scratch(0.0, STATES, STATES)
+    x, arms = scratch(0.0, STATES), scratch(0.0, ARMS)
     for c in range(len(mask)):
         if not mask[c]:
             continue
-        x[:], p[:] = 0.0, covariance[c]
+        for i in range(STATES):
+            x[i] = 0.0
+            for j in range(STATES):
+                p[i, j] = covariance[c, i, j]
         rows = given.y[c], given.h[c], given.variance[c]
-        nis[c], volume = absorb_independent(p, *rows, given.rows[c], work, x, left)
+        nis[c], volume = absorb_independent(p, *rows, given.rows[c], x, left)
         log_determinant[c] = 2 * np.log(volume)
         accepted[c] = nis[c] <= given.gate[given.freedoms[c]]
         if not accepted[c]:
@@ -558,4 +564,6 @@ def _update_one_by_one(mask: Bools, given: Independent, state: State, covariance
         )
         if is_wide(left):
             shear(left, arms)
-        covariance[c] = left
+        for i in range(STATES):
+            for j in range(STATES):
+                covariance[c, i, j] = left[i, j]

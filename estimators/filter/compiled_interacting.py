@@ -9,22 +9,22 @@ import numpy as np
 from estimators.arrays import Bools, Floats
 from estimators.filter.bank import Given, Independent, UpdateResult
 from estimators.filter.compiled import (
+    Work,
     absorb_independent,
     advance,
-    lanes_work_for,
     move_on,
-    pick,
     step_into,
     take_rows,
+    weigh_pose,
     weigh_rows,
+    work_for,
 )
-from estimators.filter.error_state import correct
+from estimators.filter.error_state import POSE, correct
 from estimators.filter.interacting import (
     Grid,
     InteractingBank,
     Mixtures,
     centre,
-    combine,
     mix_if_due,
     model_in,
     runs,
@@ -36,6 +36,7 @@ from estimators.kernel import inlined, kernel
 from estimators.lanes import LANES, lane, lanes_in, pack
 from estimators.linear import from_triangle, to_triangle
 from estimators.pivot import ARMS, turn_about
+from estimators.scratch import scratch
 from estimators.state import STATES, State
 
 
@@ -43,13 +44,16 @@ class CompiledInteractingBank(InteractingBank):
     """Interacting filters in arrays: the means and covariances of all models of all craft."""
 
     def _predict(self, mask: Bools, step: Floats) -> None:
-        _predict_all(mask, step, self.grid, self._mixtures, self._state, self._covariance)
+        _predict_all(mask, step, self.grid, self._mixtures, self._state)
 
     def _update(self, mask: Bools, given: Given | Independent, result: UpdateResult) -> int:
         if isinstance(given, Independent):
-            _update_one_by_one(mask, given, self._mixtures, self._state, self._covariance, result)
+            _update_one_by_one(mask, given, self._mixtures, self._state, self._p, result)
             return -1
-        return _update_all(mask, given, self._mixtures, self._state, self._covariance, result)
+        if given.poses:
+            return _update_poses(mask, given, self._mixtures, self._state, self._p, result)
+        work = work_for(given.y.shape[1], LANES)
+        return _update_rows(mask, given, work, self._mixtures, self._state, self._p, result)
 
 
 @inlined
@@ -66,12 +70,11 @@ def _noise(noises: Floats, window: int) -> float:
 
 
 @kernel
-def _predict_all(mask: Bools, step: Floats, grid: Grid, mixtures: Mixtures, state: State, covariance: Floats) -> None:
+def _predict_all(mask: Bools, step: Floats, grid: Grid, mixtures: Mixtures, state: State) -> None:
     """Mix the models of the craft of the mask, and move them on by step (C,) [s]."""
-    turn, jacobian = np.empty((3, 3)), np.empty((3, 3))
-    moved, fp = lanes_in(np.empty((3, LANES))), lanes_in(np.empty((3, STATES, LANES)))
-    p = lanes_in(np.empty((STATES, STATES, LANES)))
     means, covariances = lanes_in(mixtures.mean), lanes_in(mixtures.covariance)
+    turn, jacobian = scratch(0.0, 3, 3), scratch(0.0, 3, 3)
+    moved, p = scratch(means, 3), scratch(means, STATES, STATES)
     for c in range(len(mask)):
         if not mask[c]:
             continue
@@ -89,10 +92,9 @@ def _predict_all(mask: Bools, step: Floats, grid: Grid, mixtures: Mixtures, stat
             _noise(grid.angular_acceleration, mixtures.window[c]),
         )
         from_triangle(covariances[c], p)
-        advance(p, turn, jacobian, dt, linear, angular, fp)
+        advance(p, turn, jacobian, dt, linear, angular)
         to_triangle(p, covariances[c])
         move_on(state, c, turn, dt)
-        combine(c, mixtures, covariance[c])
 
 
 @inlined
@@ -116,34 +118,90 @@ def _lowest(c: int, squared: float, volume: float, mixtures: Mixtures, nis: Floa
 
 
 @kernel
-def _update_all(
-    mask: Bools, given: Given, mixtures: Mixtures, state: State, covariance: Floats, result: UpdateResult
+def _update_rows(
+    mask: Bools,
+    given: Given,
+    places: Work,
+    mixtures: Mixtures,
+    state: State,
+    covariance: Floats,
+    result: UpdateResult,
 ) -> int:
     """Take in the rows of the craft of the mask; -1, or the first craft whose S is not positive definite."""
-    work, correction = lanes_work_for(given.y.shape[1]), np.empty(STATES)
+    work = Work(lanes_in(places.y), lanes_in(places.g), lanes_in(places.s), lanes_in(places.pivot))
     means, covariances = lanes_in(mixtures.mean), lanes_in(mixtures.covariance)
-    p, nis, spread = lanes_in(np.empty((STATES, STATES, LANES))), np.empty(LANES), np.empty(LANES)
+    p = scratch(means, STATES, STATES)
     for c in range(len(mask)):
-        if not mask[c]:
-            continue
-        n, x, h, r = given.rows[c], means[c], given.h[c], given.r[c]
-        pick(h, n, work.picked)
-        from_triangle(covariances[c], p)
-        regular, squared, volume = weigh_rows(p, given.y[c], h, r, n, work, x)
-        for at in range(LANES):
-            if runs(at, c, mixtures) and not lane(regular, at):
+        if mask[c]:
+            n = given.rows[c]
+            from_triangle(covariances[c], p)
+            weighed = weigh_rows(p, given.y[c], given.h[c], given.r[c], n, work, means[c])
+            if not _taken_in(c, n, given, weighed, work, p, mixtures, state, covariance[c], result):
                 return c
-        squared += given.square[c]
-        accepted = _lowest(c, squared, volume, mixtures, nis, spread) <= given.gate[given.freedoms[c]]
-        result.accepted[c] = accepted
-        result.nis[c], result.log_determinant[c] = weigh(c, accepted, nis, spread, mixtures)
-        if accepted:
-            take_rows(p, h, r, n, work, x)
-            to_triangle(p, covariances[c])
-            centre(c, mixtures, correction)
-            correct(state.rotation[c], state.angular_rate[c], state.position[c], state.velocity[c], correction)
-            settle(c, given.freedoms[c], mixtures, covariance[c])
     return -1
+
+
+@kernel
+def _update_poses(
+    mask: Bools, given: Given, mixtures: Mixtures, state: State, covariance: Floats, result: UpdateResult
+) -> int:
+    """`_update_rows` for solved poses."""
+    means, covariances = lanes_in(mixtures.mean), lanes_in(mixtures.covariance)
+    p = scratch(means, STATES, STATES)
+    work = Work(scratch(means, POSE), scratch(means, POSE, STATES), scratch(means, POSE, POSE), scratch(means, POSE))
+    for c in range(len(mask)):
+        if mask[c]:
+            from_triangle(covariances[c], p)
+            weighed = weigh_pose(p, given.y[c], given.h[c], given.r[c], work, means[c])
+            if not _taken_in(c, POSE, given, weighed, work, p, mixtures, state, covariance[c], result):
+                return c
+    return -1
+
+
+@inlined
+def _taken_in(
+    c: int,
+    n: int,
+    given: Given,
+    weighed: tuple[bool, float, float],
+    work: Work,
+    p: Floats,
+    mixtures: Mixtures,
+    state: State,
+    covariance: Floats,
+    result: UpdateResult,
+) -> bool:
+    """Take the rows of craft c that have been weighed in, if the gate of a model lets them; False where S is not
+    positive definite.
+
+    Args:
+        c: the craft.
+        n: number of rows that are used.
+        given: rows of all craft.
+        weighed: result of `weigh_rows`, lanes.
+        work: places, of it.
+        p: (12, 12), P of the models.
+        mixtures: models of all craft, changed in place.
+        state: of all craft, changed in place.
+        covariance: (12, 12), receives that of the mixture.
+        result: receives the fate.
+    """
+    nis, spread, correction = scratch(0.0, LANES), scratch(0.0, LANES), scratch(0.0, STATES)
+    regular, squared, volume = weighed
+    for at in range(LANES):
+        if runs(at, c, mixtures) and not lane(regular, at):
+            return False
+    least = _lowest(c, squared + given.square[c], volume, mixtures, nis, spread)
+    accepted = least <= given.gate[given.freedoms[c]]
+    result.accepted[c] = accepted
+    result.nis[c], result.log_determinant[c] = weigh(c, accepted, nis, spread, mixtures)
+    if accepted:
+        take_rows(p, given.h[c], given.r[c], n, work, lanes_in(mixtures.mean)[c])
+        to_triangle(p, lanes_in(mixtures.covariance)[c])
+        centre(c, mixtures, correction)
+        correct(state.rotation[c], state.angular_rate[c], state.position[c], state.velocity[c], correction)
+        settle(c, given.freedoms[c], mixtures, covariance)
+    return True
 
 
 @kernel
@@ -151,18 +209,17 @@ def _update_one_by_one(
     mask: Bools, given: Independent, mixtures: Mixtures, state: State, covariance: Floats, result: UpdateResult
 ) -> None:
     """Take in the rows of the craft of the mask, one after the other."""
-    work, correction, arms = lanes_work_for(given.y.shape[1]), np.empty(STATES), np.empty(ARMS)
-    p, left = lanes_in(np.empty((STATES, STATES, LANES))), lanes_in(np.empty((STATES, STATES, LANES)))
-    x = lanes_in(np.empty((STATES, LANES)))
     means, covariances = lanes_in(mixtures.mean), lanes_in(mixtures.covariance)
-    nis, spread = np.empty(LANES), np.empty(LANES)
+    p, left, x = scratch(means, STATES, STATES), scratch(means, STATES, STATES), scratch(means, STATES)
+    nis, spread = scratch(0.0, LANES), scratch(0.0, LANES)
+    correction, arms = scratch(0.0, STATES), scratch(0.0, ARMS)
     for c in range(len(mask)):
         if not mask[c]:
             continue
         for i in range(STATES):
             x[i] = means[c, i]
         from_triangle(covariances[c], p)
-        squared, volume = absorb_independent(p, given.y[c], given.h[c], given.variance[c], given.rows[c], work, x, left)
+        squared, volume = absorb_independent(p, given.y[c], given.h[c], given.variance[c], given.rows[c], x, left)
         free = given.freedoms[c]
         accepted = _lowest(c, squared, volume, mixtures, nis, spread) <= given.gate[free]
         result.accepted[c] = accepted

@@ -23,6 +23,7 @@ import numpy as np
 from estimators.arrays import Bools, Floats
 from estimators.kernel import kernel
 from estimators.rotation import exp_into, left_jacobian_into, log_into, multiply_into
+from estimators.scratch import scratch
 from estimators.state import STATES as STATES
 from estimators.state import State
 
@@ -184,14 +185,15 @@ def correct(rotation: Floats, angular_rate: Floats, position: Floats, velocity: 
         velocity: (3,) [m/s].
         x: (12,), the error state.
     """
-    turn = np.empty((3, 3))
+    turn = scratch(0.0, 3, 3)
     exp_into(x[:3], turn)
     multiply_into(turn, rotation, rotation)
     for i in range(3):
         angular_rate[i] += x[3 + i]
         position[i] += x[6 + i]
         velocity[i] += x[9 + i]
-    x[:] = 0.0
+    for i in range(STATES):
+        x[i] = 0.0
 
 
 @kernel

@@ -23,7 +23,6 @@ from estimators.filter.interacting import (
     InteractingBank,
     Mixtures,
     centre,
-    combine,
     mix_if_due,
     model_in,
     settle,
@@ -109,10 +108,10 @@ class FilterpyInteractingBank(InteractingBank):
                 f.x, f.P, f.F, f.Q = x[b], p[b], stack.f[b], stack.q[b]
                 f.predict()
                 x[b], p[b] = f.x, f.P
-            _take_motion(who, step, stack, mixtures, state, self._covariance)
+            _take_motion(who, step, stack, mixtures, state)
 
     def _update(self, mask: Bools, given: Given | Independent, result: UpdateResult) -> int:
-        mixtures, state, covariance = self._mixtures, self._state, self._covariance
+        mixtures, state, covariance = self._mixtures, self._state, self._p
         for who, models, n in self._batches(mask, given.rows):
             f, stack = self._stacks[models]
             if (models, n) not in self._blocks:
@@ -177,13 +176,12 @@ def _unstack_models(b: int, c: int, stack: Stack, mixtures: Mixtures) -> None:
 
 
 @kernel
-def _take_motion(who: Ints, step: Floats, stack: Stack, mixtures: Mixtures, state: State, covariance: Floats) -> None:
-    """Give craft `who` (B,) their predicted models on the stack, and the states and covariances that go with them."""
+def _take_motion(who: Ints, step: Floats, stack: Stack, mixtures: Mixtures, state: State) -> None:
+    """Give craft `who` (B,) their predicted models on the stack, and the states that go with them."""
     for b in range(len(who)):
         c = who[b]
         _unstack_models(b, c, stack, mixtures)
         propagate(state.rotation[c], state.angular_rate[c], state.position[c], state.velocity[c], step[c])
-        combine(c, mixtures, covariance[c])
 
 
 @kernel

@@ -31,11 +31,12 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
-from estimators.filter.bank import FilterBank, couple
+from estimators.filter.bank import FilterBank, Given, Independent, UpdateResult, couple
 from estimators.kernel import inlined, kernel
 from estimators.lanes import LANES, lane, lanes_in, pack, transposed, with_lane
 from estimators.linear import from_triangle, to_triangle
 from estimators.pivot import is_wide, shear, shear_into
+from estimators.scratch import scratch
 from estimators.state import STATES
 
 DECIDING = 6
@@ -113,6 +114,7 @@ class InteractingBank(FilterBank):
             gate_probability=gate_probability,
         )
         craft = len(models)
+        self._moved_on = np.zeros(craft, dtype=np.bool_)
         self.grid = Grid(linear, angular, 1 / manoeuvre_s, 1 / quiet_s)
         self._mixtures = Mixtures(
             window=np.zeros(craft, dtype=np.int64),
@@ -125,6 +127,24 @@ class InteractingBank(FilterBank):
             mixed=np.zeros((craft, LANES, LANES)),
             moved=np.zeros((craft, LANES, LANES)),
         )
+
+    @property
+    def _covariance(self) -> Floats:
+        """P (C, 12, 12) of the mixtures, which a prediction leaves to whoever asks for it before the next update."""
+        if self._moved_on.any():
+            _combine_all(self._moved_on, self._mixtures, self._p)
+            self._moved_on[:] = False
+        return self._p
+
+    def predict(self, dt: float | Floats, mask: Bools) -> None:
+        """Move on by `dt`, as any bank."""
+        super().predict(dt, mask)
+        self._moved_on |= mask
+
+    def _taken(self, name: str, mask: Bools, given: Given | Independent) -> UpdateResult:
+        result = super()._taken(name, mask, given)
+        self._moved_on &= ~result.accepted
+        return result
 
     @property
     def probability(self) -> Floats:
@@ -262,10 +282,13 @@ def mix_if_due(c: int, dt: float, grid: Grid, mixtures: Mixtures) -> None:
 @kernel
 def _mix(c: int, dt: float, grid: Grid, mixtures: Mixtures) -> None:
     """Mix the models of craft c, and move their probabilities on by `dt` [s]."""
-    weight = np.zeros((LANES, LANES))
+    weight = scratch(dt, LANES, LANES)
     up, down = min(dt * grid.livelier, 0.25), min(dt * grid.quieter, 0.25)
     window, end = mixtures.window[c], min(mixtures.window[c] + LANES, mixtures.models[c])
     own, x, p = mixtures.probability[c], lanes_in(mixtures.mean)[c], lanes_in(mixtures.covariance)[c]
+    for j in range(LANES):
+        for i in range(LANES):
+            weight[j, i] = 0.0
     for model in range(window, end):
         i, stays = model % LANES, 1.0
         if model > window:
@@ -294,7 +317,7 @@ def _mix(c: int, dt: float, grid: Grid, mixtures: Mixtures) -> None:
         pack(weight[0, 2], weight[1, 2], weight[2, 2], weight[3, 2]),
         pack(weight[0, 3], weight[1, 3], weight[2, 3], weight[3, 3]),
     )
-    mean = lanes_in(np.empty((STATES, LANES)))
+    mean = scratch(x, STATES)
     for a in range(STATES):
         mean[a] = _mixed(share, x[a])
     k = 0
@@ -339,6 +362,14 @@ def combine(c: int, mixtures: Mixtures, covariance: Floats) -> None:
             total = (one + two) + (three + four)
             for k in range(LANES):
                 covariance[a, b + k] = covariance[b + k, a] = lane(total, k)
+
+
+@kernel
+def _combine_all(mask: Bools, mixtures: Mixtures, covariance: Floats) -> None:
+    """`combine` for the craft of the mask: covariance (C, 12, 12)."""
+    for c in range(len(mask)):
+        if mask[c]:
+            combine(c, mixtures, covariance[c])
 
 
 @inlined
