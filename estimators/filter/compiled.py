@@ -245,16 +245,18 @@ def _joseph(p: Floats, gain: Floats, h: Floats, r: Floats, n: int) -> None:
 @inlined
 def _row_times(h: Floats, x: Floats) -> float:
     """Return a row (12,) of H times x (12,), of numbers or of lanes: pose, then angular rate, then velocity."""
-    pose: float = h[0] * x[0] + h[1] * x[1] + h[2] * x[2] + h[6] * x[6] + h[7] * x[7] + h[8] * x[8]
-    return pose + (h[3] * x[3] + h[4] * x[4] + h[5] * x[5]) + (h[9] * x[9] + h[10] * x[10] + h[11] * x[11])
+    value: float = h[0] * x[0] + h[1] * x[1] + h[2] * x[2] + h[6] * x[6] + h[7] * x[7] + h[8] * x[8]
+    value += h[3] * x[3] + h[4] * x[4] + h[5] * x[5]
+    value += h[9] * x[9] + h[10] * x[10] + h[11] * x[11]
+    return value
 
 
 @inlined
 def _pose_row_times(h: Floats, a: int, x: Floats) -> float:
     """`_row_times` of row a of H = [I B] (6, 12)."""
-    pose: float = x[a + a // 3 * 3]
-    rate = h[a, 3] * x[3] + h[a, 4] * x[4] + h[a, 5] * x[5]
-    return pose + rate + (h[a, 9] * x[9] + h[a, 10] * x[10] + h[a, 11] * x[11])
+    value: float = x[a + a // 3 * 3] + (h[a, 3] * x[3] + h[a, 4] * x[4] + h[a, 5] * x[5])
+    value += h[a, 9] * x[9] + h[a, 10] * x[10] + h[a, 11] * x[11]
+    return value
 
 
 @inlined
@@ -509,7 +511,7 @@ def _taken_in(
     p: Floats,
     result: UpdateResult,
 ) -> bool:
-    """Take the rows of craft c that have been weighed in, if the gate lets them; False where S is not positive definite.
+    """Take the rows of craft c that have been weighed in, if the gate lets them; False where S is no covariance.
 
     Args:
         c: the craft.
