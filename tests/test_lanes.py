@@ -145,9 +145,7 @@ def test_four_poses_at_once_are_those_of_one_alone_bit_for_bit() -> None:
         rows = table[: 2 * n]
         sound = n >= FEWEST_LIT and bool(np.isfinite(rows[:, VALUE] * rows[:, WEIGHT]).all())
         sound = sound and table_spans_plane(table, n)
-        found = (
-            refine_one(table, n, rotation, position, sound, ITERATIONS_MAX, np.zeros((34, 6))) if n else (False, 0, 0)
-        )
+        found = refine_one(table, n, rotation, position, sound, ITERATIONS_MAX) if n else (False, 0, 0)
         assert (solution.solved[c], solution.iterations[c]) == found[:2], c
         if solution.solved[c]:
             hard += solution.iterations[c] > 5
@@ -174,7 +172,7 @@ def test_four_dilutions_at_once_are_those_of_one_alone_bit_for_bit() -> None:
         pose = rotation[c], position[c]
         alone = mask[c] and n > 0
         if alone:
-            found = dilution_one(table, n, float(n), *pose, True, rho, np.empty((28, 6)), rows, out[0], out[1])
+            found = dilution_one(table, n, float(n), *pose, True, rho, rows, out[0], out[1])
             alone = found[0] and table_spans_plane(table, n)
         assert alone == np.isfinite(ours.pdop_m_per_rad[c]), c
         if alone:

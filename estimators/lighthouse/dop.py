@@ -31,10 +31,21 @@ import numpy as np
 from estimators.arrays import Bools, Floats
 from estimators.kernel import kernel
 from estimators.lanes import LANES, lane, lanes_in
-from estimators.lighthouse.four_craft import four, gather_four, gather_weights_four, in_order, numbers, seen_by
-from estimators.lighthouse.projection import COLUMNS, TAU, WEIGHT, checked, checked_lit, project, table_spans_plane
+from estimators.lighthouse.four_craft import (
+    Room,
+    four,
+    four_matrices,
+    gather_four,
+    gather_weights_four,
+    in_order,
+    numbers,
+    room_for,
+    seen_by,
+)
+from estimators.lighthouse.projection import TAU, WEIGHT, checked, checked_lit, project, table_spans_plane
 from estimators.lighthouse.slope import worst_slopes
 from estimators.linear import cholesky_into, invert_factor_into
+from estimators.scratch import scratch
 
 
 class Dilution(NamedTuple):
@@ -154,7 +165,6 @@ def dilution_one(
     position: Floats,
     angles: bool,
     rho: float,
-    work: Floats,
     rows: Floats,
     covariance: Floats,
     coupling: Floats,
@@ -169,19 +179,12 @@ def dilution_one(
         position: (3,) [m].
         angles: of equal noise, as in `_sums_into`.
         rho: of (19).
-        work: scratch (28, 6).
         rows: scratch (2, 5, K).
         covariance: (6, 6), receives H.
         coupling: (6, 6), receives B.
     """
-    normal, moved, inverse, lower, fan_sum, spread = (
-        work[:6],
-        work[6:12],
-        work[12:18],
-        work[18:24],
-        work[24:26],
-        work[26:28],
-    )
+    normal, moved, lower = scratch(table, 6, 6), scratch(table, 6, 6), scratch(table, 6, 6)
+    inverse, fan_sum, spread = scratch(table, 6, 6), scratch(table, 2, 6), scratch(table, 2, 6)
     determined = _sums_into(table, n, rotation, position, angles, normal, moved, fan_sum, rows)
     determined = determined & cholesky_into(normal, lower)
     invert_factor_into(lower, inverse)
@@ -218,6 +221,8 @@ def _dilution_all(
     weight: Floats,
     rho: float,
     mask: Bools,
+    room: Room,
+    derivatives: Floats,
     covariance: Floats,
     coupling: Floats,
     adop: Floats,
@@ -226,32 +231,26 @@ def _dilution_all(
 ) -> None:
     """Compute (13) to (18) and (22) for every craft; NaN where the pose is not determined.
 
-    weight: (C, K, 2), inverse noise of each projection, or empty where the angles have equal noise.
+    weight: (C K, 2), inverse noise of each projection, or empty where the angles have equal noise. point: (C K, 3).
+    offset: (C K, 2). derivatives: scratch (2, 5, K, LANES).
     """
-    craft, photodiodes = lit.shape
-    angles = weight.size == 0
-    count, order = np.empty(craft, np.int64), np.empty(craft + LANES, np.int64)
-    many = in_order(lit, mask, 1, count, order)
-    table, work = lanes_in(np.empty((2 * photodiodes, COLUMNS, LANES))), lanes_in(np.empty((28, 6, LANES)))
-    seen, pose = np.empty((photodiodes, LANES), np.uint64), lanes_in(np.empty((18, LANES)))
-    turn, place, rate, speed = pose[:9].reshape(3, 3), pose[9:12], pose[12:15], pose[15:18]
-    rows, both = lanes_in(np.empty((2, 5, photodiodes, LANES))), lanes_in(np.empty((2, 6, 6, LANES)))
-    points, offsets, weights = point.reshape(-1, 3), offset.reshape(-1, 2), weight.reshape(-1, 2)
-    for c in range(craft):
+    many, count, order, table = in_order(lit, mask, 1, room), room.count, room.order, lanes_in(room.table)
+    rows, angles = lanes_in(derivatives), weight.size == 0
+    turn, place, rate, speed = scratch(table, 3, 3), scratch(table, 3), scratch(table, 3), scratch(table, 3)
+    both = scratch(table, 2, 6, 6)
+    for c in range(len(mask)):
         adop[c] = np.nan
     for first in range(0, many, LANES):
         who = order[first : first + LANES]
         n, number = count[who[LANES - 1]], numbers(count, who)
-        seen_by(who, lit, n, seen)
-        four(rotation.reshape(craft, 9), who, pose[:9])
+        seen_by(who, lit, n, room.seen)
+        four_matrices(rotation, who, turn)
         four(position, who, place)
         four(angular_rate, who, rate)
         four(velocity, who, speed)
-        gather_four(seen, n, points, offsets, rate, speed, table)
-        gather_weights_four(seen, n, number, angles, weights, table)
-        determined, turned, moved = dilution_one(
-            table, n, number, turn, place, angles, rho, work, rows, both[0], both[1]
-        )
+        gather_four(room.seen, n, point, offset, rate, speed, table)
+        gather_weights_four(room.seen, n, number, angles, weight, table)
+        determined, turned, moved = dilution_one(table, n, number, turn, place, angles, rho, rows, both[0], both[1])
         determined = determined & table_spans_plane(table, n)
         for i in range(LANES):
             c = who[i]
@@ -263,7 +262,7 @@ def _dilution_all(
                 adop[c] = np.rad2deg(np.sqrt(h[0, 0] + h[1, 1] + h[2, 2]))
                 pdop[c] = np.sqrt(h[3, 3] + h[4, 4] + h[5, 5])
                 slope[0, c], slope[1, c] = lane(turned, i), lane(moved, i)
-    for c in range(craft):
+    for c in range(len(mask)):
         if np.isnan(adop[c]):
             pdop[c] = slope[0, c] = slope[1, c] = np.nan
             for a in range(6):
@@ -365,13 +364,15 @@ def _checked_dilution(
         checked("rotation", rotation, (craft, 3, 3)),
         checked("position", position, (craft, 3)),
         lit,
-        checked("point_m", point_m, (craft, photodiodes, 3)),
-        checked("offset_s", offset_s, (craft, photodiodes, 2)),
+        checked("point_m", point_m, (craft, photodiodes, 3)).reshape(-1, 3),
+        checked("offset_s", offset_s, (craft, photodiodes, 2)).reshape(-1, 2),
         checked("angular_rate", angular_rate, (craft, 3)),
         checked("velocity", velocity, (craft, 3)),
-        np.empty((0, 0, 2)) if weight is None else checked("weight", weight, (craft, photodiodes, 2)),
+        np.empty((0, 2)) if weight is None else checked("weight", weight, (craft, photodiodes, 2)).reshape(-1, 2),
         rho,
         mask,
+        room_for(craft, photodiodes),
+        np.empty((2, 5, photodiodes, LANES)),
         covariance,
         coupling,
         adop,

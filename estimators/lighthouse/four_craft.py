@@ -5,31 +5,54 @@ that it does not see repeat its first photodiode with weight zero, after its own
 by a bit. Craft are taken in the order of the number of photodiodes that they see.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
 from estimators.lanes import LANES, pack, select
-from estimators.lighthouse.projection import VALUE, WEIGHT, write_motion
+from estimators.lighthouse.projection import COLUMNS, VALUE, WEIGHT, write_motion
 from estimators.rotation import exp_rows
 
 Places = NDArray[np.uint64]
 
 
+class Room(NamedTuple):
+    """Places for what is known of C craft with K photodiodes as they are taken.
+
+    count: (C,), number of each craft's lit photodiodes. order: (C + LANES,), the craft in their order, the last one
+    once more for every lane that is left over. begin: (K + 2,), where the craft of so many begin. seen: (K, LANES), of
+    `seen_by`. table: (2 K, COLUMNS, LANES), numbers.
+    """
+
+    count: Ints
+    order: Ints
+    begin: Ints
+    seen: Places
+    table: Floats
+
+
+def room_for(craft: int, photodiodes: int) -> Room:
+    """Return places for so many craft and photodiodes."""
+    count, order, begin = (np.empty(n, dtype=np.int64) for n in (craft, craft + LANES, photodiodes + 2))
+    seen, table = np.empty((photodiodes, LANES), dtype=np.uint64), np.empty((2 * photodiodes, COLUMNS, LANES))
+    return Room(count, order, begin, seen, table)
+
+
 @kernel
-def in_order(lit: Bools, mask: Bools, fewest: int, count: Ints, order: Ints) -> int:
-    """Write the craft that see at least `fewest` photodiodes into `order`, by their number; return how many they are.
+def in_order(lit: Bools, mask: Bools, fewest: int, room: Room) -> int:
+    """Put the craft that see at least `fewest` photodiodes in order, by their number; return how many they are.
 
     Args:
         lit: (C, K).
         mask: (C,), the craft to take.
         fewest: photodiodes at least.
-        count: (C,), receives the number of each craft's lit photodiodes.
-        order: (C + LANES,), receives the craft, and the last one once more for every lane that is left over.
+        room: receives the counts and the order.
     """
     craft, photodiodes = lit.shape
-    begin = np.empty(photodiodes + 2, np.int64)
+    count, order, begin = room.count, room.order, room.begin
     for n in range(photodiodes + 2):
         begin[n] = 0
     for c in range(craft):
@@ -92,6 +115,21 @@ def four(source: Floats, who: Ints, out: Floats) -> None:
     a, b, c, d = who[0], who[1], who[2], who[3]
     for m in range(source.shape[1]):
         out[m] = pack(source[a, m], source[b, m], source[c, m], source[d, m])
+
+
+@kernel
+def four_matrices(source: Floats, who: Ints, out: Floats) -> None:
+    """`four` of matrices.
+
+    Args:
+        source: (C, 3, 3).
+        who: (LANES,), craft.
+        out: (3, 3), lanes.
+    """
+    a, b, c, d = who[0], who[1], who[2], who[3]
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = pack(source[a, i, j], source[b, i, j], source[c, i, j], source[d, i, j])
 
 
 @kernel

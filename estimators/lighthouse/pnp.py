@@ -29,9 +29,18 @@ from estimators import levenberg_marquardt as lm
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
 from estimators.lanes import LANES, all_of, any_of, lane, lanes_in, opposite, select
-from estimators.lighthouse.four_craft import four, gather_four, gather_measured_four, in_order, numbers, seen_by
+from estimators.lighthouse.four_craft import (
+    Room,
+    four,
+    four_matrices,
+    gather_four,
+    gather_measured_four,
+    in_order,
+    numbers,
+    room_for,
+    seen_by,
+)
 from estimators.lighthouse.projection import (
-    COLUMNS,
     VALUE,
     WEIGHT,
     add_curvature,
@@ -44,6 +53,7 @@ from estimators.lighthouse.projection import (
 )
 from estimators.linear import solve_spd
 from estimators.rotation import exp_into, multiply_into
+from estimators.scratch import scratch
 
 FEWEST_LIT = 4
 """Photodiodes that a pose needs: three leave up to four poses (P3P)."""
@@ -74,16 +84,16 @@ GRADIENT, SCALE = 6, 7
 
 
 @kernel
-def _evaluate(table: Floats, n: int, rotation: Floats, position: Floats, out: Floats, at: int) -> float:
-    """Return F of (6), or inf if a photodiode is behind; write 8 rows of `out` (., 6) from `at` on: the lower
-    triangle of a matrix, and two rows. Of numbers or of lanes.
+def _evaluate(table: Floats, n: int, rotation: Floats, position: Floats, out: Floats) -> float:
+    """Return F of (6), or inf if a photodiode is behind; write `out` (8, 6): the lower triangle of a matrix,
+    and two rows. Of numbers or of lanes.
 
     The matrix is J^T W^2 J of (11, 12). A row of J has no derivative by the other fan's coordinate: what is zero is not
     added up.
     """
     for k in range(8):
         for m in range(6):
-            out[at + k, m] = 0.0
+            out[k, m] = 0.0
     cost, front = 0.0, True
     for fan in range(2):
         m00 = m10 = m11 = m20 = m21 = m22 = 0.0
@@ -118,28 +128,28 @@ def _evaluate(table: Floats, n: int, rotation: Floats, position: Floats, out: Fl
             b_across += wf * g
             b_ahead += wf * gz
         a = 3 + fan
-        out[at + 0, 0] += m00
-        out[at + 1, 0] += m10
-        out[at + 1, 1] += m11
-        out[at + 2, 0] += m20
-        out[at + 2, 1] += m21
-        out[at + 2, 2] += m22
-        out[at + a, 0] += across0
-        out[at + a, 1] += across1
-        out[at + a, 2] += across2
-        out[at + a, a] += across_across
-        out[at + 5, 0] += ahead0
-        out[at + 5, 1] += ahead1
-        out[at + 5, 2] += ahead2
-        out[at + 5, a] += across_ahead
-        out[at + 5, 5] += ahead_ahead
-        out[at + GRADIENT, 0] += b0
-        out[at + GRADIENT, 1] += b1
-        out[at + GRADIENT, 2] += b2
-        out[at + GRADIENT, a] += b_across
-        out[at + GRADIENT, 5] += b_ahead
+        out[0, 0] += m00
+        out[1, 0] += m10
+        out[1, 1] += m11
+        out[2, 0] += m20
+        out[2, 1] += m21
+        out[2, 2] += m22
+        out[a, 0] += across0
+        out[a, 1] += across1
+        out[a, 2] += across2
+        out[a, a] += across_across
+        out[5, 0] += ahead0
+        out[5, 1] += ahead1
+        out[5, 2] += ahead2
+        out[5, a] += across_ahead
+        out[5, 5] += ahead_ahead
+        out[GRADIENT, 0] += b0
+        out[GRADIENT, 1] += b1
+        out[GRADIENT, 2] += b2
+        out[GRADIENT, a] += b_across
+        out[GRADIENT, 5] += b_ahead
     for k in range(6):
-        out[at + SCALE, k] = out[at + k, k]
+        out[SCALE, k] = out[k, k]
     return select(front, cost, np.inf)
 
 
@@ -173,7 +183,7 @@ def _is_small(step: Floats) -> bool:
 
 @kernel
 def refine_one(
-    table: Floats, n: int, rotation: Floats, position: Floats, open_: bool, iterations_max: int, work: Floats
+    table: Floats, n: int, rotation: Floats, position: Floats, open_: bool, iterations_max: int
 ) -> tuple[bool, float, float]:
     """Levenberg-Marquardt from `rotation` (3, 3), `position` (3,), overwritten; (converged, linear solves, F). Of
     numbers, or of lanes: a lane that has come to an end stays as it is.
@@ -190,25 +200,24 @@ def refine_one(
         position: (3,) [m], the start.
         open_: whether there is a pose to solve.
         iterations_max: linear solves at most.
-        work: scratch (34, 6).
     """
-    damped, lower, step = work[16:22], work[22:28], work[33]
-    # Both contiguous, as `rotation` is: then what is called with them is compiled once.
-    scratch = work[28:31].reshape(2, 3, 3)
-    turned, next_rotation, next_position = scratch[0], scratch[1], work[31, :3]
-    cost = _evaluate(table, n, rotation, position, work, 0)
+    sums, damped, lower = scratch(table, 2, 8, 6), scratch(table, 6, 6), scratch(table, 6, 6)
+    step, turned = scratch(table, 6), scratch(table, 3, 3)
+    next_rotation, next_position = scratch(table, 3, 3), scratch(table, 3)
+    cost = _evaluate(table, n, rotation, position, sums[0])
     open_ = open_ & (cost < np.inf)
-    here, damping, curved = 0, 0.0, open_ & opposite(open_)
+    at, damping, curved = 0, 0.0, open_ & opposite(open_)
     solves = select(open_, iterations_max, 0)
     converged = curved
     for iteration in range(1, iterations_max + 1):
         if not any_of(open_):
             break
+        here, there = sums[at], sums[1 - at]
         for a in range(6):
             for b in range(a + 1):
-                damped[a, b] = work[here + a, b]
-            damped[a, a] += damping * work[here + SCALE, a]
-            step[a] = -work[here + GRADIENT, a]
+                damped[a, b] = here[a, b]
+            damped[a, a] += damping * here[SCALE, a]
+            step[a] = -here[GRADIENT, a]
         regular = open_ & solve_spd(damped, lower, step)
         exp_into(step[:3], turned)
         multiply_into(turned, rotation, next_rotation)
@@ -220,32 +229,31 @@ def refine_one(
             # To second order in the step F changes by the product of gradient and step.
             after = cost
             for a in range(6):
-                after = after + work[here + GRADIENT, a] * step[a]
+                after = after + here[GRADIENT, a] * step[a]
             cost, solves = select(last, max(after, 0.0), cost), select(last, iteration, solves)
             converged, open_ = converged | last, open_ & opposite(last)
             if not any_of(open_):
                 break
             regular = regular & open_
-        there = 8 - here
-        next_cost = _evaluate(table, n, next_rotation, next_position, work, there)
+        next_cost = _evaluate(table, n, next_rotation, next_position, there)
         bent = regular & curved & (next_cost < np.inf)
         if any_of(bent):
-            _add_curvatures(table, n, next_rotation, next_position, bent, work[there : there + 6])
+            _add_curvatures(table, n, next_rotation, next_position, bent, there)
         accepted = regular & lm.lowered(cost, next_cost)
         damping = select(accepted, lm.fallen(damping), select(open_, lm.raised(damping), damping))
         cost = select(accepted, next_cost, cost)
         _take(accepted, next_rotation, next_position, rotation, position)
         if all_of(accepted | opposite(open_)):
-            here = there
+            at = 1 - at
         else:
             for k in range(8):
                 for m in range(6):
-                    work[here + k, m] = select(accepted, work[there + k, m], work[here + k, m])
+                    here[k, m] = select(accepted, there[k, m], here[k, m])
         bends = regular & opposite(curved)
         if iteration != STEPS_PLAIN:
             bends = bends & (damping > 0)
         if any_of(bends):
-            _add_curvatures(table, n, rotation, position, bends, work[here : here + 6])
+            _add_curvatures(table, n, rotation, position, bends, sums[at])
             curved = curved | bends
     return converged, solves, cost
 
@@ -262,48 +270,48 @@ def _refine_all(
     angular_rate: Floats,
     velocity: Floats,
     iterations_max: int,
+    room: Room,
     solved: Bools,
     iterations: Ints,
     residual: Floats,
     cost: Floats,
 ) -> None:
-    """`refine_one` for every craft: `rotation` and `position` hold the starts, then the answers or NaN."""
-    craft, photodiodes = lit.shape
-    count, order = np.empty(craft, np.int64), np.empty(craft + LANES, np.int64)
-    many = in_order(lit, solved, FEWEST_LIT, count, order)
-    table, work = lanes_in(np.empty((2 * photodiodes, COLUMNS, LANES))), lanes_in(np.zeros((34, 6, LANES)))
-    seen, pose = np.empty((photodiodes, LANES), np.uint64), lanes_in(np.empty((18, LANES)))
-    turn, place, rate, speed = pose[:9].reshape(3, 3), pose[9:12], pose[12:15], pose[15:18]
-    flat, points, offsets = rotation.reshape(craft, 9), point.reshape(-1, 3), offset.reshape(-1, 2)
-    values, weights = uv.reshape(-1, 2), weight.reshape(-1, 2)
-    for c in range(craft):
+    """`refine_one` for every craft: `rotation` and `position` hold the starts, then the answers or NaN.
+
+    uv, weight, offset: (C K, 2). point: (C K, 3).
+    """
+    many, count, order, table = in_order(lit, solved, FEWEST_LIT, room), room.count, room.order, lanes_in(room.table)
+    turn, place, rate, speed = scratch(table, 3, 3), scratch(table, 3), scratch(table, 3), scratch(table, 3)
+    for c in range(len(solved)):
         solved[c], iterations[c], cost[c], residual[c] = False, 0, np.nan, np.nan
     for first in range(0, many, LANES):
         who = order[first : first + LANES]
-        n = count[who[LANES - 1]]
-        seen_by(who, lit, n, seen)
-        four(flat, who, pose[:9])
+        n, number = count[who[LANES - 1]], numbers(count, who)
+        seen_by(who, lit, n, room.seen)
+        four_matrices(rotation, who, turn)
         four(position, who, place)
         four(angular_rate, who, rate)
         four(velocity, who, speed)
-        gather_four(seen, n, points, offsets, rate, speed, table)
-        finite = gather_measured_four(seen, n, numbers(count, who), values, weights, table)
+        gather_four(room.seen, n, point, offset, rate, speed, table)
+        finite = gather_measured_four(room.seen, n, number, uv, weight, table)
         open_ = finite & table_spans_plane(table, n)
-        converged, solves, squares = refine_one(table, n, turn, place, open_, iterations_max, work)
+        converged, solves, squares = refine_one(table, n, turn, place, open_, iterations_max)
         for i in range(LANES):
             c = who[i]
             solved[c], iterations[c] = lane(converged, i), int(lane(solves, i))
             if solved[c]:
                 cost[c] = lane(squares, i)
                 residual[c] = np.sqrt(cost[c] / (2 * count[c]))
-                for k in range(9):
-                    flat[c, k] = lane(pose[k], i)
                 for k in range(3):
                     position[c, k] = lane(place[k], i)
-    for c in range(craft):
+                    for m in range(3):
+                        rotation[c, k, m] = lane(turn[k, m], i)
+    for c in range(len(solved)):
         if not solved[c]:
-            rotation[c] = np.nan
-            position[c] = np.nan
+            for k in range(3):
+                position[c, k] = np.nan
+                for m in range(3):
+                    rotation[c, k, m] = np.nan
 
 
 def refine_projections(
@@ -346,16 +354,17 @@ def refine_projections(
     solved, iterations = np.ones(craft, dtype=np.bool_), np.zeros(craft, dtype=np.int64)
     residual, cost = np.empty(craft), np.empty(craft)
     _refine_all(
-        checked("uv", uv, angles),
-        checked("weight", weight, angles),
+        checked("uv", uv, angles).reshape(-1, 2),
+        checked("weight", weight, angles).reshape(-1, 2),
         lit,
-        checked("point_m", point_m, (craft, photodiodes, 3)),
+        checked("point_m", point_m, (craft, photodiodes, 3)).reshape(-1, 3),
         rotation,
         position,
-        checked("offset_s", offset_s, angles),
+        checked("offset_s", offset_s, angles).reshape(-1, 2),
         checked("angular_rate", angular_rate, (craft, 3)),
         checked("velocity", velocity, (craft, 3)),
         iterations_max,
+        room_for(craft, photodiodes),
         solved,
         iterations,
         residual,
