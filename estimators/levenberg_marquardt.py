@@ -22,6 +22,22 @@ STEP_SMALL = 1e-7
 
 
 @kernel
+def ends(square: float, before: float) -> bool:
+    """Return whether a step leaves less than `STEP_SMALL` to go, of numbers or of lanes.
+
+    Steps near the minimum shrink by a factor each, those of Gauss and Newton by about that of a residual against what
+    it is measured on. The step ends the search if it is small itself, or if the next one would be.
+
+    Args:
+        square: of the step's length.
+        before: that of the step before it, zero if there is none to compare with: a damped one shrinks by damping.
+    """
+    falls = 16 * square < before
+    out: bool = (square < STEP_SMALL**2) | (falls & (square * square < STEP_SMALL**2 * before))
+    return out
+
+
+@kernel
 def raised(damping: float) -> float:
     """Return the damping after a step that failed or could not be solved, of numbers or of lanes."""
     return max(10 * damping, FIRST_DAMPING)

@@ -173,15 +173,6 @@ def _take(mask: bool, next_rotation: Floats, next_position: Floats, rotation: Fl
 
 
 @kernel
-def _is_small(step: Floats) -> bool:
-    """Return whether a step (6,) is one of convergence in attitude and in position."""
-    turn = step[0] * step[0] + step[1] * step[1] + step[2] * step[2]
-    way = step[3] * step[3] + step[4] * step[4] + step[5] * step[5]
-    out: bool = (turn < lm.STEP_SMALL**2) & (way < lm.STEP_SMALL**2)
-    return out
-
-
-@kernel
 def refine_one(
     table: Floats, n: int, rotation: Floats, position: Floats, open_: bool, iterations_max: int
 ) -> tuple[bool, float, float]:
@@ -206,7 +197,7 @@ def refine_one(
     next_rotation, next_position = scratch(table, 3, 3), scratch(table, 3)
     cost = _evaluate(table, n, rotation, position, sums[0])
     open_ = open_ & (cost < np.inf)
-    at, damping, curved = 0, 0.0, open_ & opposite(open_)
+    at, damping, turn_before, way_before, curved = 0, 0.0, 0.0, 0.0, open_ & opposite(open_)
     solves = select(open_, iterations_max, 0)
     converged = curved
     for iteration in range(1, iterations_max + 1):
@@ -223,7 +214,9 @@ def refine_one(
         multiply_into(turned, rotation, next_rotation)
         for k in range(3):
             next_position[k] = position[k] + step[3 + k]
-        last = regular & _is_small(step) & (damping < lm.FIRST_DAMPING)
+        turn = step[0] * step[0] + step[1] * step[1] + step[2] * step[2]
+        way = step[3] * step[3] + step[4] * step[4] + step[5] * step[5]
+        last = regular & lm.ends(turn, turn_before) & lm.ends(way, way_before) & (damping < lm.FIRST_DAMPING)
         if any_of(last):
             _take(last, next_rotation, next_position, rotation, position)
             # To second order in the step F changes by the product of gradient and step.
@@ -240,6 +233,9 @@ def refine_one(
         if any_of(bent):
             _add_curvatures(table, n, next_rotation, next_position, bent, there)
         accepted = regular & lm.lowered(cost, next_cost)
+        if iteration > 1:  # the first step is as long as the start is bad: it tells no rate
+            plain = accepted & opposite(damping > 0)
+            turn_before, way_before = select(plain, turn, 0.0), select(plain, way, 0.0)
         damping = select(accepted, lm.fallen(damping), select(open_, lm.raised(damping), damping))
         cost = select(accepted, next_cost, cost)
         _take(accepted, next_rotation, next_position, rotation, position)

@@ -328,10 +328,11 @@ class Tracks:
         """Return the craft (C,) with a filter that have had no light for `time_s`, or only single sweeps that leave
         the attitude undecided.
         """
-        out, without = self.since_update_s > time_s, self.since_pose_s > time_s
+        active = self.bank.active
+        out, without = active & (self.since_update_s > time_s), active & (self.since_pose_s > time_s)
         if without.any():
             out |= without & self.beyond(UNDECIDED_RAD)
-        return self.bank.active & out
+        return out
 
     def beyond(self, attitude_rad: float) -> Bools:
         """Return the craft (C,) with a filter whose attitude's standard deviation exceeds `attitude_rad`."""
