@@ -13,6 +13,7 @@ import numpy as np
 from estimators.arrays import Floats
 from estimators.kernel import kernel
 from estimators.lanes import all_of, lane, width, with_lane
+from estimators.scratch import scratch
 
 Row = tuple[float, float, float]
 Rows = tuple[Row, Row, Row]
@@ -229,7 +230,7 @@ def log_into(rotation: Floats, out: Floats) -> None:
     """Write the rotation vector [rad], at most pi long, of `rotation` (3, 3) into `out` (3,)."""
     m = rotation
     trace = m[0, 0] + m[1, 1] + m[2, 2]
-    q = np.empty(4)  # the unit quaternion times an unknown factor
+    q = scratch(0.0, 4)  # the unit quaternion times an unknown factor
     if trace > 0:
         q[0], q[1], q[2], q[3] = 1 + trace, m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]
     else:

@@ -43,7 +43,7 @@ class Given(NamedTuple):
     """Measurements of C craft, checked: y (C, m), h (C, m, 12), r (C, m, m), of which each craft uses its first `rows`
     (C,); gate (M + 1,): the largest normalised innovation squared that is let in, per number of measurements; freedoms
     (C,): numbers of measurements that the rows stand for; square (C,): the part of the normalised innovation squared
-    of which the rows tell nothing; poses: whether all rows are those of solved poses, H = [I B].
+    of which the rows tell nothing.
     """
 
     y: Floats
@@ -53,7 +53,25 @@ class Given(NamedTuple):
     gate: Floats
     freedoms: Ints
     square: Floats
-    poses: bool = False
+
+
+class Poses(NamedTuple):
+    """Solved poses of C craft, checked: rotation (C, 3, 3), position (C, 3), covariance (C, 6, 6) and coupling (C, 6,
+    6) as in `FilterBank.update_pose`; gate: the largest normalised innovation squared that is let in.
+    """
+
+    rotation: Floats
+    position: Floats
+    covariance: Floats
+    coupling: Floats
+    gate: float
+
+    def rows(self, mask: Bools, state: State) -> Given:
+        """Return the same as rows, H = [I B], against the predicted state of the craft of the mask."""
+        craft = len(mask)
+        y, h, count = np.empty((craft, POSE)), np.empty((craft, POSE, STATES)), np.full(craft, POSE)
+        innovations_into(mask, self.rotation, self.position, state, self.coupling, y, h)
+        return Given(y, h, self.covariance, count, np.full(POSE + 1, self.gate), count, np.zeros(craft))
 
 
 class Independent(NamedTuple):
@@ -378,11 +396,7 @@ class FilterBank(ABC):
             name = ("rotation", "position", "covariance", "rate_coupling", "covariance")[wrong]
             reason = "a variance is not positive" if wrong == 4 else "not finite"
             raise ValueError(f"{name}: {reason} for a craft of the mask")
-        y, h = np.empty((len(mask), POSE)), np.empty((len(mask), POSE, STATES))
-        innovations_into(mask, rotation, position, self._state, rate_coupling, y, h)
-        count, gate = np.full(len(mask), POSE), gates(self.gate_probability, POSE)
-        given = Given(y, h, covariance, count, gate, count, np.zeros(len(mask)), poses=True)
-        return self._taken("covariance", mask, given)
+        return self._taken("covariance", mask, Poses(rotation, position, covariance, rate_coupling, self.gate))
 
     def adopt(self, mask: Bools, state: State, covariance: Floats) -> None:
         """Take over states and covariances, and start the craft that are not active.
@@ -418,14 +432,14 @@ class FilterBank(ABC):
         """Move these craft on by `step` (C,) [s]."""
 
     @abstractmethod
-    def _update(self, mask: Bools, given: Given | Independent, result: UpdateResult) -> int:
-        """Take in the rows of these craft, and write their fates.
+    def _update(self, mask: Bools, given: Given | Independent | Poses, result: UpdateResult) -> int:
+        """Take in the rows or poses of these craft, and write their fates.
 
         Returns -1, or the first craft whose covariance of the innovation is not positive definite.
         """
 
-    def _taken(self, name: str, mask: Bools, given: Given | Independent) -> UpdateResult:
-        """Update with checked rows; `name` is the argument to blame for an indefinite covariance."""
+    def _taken(self, name: str, mask: Bools, given: Given | Independent | Poses) -> UpdateResult:
+        """Update with what has been checked; `name` is the argument to blame for an indefinite covariance."""
         result = self._nothing()
         indefinite = self._update(mask, given, result)
         if indefinite >= 0:
@@ -471,12 +485,12 @@ class FilterBank(ABC):
 @kernel
 def _finite(array: Floats, mask: Bools) -> bool:
     """Return whether all of `array` (C, n) is finite for the craft of the mask."""
+    finite = True
     for c in range(len(mask)):
         if mask[c]:
             for i in range(array.shape[1]):
-                if not np.isfinite(array[c, i]):
-                    return False
-    return True
+                finite &= abs(array[c, i]) < np.inf
+    return finite
 
 
 @kernel

@@ -24,8 +24,8 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.arrays import Bools, Floats
-from estimators.filter.bank import FilterBank, Given, Independent, UpdateResult
-from estimators.filter.error_state import POSE, STATES, correct
+from estimators.filter.bank import FilterBank, Given, Independent, Poses, UpdateResult
+from estimators.filter.error_state import POSE, STATES, correct, pose_difference_into, pose_rows_into
 from estimators.kernel import inlined, kernel
 from estimators.lanes import any_of
 from estimators.linear import SINGULAR, absorb_row
@@ -55,11 +55,11 @@ class CompiledFilterBank(FilterBank):
             self._covariance,
         )
 
-    def _update(self, mask: Bools, given: Given | Independent, result: UpdateResult) -> int:
+    def _update(self, mask: Bools, given: Given | Independent | Poses, result: UpdateResult) -> int:
         if isinstance(given, Independent):
             _update_one_by_one(mask, given, self._state, self._covariance, result)
             return -1
-        if given.poses:
+        if isinstance(given, Poses):
             return _update_poses(mask, given, self._state, self._covariance, result)
         work = work_for(given.y.shape[1])
         return _update_rows(mask, given, work, self._state, self._covariance, result)
@@ -473,87 +473,79 @@ def absorb_independent(
 def _update_rows(mask: Bools, given: Given, work: Work, state: State, covariance: Floats, result: UpdateResult) -> int:
     """Take in the rows of the craft of the mask; -1, or the first craft whose S is not positive definite."""
     x = scratch(0.0, STATES)
-    for i in range(STATES):
-        x[i] = 0.0
     for c in range(len(mask)):
-        if mask[c]:
-            n = given.rows[c]
-            weighed = weigh_rows(covariance[c], given.y[c], given.h[c], given.r[c], n, work, x)
-            if not _taken_in(c, n, given, weighed, work, x, state, covariance[c], result):
-                return c
+        if not mask[c]:
+            continue
+        p, h, r, n = covariance[c], given.h[c], given.r[c], given.rows[c]
+        _no_error(x)
+        regular, squared, volume = weigh_rows(p, given.y[c], h, r, n, work, x)
+        if not regular:
+            return c
+        if _let_in(c, squared + given.square[c], volume, given.gate[given.freedoms[c]], result):
+            take_rows(p, h, r, n, work, x)
+            correct(state.rotation[c], state.angular_rate[c], state.position[c], state.velocity[c], x)
     return -1
 
 
 @kernel
-def _update_poses(mask: Bools, given: Given, state: State, covariance: Floats, result: UpdateResult) -> int:
-    """`_update_rows` for solved poses."""
+def _update_poses(mask: Bools, poses: Poses, state: State, covariance: Floats, result: UpdateResult) -> int:
+    """Take in the poses of the craft of the mask; -1, or the first craft whose S is not positive definite."""
     work = Work(scratch(0.0, POSE), scratch(0.0, POSE, STATES), scratch(0.0, POSE, POSE), scratch(0.0, POSE))
-    x = scratch(0.0, STATES)
-    for i in range(STATES):
-        x[i] = 0.0
+    x, y, h = scratch(0.0, STATES), scratch(0.0, POSE), scratch(0.0, POSE, STATES)
     for c in range(len(mask)):
-        if mask[c]:
-            weighed = weigh_pose(covariance[c], given.y[c], given.h[c], given.r[c], work, x)
-            if not _taken_in(c, POSE, given, weighed, work, x, state, covariance[c], result):
-                return c
+        if not mask[c]:
+            continue
+        p, r = covariance[c], poses.covariance[c]
+        _no_error(x)
+        pose_difference_into(poses.rotation[c], poses.position[c], state.rotation[c], state.position[c], y)
+        pose_rows_into(poses.coupling[c], h)
+        regular, squared, volume = weigh_pose(p, y, h, r, work, x)
+        if not regular:
+            return c
+        if _let_in(c, squared, volume, poses.gate, result):
+            take_rows(p, h, r, POSE, work, x)
+            correct(state.rotation[c], state.angular_rate[c], state.position[c], state.velocity[c], x)
     return -1
 
 
-@inlined
-def _taken_in(
-    c: int,
-    n: int,
-    given: Given,
-    weighed: tuple[bool, float, float],
-    work: Work,
-    x: Floats,
-    state: State,
-    p: Floats,
-    result: UpdateResult,
-) -> bool:
-    """Take the rows of craft c that have been weighed in, if the gate lets them; False where S is no covariance.
+@kernel
+def _no_error(x: Floats) -> None:
+    """Make the error state (12,) zero."""
+    for i in range(STATES):
+        x[i] = 0.0
+
+
+@kernel
+def _let_in(c: int, squared: float, volume: float, gate: float, result: UpdateResult) -> bool:
+    """Write the fate of craft c, and return whether its measurement is let in.
 
     Args:
         c: the craft.
-        n: number of rows that are used.
-        given: rows of all craft.
-        weighed: result of `weigh_rows`.
-        work: places, of it.
-        x: (12,), zero, before and after.
-        state: of all craft, changed in place.
-        p: (12, 12), P of the craft.
+        squared: NIS.
+        volume: root of det S.
+        gate: largest NIS that is let in.
         result: receives the fate.
     """
-    regular, squared, volume = weighed
-    squared += given.square[c]
     result.nis[c], result.log_determinant[c] = squared, 2 * np.log(volume)
-    if not regular:
-        return False
-    result.accepted[c] = squared <= given.gate[given.freedoms[c]]
-    if result.accepted[c]:
-        take_rows(p, given.h[c], given.r[c], n, work, x)
-        correct(state.rotation[c], state.angular_rate[c], state.position[c], state.velocity[c], x)
-    return True
+    result.accepted[c] = squared <= gate
+    return bool(result.accepted[c])
 
 
 @kernel
 def _update_one_by_one(mask: Bools, given: Independent, state: State, covariance: Floats, result: UpdateResult) -> None:
     """Take in the rows of the craft of the mask, one after the other."""
-    accepted, nis, log_determinant = result
     p, left = scratch(0.0, STATES, STATES), scratch(0.0, STATES, STATES)
     x, arms = scratch(0.0, STATES), scratch(0.0, ARMS)
     for c in range(len(mask)):
         if not mask[c]:
             continue
+        _no_error(x)
         for i in range(STATES):
-            x[i] = 0.0
             for j in range(STATES):
                 p[i, j] = covariance[c, i, j]
         rows = given.y[c], given.h[c], given.variance[c]
-        nis[c], volume = absorb_independent(p, *rows, given.rows[c], x, left)
-        log_determinant[c] = 2 * np.log(volume)
-        accepted[c] = nis[c] <= given.gate[given.freedoms[c]]
-        if not accepted[c]:
+        squared, volume = absorb_independent(p, *rows, given.rows[c], x, left)
+        if not _let_in(c, squared, volume, given.gate[given.freedoms[c]], result):
             continue
         turn_about(
             state.rotation[c],

@@ -7,7 +7,7 @@ takes them through the kernels of `estimators.filter.compiled` at once.
 import numpy as np
 
 from estimators.arrays import Bools, Floats
-from estimators.filter.bank import Given, Independent, UpdateResult
+from estimators.filter.bank import Given, Independent, Poses, UpdateResult
 from estimators.filter.compiled import (
     Work,
     absorb_independent,
@@ -19,7 +19,7 @@ from estimators.filter.compiled import (
     weigh_rows,
     work_for,
 )
-from estimators.filter.error_state import POSE, correct
+from estimators.filter.error_state import POSE, correct, pose_difference_into, pose_rows_into
 from estimators.filter.interacting import (
     Grid,
     InteractingBank,
@@ -46,11 +46,11 @@ class CompiledInteractingBank(InteractingBank):
     def _predict(self, mask: Bools, step: Floats) -> None:
         _predict_all(mask, step, self.grid, self._mixtures, self._state)
 
-    def _update(self, mask: Bools, given: Given | Independent, result: UpdateResult) -> int:
+    def _update(self, mask: Bools, given: Given | Independent | Poses, result: UpdateResult) -> int:
         if isinstance(given, Independent):
             _update_one_by_one(mask, given, self._mixtures, self._state, self._p, result)
             return -1
-        if given.poses:
+        if isinstance(given, Poses):
             return _update_poses(mask, given, self._mixtures, self._state, self._p, result)
         work = work_for(given.y.shape[1], LANES)
         return _update_rows(mask, given, work, self._mixtures, self._state, self._p, result)
@@ -97,26 +97,6 @@ def _predict_all(mask: Bools, step: Floats, grid: Grid, mixtures: Mixtures, stat
         move_on(state, c, turn, dt)
 
 
-@inlined
-def _lowest(c: int, squared: float, volume: float, mixtures: Mixtures, nis: Floats, spread: Floats) -> float:
-    """Write NIS and log det S (L,) by the models of craft c, and return the least NIS.
-
-    Args:
-        c: the craft.
-        squared: lanes, NIS.
-        volume: lanes, the roots of det S.
-        mixtures: models of the craft.
-        nis: (L,).
-        spread: (L,).
-    """
-    least = np.inf
-    for at in range(LANES):
-        nis[at], spread[at] = lane(squared, at), 2 * np.log(lane(volume, at))
-        if runs(at, c, mixtures):
-            least = min(least, nis[at])
-    return least
-
-
 @kernel
 def _update_rows(
     mask: Bools,
@@ -132,76 +112,85 @@ def _update_rows(
     means, covariances = lanes_in(mixtures.mean), lanes_in(mixtures.covariance)
     p = scratch(means, STATES, STATES)
     for c in range(len(mask)):
-        if mask[c]:
-            n = given.rows[c]
-            from_triangle(covariances[c], p)
-            weighed = weigh_rows(p, given.y[c], given.h[c], given.r[c], n, work, means[c])
-            if not _taken_in(c, n, given, weighed, work, p, mixtures, state, covariance[c], result):
-                return c
+        if not mask[c]:
+            continue
+        h, r, n, free = given.h[c], given.r[c], given.rows[c], given.freedoms[c]
+        from_triangle(covariances[c], p)
+        regular, squared, volume = weigh_rows(p, given.y[c], h, r, n, work, means[c])
+        if not _all_regular(c, regular, mixtures):
+            return c
+        if _let_in(c, squared + given.square[c], volume, given.gate[free], mixtures, result):
+            take_rows(p, h, r, n, work, means[c])
+            to_triangle(p, covariances[c])
+            _correct(c, mixtures, state)
+            settle(c, free, mixtures, covariance[c])
     return -1
 
 
 @kernel
 def _update_poses(
-    mask: Bools, given: Given, mixtures: Mixtures, state: State, covariance: Floats, result: UpdateResult
+    mask: Bools, poses: Poses, mixtures: Mixtures, state: State, covariance: Floats, result: UpdateResult
 ) -> int:
-    """`_update_rows` for solved poses."""
+    """Take in the poses of the craft of the mask; -1, or the first craft whose S is not positive definite."""
     means, covariances = lanes_in(mixtures.mean), lanes_in(mixtures.covariance)
-    p = scratch(means, STATES, STATES)
     work = Work(scratch(means, POSE), scratch(means, POSE, STATES), scratch(means, POSE, POSE), scratch(means, POSE))
+    p, y, h = scratch(means, STATES, STATES), scratch(0.0, POSE), scratch(0.0, POSE, STATES)
     for c in range(len(mask)):
-        if mask[c]:
-            from_triangle(covariances[c], p)
-            weighed = weigh_pose(p, given.y[c], given.h[c], given.r[c], work, means[c])
-            if not _taken_in(c, POSE, given, weighed, work, p, mixtures, state, covariance[c], result):
-                return c
+        if not mask[c]:
+            continue
+        r = poses.covariance[c]
+        pose_difference_into(poses.rotation[c], poses.position[c], state.rotation[c], state.position[c], y)
+        pose_rows_into(poses.coupling[c], h)
+        from_triangle(covariances[c], p)
+        regular, squared, volume = weigh_pose(p, y, h, r, work, means[c])
+        if not _all_regular(c, regular, mixtures):
+            return c
+        if _let_in(c, squared, volume, poses.gate, mixtures, result):
+            take_rows(p, h, r, POSE, work, means[c])
+            to_triangle(p, covariances[c])
+            _correct(c, mixtures, state)
+            settle(c, POSE, mixtures, covariance[c])
     return -1
 
 
-@inlined
-def _taken_in(
-    c: int,
-    n: int,
-    given: Given,
-    weighed: tuple[bool, float, float],
-    work: Work,
-    p: Floats,
-    mixtures: Mixtures,
-    state: State,
-    covariance: Floats,
-    result: UpdateResult,
-) -> bool:
-    """Take the rows of craft c that have been weighed in, if the gate of a model lets them; False where S is not
-    positive definite.
+@kernel
+def _all_regular(c: int, regular: bool, mixtures: Mixtures) -> bool:
+    """Return whether the mask is true of all models that craft c runs."""
+    every = True
+    for at in range(LANES):
+        every = every and (lane(regular, at) or not runs(at, c, mixtures))
+    return every
+
+
+@kernel
+def _let_in(c: int, squared: float, volume: float, gate: float, mixtures: Mixtures, result: UpdateResult) -> bool:
+    """Give the models of craft c their probabilities and the measurement its fate; return whether a model lets it in.
 
     Args:
         c: the craft.
-        n: number of rows that are used.
-        given: rows of all craft.
-        weighed: result of `weigh_rows`, lanes.
-        work: places, of it.
-        p: (12, 12), P of the models.
+        squared: lanes, NIS.
+        volume: lanes, the roots of det S.
+        gate: largest NIS that is let in.
         mixtures: models of all craft, changed in place.
-        state: of all craft, changed in place.
-        covariance: (12, 12), receives that of the mixture.
         result: receives the fate.
     """
-    nis, spread, correction = scratch(0.0, LANES), scratch(0.0, LANES), scratch(0.0, STATES)
-    regular, squared, volume = weighed
+    nis, spread, least = scratch(0.0, LANES), scratch(0.0, LANES), np.inf
     for at in range(LANES):
-        if runs(at, c, mixtures) and not lane(regular, at):
-            return False
-    least = _lowest(c, squared + given.square[c], volume, mixtures, nis, spread)
-    accepted = least <= given.gate[given.freedoms[c]]
+        nis[at], spread[at] = lane(squared, at), 2 * np.log(lane(volume, at))
+        if runs(at, c, mixtures):
+            least = min(least, nis[at])
+    accepted = least <= gate
     result.accepted[c] = accepted
     result.nis[c], result.log_determinant[c] = weigh(c, accepted, nis, spread, mixtures)
-    if accepted:
-        take_rows(p, given.h[c], given.r[c], n, work, lanes_in(mixtures.mean)[c])
-        to_triangle(p, lanes_in(mixtures.covariance)[c])
-        centre(c, mixtures, correction)
-        correct(state.rotation[c], state.angular_rate[c], state.position[c], state.velocity[c], correction)
-        settle(c, given.freedoms[c], mixtures, covariance)
-    return True
+    return accepted
+
+
+@kernel
+def _correct(c: int, mixtures: Mixtures, state: State) -> None:
+    """Take the mean error of the models of craft c off them, and into its state."""
+    correction = scratch(0.0, STATES)
+    centre(c, mixtures, correction)
+    correct(state.rotation[c], state.angular_rate[c], state.position[c], state.velocity[c], correction)
 
 
 @kernel
@@ -211,7 +200,6 @@ def _update_one_by_one(
     """Take in the rows of the craft of the mask, one after the other."""
     means, covariances = lanes_in(mixtures.mean), lanes_in(mixtures.covariance)
     p, left, x = scratch(means, STATES, STATES), scratch(means, STATES, STATES), scratch(means, STATES)
-    nis, spread = scratch(0.0, LANES), scratch(0.0, LANES)
     correction, arms = scratch(0.0, STATES), scratch(0.0, ARMS)
     for c in range(len(mask)):
         if not mask[c]:
@@ -221,10 +209,7 @@ def _update_one_by_one(
         from_triangle(covariances[c], p)
         squared, volume = absorb_independent(p, given.y[c], given.h[c], given.variance[c], given.rows[c], x, left)
         free = given.freedoms[c]
-        accepted = _lowest(c, squared, volume, mixtures, nis, spread) <= given.gate[free]
-        result.accepted[c] = accepted
-        result.nis[c], result.log_determinant[c] = weigh(c, accepted, nis, spread, mixtures)
-        if accepted:
+        if _let_in(c, squared, volume, given.gate[free], mixtures, result):
             for i in range(STATES):
                 means[c, i] = x[i]
             to_triangle(left, covariances[c])

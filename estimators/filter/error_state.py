@@ -114,6 +114,39 @@ def propagate(rotation: Floats, angular_rate: Floats, position: Floats, velocity
 
 
 @kernel
+def pose_difference_into(rotation_z: Floats, position_z: Floats, rotation: Floats, position: Floats, y: Floats) -> None:
+    """Write the innovation of a solved pose.
+
+    Args:
+        rotation_z: (3, 3), the measured rotation.
+        position_z: (3,) [m], the measured position.
+        rotation: (3, 3), the predicted rotation.
+        position: (3,) [m], the predicted position.
+        y: (6,), receives the innovation.
+    """
+    turn = scratch(0.0, 3, 3)
+    for i in range(3):
+        for j in range(3):
+            turn[i, j] = (
+                rotation_z[i, 0] * rotation[j, 0]
+                + rotation_z[i, 1] * rotation[j, 1]
+                + rotation_z[i, 2] * rotation[j, 2]
+            )
+        y[3 + i] = position_z[i] - position[i]
+    log_into(turn, y[:3])
+
+
+@kernel
+def pose_rows_into(rate_coupling: Floats, h: Floats) -> None:
+    """Write H = [I B] (6, 12) of a solved pose; rate_coupling: (6, 6) [s], B."""
+    for i in range(POSE):
+        for j in range(3):
+            h[i, j] = h[i, 6 + j] = 0.0
+            h[i, 3 + j], h[i, 9 + j] = rate_coupling[i, j], rate_coupling[i, 3 + j]
+        h[i, i + i // 3 * 3] = 1.0
+
+
+@kernel
 def innovation_into(
     rotation_z: Floats,
     position_z: Floats,
@@ -134,16 +167,8 @@ def innovation_into(
         y: (6,), receives the innovation.
         h: (6, 12), receives H.
     """
-    # The difference of the rotations stands in h for a moment: nothing is allocated.
-    multiply_into(rotation_z, rotation.T, h[:3, :3])
-    log_into(h[:3, :3], y[:3])
-    h[:] = 0.0
-    for i in range(3):
-        y[3 + i] = position_z[i] - position[i]
-        h[i, i] = h[3 + i, 6 + i] = 1.0
-    for i in range(6):
-        for j in range(3):
-            h[i, 3 + j], h[i, 9 + j] = rate_coupling[i, j], rate_coupling[i, 3 + j]
+    pose_difference_into(rotation_z, position_z, rotation, position, y)
+    pose_rows_into(rate_coupling, h)
 
 
 @kernel

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from estimators.arrays import Bools, Floats
-from estimators.filter.bank import FilterBank, Given, Independent, UpdateResult
+from estimators.filter.bank import FilterBank, Given, Independent, Poses, UpdateResult
 from estimators.filter.error_state import (
     POSE,
     STATES,
@@ -54,7 +54,9 @@ class PoseFilterBank(FilterBank):
             propagate(state.rotation[i], state.angular_rate[i], state.position[i], state.velocity[i], step[i])
             self._covariance[i] = f.P
 
-    def _update(self, mask: Bools, given: Given | Independent, result: UpdateResult) -> int:
+    def _update(self, mask: Bools, given: Given | Independent | Poses, result: UpdateResult) -> int:
+        if isinstance(given, Poses):
+            given = given.rows(mask, self._state)
         for i in np.flatnonzero(mask).tolist():
             n = given.rows[i]
             noise = np.diag(given.variance[i, :n]) if isinstance(given, Independent) else given.r[i, :n, :n]

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
-from estimators.filter.bank import Given, Independent, UpdateResult
+from estimators.filter.bank import Given, Independent, Poses, UpdateResult
 from estimators.filter.error_state import correct, process_noise_into, propagate, transition_into
 from estimators.filter.filterpy_bank import ErrorFilter, error_filter, updated
 from estimators.filter.interacting import (
@@ -110,7 +110,9 @@ class FilterpyInteractingBank(InteractingBank):
                 x[b], p[b] = f.x, f.P
             _take_motion(who, step, stack, mixtures, state)
 
-    def _update(self, mask: Bools, given: Given | Independent, result: UpdateResult) -> int:
+    def _update(self, mask: Bools, given: Given | Independent | Poses, result: UpdateResult) -> int:
+        if isinstance(given, Poses):
+            given = given.rows(mask, self._state)
         mixtures, state, covariance = self._mixtures, self._state, self._p
         for who, models, n in self._batches(mask, given.rows):
             f, stack = self._stacks[models]

@@ -31,7 +31,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
-from estimators.filter.bank import FilterBank, Given, Independent, UpdateResult, couple
+from estimators.filter.bank import FilterBank, Given, Independent, Poses, UpdateResult, couple
 from estimators.kernel import inlined, kernel
 from estimators.lanes import LANES, lane, lanes_in, pack, transposed, with_lane
 from estimators.linear import from_triangle, to_triangle
@@ -141,7 +141,7 @@ class InteractingBank(FilterBank):
         super().predict(dt, mask)
         self._moved_on |= mask
 
-    def _taken(self, name: str, mask: Bools, given: Given | Independent) -> UpdateResult:
+    def _taken(self, name: str, mask: Bools, given: Given | Independent | Poses) -> UpdateResult:
         result = super()._taken(name, mask, given)
         self._moved_on &= ~result.accepted
         return result
