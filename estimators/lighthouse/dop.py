@@ -234,7 +234,7 @@ def _dilution_all(
     weight: (C K, 2), inverse noise of each projection, or empty where the angles have equal noise. point: (C K, 3).
     offset: (C K, 2). derivatives: scratch (2, 5, K, LANES).
     """
-    many, count, order, table = in_order(lit, mask, 1, room), room.count, room.order, lanes_in(room.table)
+    many, count, order, table = in_order(lit, mask, 1, room), room.counts, room.order, lanes_in(room.table)
     rows, angles = lanes_in(derivatives), weight.size == 0
     turn, place, rate, speed = scratch(table, 3, 3), scratch(table, 3), scratch(table, 3), scratch(table, 3)
     both = scratch(table, 2, 6, 6)

@@ -22,12 +22,12 @@ Places = NDArray[np.uint64]
 class Room(NamedTuple):
     """Places for what is known of C craft with K photodiodes as they are taken.
 
-    count: (C,), number of each craft's lit photodiodes. order: (C + LANES,), the craft in their order, the last one
+    counts: (C,), number of each craft's lit photodiodes. order: (C + LANES,), the craft in their order, the last one
     once more for every lane that is left over. begin: (K + 2,), where the craft of so many begin. seen: (K, LANES), of
     `seen_by`. table: (2 K, COLUMNS, LANES), numbers.
     """
 
-    count: Ints
+    counts: Ints
     order: Ints
     begin: Ints
     seen: Places
@@ -52,7 +52,7 @@ def in_order(lit: Bools, mask: Bools, fewest: int, room: Room) -> int:
         room: receives the counts and the order.
     """
     craft, photodiodes = lit.shape
-    count, order, begin = room.count, room.order, room.begin
+    count, order, begin = room.counts, room.order, room.begin
     for n in range(photodiodes + 2):
         begin[n] = 0
     for c in range(craft):

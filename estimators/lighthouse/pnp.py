@@ -276,7 +276,7 @@ def _refine_all(
 
     uv, weight, offset: (C K, 2). point: (C K, 3).
     """
-    many, count, order, table = in_order(lit, solved, FEWEST_LIT, room), room.count, room.order, lanes_in(room.table)
+    many, count, order, table = in_order(lit, solved, FEWEST_LIT, room), room.counts, room.order, lanes_in(room.table)
     turn, place, rate, speed = scratch(table, 3, 3), scratch(table, 3), scratch(table, 3), scratch(table, 3)
     for c in range(len(solved)):
         solved[c], iterations[c], cost[c], residual[c] = False, 0, np.nan, np.nan
