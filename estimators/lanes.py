@@ -19,6 +19,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
+from llvmlite.binding import get_host_cpu_features  # type: ignore[import-untyped]
 from numba.core import cgutils, types
 from numba.core.imputils import impl_ret_borrowed
 from numba.core.typeconv.castgraph import Conversion
@@ -30,20 +31,22 @@ from estimators.arrays import Floats
 
 LANES = 4
 """Numbers side by side."""
+WIDE = 2 * LANES if get_host_cpu_features().get("avx512f", False) else LANES
+"""Numbers side by side where any number of them serves: as many as a vector of this processor holds."""
 
 KERNEL_SOURCE = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()[:16]
 """Stands for this file in the digests of kernels: what it makes of an operator is not in their bytecode."""
 
 _DOUBLE, _WORD = ir.DoubleType(), ir.IntType(64)
-_DOUBLES, _WORDS, _BITS = (ir.VectorType(one, LANES) for one in (_DOUBLE, _WORD, ir.IntType(1)))
 _Make = Callable[..., Any]
 
 
 class _Lanes(types.Type):
-    """Four doubles."""
+    """Doubles side by side."""
 
-    def __init__(self) -> None:
-        super().__init__(name=f"Lanes({KERNEL_SOURCE})")
+    def __init__(self, count: int) -> None:
+        self.count = count
+        super().__init__(name=f"Lanes{count}({KERNEL_SOURCE})")
 
     def can_convert_from(self, typingctx: Any, other: Any) -> Any:
         """Numbers become lanes."""
@@ -55,10 +58,11 @@ class _Lanes(types.Type):
 
 
 class _Mask(types.Type):
-    """Four truth values, words of ones or zeros."""
+    """As many truth values, words of ones or zeros."""
 
-    def __init__(self) -> None:
-        super().__init__(name=f"Mask({KERNEL_SOURCE})")
+    def __init__(self, count: int) -> None:
+        self.count = count
+        super().__init__(name=f"Mask{count}({KERNEL_SOURCE})")
 
     def can_convert_from(self, typingctx: Any, other: Any) -> Any:
         """A truth value becomes a mask."""
@@ -73,19 +77,33 @@ def _is_number(kind: Any) -> bool:
     return isinstance(kind, types.Float | types.Integer)
 
 
-_lanes, _mask = _Lanes(), _Mask()
+_lanes, _mask = _Lanes(LANES), _Mask(LANES)
+_wide, _wide_mask = _Lanes(WIDE), _Mask(WIDE)
+
+
+def _doubles(kind: Any) -> Any:
+    return ir.VectorType(_DOUBLE, kind.count)
+
+
+def _words(kind: Any) -> Any:
+    return ir.VectorType(_WORD, kind.count)
+
+
+def _equal(kind: Any, one: Any) -> Any:
+    """Return a constant vector of equal numbers."""
+    return ir.Constant(kind, [one] * kind.count)
 
 
 @register_model(_Lanes)
 class _LanesModel(models.PrimitiveModel):
     def __init__(self, dmm: Any, fe_type: Any) -> None:
-        super().__init__(dmm, fe_type, _DOUBLES)
+        super().__init__(dmm, fe_type, _doubles(fe_type))
 
 
 @register_model(_Mask)
 class _MaskModel(models.PrimitiveModel):
     def __init__(self, dmm: Any, fe_type: Any) -> None:
-        super().__init__(dmm, fe_type, _WORDS)
+        super().__init__(dmm, fe_type, _words(fe_type))
 
 
 def _vector(builder: Any, kind: Any, parts: Sequence[Any]) -> Any:
@@ -97,26 +115,26 @@ def _vector(builder: Any, kind: Any, parts: Sequence[Any]) -> Any:
 
 def _splat(builder: Any, kind: Any, one: Any) -> Any:
     first = builder.insert_element(ir.Constant(kind, ir.Undefined), one, ir.Constant(ir.IntType(32), 0))
-    places = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
+    places = _equal(ir.VectorType(ir.IntType(32), kind.count), 0)
     return builder.shuffle_vector(first, ir.Constant(kind, ir.Undefined), places)
 
 
 def _bits(builder: Any, mask: Any) -> Any:
-    return builder.icmp_signed("<", mask, ir.Constant(_WORDS, [0] * LANES))
+    return builder.icmp_signed("<", mask, _equal(mask.type, 0))
 
 
 @lower_cast(types.Float, _Lanes)
 @lower_cast(types.Integer, _Lanes)
 def _lanes_of_number(context: Any, builder: Any, given: Any, wanted: Any, value: Any) -> Any:
-    return _splat(builder, _DOUBLES, context.cast(builder, value, given, types.float64))
+    return _splat(builder, _doubles(wanted), context.cast(builder, value, given, types.float64))
 
 
 @lower_cast(types.Boolean, _Mask)
 def _mask_of_truth(context: Any, builder: Any, given: Any, wanted: Any, value: Any) -> Any:
-    return _splat(builder, _WORDS, builder.sext(value, _WORD))
+    return _splat(builder, _words(wanted), builder.sext(value, _WORD))
 
 
-def _define(function: Any, *cases: tuple[Any, tuple[Any, ...], _Make]) -> None:
+def _define(function: Any, *cases: tuple[Any, tuple[Any, ...], _Make], wide: bool = True) -> None:
     """Let kernels call `function`.
 
     Args:
@@ -124,8 +142,11 @@ def _define(function: Any, *cases: tuple[Any, tuple[Any, ...], _Make]) -> None:
         cases: the type of the result, those of the arguments, and what makes LLVM's value of the builder and LLVM's
             arguments. The first case fits to whose types the arguments convert, one of them being lanes or a mask
             where any of the case is.
+        wide: whether what takes lanes or a mask takes wide ones too.
     """
-    vectors = any(_lanes in wanted or _mask in wanted for _, wanted, _ in cases)
+    if wide and WIDE != LANES:
+        cases += tuple(_widened(case) for case in cases if any(map(_is_vector, case[1])))
+    vectors = all(any(map(_is_vector, wanted)) for _, wanted, _ in cases)
 
     class Typed(AbstractTemplate):
         key = function
@@ -133,10 +154,10 @@ def _define(function: Any, *cases: tuple[Any, tuple[Any, ...], _Make]) -> None:
         metadata = {"target": "cpu"}  # noqa: RUF012
 
         def apply(self, args: Any, kws: Any) -> Any:
-            if kws or (vectors and len(cases) == 1 and _lanes not in args and _mask not in args):
+            if kws or (vectors and not any(map(_is_vector, args))):
                 return None
             for result, wanted, _ in cases:
-                vector = {_lanes, _mask} & set(wanted)
+                vector = {*filter(_is_vector, wanted)}
                 if len(wanted) == len(args) and all(map(_fits, wanted, args)) and (not vector or vector & set(args)):
                     return signature(result, *wanted)
             return None
@@ -149,8 +170,19 @@ def _define(function: Any, *cases: tuple[Any, tuple[Any, ...], _Make]) -> None:
         lower_builtin(function, *wanted)(lambda context, builder, sig, args, make=make: make(builder, *args))
 
 
+def _is_vector(kind: Any) -> bool:
+    return isinstance(kind, _Lanes | _Mask)
+
+
+def _widened(case: tuple[Any, tuple[Any, ...], _Make]) -> tuple[Any, tuple[Any, ...], _Make]:
+    """Return a case with wide lanes in the place of lanes."""
+    kinds = {_lanes: _wide, _mask: _wide_mask}
+    result, wanted, make = case
+    return kinds.get(result, result), tuple(kinds.get(kind, kind) for kind in wanted), make
+
+
 def _fits(wanted: Any, given: Any) -> bool:
-    if wanted in (_lanes, _mask):
+    if _is_vector(wanted):
         return bool(given == wanted or wanted.can_convert_from(None, given) is not None)
     return isinstance(given, types.Boolean) if wanted == types.boolean else _is_number(given)
 
@@ -159,16 +191,17 @@ def _compare(sign: str) -> _Make:
     def make(builder: Any, a: Any, b: Any) -> Any:
         # As numba compares numbers: NaN is unequal to everything, and nothing else of it.
         compare = builder.fcmp_unordered if sign == "!=" else builder.fcmp_ordered
-        return builder.sext(compare(sign, a, b), _WORDS)
+        return builder.sext(compare(sign, a, b), ir.VectorType(_WORD, a.type.count))
 
     return make
 
 
 def _intrinsic(name: str) -> _Make:
-    kind = ir.FunctionType(_DOUBLES, [_DOUBLES])
-    return lambda builder, a: builder.call(
-        cgutils.get_or_insert_function(builder.module, kind, f"{name}.v{LANES}f64"), [a]
-    )
+    def make(builder: Any, a: Any) -> Any:
+        kind = ir.FunctionType(a.type, [a.type])
+        return builder.call(cgutils.get_or_insert_function(builder.module, kind, f"{name}.v{a.type.count}f64"), [a])
+
+    return make
 
 
 _TWO = _lanes, _lanes
@@ -182,7 +215,7 @@ for _operators, _name in (
 ):
     for _operator in _operators:
         _define(_operator, (_lanes, _TWO, lambda builder, a, b, name=_name: getattr(builder, name)(a, b)))
-_define(operator.neg, (_lanes, (_lanes,), lambda builder, a: builder.fsub(ir.Constant(_DOUBLES, [-0.0] * LANES), a)))
+_define(operator.neg, (_lanes, (_lanes,), lambda builder, a: builder.fsub(_equal(a.type, -0.0), a)))
 _define(abs, (_lanes, (_lanes,), _intrinsic("llvm.fabs")))
 _define(np.sqrt, (_lanes, (_lanes,), _intrinsic("llvm.sqrt")))
 # numba's max(a, b) is b where b > a, else a: a NaN in the first place stays.
@@ -255,6 +288,11 @@ def with_lane(value: float, at: int, one: float) -> float:
     return one
 
 
+def alike(like: float, one: float) -> float:
+    """Return lanes with one number in each where `like` is lanes; the number where it is a number."""
+    return one
+
+
 def width(value: float) -> int:
     """Return the number of lanes: 1 of a number."""
     return 1
@@ -262,6 +300,11 @@ def width(value: float) -> int:
 
 def lanes_in(array: Floats) -> Floats:
     """Return an array (..., 4) of doubles, contiguous, as one (...) of lanes that shares its memory."""
+    return array
+
+
+def wide_in(array: Floats) -> Floats:
+    """Return an array (..., WIDE) of doubles, contiguous, as one (...) of wide lanes that shares its memory."""
     return array
 
 
@@ -292,7 +335,7 @@ def _transpose(builder: Any, *rows: Any) -> Any:
 
 
 def _number_of_bits(builder: Any, mask: Any) -> Any:
-    return builder.bitcast(_bits(builder, mask), ir.IntType(LANES))
+    return builder.bitcast(_bits(builder, mask), ir.IntType(mask.type.count))
 
 
 _define(
@@ -317,7 +360,7 @@ _define(
         types.boolean,
         (_mask,),
         lambda builder, mask: builder.icmp_signed(
-            "==", _number_of_bits(builder, mask), ir.Constant(ir.IntType(LANES), -1)
+            "==", _number_of_bits(builder, mask), ir.Constant(ir.IntType(mask.type.count), -1)
         ),
     ),
     (types.boolean, (types.boolean,), lambda builder, mask: mask),
@@ -328,7 +371,7 @@ _define(
         types.boolean,
         (_mask,),
         lambda builder, mask: builder.icmp_signed(
-            "!=", _number_of_bits(builder, mask), ir.Constant(ir.IntType(LANES), 0)
+            "!=", _number_of_bits(builder, mask), ir.Constant(ir.IntType(mask.type.count), 0)
         ),
     ),
     (types.boolean, (types.boolean,), lambda builder, mask: mask),
@@ -338,11 +381,11 @@ _define(
     (
         _mask,
         (types.boolean,) * LANES,
-        lambda builder, *parts: _vector(builder, _WORDS, [builder.sext(one, _WORD) for one in parts]),
+        lambda builder, *parts: _vector(builder, _words(_mask), [builder.sext(one, _WORD) for one in parts]),
     ),
-    (_lanes, (types.float64,) * LANES, lambda builder, *parts: _vector(builder, _DOUBLES, parts)),
+    (_lanes, (types.float64,) * LANES, lambda builder, *parts: _vector(builder, _doubles(_lanes), parts)),
 )
-_define(transposed, (types.UniTuple(_lanes, LANES), (_lanes,) * LANES, _transpose))
+_define(transposed, (types.UniTuple(_lanes, LANES), (_lanes,) * LANES, _transpose), wide=False)
 _define(
     lane,
     (types.float64, (_lanes, types.intp), lambda builder, value, at: builder.extract_element(value, at)),
@@ -364,32 +407,49 @@ _define(
     (types.float64, (types.float64, types.intp, types.float64), lambda builder, value, at, one: one),
 )
 _define(
+    alike,
+    (_lanes, (_lanes, types.float64), lambda builder, like, one: _splat(builder, like.type, one)),
+    (types.float64, (types.float64, types.float64), lambda builder, like, one: one),
+)
+_define(
     width,
-    (types.intp, (_lanes,), lambda builder, value: ir.Constant(_WORD, LANES)),
+    (types.intp, (_lanes,), lambda builder, value: ir.Constant(_WORD, value.type.count)),
     (types.intp, (types.float64,), lambda builder, value: ir.Constant(_WORD, 1)),
 )
 
 
-@type_callable(lanes_in)
-def _type_lanes_in(context: Any) -> _Make:
-    def typer(array: Any) -> Any:
-        if isinstance(array, types.Array) and array.dtype == types.float64 and array.layout == "C" and array.ndim > 1:
-            return types.Array(_lanes, array.ndim - 1, "C", aligned=False)
-        return None
+def _let_view(function: _Make, element: Any) -> None:
+    """Let kernels see an array of doubles as one of `element`, by `function`."""
 
-    return typer
+    @type_callable(function)
+    def _type(context: Any) -> _Make:
+        def typer(array: Any) -> Any:
+            if (
+                isinstance(array, types.Array)
+                and array.dtype == types.float64
+                and array.layout == "C"
+                and array.ndim > 1
+            ):
+                return types.Array(element, array.ndim - 1, "C", aligned=False)
+            return None
+
+        return typer
+
+    @lower_builtin(function, types.Array)
+    def _view(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        source = make_array(sig.args[0])(context, builder, args[0])
+        view = make_array(sig.return_type)(context, builder)
+        populate_array(
+            view,
+            data=builder.bitcast(source.data, view.data.type),
+            shape=cgutils.unpack_tuple(builder, source.shape)[:-1],
+            strides=cgutils.unpack_tuple(builder, source.strides)[:-1],
+            itemsize=context.get_constant(types.intp, 8 * element.count),
+            meminfo=source.meminfo,
+            parent=source.parent,
+        )
+        return impl_ret_borrowed(context, builder, sig.return_type, view._getvalue())
 
 
-@lower_builtin(lanes_in, types.Array)
-def _view(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-    source, view = make_array(sig.args[0])(context, builder, args[0]), make_array(sig.return_type)(context, builder)
-    populate_array(
-        view,
-        data=builder.bitcast(source.data, view.data.type),
-        shape=cgutils.unpack_tuple(builder, source.shape)[:-1],
-        strides=cgutils.unpack_tuple(builder, source.strides)[:-1],
-        itemsize=context.get_constant(types.intp, 8 * LANES),
-        meminfo=source.meminfo,
-        parent=source.parent,
-    )
-    return impl_ret_borrowed(context, builder, sig.return_type, view._getvalue())
+_let_view(lanes_in, _lanes)
+_let_view(wide_in, _wide)

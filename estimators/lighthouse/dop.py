@@ -30,19 +30,19 @@ import numpy as np
 
 from estimators.arrays import Bools, Floats
 from estimators.kernel import kernel
-from estimators.lanes import LANES, lane, lanes_in
-from estimators.lighthouse.four_craft import (
-    Room,
-    four,
-    four_matrices,
-    gather_four,
-    gather_weights_four,
-    in_order,
-    numbers,
-    room_for,
-    seen_by,
-)
+from estimators.lanes import WIDE, lane, wide_in
 from estimators.lighthouse.projection import TAU, WEIGHT, checked, checked_lit, project, table_spans_plane
+from estimators.lighthouse.side_by_side import (
+    Room,
+    gather_lanes,
+    gather_weights_lanes,
+    in_order,
+    matrices_of,
+    room_for,
+    rows_of,
+    seen_by,
+    taken,
+)
 from estimators.lighthouse.slope import worst_slopes
 from estimators.linear import cholesky_into, invert_factor_into
 from estimators.scratch import scratch
@@ -232,27 +232,27 @@ def _dilution_all(
     """Compute (13) to (18) and (22) for every craft; NaN where the pose is not determined.
 
     weight: (C K, 2), inverse noise of each projection, or empty where the angles have equal noise. point: (C K, 3).
-    offset: (C K, 2). derivatives: scratch (2, 5, K, LANES).
+    offset: (C K, 2). rotation: (C, 9). derivatives: scratch (2, 5, K, WIDE).
     """
-    many, count, order, table = in_order(lit, mask, 1, room), room.counts, room.order, lanes_in(room.table)
-    rows, angles = lanes_in(derivatives), weight.size == 0
+    many, count, order, table = in_order(lit, mask, 1, room), room.counts, room.order, wide_in(room.table)
+    rows, angles = wide_in(derivatives), weight.size == 0
     turn, place, rate, speed = scratch(table, 3, 3), scratch(table, 3), scratch(table, 3), scratch(table, 3)
     both = scratch(table, 2, 6, 6)
     for c in range(len(mask)):
         adop[c] = np.nan
-    for first in range(0, many, LANES):
-        who = order[first : first + LANES]
-        n, number = count[who[LANES - 1]], numbers(count, who)
+    for first in range(0, many, WIDE):
+        who = order[first : first + WIDE]
+        n, number = count[who[WIDE - 1], 0], taken(table[0, 0], count, who, 0)
         seen_by(who, lit, n, room.seen)
-        four_matrices(rotation, who, turn)
-        four(position, who, place)
-        four(angular_rate, who, rate)
-        four(velocity, who, speed)
-        gather_four(room.seen, n, point, offset, rate, speed, table)
-        gather_weights_four(room.seen, n, number, angles, weight, table)
+        matrices_of(rotation, who, turn)
+        rows_of(position, who, place)
+        rows_of(angular_rate, who, rate)
+        rows_of(velocity, who, speed)
+        gather_lanes(room.seen, n, point, offset, rate, speed, table)
+        gather_weights_lanes(room.seen, n, number, angles, weight, table)
         determined, turned, moved = dilution_one(table, n, number, turn, place, angles, rho, rows, both[0], both[1])
         determined = determined & table_spans_plane(table, n)
-        for i in range(LANES):
+        for i in range(WIDE):
             c = who[i]
             if lane(determined, i):
                 for a in range(6):
@@ -361,7 +361,7 @@ def _checked_dilution(
     adop, pdop = np.empty((2, craft))
     slope = np.empty((2, craft))
     _dilution_all(
-        checked("rotation", rotation, (craft, 3, 3)),
+        checked("rotation", rotation, (craft, 3, 3)).reshape(craft, 9),
         checked("position", position, (craft, 3)),
         lit,
         checked("point_m", point_m, (craft, photodiodes, 3)).reshape(-1, 3),
@@ -372,7 +372,7 @@ def _checked_dilution(
         rho,
         mask,
         room_for(craft, photodiodes),
-        np.empty((2, 5, photodiodes, LANES)),
+        np.empty((2, 5, photodiodes, WIDE)),
         covariance,
         coupling,
         adop,

@@ -18,7 +18,7 @@ same derivative as (8), dp_i/dphi = [p_i - t]x J_r(phi), in its passive vector p
 turns the craft by d = -J_r(phi) dphi (9, 21), and the chain rule makes the two equal (tested). The local form has
 no singular attitude. Where first derivatives converge too slowly, second ones join in (`refine_one`).
 
-Four craft are solved side by side, with the bits that each would have alone (`estimators.lanes`).
+Several craft are solved side by side, with the bits that each would have alone (`estimators.lanes`).
 """
 
 from typing import NamedTuple
@@ -28,18 +28,7 @@ import numpy as np
 from estimators import levenberg_marquardt as lm
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
-from estimators.lanes import LANES, all_of, any_of, lane, lanes_in, opposite, select
-from estimators.lighthouse.four_craft import (
-    Room,
-    four,
-    four_matrices,
-    gather_four,
-    gather_measured_four,
-    in_order,
-    numbers,
-    room_for,
-    seen_by,
-)
+from estimators.lanes import WIDE, all_of, any_of, lane, opposite, select, wide_in
 from estimators.lighthouse.projection import (
     VALUE,
     WEIGHT,
@@ -50,6 +39,17 @@ from estimators.lighthouse.projection import (
     project,
     projections,
     table_spans_plane,
+)
+from estimators.lighthouse.side_by_side import (
+    Room,
+    gather_lanes,
+    gather_measured_lanes,
+    in_order,
+    matrices_of,
+    room_for,
+    rows_of,
+    seen_by,
+    taken,
 )
 from estimators.linear import solve_spd
 from estimators.rotation import exp_into, multiply_into
@@ -274,40 +274,40 @@ def _refine_all(
 ) -> None:
     """`refine_one` for every craft: `rotation` and `position` hold the starts, then the answers or NaN.
 
-    uv, weight, offset: (C K, 2). point: (C K, 3).
+    uv, weight, offset: (C K, 2). point: (C K, 3). rotation: (C, 9).
     """
-    many, count, order, table = in_order(lit, solved, FEWEST_LIT, room), room.counts, room.order, lanes_in(room.table)
+    many, count, order, table = in_order(lit, solved, FEWEST_LIT, room), room.counts, room.order, wide_in(room.table)
     turn, place, rate, speed = scratch(table, 3, 3), scratch(table, 3), scratch(table, 3), scratch(table, 3)
     for c in range(len(solved)):
         solved[c], iterations[c], cost[c], residual[c] = False, 0, np.nan, np.nan
-    for first in range(0, many, LANES):
-        who = order[first : first + LANES]
-        n, number = count[who[LANES - 1]], numbers(count, who)
+    for first in range(0, many, WIDE):
+        who = order[first : first + WIDE]
+        n, number = count[who[WIDE - 1], 0], taken(table[0, 0], count, who, 0)
         seen_by(who, lit, n, room.seen)
-        four_matrices(rotation, who, turn)
-        four(position, who, place)
-        four(angular_rate, who, rate)
-        four(velocity, who, speed)
-        gather_four(room.seen, n, point, offset, rate, speed, table)
-        finite = gather_measured_four(room.seen, n, number, uv, weight, table)
+        matrices_of(rotation, who, turn)
+        rows_of(position, who, place)
+        rows_of(angular_rate, who, rate)
+        rows_of(velocity, who, speed)
+        gather_lanes(room.seen, n, point, offset, rate, speed, table)
+        finite = gather_measured_lanes(room.seen, n, number, uv, weight, table)
         open_ = finite & table_spans_plane(table, n)
         converged, solves, squares = refine_one(table, n, turn, place, open_, iterations_max)
-        for i in range(LANES):
+        for i in range(WIDE):
             c = who[i]
             solved[c], iterations[c] = lane(converged, i), int(lane(solves, i))
             if solved[c]:
                 cost[c] = lane(squares, i)
-                residual[c] = np.sqrt(cost[c] / (2 * count[c]))
+                residual[c] = np.sqrt(cost[c] / (2 * count[c, 0]))
                 for k in range(3):
                     position[c, k] = lane(place[k], i)
                     for m in range(3):
-                        rotation[c, k, m] = lane(turn[k, m], i)
+                        rotation[c, 3 * k + m] = lane(turn[k, m], i)
     for c in range(len(solved)):
         if not solved[c]:
             for k in range(3):
                 position[c, k] = np.nan
-                for m in range(3):
-                    rotation[c, k, m] = np.nan
+            for k in range(9):
+                rotation[c, k] = np.nan
 
 
 def refine_projections(
@@ -354,7 +354,7 @@ def refine_projections(
         checked("weight", weight, angles).reshape(-1, 2),
         lit,
         checked("point_m", point_m, (craft, photodiodes, 3)).reshape(-1, 3),
-        rotation,
+        rotation.reshape(craft, 9),
         position,
         checked("offset_s", offset_s, angles).reshape(-1, 2),
         checked("angular_rate", angular_rate, (craft, 3)),

@@ -11,7 +11,7 @@ import numpy as np
 
 from estimators.arrays import Bools, Floats
 from estimators.kernel import kernel
-from estimators.lanes import LANES, lanes_in, select
+from estimators.lanes import WIDE, select, wide_in
 from estimators.rotation import Row, exp_rows
 
 COLLINEAR = 1e-6
@@ -74,8 +74,8 @@ def cotangent(theta: float) -> float:
 
 @kernel
 def _cotangents_into(theta: Floats, rest: Floats, out: Floats, of_rest: Floats) -> None:
-    """Write `cotangent` of angles (N, LANES), and of those that are left over, (n,)."""
-    fours, into = lanes_in(theta), lanes_in(out)
+    """Write `cotangent` of angles (N, WIDE), and of those that are left over, (n,)."""
+    fours, into = wide_in(theta), wide_in(out)
     for i in range(len(fours)):
         into[i] = cotangent(fours[i])
     for i in range(len(rest)):
@@ -86,8 +86,8 @@ def projections(theta: Floats) -> Floats:
     """Return (u, v) = cot theta (2) of angles [rad], any shape; NaN outside (0, pi), where no fan can hit the front."""
     angles = np.ascontiguousarray(theta, dtype=np.float64)
     out = np.empty(angles.shape)
-    given, into, whole = angles.reshape(-1), out.reshape(-1), angles.size - angles.size % LANES
-    _cotangents_into(given[:whole].reshape(-1, LANES), given[whole:], into[:whole].reshape(-1, LANES), into[whole:])
+    given, into, whole = angles.reshape(-1), out.reshape(-1), angles.size - angles.size % WIDE
+    _cotangents_into(given[:whole].reshape(-1, WIDE), given[whole:], into[:whole].reshape(-1, WIDE), into[whole:])
     return out
 
 

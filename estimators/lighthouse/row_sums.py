@@ -20,9 +20,9 @@ import numpy as np
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
 from estimators.lanes import LANES, any_of, lane, lanes_in, pack, select
-from estimators.lighthouse.four_craft import four
 from estimators.lighthouse.innovation import Innovations, RowBatch, StationArrays
 from estimators.lighthouse.rows import row_into
+from estimators.lighthouse.side_by_side import rows_of
 from estimators.pivot import is_wide
 from estimators.state import STATES, State
 
@@ -329,10 +329,10 @@ def _four_sums(
                 n += 1
         places.number[i], places.at[i] = n, 0
     craft = len(state.position)
-    four(state.rotation.reshape(craft, 9), who, s[:9])
-    four(state.position, who, s[9:12])
-    four(state.velocity, who, s[12:15])
-    four(state.angular_rate, who, s[15:18])
+    rows_of(state.rotation.reshape(craft, 9), who, s[:9])
+    rows_of(state.position, who, s[9:12])
+    rows_of(state.velocity, who, s[12:15])
+    rows_of(state.angular_rate, who, s[15:18])
     n = 0
     while places.at[0] < places.number[0]:
         added = _sweep_of_four(who, n, rows, light, point, places)
@@ -347,7 +347,7 @@ def _four_sums(
         for j in range(STATES):
             lower[i, j] = 0.0
     square, told = _root_of_sums(y, h, n, lower, places.total, places.moved)
-    four(covariance.reshape(craft, STATES * STATES), who, places.p.reshape(STATES * STATES))
+    rows_of(covariance.reshape(craft, STATES * STATES), who, places.p.reshape(STATES * STATES))
     for j in range(POSE, STATES):
         told = told & (_worth(j, lower, places.p) < LITTLE)
         square += places.total[j] * places.total[j]

@@ -1,8 +1,9 @@
-"""Tables of the sweep angles of four craft side by side, whose kernels take lanes (`estimators.lanes`).
+"""Tables of the sweep angles of several craft side by side, whose kernels take lanes (`estimators.lanes`).
 
-A table of `projection` with lanes for numbers. A craft has as many rows as the one of the four that sees most: those
-that it does not see repeat its first photodiode with weight zero, after its own, so that no sum of its own rows changes
-by a bit. Craft are taken in the order of the number of photodiodes that they see.
+A table of `projection` with lanes for numbers, wide ones: as many craft as the processor has room for. A craft has as
+many rows as the one of them that sees most: those that it does not see repeat its first photodiode with weight zero,
+after its own, so that no sum of its own rows changes by a bit. Craft are taken in the order of the number of
+photodiodes that they see.
 """
 
 from typing import NamedTuple
@@ -11,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.arrays import Bools, Floats, Ints
-from estimators.kernel import kernel
-from estimators.lanes import LANES, pack, select
+from estimators.kernel import inlined, kernel
+from estimators.lanes import WIDE, alike, select, width, with_lane
 from estimators.lighthouse.projection import COLUMNS, VALUE, WEIGHT, write_motion
 from estimators.rotation import exp_rows
 
@@ -22,9 +23,9 @@ Places = NDArray[np.uint64]
 class Room(NamedTuple):
     """Places for what is known of C craft with K photodiodes as they are taken.
 
-    counts: (C,), number of each craft's lit photodiodes. order: (C + LANES,), the craft in their order, the last one
-    once more for every lane that is left over. begin: (K + 2,), where the craft of so many begin. seen: (K, LANES), of
-    `seen_by`. table: (2 K, COLUMNS, LANES), numbers.
+    counts: (C, 1), number of each craft's lit photodiodes. order: (C + WIDE,), the craft in their order, the last one
+    once more for every lane that is left over. begin: (K + 2,), where the craft of so many begin. seen: (K, L), of
+    `seen_by`. table: (2 K, COLUMNS, WIDE), numbers.
     """
 
     counts: Ints
@@ -36,8 +37,8 @@ class Room(NamedTuple):
 
 def room_for(craft: int, photodiodes: int) -> Room:
     """Return places for so many craft and photodiodes."""
-    count, order, begin = (np.empty(n, dtype=np.int64) for n in (craft, craft + LANES, photodiodes + 2))
-    seen, table = np.empty((photodiodes, LANES), dtype=np.uint64), np.empty((2 * photodiodes, COLUMNS, LANES))
+    count, order, begin = (np.empty(n, dtype=np.int64) for n in ((craft, 1), craft + WIDE, photodiodes + 2))
+    seen, table = np.empty((photodiodes, WIDE), dtype=np.uint64), np.empty((2 * photodiodes, COLUMNS, WIDE))
     return Room(count, order, begin, seen, table)
 
 
@@ -59,33 +60,33 @@ def in_order(lit: Bools, mask: Bools, fewest: int, room: Room) -> int:
         n = 0
         for k in range(photodiodes):
             n += lit[c, k]
-        count[c] = n
+        count[c, 0] = n
         if mask[c] and n >= fewest:
             begin[n + 1] += 1
     for n in range(photodiodes + 1):
         begin[n + 1] += begin[n]
     for c in range(craft):
-        n = count[c]
+        n = count[c, 0]
         if mask[c] and n >= fewest:
             order[begin[n]] = c
             begin[n] += 1
     taken = begin[photodiodes]
-    for i in range(LANES if taken else 0):
+    for i in range(WIDE if taken else 0):
         order[taken + i] = order[taken - 1]
     return int(taken)
 
 
 @kernel
 def seen_by(who: Ints, lit: Bools, most: int, seen: Places) -> None:
-    """Write each craft's lit photodiodes, then its first one again up to `most` of them, into `seen` (K, LANES).
+    """Write each craft's lit photodiodes, then its first one again up to `most` of them, into `seen` (K, L).
 
     Args:
-        who: (LANES,), craft.
+        who: (L,), craft.
         lit: (C, K).
         most: number to write.
         seen: receives c K + k for photodiode k of craft c. Unsigned: an index that may be negative takes longer.
     """
-    for i in range(LANES):
+    for i in range(WIDE):
         c = who[i]
         n, first = 0, c * lit.shape[1]
         for k in range(lit.shape[1]):
@@ -97,43 +98,51 @@ def seen_by(who: Ints, lit: Bools, most: int, seen: Places) -> None:
             seen[j, i] = seen[0, i]
 
 
-@kernel
-def numbers(source: Ints, who: Ints) -> float:
-    """Return the values of four craft of `source` (C,) as lanes."""
-    return pack(float(source[who[0]]), float(source[who[1]]), float(source[who[2]]), float(source[who[3]]))
+@inlined
+def taken(like: float, source: Floats | Ints, places: Ints | Places, at: int) -> float:
+    """Return a column of some rows of an array as lanes.
+
+    Args:
+        like: lanes, as many as rows.
+        source: (N, m).
+        places: (L,), the rows.
+        at: the column.
+    """
+    out = alike(like, float(source[places[0], at]))
+    for i in range(1, width(like)):
+        out = with_lane(out, i, float(source[places[i], at]))
+    return out
 
 
 @kernel
-def four(source: Floats, who: Ints, out: Floats) -> None:
-    """Write the rows of four craft into lanes.
+def rows_of(source: Floats, who: Ints, out: Floats) -> None:
+    """Write the rows of some craft into lanes.
 
     Args:
         source: (C, m).
-        who: (LANES,), craft.
+        who: (L,), craft.
         out: (m,), lanes.
     """
-    a, b, c, d = who[0], who[1], who[2], who[3]
     for m in range(source.shape[1]):
-        out[m] = pack(source[a, m], source[b, m], source[c, m], source[d, m])
+        out[m] = taken(out[m], source, who, m)
 
 
 @kernel
-def four_matrices(source: Floats, who: Ints, out: Floats) -> None:
-    """`four` of matrices.
+def matrices_of(source: Floats, who: Ints, out: Floats) -> None:
+    """Write matrices of some craft into lanes.
 
     Args:
-        source: (C, 3, 3).
-        who: (LANES,), craft.
+        source: (C, 9).
+        who: (L,), craft.
         out: (3, 3), lanes.
     """
-    a, b, c, d = who[0], who[1], who[2], who[3]
     for i in range(3):
         for j in range(3):
-            out[i, j] = pack(source[a, i, j], source[b, i, j], source[c, i, j], source[d, i, j])
+            out[i, j] = taken(out[i, j], source, who, 3 * i + j)
 
 
 @kernel
-def gather_four(
+def gather_lanes(
     seen: Places,
     n: int,
     point: Floats,
@@ -142,7 +151,7 @@ def gather_four(
     velocity: Floats,
     out: Floats,
 ) -> None:
-    """Write the angles of four craft into a table, n rows of fan X and n of fan Y, as `projection.gather`.
+    """Write the angles of some craft into a table, n rows of fan X and n of fan Y, as `projection.gather`.
 
     Args:
         seen: of `seen_by`.
@@ -154,20 +163,20 @@ def gather_four(
         out: (2 K, COLUMNS), lanes, receives the rows.
     """
     for row in range(n):
-        a, b, c, d = seen[row, 0], seen[row, 1], seen[row, 2], seen[row, 3]
+        places = seen[row]
         for axis in range(3):
-            place = pack(point[a, axis], point[b, axis], point[c, axis], point[d, axis])
+            place = taken(angular_rate[0], point, places, axis)
             out[row, axis] = place
             out[n + row, axis] = place
         for fan in range(2):
-            tau = pack(offset[a, fan], offset[b, fan], offset[c, fan], offset[d, fan])
+            tau = taken(angular_rate[0], offset, places, fan)
             turn = exp_rows(angular_rate[0] * tau, angular_rate[1] * tau, angular_rate[2] * tau)
             own = turn[0] if fan == 0 else turn[1]
             write_motion(out, fan * n + row, own, turn[2], velocity[fan], velocity[2], tau)
 
 
 @kernel
-def gather_measured_four(seen: Places, n: int, number: float, uv: Floats, weight: Floats, out: Floats) -> bool:
+def gather_measured_lanes(seen: Places, n: int, number: float, uv: Floats, weight: Floats, out: Floats) -> bool:
     """Write the value and the squared weight of each angle into a table; return where all of them are finite.
 
     Args:
@@ -180,10 +189,10 @@ def gather_measured_four(seen: Places, n: int, number: float, uv: Floats, weight
     """
     finite = True
     for row in range(n):
-        a, b, c, d = seen[row, 0], seen[row, 1], seen[row, 2], seen[row, 3]
+        places = seen[row]
         for fan in range(2):
-            value = pack(uv[a, fan], uv[b, fan], uv[c, fan], uv[d, fan])
-            w = pack(weight[a, fan], weight[b, fan], weight[c, fan], weight[d, fan])
+            value = taken(number, uv, places, fan)
+            w = taken(number, weight, places, fan)
             finite = finite & (abs(w * value) < np.inf)
             out[fan * n + row, VALUE] = value
             out[fan * n + row, WEIGHT] = select(number > row, w * w, 0.0)
@@ -191,7 +200,7 @@ def gather_measured_four(seen: Places, n: int, number: float, uv: Floats, weight
 
 
 @kernel
-def gather_weights_four(seen: Places, n: int, number: float, equal: bool, weight: Floats, out: Floats) -> None:
+def gather_weights_lanes(seen: Places, n: int, number: float, equal: bool, weight: Floats, out: Floats) -> None:
     """Write the weight of each angle into a table, for `dop`.
 
     Args:
@@ -203,9 +212,9 @@ def gather_weights_four(seen: Places, n: int, number: float, equal: bool, weight
         out: (2 K, COLUMNS), lanes, receives the column.
     """
     for row in range(n):
-        a, b, c, d = seen[row, 0], seen[row, 1], seen[row, 2], seen[row, 3]
+        places = seen[row]
         own = select(number > row, 1.0, 0.0)
         for fan in range(2):
             out[fan * n + row, WEIGHT] = own
             if not equal:
-                out[fan * n + row, WEIGHT] = own * pack(weight[a, fan], weight[b, fan], weight[c, fan], weight[d, fan])
+                out[fan * n + row, WEIGHT] = own * taken(number, weight, places, fan)
