@@ -99,7 +99,7 @@ def flown(source: ObjectLight, file: PlacedStations | None, lighthouse: int | No
         "_rotation": np.array(rotation),
         "_rate": np.array(rate),
         "_clock_s": playback.begin_s + np.array(time_s),
-        "_light": by_light(status),
+        "_light": by_light(np.array(status)),
     }
     away = np.array(position) - np.array(peer)
     known = np.isfinite(away).all(axis=1)
