@@ -102,9 +102,9 @@ def main() -> None:
             a, t = found["acquisition"], found["tracking"]
             if not given.json:
                 print(
-                    f"| {100 * noise_m:g} cm | {lines} | {panel} | {a['right']:.1%} | {a['wrong_and_believed']} | "
-                    f"{a['median_deg']:.2f}° | {a['95_percent_deg']:.2f}° | {t['believed']:.1%} | "
-                    f"{t['median_deg']:.2f}° | {t['95_percent_deg']:.2f}° |",
+                    f"| {100 * noise_m:g} cm | {lines} | {panel} | {100 * a['right']:.1f} % | "
+                    f"{a['wrong_and_believed']} | {a['median_deg']:.2f}° | {a['95_percent_deg']:.2f}° | "
+                    f"{100 * t['believed']:.1f} % | {t['median_deg']:.2f}° | {t['95_percent_deg']:.2f}° |",
                     flush=True,
                 )
     strangers = others(given.attitudes, given.seed, np.random.default_rng(given.seed + 2))

@@ -191,7 +191,7 @@ def main() -> None:
         for r in rows:
             print(line(r))
         tried, wrong = (sum(r[name] for r in rows) for name in ("attitudes", "wrong"))
-        print(f"{wrong} of {tried} acquisitions silently wrong" + ("" if wrong else f": below {3 / tried:.2%}"))
+        print(f"{wrong} of {tried} acquisitions silently wrong" + ("" if wrong else f": below {100 * 3 / tried:.2f} %"))
     if given.json:
         print(json.dumps(rows, indent=2))
 

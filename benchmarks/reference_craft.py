@@ -177,12 +177,12 @@ def main() -> None:
                 error = np.concatenate([np.array(run[what]) for run in runs])
                 figures[f"{what}_lateral_mm"] = lateral(error) ** 0.5
                 figures[f"{what}_range_mm"] = 1e3 * float(np.sqrt(np.nanmean(error[:, 2] ** 2)))
-            result[f"{name} references, {share:.0%} of the fan errors"] = figures
+            result[f"{name} references, {100 * share:.0f} % of the fan errors"] = figures
         light = light or [one for run in before for one in run["light"]]
         ratio = {}
         for what in ("pose", "filter"):
             ratio[what], ratio[f"{what}_standard_error"] = gain(before, after, what)
-        result[f"gain across the light, {share:.0%} of the fan errors"] = ratio
+        result[f"gain across the light, {100 * share:.0f} % of the fan errors"] = ratio
     if asked.station:
         alone = asked._replace(station=False)
         runs = [flown(scenario(alone, seed, False, 0.0), asked.references) for seed in range(given.seeds)]

@@ -99,7 +99,7 @@ def main() -> None:
             [
                 name,
                 *(1e6 * f[k] for k in ("cpu_median_s", "cpu_minimum_s", "wall_median_s")),
-                f"{equal.get(name, equal.get('Embree', np.nan)):.4%}",
+                f"{100 * equal.get(name, equal.get('Embree', np.nan)):.4f} %",
             ]
             for name, f in per.items()
         ],

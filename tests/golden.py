@@ -672,10 +672,10 @@ def demand(case: str) -> None:
     except Absent as reason:
         pytest.skip(str(reason))
     if verdict.differences:
-        how = "bit for bit" if verdict.exact else f"within {TOLERANCE:.0%}, as {other_machine(case)}"
+        how = "bit for bit" if verdict.exact else f"within {100 * TOLERANCE:.0f} %, as {other_machine(case)}"
         pytest.fail("\n".join([f"{case}, compared {how}:", *verdict.differences]), pytrace=False)
     if not verdict.exact:
-        print(f"{case}: only figures compared, within {TOLERANCE:.0%}: {other_machine(case)}")
+        print(f"{case}: only figures compared, within {100 * TOLERANCE:.0f} %: {other_machine(case)}")
 
 
 def main() -> int:
@@ -724,7 +724,7 @@ def main() -> int:
         inexact += not verdict.exact
     if inexact:
         print(f"{inexact} cases were kept on another machine ({other_machine(cases[0])}):")
-        print(f"only counts, means and rms were compared, within {TOLERANCE:.0%}")
+        print(f"only counts, means and rms were compared, within {100 * TOLERANCE:.0f} %")
     print(f"{len(cases)} cases, {different} different, {time.process_time() - began:.0f} s of CPU")
     return int(different > 0)
 

@@ -164,7 +164,9 @@ def test_a_frame_takes_covariances_in_and_rows_out() -> None:
 def test_the_summary_gives_the_reason_of_an_ambiguous_pose() -> None:
     figures = {"mean_visible": 4.0, "refused_share": 0.3, "nees": None}
     (said,) = warnings({"plate": {**figures, "ambiguous_share": 0.4}})
-    assert said.text.startswith("The pose of plate was ambiguous in 40% of the periods: its lit photodiodes lie in one")
+    assert said.text.startswith(
+        "The pose of plate was ambiguous in 40 % of the periods: its lit photodiodes lie in one"
+    )
     (said,) = warnings({"plate": figures})
     assert "acceleration_noise" in said.text
     # A target that others observe by LiDAR has no light of its own.

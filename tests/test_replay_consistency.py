@@ -64,7 +64,7 @@ def test_a_constant_reflection_is_left_out_and_named(tmp_path: Path, clean: Floa
     found = errors_m(run)
     assert np.median(clean) < 5e-3
     assert np.median(found) < 1.5 * np.median(clean) + 1e-3
-    assert any(f"photodiode {LIAR} contradicts the others in 100%" in note for note in notes)
+    assert any(f"photodiode {LIAR} contradicts the others in 100 %" in note for note in notes)
     dropped = run.telemetry["dropped_photodiodes"].to_numpy()
     assert np.mean(dropped[15:] == 1) > 0.95, "it is seen from the 14th period on"
     assert run.summary["swarm"]["integrity"]["mean_dropped_photodiodes"] > 0.85

@@ -199,7 +199,7 @@ def test_consistency_is_said_with_its_band() -> None:
     assert "acceleration_noise_m_s2" in findings(outside)[0][0]
     assert findings(outside)[0][1] == "yellow"
     outside["nees"] = consistency(3.84)
-    assert findings(outside)[0][0].startswith("NEES 3.84: errors 80% of what the filter promises: it is cautious")
+    assert findings(outside)[0][0].startswith("NEES 3.84: errors 80 % of what the filter promises: it is cautious")
     assert findings(outside)[0][1] == ""
 
 

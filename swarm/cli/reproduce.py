@@ -76,8 +76,9 @@ def reproduce(
 
         takes_s = known.quick_takes_s if quick else known.takes_s
         if takes_s >= LONG_S and not sizes:
+            said = f"{experiment} takes {in_words(takes_s)}"
             shorter = "" if quick else f"; --quick: {in_words(known.quick_takes_s)}"
-            Console(stderr=True).print(f"{experiment} takes {in_words(takes_s)} on {MACHINE}{shorter}", highlight=False)
+            Console(stderr=True).print(f"{said} on {MACHINE}{shorter}, without compiling", highlight=False)
         with stoppable(say), ProgressDisplay(Console(stderr=True), experiment) as progress:
             tell = progress.experiment
             done = repeat(
@@ -99,5 +100,6 @@ def _list() -> None:
         typer.echo(f"  {in_words(known.takes_s)}: {sizes}")
         typer.echo(f"  {in_words(known.quick_takes_s)} with --quick: {quick}")
     typer.echo(
-        f"\nTimes on {MACHINE}. A busy machine takes several times as long; the first run compiles, up to a minute."
+        f"\nTimes without compiling, which the first run does, up to a minute more, on {MACHINE}. "
+        "A busy machine takes several times as long."
     )

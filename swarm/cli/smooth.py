@@ -35,6 +35,6 @@ def smooth(
 
         with ProgressDisplay(Console(stderr=True), f"smooth {run.name}") as progress:
             made = smooth_run(
-                run, force=force, progress=lambda share: progress.experiment(share, f"{share:.0%} smoothed")
+                run, force=force, progress=lambda share: progress.experiment(share, f"{100 * share:.0f} % smoothed")
             )
         print_report(wide_console(), made.summary, made.folder)

@@ -421,8 +421,8 @@ def _with_noise(settings: Scenario, found: Consistency) -> Scenario:
 def _findings(found: Consistency, given: Scenario, settings: Scenario) -> list[str]:
     """Return sentences about the noise and the false photodiodes."""
     out = [
-        f"photodiode {k} contradicts the others in {share:.0%} of its periods and is left out: it sees a constant "
-        "reflection, or is not where CONFIG has it"
+        f"photodiode {k} contradicts the others in {100 * share:.0f} % of its periods and is left out: it sees a "
+        "constant reflection, or is not where CONFIG has it"
         for k, share in zip(found.false.tolist(), found.share.tolist(), strict=True)
     ]
     noise = settings.navigation.angle_noise_arcsec

@@ -363,7 +363,7 @@ class StationPlayback:
     def _findings(self, given: Scenario) -> list[str]:
         """Return sentences about the noise and the false photodiodes."""
         out = [
-            f"photodiode {k} contradicts the others in {self.found.share[s, k]:.0%} of its periods before "
+            f"photodiode {k} contradicts the others in {100 * self.found.share[s, k]:.0f} % of its periods before "
             f"{self.placed[s].name} and is left out there: it sees a constant reflection, or is not where it should be"
             for s, k in np.argwhere(self.found.false).tolist()
         ]

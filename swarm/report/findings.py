@@ -57,7 +57,8 @@ def findings(figures: Figures, effort: bool = True) -> list[Finding]:
     if effort and (delta_v := figures.get("delta_v_m_s") or 0.0) >= LEAST_DELTA_V:
         out.append(Finding(f"Delta-v: {delta_v:.3g} m/s per craft"))
     if ccd := figures.get("ccd"):
-        shares = f"stereo {ccd['stereo_share']:.0%}, the main camera alone {ccd['camera_share']:.0%} of the images"
+        stereo, alone = 100 * ccd["stereo_share"], 100 * ccd["camera_share"]
+        shares = f"stereo {stereo:.0f} %, the main camera alone {alone:.0f} % of the images"
         out.append(Finding(f"Cameras: {shares}; the sensor in use changed {ccd['sensor_switches']} times"))
     out += [_motion_bias(figures, *size) for size in (("position", "m", "mm"), ("attitude", "deg", "°"))]
     return [finding for finding in out if finding is not None]
@@ -96,7 +97,7 @@ def meaning(consistency: Figures) -> str:
         return f"errors {by} {'smaller' if size < 1 else 'larger'} than the filter promises: nothing to act on"
     few = "" if _has_many(consistency) else ", by few independent values"
     if size < 1:
-        return f"errors {size:.0%} of what the filter promises{few}: it is cautious, as in smooth motion"
+        return f"errors {100 * size:.0f} % of what the filter promises{few}: it is cautious, as in smooth motion"
     return (
         f"errors {size:.2g} times what the filter promises{few}: it expects less noise or smoother motion than there is"
     )
@@ -122,7 +123,8 @@ def _consistency(figures: Figures, key: str) -> Finding | None:
     said, refused, nees = meaning(f), figures.get("refused_share") or 0.0, figures.get("nees")
     if key == "nis" and f["mean"] > f["band_high"] and refused and nees and _size(nees) <= 1 + WORTH:
         # A few reflections, rightly refused, make a mean of thousands.
-        said = f"the mean of all light, with the {refused:.2%} of it that the filters refused; NEES judges the rest"
+        share = f"{100 * refused:.2f} %"
+        said = f"the mean of all light, with the {share} of it that the filters refused; NEES judges the rest"
         return Finding(f"NIS {f['mean']:.5g}: {said}")
     if _says_something(f) and f["mean"] > f["band_high"] and (hit := figures.get("contact_periods")):
         said += f"; there were {hit} periods in contact, whose blow no filter can know of"
@@ -195,7 +197,8 @@ def inspections(lidar: Mapping[str, Figures]) -> list[Finding]:
     for name, f in lidar.items():
         times = "once" if f["acquisitions"] == 1 else f"{f['acquisitions']} times"
         text = (
-            f"{name}'s LiDAR: {f['target']} tracked in {f['tracked_share']:.1%} of {f['scans']} scans, acquired {times}"
+            f"{name}'s LiDAR: {f['target']} tracked in {100 * f['tracked_share']:.1f} % of {f['scans']} scans, "
+            f"acquired {times}"
         )
         if f["measured_attitude_mean_deg"] is not None:
             text += f"; attitude error of a scan {f['measured_attitude_mean_deg']:.2f}° on average"
@@ -247,9 +250,9 @@ def _ambiguous(name: str, figures: Figures) -> str | None:
     if share <= AMBIGUOUS_MUCH or not figures["mean_visible"]:
         return None
     return (
-        f"The pose of {name} was ambiguous in {share:.0%} of the periods: its lit photodiodes lie in one plane, or look"
-        " so from there, and a plane and its mirror image fit nearly equally well; one photodiode off the plane, more"
-        " size or less distance decides (docs/models.md)"
+        f"The pose of {name} was ambiguous in {100 * share:.0f} % of the periods: its lit photodiodes lie in one plane,"
+        " or look so from there, and a plane and its mirror image fit nearly equally well; one photodiode off the"
+        " plane, more size or less distance decides (docs/models.md)"
     )
 
 
@@ -263,7 +266,7 @@ def _untrusted(name: str, figures: Figures) -> str | None:
     if dropped > REFUSED_MUCH:
         parts.append(f"left out {dropped:.2f} photodiodes per period as false")
     if failed > REFUSED_MUCH:
-        parts.append(f"refused {failed:.0%} of the poses")
+        parts.append(f"refused {100 * failed:.0f} % of the poses")
     return f"The residual test of {name} " + " and ".join(parts) + " (column dropped_photodiodes)" if parts else None
 
 

@@ -149,7 +149,7 @@ def _stations(result: Result) -> Table:
             turn,
             _urad(result.after[at]),
             _urad(result.before[s]),
-            f"{share:.0%}" if isfinite(share) else "",
+            f"{100 * share:.0f} %" if isfinite(share) else "",
         )
     return made
 
