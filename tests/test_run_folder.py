@@ -7,6 +7,7 @@ import subprocess
 import sys
 from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow as pa
@@ -16,7 +17,7 @@ from synthetic_run import estimate_of, period_of, truth_at
 from swarm.errors import SwarmError
 from swarm.results.disk import outputs, refuse_existing, unwritten, write_all, write_text, writing
 from swarm.results.files import PARTS
-from swarm.results.parquet import GrowingParquet, is_there, read_table
+from swarm.results.parquet import GrowingParquet, column, is_there, read_table, table_of
 from swarm.results.run_folder import RunFolder, open_run, refuse_run
 from swarm.results.telemetry import Telemetry
 
@@ -189,12 +190,55 @@ def full_disk(monkeypatch):
     return lambda: monkeypatch.setattr(Path, "write_text", refuse)
 
 
-def test_a_library_that_finds_the_disk_full_says_so_in_the_same_words(tmp_path):
+def test_a_library_that_finds_the_disk_full_says_so_in_the_same_words(tmp_path, monkeypatch):
     with pytest.raises(SwarmError) as ours, writing(tmp_path):
         raise OSError(errno.ENOSPC, "full")
     said = "Failed to encode LogMsg: Failed to write: No space left on device (os error 28)"
     assert str(unwritten(tmp_path, RuntimeError(said))) == str(ours.value)
     assert str(unwritten(tmp_path, RuntimeError("broken"))) == f"cannot write {tmp_path}: broken"
+    # rerun says why its thread has ended only in a log.
+    monkeypatch.setattr("swarm.results.disk.disk_usage", lambda _path: SimpleNamespace(free=4096))
+    assert str(unwritten(tmp_path, RuntimeError("thread shut down prematurely"))) == str(ours.value)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="limits of POSIX")
+def test_a_recording_that_cannot_grow_is_one_message_without_lines_of_a_log(tmp_path):
+    code = """
+import resource
+from pathlib import Path
+import numpy as np
+from swarm.errors import SwarmError
+from swarm.results.recording.canvas import Canvas, rr
+canvas = Canvas(Path("full.rrd"), live=False)
+resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000))
+canvas.static("noise", rr.Scalars(np.random.default_rng(1).normal(size=50_000)))
+for _ in range(2):
+    try:
+        canvas.flush()
+    except SwarmError as error:
+        print(error)
+canvas.close()
+"""
+    root = str(Path(__file__).parents[1])
+    environment = {key: value for key, value in os.environ.items() if key != "RUST_LOG"} | {"PYTHONPATH": root}
+    ended = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+    assert ended.stdout.startswith("cannot write full.rrd: ")
+    assert ended.stderr == ""
+
+
+def test_a_join_that_fails_leaves_the_parts_and_nothing_else(tmp_path, monkeypatch):
+    table = table_of([column("x", [1.0, 2.0], "m")])
+    growing = GrowingParquet(tmp_path / "x.parquet", table.schema)
+    growing.write(table)
+
+    def refuse(*_args, **_kwargs):
+        raise OSError(errno.ENOSPC, "full")
+
+    monkeypatch.setattr("pyarrow.parquet.ParquetWriter.write_table", refuse)
+    with pytest.raises(SwarmError, match=r"x\.parquet: the disk is full"):
+        growing.close()
+    assert [file.name for file in (tmp_path / "x.parquet.partial").iterdir()] == ["part-00000.arrow"]
+    assert read_table(tmp_path / "x.parquet")["x"].to_pylist() == [1.0, 2.0]
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), OSError(errno.ENOSPC, "full")])

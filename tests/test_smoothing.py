@@ -1,5 +1,6 @@
 """`swarm smooth`: what it writes of a run against a smoother of another make, and every run that it cannot smooth."""
 
+import io
 import json
 import shutil
 from pathlib import Path
@@ -10,6 +11,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from rerun.chunk import RrdReader
+from rich.console import Console
 from synthetic_run import PERIOD_S, estimate_of, period_of, truth_at
 from typer.testing import CliRunner
 
@@ -19,6 +21,7 @@ from estimators.rotation import exp, left_jacobian, log, matrix_from_quaternion
 from estimators.state import STATES, State
 from swarm.cli.app import app
 from swarm.errors import SwarmError
+from swarm.report.run_table import print_report
 from swarm.results import filter_history
 from swarm.results.disk import FolderLock
 from swarm.results.filter_history import History, HistoryWriter, keeps_history
@@ -181,6 +184,19 @@ def test_the_summary_has_its_figures_and_keeps_the_others(smoothed, flown):
     assert after["swarm"]["smooth_to_ekf_position_ratio"] == pytest.approx(rms / after["swarm"]["ekf_position_rms_m"])
     assert after["swarm"]["smooth_to_ekf_position_ratio"] < 1 / 1.5
     assert after["swarm"]["smooth_nees"]["samples"] == np.count_nonzero(np.isfinite(error))
+
+
+@pytest.mark.parametrize("width", [80, 200])
+def test_the_table_has_the_nees_of_the_smoothed_estimates_beside_that_of_the_filter(smoothed, width):
+    out = io.StringIO()
+    print_report(Console(file=out, width=width), smoothed.summary, smoothed.folder)
+    first, second, *lines = out.getvalue().splitlines()
+    swarm = smoothed.summary["swarm"]
+    row = next(line for line in lines if line.startswith("swarm "))
+    end = first.index("smoothed", second.index("NEES") - 8) + len("smoothed")
+    assert second[:end].endswith("NEES")
+    assert float(row[:end].split()[-1]) == pytest.approx(swarm["smooth_nees"]["mean"], abs=0.05)
+    assert f"{swarm['nees']['mean']:.3g}" in row[end:].split()
 
 
 def test_the_recording_gets_its_lines(smoothed):

@@ -56,6 +56,10 @@ def _error(source: str, what: str, scale: float = 1.0) -> tuple[Value, Value]:
     return _figure(f"{source}_{quantity}_rms_{unit}", scale), _figure(f"{source}_{quantity}_max_{unit}", scale)
 
 
+def _band(of: str) -> tuple[Value, Value]:
+    return _figure("band_low", inside=of), _figure("band_high", inside=of)
+
+
 def _scatter(key: str) -> tuple[Value, Value]:
     return _figure(f"ekf_{key}"), _figure(f"smooth_{key}")
 
@@ -74,13 +78,15 @@ COLUMNS = (
     ATTITUDE_ERROR,
     Column(2, "smoothed, mm\nRMS / max", _error("smooth", "position m", 1000)),
     Column(4, "smoothed, °\nRMS / max", _error("smooth", "attitude deg")),
+    Column(2, "smoothed\nNEES", (_figure("mean", inside="smooth_nees"),)),
+    Column(9, "smoothed\n95 % band", _band("smooth_nees"), "–"),
     Column(7, "PnP, mm\nRMS / max", _error("pnp", "position m", 1000)),
     Column(8, "PnP, °\nRMS / max", _error("pnp", "attitude deg")),
     ADOP,
     PDOP,
     AT_NOISE,
     NEES,
-    Column(6, "95 %\nband", (_figure("band_low", inside="nees"), _figure("band_high", inside="nees")), "–"),
+    Column(6, "95 %\nband", _band("nees"), "–"),
 )
 
 

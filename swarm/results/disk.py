@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from shutil import disk_usage
 from types import ModuleType
 
 from swarm.errors import SwarmError
@@ -16,6 +17,8 @@ try:
 except ImportError:  # Windows has no advisory locks of this kind.
     fcntl = None
 
+NO_ROOM = 65_536
+"""Free bytes of a disk on which nothing more can be written."""
 _ADVICE = {
     errno.ENOSPC: "the disk is full; what was written before stays readable",
     errno.EDQUOT: "the disk quota is used up; what was written before stays readable",
@@ -62,9 +65,13 @@ def writing(path: Path) -> Iterator[None]:
 
 
 def unwritten(path: Path, error: RuntimeError) -> SwarmError:
-    """Return what `writing` would say of a library's own error, whose text has the system's number where it has one."""
+    """Return what `writing` would say of a library's own error.
+
+    Its text has the system's number where it has one; without, a disk on which there is no room is the reason.
+    """
     number = re.search(r"os error (\d+)", str(error))
-    reason = _ADVICE.get(int(number[1])) if number else None
+    full = not number and path.parent.is_dir() and disk_usage(path.parent).free < NO_ROOM
+    reason = _ADVICE.get(int(number[1]) if number else errno.ENOSPC if full else 0)
     return SwarmError(f"cannot write {path}: {reason or error}")
 
 

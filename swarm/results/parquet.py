@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 from pyarrow import Table
 
 from swarm.errors import SwarmError
-from swarm.results.disk import writing
+from swarm.results.disk import replacing, writing
 
 __all__ = ["GrowingParquet", "NamedColumn", "Table", "column", "read_table", "table_of", "write_table"]
 PARTIAL = ".partial"
@@ -102,11 +102,12 @@ def write_part(folder: Path, number: int, table: Table, options: pa.ipc.IpcWrite
         SwarmError: The disk is full.
     """
     part = folder / f"part-{number:05d}.arrow"
-    temporary = part.with_suffix(".tmp")
-    with writing(part):
-        with pa.OSFile(str(temporary), "wb") as file, pa.ipc.new_file(file, table.schema, options=options) as writer:
-            writer.write_table(table)
-        temporary.replace(part)
+    with (
+        replacing(part, part.with_suffix(".tmp")) as temporary,
+        pa.OSFile(str(temporary), "wb") as file,
+        pa.ipc.new_file(file, table.schema, options=options) as writer,
+    ):
+        writer.write_table(table)
 
 
 def _mapped(part: Path) -> Table:
@@ -144,12 +145,14 @@ class GrowingParquet:
 
     def close(self) -> None:
         """Join the parts into the file. Raises SwarmError on a full disk: the parts stay."""
-        joined, parts = self._folder / "joined.tmp", parts_of(self._final)
+        parts = parts_of(self._final)
+        with (
+            replacing(self._final, self._folder / "joined.tmp") as joined,
+            pq.ParquetWriter(joined, self._schema, compression="snappy") as writer,
+        ):
+            for part in parts:
+                writer.write_table(_mapped(part))
         with writing(self._final):
-            with pq.ParquetWriter(joined, self._schema, compression="snappy") as writer:
-                for part in parts:
-                    writer.write_table(_mapped(part))
-            joined.replace(self._final)
             for part in parts:
                 part.unlink()
             self._folder.rmdir()

@@ -22,7 +22,7 @@ import pyarrow.parquet as pq
 from swarm.results.columns.column import Group
 from swarm.results.columns.core import core, errors_in
 from swarm.results.columns.schema import schema
-from swarm.results.disk import writing
+from swarm.results.disk import replacing, writing
 from swarm.results.files import PARTS, TELEMETRY
 from swarm.results.parquet import write_part
 from swarm.results.period import Period
@@ -103,10 +103,9 @@ class Telemetry:
         self._flush()
         self._block = self._block[:, :0].copy()  # no row will wait any more
         folder, final = self._folder / PARTS, self._folder / TELEMETRY
-        temporary = folder / "joined.tmp"
         doubles = [field.name for field in self._schema if field.type == pa.float64()]
         with (
-            writing(final),
+            replacing(final, folder / "joined.tmp") as temporary,
             pq.ParquetWriter(
                 temporary,
                 self._schema,
@@ -119,7 +118,6 @@ class Telemetry:
             for group in _groups(part_files(self._folder)):
                 writer.write_table(group, row_group_size=ROWS_PER_GROUP)
         with writing(final):
-            temporary.replace(final)
             for part in part_files(self._folder):
                 part.unlink()
             folder.rmdir()

@@ -14,6 +14,8 @@ from swarm.results.scene import OrbitScene
 
 MOST_LANES = 6
 """Lanes of states that have room below the scene; of more, the others are scrolled to."""
+MOST_NAMED = 5
+"""Lines of a plot that its legend has room for."""
 LANE_PX, LANES_HEAD_PX, SCREEN_PX = 41, 62, 940
 """Heights of a lane with its name, of the panel's title and axis, and of the viewer's middle on a usual screen."""
 NOT_TO_POINT_AT = ("world/rays", "world/names", "world/trails", "world/fans", "world/light")
@@ -21,7 +23,9 @@ NOT_TO_POINT_AT = ("world/rays", "world/names", "world/trails", "world/fans", "w
 
 def _view(plot: Plot) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(
-        origin=plot.entity, name=plot.title, plot_legend=rrb.PlotLegend(corner="RightTop", visible=len(plot.lines) < 4)
+        origin=plot.entity,
+        name=plot.title,
+        plot_legend=rrb.PlotLegend(corner="RightTop", visible=len(plot.lines) <= MOST_NAMED),
     )
 
 

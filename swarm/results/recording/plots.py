@@ -120,7 +120,10 @@ class _Swarm(NamedTuple):
             lines = _spread(mine, tuple(spread.values())) if self.crowd else mine
             return lines if sigma is None else np.concatenate([lines, 3 * _rms(sigma(batch))[:, None]], axis=1)
 
-        return Plot(f"swarm/{entity}", title, lines if sigma is None else [*lines, SWARM_SIGMA], values)
+        if sigma is not None:
+            # A line for every craft leaves no room for a legend.
+            title, lines = f"{title}; white: {SWARM_SIGMA.name}", [*lines, SWARM_SIGMA]
+        return Plot(f"swarm/{entity}", title, lines, values)
 
 
 def _nees(batch: Batch) -> Floats:
