@@ -1,5 +1,7 @@
 """The compiled filter bank against filterpy's: state by state, and in every column of the telemetry."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +22,7 @@ from swarm.onboard.filters import MOST_BY_FILTERPY
 from swarm.onboard.navigation import Navigator
 from swarm.onboard.settings import NavigationSettings, QuietModel
 
+ROOT = Path(__file__).parents[1]
 T = 1 / 60
 COUNT = 30
 STATE = ("rotation", "angular_rate", "position", "velocity", "covariance")
@@ -177,3 +180,9 @@ def test_models_of_motion_count_as_filters_of_their_own() -> None:
         assert type(several) is bank
         expected = 0.2 * (5e-5 / 0.2) ** (np.arange(6) / 5)
         np.testing.assert_allclose(several.grid.acceleration, expected, rtol=1e-12)
+
+
+def test_a_flight_of_compiled_filters_pays_nothing_for_filterpy() -> None:
+    code = "import sys, swarm.flight.simulate; print({'filterpy', 'scipy.stats'} & set(sys.modules))"
+    ended = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert ended.stdout == "set()\n"

@@ -22,6 +22,7 @@ from swarm.hardware import pad
 from swarm.results import scene as recorder
 from swarm.results.columns.peer import PEER
 from swarm.results.recording import crowd, drawing, plots, viewer
+from swarm.results.recording.blueprint import _view
 from swarm.results.recording.batch import kept
 from swarm.results.recording.estimates import ENLARGED
 from swarm.results.recording.lighthouse import FAN_TURN_S
@@ -147,6 +148,16 @@ def test_plots_are_the_telemetry_in_their_units(flight):
     for k, (n, period) in enumerate(zip([3] * 5 + [2] + [3] * 84, flown, strict=True)):
         band = chi2.ppf([0.025, 0.975], 6 * n) / n
         np.testing.assert_allclose(nees[k], [np.nanmean(period.errors.nees), *band], rtol=1e-9)
+
+
+@pytest.mark.parametrize(("craft", "crowd", "legend"), [(3, False, True), (8, False, False), (40, True, True)])
+def test_the_swarms_3_sigma_has_a_name_in_the_title_or_in_a_legend(craft, crowd, legend):
+    names, colours = [f"craft-{i}" for i in range(craft)], [0xFFFFFFFF] * craft
+    with_sigma = [plot for plot in plots.swarm_plots(names, colours, crowd, False) if plots.SWARM_SIGMA in plot.lines]
+    assert [plot.entity for plot in with_sigma] == ["swarm/position_error", "swarm/attitude_error"]
+    for plot in with_sigma:
+        assert plot.title.endswith("; white: 3σ (RMS)")
+        assert _view(plot).properties["PlotLegend"].visible.as_arrow_array().to_pylist() == [legend]
 
 
 def test_states_rays_and_points(flight):
