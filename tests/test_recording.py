@@ -22,8 +22,8 @@ from swarm.hardware import pad
 from swarm.results import scene as recorder
 from swarm.results.columns.peer import PEER
 from swarm.results.recording import crowd, drawing, plots, viewer
-from swarm.results.recording.blueprint import _view
 from swarm.results.recording.batch import kept
+from swarm.results.recording.blueprint import _view
 from swarm.results.recording.estimates import ENLARGED
 from swarm.results.recording.lighthouse import FAN_TURN_S
 from swarm.results.recording.recording import Recording
