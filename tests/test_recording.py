@@ -157,7 +157,8 @@ def test_the_swarms_3_sigma_has_a_name_in_the_title_or_in_a_legend(craft, crowd,
     assert [plot.entity for plot in with_sigma] == ["swarm/position_error", "swarm/attitude_error"]
     for plot in with_sigma:
         assert plot.title.endswith("; white: 3σ (RMS)")
-        assert _view(plot).properties["PlotLegend"].visible.as_arrow_array().to_pylist() == [legend]
+        shown: Any = _view(plot).properties["PlotLegend"]
+        assert shown.visible.as_arrow_array().to_pylist() == [legend]
 
 
 def test_states_rays_and_points(flight):
