@@ -72,6 +72,13 @@ class _Room(NamedTuple):
     own: Ints
 
 
+def _room(photodiodes: int, pulses: int) -> _Room:
+    """Return room for a craft with so many photodiodes and pulses."""
+    flashes = Flashes(np.empty(MAX_FLASHES), *np.empty((3, MAX_FLASHES), np.int64))
+    counts, rival = np.empty((photodiodes, 2), np.int64), np.empty((photodiodes, 2))
+    return _Room(flashes, np.empty(2, np.bool_), counts, rival, np.empty((3, pulses), np.int64))
+
+
 @kernel
 def _read_sweeps(pulses: Ints, timing: Timing, flash: Floats, swept: Bools, epoch: int, hits: Hits) -> int:
     """Take one craft's sweep pulses into `hits`, their instants in ticks from the epoch; return the number of others.
@@ -109,6 +116,7 @@ def _decode(
     tick: float,
     last: Floats,
     seen: Floats,
+    room: _Room,
     out: SweepAngles,
     several: Bools,
 ) -> None:
@@ -118,38 +126,6 @@ def _decode(
     [ticks]. tick: of the craft's clock [s]. several: receives the craft with a photodiode that got several pulses in a
     sweep, (C,).
     """
-    room = _Room(
-        Flashes(
-            np.empty(MAX_FLASHES),
-            np.empty(MAX_FLASHES, np.int64),
-            np.empty(MAX_FLASHES, np.int64),
-            np.empty(MAX_FLASHES, np.int64),
-        ),
-        np.empty(2, np.bool_),
-        np.empty((present.shape[1], 2), np.int64),
-        np.empty((present.shape[1], 2)),
-        np.empty((3, photodiode.shape[1]), np.int64),
-    )
-    _decode_all(photodiode, rise, width, total, present, expected, timing, tick, last, seen, room, out, several)
-
-
-@kernel
-def _decode_all(
-    photodiode: NDArray[np.int16],
-    rise: Ints,
-    width: NDArray[np.int32],
-    total: NDArray[np.int32],
-    present: Bools,
-    expected: Floats,
-    timing: Timing,
-    tick: float,
-    last: Floats,
-    seen: Floats,
-    room: _Room,
-    out: SweepAngles,
-    several: Bools,
-) -> None:
-    """Do the work of `_decode`; without arrays of its own, it counts no references to any."""
     two_stations = timing.period > 3 * timing.half_turn
     longest_pulse = timing.code_zero + 7.5 * timing.code_step
     flashes, swept, pulses_of, rival, own = room
@@ -315,6 +291,7 @@ class PulseDecoder:
             self._tick_s,
             last,
             seen,
+            _room(photodiodes, pulses.photodiode.shape[1]),
             out,
             several,
         )

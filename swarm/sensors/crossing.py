@@ -119,7 +119,6 @@ def _segment_at(motion: _Motion, c: int, t: float) -> int:
     return j
 
 
-@kernel
 def cross_into(
     knot: Floats,
     position: Floats,
@@ -152,12 +151,12 @@ def cross_into(
     """
     intervals = len(knot) - 1
     motion = _Motion(knot, position, quaternion, np.empty((intervals, SEGMENT)), np.empty(intervals, np.bool_))
-    who = np.empty(lit.shape[1], np.int64)
-    _cross_all(motion, point, normal, lit, error, fans, 2 * np.pi / period, diameter, who, instant, width)
+    who, w = np.empty(lit.shape[1], np.int64), 2 * np.pi / period
+    _cross_into(motion, point, normal, lit, error, fans, w, diameter, who, instant, width)
 
 
 @kernel
-def _cross_all(
+def _cross_into(
     motion: _Motion,
     point: Floats,
     normal: Floats,
@@ -170,25 +169,37 @@ def _cross_all(
     instant: Floats,
     width: Floats,
 ) -> None:
-    """Do the work of `cross_into`; without arrays of its own, it counts no references to any. who: room, (K,)."""
+    """Do the work of `cross_into`; without arrays of its own, it counts no references. who: room, (K,)."""
     for c in range(lit.shape[0]):
         motion.ready[:] = False
         for fan in range(2):
-            count = 0
+            count, x, y, z = 0, 0.0, 0.0, 0.0
             for k in range(lit.shape[1]):
                 instant[c, k, fan] = width[c, k, fan] = np.nan
                 if lit[c, k, fan]:
                     who[count] = k
                     count += 1
+                    x, y, z = x + point[c, k, 0], y + point[c, k, 1], z + point[c, k, 2]
             if count == 0:
                 continue
             start, perfect, found = fan * np.pi / w, True, 0
             for term in range(TERMS, fans.shape[1]):
                 perfect = perfect and fans[fan, term] == 0
             if perfect:
-                found = _cross_at_once(
-                    motion, c, point, normal, who, count, error, fan, start, w, diameter, instant, width
-                )
+                aim, j = _aimed(motion, c, x / count, y / count, z / count, fan, start, w)
+                low, high = max(start, motion.knot[j]), min(start + np.pi / w, motion.knot[j + 1])
+                for first in range(0, count, LANES):
+                    last = count - 1
+                    a, b = who[first], who[min(first + 1, last)]
+                    d, e = who[min(first + 2, last)], who[min(first + 3, last)]
+                    four = pack(error[c, a, fan], error[c, b, fan], error[c, d, fan], error[c, e, fan])
+                    place, face = _gathered(point[c], a, b, d, e), _gathered(normal[c], a, b, d, e)
+                    after, wide, sure = _solved(aim, place, face, four, w, diameter)
+                    for i in range(min(LANES, count - first)):
+                        t = aim.instant + lane(after, i)
+                        if lane(sure, i) and low < t < high:
+                            instant[c, who[first + i], fan], width[c, who[first + i], fan] = t, lane(wide, i)
+                            found += 1
             guess = start + 0.5 * np.pi / w
             for i in range(count if found < count else 0):
                 k = who[i]
@@ -303,48 +314,6 @@ def _solved(aim: _Aim, point: Row, normal: Row, error: float, w: float, diameter
     square = x * x + z * z
     slant = (n[0] + d * (u[0] + 0.5 * d * a[0])) * z - (n[2] + d * (u[2] + 0.5 * d * a[2])) * x
     return d, diameter * np.sqrt(max(0.0, square - slant * slant)) / (square * w), sure
-
-
-@kernel
-def _cross_at_once(
-    motion: _Motion,
-    c: int,
-    point: Floats,
-    normal: Floats,
-    who: Ints,
-    count: int,
-    error: Floats,
-    fan: int,
-    start: float,
-    w: float,
-    diameter: float,
-    instant: Floats,
-    width: Floats,
-) -> int:
-    """Write the crossings of one craft by (K), of a fan without errors, and return for how many photodiodes it holds.
-
-    who: the photodiodes, the first `count`. start: zero of the fan [s]. w: rate of the rotor [rad/s].
-    """
-    x = y = z = 0.0
-    for i in range(count):
-        k = who[i]
-        x, y, z = x + point[c, k, 0], y + point[c, k, 1], z + point[c, k, 2]
-    aim, j = _aimed(motion, c, x / count, y / count, z / count, fan, start, w)
-    low, high = max(start, motion.knot[j]), min(start + np.pi / w, motion.knot[j + 1])
-    found = 0
-    for first in range(0, count, LANES):
-        last = count - 1
-        a, b = who[first], who[min(first + 1, last)]
-        d, e = who[min(first + 2, last)], who[min(first + 3, last)]
-        four = pack(error[c, a, fan], error[c, b, fan], error[c, d, fan], error[c, e, fan])
-        place, face = _gathered(point[c], a, b, d, e), _gathered(normal[c], a, b, d, e)
-        after, wide, sure = _solved(aim, place, face, four, w, diameter)
-        for i in range(min(LANES, count - first)):
-            t = aim.instant + lane(after, i)
-            if lane(sure, i) and low < t < high:
-                instant[c, who[first + i], fan], width[c, who[first + i], fan] = t, lane(wide, i)
-                found += 1
-    return found
 
 
 @kernel

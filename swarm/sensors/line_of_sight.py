@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
 from estimators.lanes import LANES, all_of, lane, lanes_in, opposite
-from estimators.rotation import Row
 from swarm.sensors.broad_phase import Grid, Placed, met_into
 from swarm.sensors.hits import HULL, OTHER, hull_hit, solid_hit
 from swarm.sensors.solids import Solids
@@ -131,35 +130,22 @@ def sight_into(
                 d[0], d[1], d[2] = lane(x, i), lane(y, i), lane(z, i)
                 if own >= 0 and not lane(free, i):
                     count = _meet(c, k, c, o, d, lane(reach, i), solids, likely[c, k], out, unsure, count)
-                ray = lane(qx, i), lane(qy, i), lane(qz, i)
                 for m in range(met):
-                    if out[c, k] == LIT and _passes(ray, lane(reach, i), lane(scale, i), others[m], placed, solids, e):
-                        owner = others[m]
-                        origin = placed.origin[owner]
-                        count = _meet(c, k, owner, origin, e, lane(reach, i), solids, -1, out, unsure, count)
+                    if out[c, k] == BLOCKED:
+                        break
+                    j = others[m]
+                    centre, size = placed.centre[j], solids.shape_radius[solids.shape[j]]
+                    u, v, w, length = lane(qx, i), lane(qy, i), lane(qz, i), lane(reach, i)
+                    along = (u * centre[0] + v * centre[1] + w * centre[2]) * lane(scale, i)
+                    square = centre[0] * centre[0] + centre[1] * centre[1] + centre[2] * centre[2]
+                    # For a centre beyond an end of the ray, that end is the nearest point.
+                    t = min(max(along, 0.0), length)
+                    if square - 2 * t * along + t * t <= size * size:
+                        s = placed.rotation[j]
+                        for a in range(3):
+                            e[a] = (s[0, a] * u + s[1, a] * v + s[2, a] * w) * lane(scale, i)
+                        count = _meet(c, k, j, placed.origin[j], e, length, solids, -1, out, unsure, count)
     return count
-
-
-@kernel
-def _passes(
-    ray: Row, reach: float, scale: float, owner: int, placed: Placed, solids: Solids, direction: Floats
-) -> bool:
-    """Return whether a ray meets the sphere around an owner; write its direction in that owner's frame, (3,), then.
-
-    ray: its end in the lighthouse frame [m]. reach: its length [m]. scale: 1 over the distance of its end [1/m].
-    """
-    x, y, z = ray
-    centre, radius = placed.centre[owner], solids.shape_radius[solids.shape[owner]]
-    along = (x * centre[0] + y * centre[1] + z * centre[2]) * scale
-    square = centre[0] * centre[0] + centre[1] * centre[1] + centre[2] * centre[2]
-    # For a centre beyond an end of the ray, that end is the nearest point.
-    t = min(max(along, 0.0), reach)
-    if not square - 2 * t * along + t * t <= radius * radius:
-        return False
-    s = placed.rotation[owner]
-    for a in range(3):
-        direction[a] = (s[0, a] * x + s[1, a] * y + s[2, a] * z) * scale
-    return True
 
 
 @kernel
