@@ -19,6 +19,7 @@ from estimators.kernel import kernel
 from estimators.relative_orbit import RelativeOrbit
 from estimators.relative_orbit import acceleration as orbital_acceleration
 from estimators.rotation import log_into, multiply_into
+from estimators.scratch import scratch
 from estimators.state import Reference, State
 from swarm.messages import Command
 
@@ -143,7 +144,7 @@ def _command_into(
     angular_acceleration: Floats,
 ) -> None:
     """Write `command` of every craft into `acceleration` and `angular_acceleration`, (C, 3) each, initially zero."""
-    difference, error = np.empty((3, 3)), np.empty(3)
+    difference, error = scratch(0.0, 3, 3), scratch(0.0, 3)
     turn_stiffness, turn_damping = ATTITUDE_FREQUENCY_RAD_S**2, 2 * DAMPING * ATTITUDE_FREQUENCY_RAD_S
     for c in range(len(position)):
         if not np.isfinite(position[c, 0] + position[c, 1] + position[c, 2]):
@@ -177,7 +178,7 @@ def _torque_into(
     torque: Floats,
 ) -> None:
     """Write the torque of `wrench` into `torque` (C, 3), initially zero."""
-    half, turned = np.empty((3, 3)), np.empty((3, 3))
+    half, turned = scratch(0.0, 3, 3), scratch(0.0, 3, 3)
     for c in range(len(change)):
         w = rate[c]
         known = np.isfinite(position[c, 0] + position[c, 1] + position[c, 2] + w[0] + w[1] + w[2])

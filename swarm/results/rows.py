@@ -10,6 +10,7 @@ from estimators.arrays import Floats, Ints
 from estimators.kernel import kernel
 from estimators.linear import cholesky_into
 from estimators.rotation import quaternion_between, quaternion_from_matrix_into
+from estimators.scratch import scratch
 
 POSE_ROWS = 6
 """Degrees of freedom of a pose's innovation."""
@@ -49,7 +50,8 @@ def attitude_errors_into(truth: Floats, estimate: Floats, out: Floats) -> None:
         estimate: (n, 4).
         out: (n, 3) [rad].
     """
-    nowhere, e = np.zeros(3), np.empty(6)
+    nowhere, e = scratch(0.0, 3), scratch(0.0, 6)
+    nowhere[:] = 0.0
     for i in range(len(out)):
         _error_into(truth[i], nowhere, estimate[i], nowhere, e)
         for k in range(3):
@@ -76,7 +78,7 @@ def pose_errors_into(
         quaternion: (C, 4).
         out: (2, C).
     """
-    e = np.empty(6)
+    e = scratch(0.0, 6)
     for c in range(out.shape[1]):
         distance, angle = _error_into(true_quaternion[c], true_position[c], quaternion[c], position[c], e)
         out[0, c], out[1, c] = distance, np.degrees(angle)
@@ -101,7 +103,7 @@ def estimate_errors_into(
         covariance: (C, 12, 12) of attitude, angular rate, position, velocity.
         out: (5, C).
     """
-    pose, lower, e = np.empty((6, 6)), np.empty((6, 6)), np.empty(6)
+    pose, lower, e = scratch(0.0, 6, 6), scratch(0.0, 6, 6), scratch(0.0, 6)
     for c in range(out.shape[1]):
         distance, angle = _error_into(true_quaternion[c], true_position[c], quaternion[c], position[c], e)
         out[0, c], out[1, c] = distance, np.degrees(angle)

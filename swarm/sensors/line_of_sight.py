@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
 from estimators.lanes import LANES, all_of, lane, lanes_in, opposite
+from estimators.scratch import scratch
 from swarm.sensors.broad_phase import Grid, Placed, met_into
 from swarm.sensors.hits import HULL, OTHER, hull_hit, solid_hit
 from swarm.sensors.solids import Solids
@@ -65,7 +66,6 @@ def sight_into(
     thickness: float,
     likely: Ints,
     radius: Floats,
-    direction: Floats,
     others: Ints,
     out: NDArray[np.int8],
     unsure: Ints,
@@ -84,7 +84,6 @@ def sight_into(
         thickness: a surface nearer than the photodiode by less than this does not shade it [m].
         likely: plane of the photodiode's craft that most probably keeps the ray outside, (C, K), see `hull_hit`.
         radius: radii of spheres around the owners' centres in which their shapes and photodiodes are, (C + 1,) [m].
-        direction: room for the directions of a ray, (2, 3).
         others: room for the owners that a craft's rays could meet, (C + 1,).
         out: output, the sight of every photodiode, (C, K).
         unsure: output, undecided rays, (n, 3): craft, photodiode, and index of the geom among those of all owners.
@@ -94,7 +93,7 @@ def sight_into(
     """
     points, normals, planes = lanes_in(faces.point), lanes_in(faces.normal), lanes_in(faces.plane)
     count, wide = 0, grid.half_width
-    d, e = direction[0], direction[1]
+    d, e = scratch(0.0, 3), scratch(0.0, 3)
     for c in range(out.shape[0]):
         if not near[c]:
             out[c] = OUTSIDE

@@ -98,8 +98,7 @@ class Visibility:
         self._placed = Placed(np.tile(np.eye(3), (craft + 1, 1, 1)), *(np.zeros((craft + 1, 3)) for _ in range(3)))
         self.move(frame)
         self._side = min(2 * int(np.ceil(np.sqrt(craft))) + 2, MOST_CELLS)
-        self._direction, self._others = np.empty((2, 3)), np.empty(craft + 1, dtype=np.int64)
-        self._unsure = np.empty((64, 3), dtype=np.int64)
+        self._others, self._unsure = np.empty(craft + 1, dtype=np.int64), np.empty((64, 3), dtype=np.int64)
         self._rays: Rays | None = None
 
     def move(self, frame: Frame) -> None:
@@ -158,7 +157,6 @@ class Visibility:
                 *light,
                 self._likely,
                 self._radius,
-                self._direction,
                 self._others,
                 out,
                 self._unsure,
