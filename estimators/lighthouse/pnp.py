@@ -33,7 +33,6 @@ from estimators.lighthouse.projection import (
     VALUE,
     WEIGHT,
     add_curvature,
-    angle_weights,
     checked,
     checked_lit,
     project,
@@ -274,7 +273,7 @@ def _refine_all(
 ) -> None:
     """`refine_one` for every craft: `rotation` and `position` hold the starts, then the answers or NaN.
 
-    uv, weight, offset: (C K, 2). point: (C K, 3). rotation: (C, 9).
+    uv, weight, offset: (C K, 2); weight empty: as in `gather_measured_lanes`. point: (C K, 3). rotation: (C, 9).
     """
     many, count, order, table = in_order(lit, solved, FEWEST_LIT, room), room.counts, room.order, wide_in(room.table)
     turn, place, rate, speed = scratch(table, 3, 3), scratch(table, 3), scratch(table, 3), scratch(table, 3)
@@ -312,7 +311,7 @@ def _refine_all(
 
 def refine_projections(
     uv: Floats,
-    weight: Floats,
+    weight: Floats | None,
     lit: Bools,
     point_m: Floats,
     rotation: Floats,
@@ -326,9 +325,8 @@ def refine_projections(
 
     Args:
         uv: (C, K, 2), (x/z, y/z); ignored, NaN allowed, where not lit.
-        weight: (C, K, 2), each one's inverse noise in any unit: cost and residual_rad are in that unit of noise
-            (radians
-            for the weights (13) of sweep angles).
+        weight: (C, K, 2), each one's inverse noise in any unit: cost and residual_rad are in that unit of noise. None:
+            of sweep angles, (13) at the measured projections, and radians.
         lit: (C, K).
         point_m: (C, K, 3) [m], photodiodes in the body frame.
         rotation: (C, 3, 3), start R_l_b.
@@ -351,7 +349,7 @@ def refine_projections(
     residual, cost = np.empty(craft), np.empty(craft)
     _refine_all(
         checked("uv", uv, angles).reshape(-1, 2),
-        checked("weight", weight, angles).reshape(-1, 2),
+        np.empty((0, 2)) if weight is None else checked("weight", weight, angles).reshape(-1, 2),
         lit,
         checked("point_m", point_m, (craft, photodiodes, 3)).reshape(-1, 3),
         rotation.reshape(craft, 9),
@@ -399,4 +397,4 @@ def refine(
     theta = checked("theta", theta, (*lit.shape, 2))
     uv = projections(theta) if lit.any() else np.full_like(theta, np.nan)
     motion = offset_s, angular_rate, velocity
-    return refine_projections(uv, angle_weights(uv), lit, point_m, rotation, position, *motion)
+    return refine_projections(uv, None, lit, point_m, rotation, position, *motion)

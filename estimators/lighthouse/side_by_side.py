@@ -184,7 +184,7 @@ def gather_measured_lanes(seen: Places, n: int, number: float, uv: Floats, weigh
         n: rows of each fan.
         number: lanes, photodiodes that each craft sees.
         uv: (C K, 2), values.
-        weight: (C K, 2), inverse noise.
+        weight: (C K, 2), inverse noise; or empty where the values are those of angles with equal noise (13).
         out: (2 K, COLUMNS), lanes, receives the columns.
     """
     finite = True
@@ -192,7 +192,9 @@ def gather_measured_lanes(seen: Places, n: int, number: float, uv: Floats, weigh
         places = seen[row]
         for fan in range(2):
             value = taken(number, uv, places, fan)
-            w = taken(number, weight, places, fan)
+            w = 1 / (1 + value * value)
+            if weight.size > 0:
+                w = taken(number, weight, places, fan)
             finite = finite & (abs(w * value) < np.inf)
             out[fan * n + row, VALUE] = value
             out[fan * n + row, WEIGHT] = select(number > row, w * w, 0.0)
