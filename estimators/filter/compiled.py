@@ -66,6 +66,15 @@ class CompiledFilterBank(FilterBank):
 
 
 @kernel
+def turn_into(angular_rate: Floats, dt: float, turn: Floats) -> None:
+    """Write E (3, 3) of F for a step of `dt` [s] at an angular rate (3,) [rad/s]."""
+    vector = scratch(dt, 3)
+    for i in range(3):
+        vector[i] = angular_rate[i] * dt
+    exp_into(vector, turn)
+
+
+@kernel
 def step_into(angular_rate: Floats, dt: float, turn: Floats, dt_jacobian: Floats) -> None:
     """Write E and D of F for a step of `dt` [s] at an angular rate (3,) [rad/s] into matrices (3, 3).
 
@@ -78,7 +87,7 @@ def step_into(angular_rate: Floats, dt: float, turn: Floats, dt_jacobian: Floats
     vector = scratch(dt, 3)
     for i in range(3):
         vector[i] = angular_rate[i] * dt
-    exp_into(vector, turn)
+    turn_into(angular_rate, dt, turn)
     left_jacobian_into(vector, dt_jacobian)
     for i in range(3):
         for j in range(3):

@@ -4,9 +4,11 @@ The models of a craft share state, transition and measurement, and differ in mea
 takes them through the kernels of `estimators.filter.compiled` at once.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
-from estimators.arrays import Bools, Floats
+from estimators.arrays import Bools, Floats, Ints
 from estimators.filter.bank import Given, Independent, Poses, UpdateResult
 from estimators.filter.compiled import (
     Work,
@@ -15,6 +17,7 @@ from estimators.filter.compiled import (
     move_on,
     step_into,
     take_rows,
+    turn_into,
     weigh_pose,
     weigh_rows,
     work_for,
@@ -40,20 +43,50 @@ from estimators.scratch import scratch
 from estimators.state import STATES, State
 
 
+class Motion(NamedTuple):
+    """Predictions that the models of C craft have yet to make: a craft's models are fetched once per period.
+
+    waits: (C,), whether a craft's have. step: (C,) [s]. angular_rate: (C, 3) [rad/s], about which the step is linear.
+    """
+
+    waits: Bools
+    step: Floats
+    angular_rate: Floats
+
+
 class CompiledInteractingBank(InteractingBank):
     """Interacting filters in arrays: the means and covariances of all models of all craft."""
 
+    def __init__(
+        self,
+        noises: list[tuple[float, float]],
+        quiet_s: float,
+        manoeuvre_s: float,
+        models: Ints,
+        gate_probability: float = 0.99999,
+    ) -> None:
+        """Begin without a state; the arguments are those of any `InteractingBank`."""
+        super().__init__(noises, quiet_s, manoeuvre_s, models, gate_probability)
+        craft = len(models)
+        self._motion = Motion(np.zeros(craft, dtype=np.bool_), np.zeros(craft), np.zeros((craft, 3)))
+
     def _predict(self, mask: Bools, step: Floats) -> None:
-        _predict_all(mask, step, self.grid, self._mixtures, self._state)
+        if (mask & self._motion.waits).any():
+            self._catch_up()
+        _predict_states(mask, step, self._motion, self._state)
+
+    def _catch_up(self) -> None:
+        _predict_models(self._motion, self.grid, self._mixtures)
 
     def _update(self, mask: Bools, given: Given | Independent | Poses, result: UpdateResult) -> int:
+        models = self._motion, self.grid, self._mixtures
         if isinstance(given, Independent):
-            _update_one_by_one(mask, given, self._mixtures, self._state, self._p, result)
+            _update_one_by_one(mask, given, *models, self._state, self._p, result)
             return -1
         if isinstance(given, Poses):
-            return _update_poses(mask, given, self._mixtures, self._state, self._p, result)
+            return _update_poses(mask, given, *models, self._state, self._p, result)
         work = work_for(given.y.shape[1], LANES)
-        return _update_rows(mask, given, work, self._mixtures, self._state, self._p, result)
+        return _update_rows(mask, given, work, *models, self._state, self._p, result)
 
 
 @inlined
@@ -70,17 +103,50 @@ def _noise(noises: Floats, window: int) -> float:
 
 
 @kernel
-def _predict_all(mask: Bools, step: Floats, grid: Grid, mixtures: Mixtures, state: State) -> None:
-    """Mix the models of the craft of the mask, and move them on by step (C,) [s]."""
-    means, covariances = lanes_in(mixtures.mean), lanes_in(mixtures.covariance)
-    turn, jacobian = scratch(0.0, 3, 3), scratch(0.0, 3, 3)
-    moved, p = scratch(means, 3), scratch(means, STATES, STATES)
+def _predict_states(mask: Bools, step: Floats, motion: Motion, state: State) -> None:
+    """Move the states of the craft of the mask on by step (C,) [s], and leave their models' motion to be made."""
+    turn = scratch(0.0, 3, 3)
     for c in range(len(mask)):
         if not mask[c]:
             continue
-        dt, x = step[c], means[c]
+        motion.waits[c], motion.step[c] = True, step[c]
+        for i in range(3):
+            motion.angular_rate[c, i] = state.angular_rate[c, i]
+        turn_into(state.angular_rate[c], step[c], turn)
+        move_on(state, c, turn, step[c])
+
+
+@kernel
+def _predict_models(motion: Motion, grid: Grid, mixtures: Mixtures) -> None:
+    """Make the motion of the models of all craft that wait for it."""
+    covariances = lanes_in(mixtures.covariance)
+    p = scratch(covariances, STATES, STATES)
+    for c in range(len(motion.waits)):
+        if _predicted_into(c, motion, grid, mixtures, p):
+            to_triangle(p, covariances[c])
+
+
+@kernel
+def _predicted_into(c: int, motion: Motion, grid: Grid, mixtures: Mixtures, p: Floats) -> bool:
+    """Write P (12, 12) of the models of craft c, predicted, as lanes; return whether it has changed.
+
+    If the prediction is still to be made, the models are mixed where it is time, and their means are moved in place.
+
+    Args:
+        c: the craft.
+        motion: what waits.
+        grid: the models.
+        mixtures: models of all craft.
+        p: (12, 12), receives P.
+    """
+    waits, dt, x = motion.waits[c], motion.step[c], lanes_in(mixtures.mean)[c]
+    if waits:
         mix_if_due(c, dt, grid, mixtures)
-        step_into(state.angular_rate[c], dt, turn, jacobian)
+    from_triangle(lanes_in(mixtures.covariance)[c], p)
+    if waits:
+        motion.waits[c] = False
+        turn, jacobian, moved = scratch(0.0, 3, 3), scratch(0.0, 3, 3), scratch(x, 3)
+        step_into(motion.angular_rate[c], dt, turn, jacobian)
         for i in range(3):
             value = turn[i, 0] * x[0] + turn[i, 1] * x[1] + turn[i, 2] * x[2]
             moved[i] = value + (jacobian[i, 0] * x[3] + jacobian[i, 1] * x[4] + jacobian[i, 2] * x[5])
@@ -91,10 +157,8 @@ def _predict_all(mask: Bools, step: Floats, grid: Grid, mixtures: Mixtures, stat
             _noise(grid.acceleration, mixtures.window[c]),
             _noise(grid.angular_acceleration, mixtures.window[c]),
         )
-        from_triangle(covariances[c], p)
         advance(p, turn, jacobian, dt, linear, angular)
-        to_triangle(p, covariances[c])
-        move_on(state, c, turn, dt)
+    return bool(waits)
 
 
 @kernel
@@ -102,6 +166,8 @@ def _update_rows(
     mask: Bools,
     given: Given,
     places: Work,
+    motion: Motion,
+    grid: Grid,
     mixtures: Mixtures,
     state: State,
     covariance: Floats,
@@ -115,13 +181,17 @@ def _update_rows(
         if not mask[c]:
             continue
         h, r, n, free = given.h[c], given.r[c], given.rows[c], given.freedoms[c]
-        from_triangle(covariances[c], p)
+        moved = _predicted_into(c, motion, grid, mixtures, p)
         regular, squared, volume = weigh_rows(p, given.y[c], h, r, n, work, means[c])
-        if not _all_regular(c, regular, mixtures):
-            return c
-        if _let_in(c, squared + given.square[c], volume, given.gate[free], mixtures, result):
+        sound = _all_regular(c, regular, mixtures)
+        accepted = sound and _let_in(c, squared + given.square[c], volume, given.gate[free], mixtures, result)
+        if accepted:
             take_rows(p, h, r, n, work, means[c])
+        if accepted or moved:
             to_triangle(p, covariances[c])
+        if not sound:
+            return c
+        if accepted:
             _correct(c, mixtures, state)
             settle(c, free, mixtures, covariance[c])
     return -1
@@ -129,7 +199,14 @@ def _update_rows(
 
 @kernel
 def _update_poses(
-    mask: Bools, poses: Poses, mixtures: Mixtures, state: State, covariance: Floats, result: UpdateResult
+    mask: Bools,
+    poses: Poses,
+    motion: Motion,
+    grid: Grid,
+    mixtures: Mixtures,
+    state: State,
+    covariance: Floats,
+    result: UpdateResult,
 ) -> int:
     """Take in the poses of the craft of the mask; -1, or the first craft whose S is not positive definite."""
     means, covariances = lanes_in(mixtures.mean), lanes_in(mixtures.covariance)
@@ -141,13 +218,17 @@ def _update_poses(
         r = poses.covariance[c]
         pose_difference_into(poses.rotation[c], poses.position[c], state.rotation[c], state.position[c], y)
         pose_rows_into(poses.coupling[c], h)
-        from_triangle(covariances[c], p)
+        moved = _predicted_into(c, motion, grid, mixtures, p)
         regular, squared, volume = weigh_pose(p, y, h, r, work, means[c])
-        if not _all_regular(c, regular, mixtures):
-            return c
-        if _let_in(c, squared, volume, poses.gate, mixtures, result):
+        sound = _all_regular(c, regular, mixtures)
+        accepted = sound and _let_in(c, squared, volume, poses.gate, mixtures, result)
+        if accepted:
             take_rows(p, h, r, POSE, work, means[c])
+        if accepted or moved:
             to_triangle(p, covariances[c])
+        if not sound:
+            return c
+        if accepted:
             _correct(c, mixtures, state)
             settle(c, POSE, mixtures, covariance[c])
     return -1
@@ -195,7 +276,14 @@ def _correct(c: int, mixtures: Mixtures, state: State) -> None:
 
 @kernel
 def _update_one_by_one(
-    mask: Bools, given: Independent, mixtures: Mixtures, state: State, covariance: Floats, result: UpdateResult
+    mask: Bools,
+    given: Independent,
+    motion: Motion,
+    grid: Grid,
+    mixtures: Mixtures,
+    state: State,
+    covariance: Floats,
+    result: UpdateResult,
 ) -> None:
     """Take in the rows of the craft of the mask, one after the other."""
     means, covariances = lanes_in(mixtures.mean), lanes_in(mixtures.covariance)
@@ -204,9 +292,10 @@ def _update_one_by_one(
     for c in range(len(mask)):
         if not mask[c]:
             continue
+        if _predicted_into(c, motion, grid, mixtures, p):
+            to_triangle(p, covariances[c])
         for i in range(STATES):
             x[i] = means[c, i]
-        from_triangle(covariances[c], p)
         squared, volume = absorb_independent(p, given.y[c], given.h[c], given.variance[c], given.rows[c], x, left)
         free = given.freedoms[c]
         if _let_in(c, squared, volume, given.gate[free], mixtures, result):

@@ -132,6 +132,7 @@ class InteractingBank(FilterBank):
     def _covariance(self) -> Floats:
         """P (C, 12, 12) of the mixtures, which a prediction leaves to whoever asks for it before the next update."""
         if self._moved_on.any():
+            self._catch_up()
             _combine_all(self._moved_on, self._mixtures, self._p)
             self._moved_on[:] = False
         return self._p
@@ -149,6 +150,7 @@ class InteractingBank(FilterBank):
     @property
     def probability(self) -> Floats:
         """The probabilities of the models, (C, N); zero of those that are not run."""
+        self._catch_up()
         mixtures = self._mixtures
         craft = np.arange(len(mixtures.window))
         out = np.zeros((len(craft), max(len(self.grid.acceleration), LANES)))
@@ -182,6 +184,7 @@ class InteractingBank(FilterBank):
     @property
     def mixtures(self) -> Mixtures:
         """The models of all craft, copied."""
+        self._catch_up()
         own = self._mixtures
         return own._replace(**{name: part.copy() for name, part in own._asdict().items()})
 
@@ -191,6 +194,10 @@ class InteractingBank(FilterBank):
         # Lanes of no model have the quietest's, which counts nowhere.
         model = np.minimum(window + (np.arange(LANES) - window) % LANES, len(self.grid.acceleration) - 1)
         return np.stack([self.grid.acceleration[model], self.grid.angular_acceleration[model]], axis=-1)
+
+    def _catch_up(self) -> None:
+        """Do what a prediction has left undone of the models."""
+        return
 
     def _begin(self, mask: Bools) -> None:
         _begin_all(mask, self._covariance, self._mixtures)
