@@ -107,6 +107,42 @@ def test_motion_that_was_not_ordered_changes_no_bit(kind: type[FilterBank]) -> N
         np.testing.assert_array_equal(getattr(bank, name), value, err_msg=name)
 
 
+def test_who_asks_for_a_covariance_between_prediction_and_update_changes_no_bit() -> None:
+    rng = np.random.default_rng(8)
+    models = np.full(COUNT, 6)
+    models[::3] = 2
+    noises = [(0.2 / 5**k, 0.2 / 5**k) for k in range(6)]
+    asked, left = (CompiledInteractingBank(noises, 30.0, 2.0, models, gate_probability=0.9) for _ in range(2))
+    rotation, position = rot.exp(rng.standard_normal((COUNT, 3))), rng.normal([0, 0, 5], 1, (COUNT, 3))
+    every = np.ones(COUNT, dtype=np.bool_)
+    refused = 0
+    for bank in (asked, left):
+        bank.start(every, rotation, position, 1e-6 * np.tile(np.eye(6), (COUNT, 1, 1)), (0.1, 0.1))
+    for period in range(60):
+        covariance, coupling = random_covariance(rng, COUNT), T / 4 * rng.uniform(-1, 1, (COUNT, 6, 6))
+        seen: Bools = rng.random(COUNT) < 0.7
+        error = np.linalg.cholesky(covariance) @ rng.standard_normal((COUNT, 6, 1))
+        pose = rot.exp(error[:, :3, 0]) @ rotation, position + error[:, 3:, 0]
+        turn, still, h = 1e-4 * rng.standard_normal((COUNT, 3)), np.zeros((COUNT, 3)), rng.normal(size=(COUNT, 3, 12))
+        for bank in (asked, left):
+            bank.predict(T, every)
+            if bank is asked:
+                assert np.isfinite(bank.covariance).all()
+                assert np.isfinite(bank.mixtures.covariance).all()
+            bank.add_motion(every, still, turn, still, still)
+            if bank is asked:
+                assert np.isfinite(bank.probability).all()
+            if period % 7 < 5:
+                refused += int(np.count_nonzero(seen & ~bank.update_pose(seen, *pose, covariance, coupling).accepted))
+            else:
+                bank.update(seen, error[:, :3, 0], h, np.full((COUNT, 3), 1e-2))
+        for one, other in zip(asked.mixtures, left.mixtures, strict=True):
+            np.testing.assert_array_equal(one, other)
+        for name in STATE:
+            np.testing.assert_array_equal(getattr(asked, name), getattr(left, name), err_msg=name)
+    assert refused > 20
+
+
 def test_an_indefinite_covariance_is_refused_and_named() -> None:
     rng = np.random.default_rng(7)
     bank, mask = CompiledFilterBank(2), np.ones(2, dtype=np.bool_)

@@ -1,4 +1,4 @@
-"""Lanes: every operation against NumPy bit for bit, and PnP and dilution of four craft at once against one alone."""
+"""Lanes: every operation against NumPy bit for bit, and PnP and dilution of several craft at once against one alone."""
 
 from typing import Any, cast
 
@@ -11,7 +11,21 @@ from estimators import rotation as rot
 from estimators.arrays import Bools, Floats
 from estimators.kernel import kernel
 from estimators.kernel_digest import KernelDigest
-from estimators.lanes import all_of, any_of, lane, lanes_in, opposite, pack, select, transposed, width, with_lane
+from estimators.lanes import (
+    WIDE,
+    alike,
+    all_of,
+    any_of,
+    lane,
+    lanes_in,
+    opposite,
+    pack,
+    select,
+    transposed,
+    wide_in,
+    width,
+    with_lane,
+)
 from estimators.lighthouse.dop import dilution, dilution_one
 from estimators.lighthouse.pnp import FEWEST_LIT, ITERATIONS_MAX, refine_one, refine_projections
 from estimators.lighthouse.projection import COLUMNS, VALUE, WEIGHT, gather, projections, table_spans_plane
@@ -76,6 +90,38 @@ def in_place(array: Floats) -> None:
         middle[1, k] += rows[0]
 
 
+@kernel
+def everything_wide(given: Floats, out: Floats) -> None:
+    values, into = wide_in(given), wide_in(out)
+    for k in range(values.shape[1]):
+        a, b = values[0, k], values[1, k]
+        into[0, k], into[1, k], into[2, k], into[3, k] = a + b, a - 2, 3 * b, a / b
+        into[4, k], into[5, k], into[6, k], into[7, k] = -a, abs(a), np.sqrt(a), max(a, b)
+        into[8, k], into[9, k] = min(a, b), select((a < b) | opposite(b == 1), a, 2)
+        into[10, k] = with_lane(alike(a, lane(b, WIDE - 1)), 1, width(a))
+        into[11, k] = alike(a, select(any_of(a < 0) & (not all_of(a < 0)), 1.0, 0.0))
+
+
+def test_wide_lanes_do_the_same() -> None:
+    rng = np.random.default_rng(2)
+    pairs = np.concatenate([np.array(np.meshgrid(ODD, ODD)).reshape(2, -1), rng.standard_normal((2, 100))], axis=1)
+    given = pairs.reshape(2, -1, WIDE)
+    out = np.full((12, given.shape[1], WIDE), 7.0)
+    everything_wide(given, out)
+    a, b = given
+    last = np.repeat(b[:, -1:], WIDE, axis=1)
+    last[:, 1] = WIDE
+    some = (a < 0).any(axis=1, keepdims=True) & ~(a < 0).all(axis=1, keepdims=True)
+    with np.errstate(all="ignore"):
+        wanted = [
+            *(a + b, a - 2, 3 * b, a / b, -a, abs(a), np.sqrt(a), np.where(b > a, b, a)),
+            *(np.where(b < a, b, a), np.where((a < b) | ~(b == 1), a, 2), last, some & (a == a)),
+        ]
+    wanted[-1] = np.broadcast_to(some, a.shape)
+    for number, (mine, theirs) in enumerate(zip(out, wanted, strict=True)):
+        assert bits(mine) == bits(np.asarray(theirs, dtype=np.float64)), number
+
+
 def test_an_array_of_lanes_shares_the_memory_of_its_numbers() -> None:
     array = np.arange(24.0).reshape(6, 4)
     wanted = array.copy()
@@ -133,7 +179,7 @@ class Company:
         return out, n
 
 
-def test_four_poses_at_once_are_those_of_one_alone_bit_for_bit() -> None:
+def test_poses_side_by_side_are_those_of_one_alone_bit_for_bit() -> None:
     company = Company()
     solution = refine_projections(
         company.uv, company.weight, company.lit, company.point, company.rotation, company.position, *company.motion()
@@ -158,7 +204,7 @@ def test_four_poses_at_once_are_those_of_one_alone_bit_for_bit() -> None:
     assert hard >= 3, "damped steps, with curvature"
 
 
-def test_four_dilutions_at_once_are_those_of_one_alone_bit_for_bit() -> None:
+def test_dilutions_side_by_side_are_those_of_one_alone_bit_for_bit() -> None:
     company = Company()
     d, rho = company.truth, 0.1
     mask: Bools = np.arange(len(company.lit)) % 9 > 0

@@ -67,7 +67,13 @@ class CompiledFilterBank(FilterBank):
 
 @kernel
 def turn_into(angular_rate: Floats, dt: float, turn: Floats) -> None:
-    """Write E (3, 3) of F for a step of `dt` [s] at an angular rate (3,) [rad/s]."""
+    """Write E of F for a step.
+
+    Args:
+        angular_rate: (3,) [rad/s].
+        dt: the step [s].
+        turn: (3, 3), receives E.
+    """
     vector = scratch(dt, 3)
     for i in range(3):
         vector[i] = angular_rate[i] * dt
