@@ -1,12 +1,16 @@
-"""Four numbers side by side: a type of numba that is one vector of four doubles of LLVM, <4 x double>.
+"""Four or eight numbers side by side: types of numba that are one vector of doubles of LLVM, <4 x double>.
 
-A kernel that is written with operators, `select` and the functions here takes a number, or four numbers of four craft
-at once: lane by lane the same operations in the same order, so that the bits are those of four calls with numbers.
+A kernel that is written with operators, `select` and the functions here takes a number, or the numbers of several craft
+at once: lane by lane the same operations in the same order, so that the bits are those of as many calls with numbers.
 Nothing is fused or reassociated. On a processor without AVX, LLVM makes two operations with two lanes of each.
 
+There are LANES, four, for what comes in fours, and wide ones, `WIDE` of them, for what comes in any number: eight on a
+processor with AVX-512, else four.
+
 A comparison of lanes is a mask, which `&`, `|`, `opposite`, `select`, `all_of` and `any_of` take; there is no branch by
-a mask. Numbers become four equal lanes where they meet lanes. An array of doubles (..., 4) becomes an array of lanes
-(...) by `lanes_in`: its elements are read and written by index, as those of any array.
+a mask. Numbers become equal lanes where they meet lanes. An array of doubles (..., LANES) becomes an array of lanes
+(...) by `lanes_in`, and one (..., WIDE) by `wide_in`: its elements are read and written by index, as those of any
+array.
 
 Types are told to Python as `float` and `bool`. In Python the functions do what they do for one number.
 """
@@ -34,7 +38,7 @@ LANES = 4
 WIDE = 2 * LANES if get_host_cpu_features().get("avx512f", False) else LANES
 """Numbers side by side where any number of them serves: as many as a vector of this processor holds."""
 
-KERNEL_SOURCE = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()[:16]
+KERNEL_SOURCE = f"{hashlib.sha256(Path(__file__).read_bytes()).hexdigest()[:16]}, {WIDE}"
 """Stands for this file in the digests of kernels: what it makes of an operator is not in their bytecode."""
 
 _DOUBLE, _WORD = ir.DoubleType(), ir.IntType(64)
