@@ -151,6 +151,21 @@ class Model(NamedTuple):
         return out
 
 
+class Period(NamedTuple):
+    """One period of a flight of C craft: the truth, the navigation's estimate with its covariance (C, 12, 12), the orders
+    (2, C, 3) since the last epoch, linear and angular; of the n lit photodiodes the points (C, n, 3) [m], their measured
+    angles and the instants of these after the epoch, (C, n, 2) each.
+    """
+
+    truth: Truth
+    known: Truth
+    covariance: Floats
+    order: Floats
+    points: Floats
+    angle: Floats
+    instant: Floats
+
+
 class Samples(NamedTuple):
     """Squared errors and traces of the bound of the C craft at one instant, (3, C) each, of attitude, position and the
     centre of the lit photodiodes in straight coordinates; the traces of the filter's own covariance, likewise; and
@@ -184,6 +199,7 @@ def fly(
     lit: Ints,
     at_s: list[float],
     seed: int,
+    log: list[Period] | None = None,
 ) -> dict[float, Samples]:
     """Fly C craft that see their first `lit` (C, n) photodiodes after a while; return samples at times after that.
 
@@ -194,6 +210,7 @@ def fly(
         lit: (C, n), photodiodes that stay lit.
         at_s: times after the others go dark [s].
         seed: of all draws.
+        log: receives every period, if given.
     """
     rng, craft = np.random.default_rng(seed), len(lit)
     layout: Photodiodes = pad([points] * craft, [np.tile([0.0, 0.0, 1.0], (len(points), 1))] * craft)
@@ -228,9 +245,12 @@ def fly(
         information = information + model.light(truth, bright, instant)
         rotor, own = rng.standard_normal((craft, 1, 2)), rng.standard_normal(angle.shape)
         noisy = angle + model.sigma * (np.sqrt(model.rho) * rotor + np.sqrt(1 - model.rho) * own)
-        light = _light(np.pi / 2 + noisy, instant + (noisy - angle) * step / (2 * np.pi), shown, len(points))
+        measured_at = instant + (noisy - angle) * step / (2 * np.pi)
+        light = _light(np.pi / 2 + noisy, measured_at, shown, len(points))
         estimate = navigator.step(light, None, Command(order[0], order[1]) if frame else None)
         known = Truth(estimate.rotation, estimate.angular_rate, estimate.position, estimate.velocity)
+        if log is not None:
+            log.append(Period(truth, known, estimate.covariance, order, bright, noisy, measured_at))
         if frame in instants:
             out[instants[frame]] = _samples(truth, known, estimate.covariance, information, points[lit])
         lost = ~np.isfinite(known.position[:, 0])

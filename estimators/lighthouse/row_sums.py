@@ -19,10 +19,10 @@ import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
-from estimators.lanes import LANES, any_of, lane, lanes_in, pack, select
+from estimators.lanes import LANES, all_of, lane, lanes_in, pack, select
+from estimators.lighthouse.side_by_side import Places, rows_of
 from estimators.lighthouse.innovation import Innovations, RowBatch, StationArrays
-from estimators.lighthouse.rows import row_into
-from estimators.lighthouse.side_by_side import rows_of
+from estimators.lighthouse.rows import arm_and_place, seen, slopes_into
 from estimators.pivot import is_wide
 from estimators.state import STATES, State
 
@@ -209,21 +209,33 @@ def pose_sums(
 
 
 class _Places(NamedTuple):
-    """Places for four craft: own (L, m), the rows of each; number, at, size (L,): how many, those behind, and those of
-    a sweep; y (m,), h (m, 12), point (3,), state (18,), lower, inverse, p (12, 12), total, moved (12,), lanes.
+    """Places for four craft, lanes but for counts. alone (L,): one craft in the place of four. at, size (L,): the row
+    that comes next of each, and how many a sweep has; row, spot (m, L): a sweep's rows, and their photodiodes as c K + k; unsigned, for an index that may be negative
+    takes longer. Of a sweep: tau (m,), point, arm, place (m, 3). Of all: y (m,), h (m, 12), turn (9,), and the same as
+    rotation (3, 3), position, velocity, rate (3,), variance (144,), and the same as p (12, 12), lower, inverse (12, 12),
+    total, moved (12,).
     """
 
-    own: Ints
-    number: Ints
+    alone: Ints
     at: Ints
     size: Ints
+    row: Places
+    spot: Places
+    tau: Floats
+    point: Floats
+    arm: Floats
+    place: Floats
     y: Floats
     h: Floats
-    point: Floats
-    state: Floats
+    turn: Floats
+    rotation: Floats
+    position: Floats
+    velocity: Floats
+    rate: Floats
+    variance: Floats
+    p: Floats
     lower: Floats
     inverse: Floats
-    p: Floats
     total: Floats
     moved: Floats
 
@@ -231,21 +243,32 @@ class _Places(NamedTuple):
 @kernel
 def _places(most: int) -> _Places:
     """Return places for craft of up to `most` rows, padded."""
-    small = lanes_in(np.empty((3, STATES, LANES)))
-    large = lanes_in(np.empty((3, STATES, STATES, LANES)))
-    counts = np.empty((3, LANES), np.int64)
+    small, vectors = lanes_in(np.empty((2, STATES, LANES))), lanes_in(np.empty((3, 3, LANES)))
+    large, variance = lanes_in(np.empty((2, STATES, STATES, LANES))), lanes_in(np.empty((STATES * STATES, LANES)))
+    turn = lanes_in(np.empty((9, LANES)))
+    sweep = lanes_in(np.empty((3, most, 3, LANES)))
+    counts, which = np.empty((3, LANES), np.int64), np.empty((2, most, LANES), np.uint64)
     return _Places(
-        np.empty((LANES, most), np.int64),
         counts[0],
         counts[1],
         counts[2],
+        which[0],
+        which[1],
+        lanes_in(np.empty((most, LANES))),
+        sweep[0],
+        sweep[1],
+        sweep[2],
         lanes_in(np.empty((most, LANES))),
         lanes_in(np.empty((most, STATES, LANES))),
-        small[2],
-        lanes_in(np.empty((18, LANES))),
+        turn,
+        turn.reshape(3, 3),
+        vectors[0],
+        vectors[1],
+        vectors[2],
+        variance,
+        variance.reshape(STATES, STATES),
         large[0],
         large[1],
-        large[2],
         small[0],
         small[1],
     )
@@ -284,14 +307,44 @@ def _pose_sums_into(
     for i in range(LANES):
         order[craft + i] = order[craft - 1]
     # A sweep has as many rows as the craft of the four that has most of it.
-    places, alone = _places(LANES * most), np.empty(LANES, np.int64)
-    for start in range(first, craft, LANES):
+    flat = point.reshape(-1, 3), state.rotation.reshape(craft, 9), covariance.reshape(craft, -1)
+    _all_sums(order[first:], rows, kept, light, point.shape[1], state, flat, _places(LANES * most), out)
+
+
+@kernel
+def _all_sums(
+    order: Ints,
+    rows: RowBatch,
+    kept: Bools,
+    light: StationArrays,
+    photodiodes: int,
+    state: State,
+    flat: tuple[Floats, Floats, Floats],
+    places: _Places,
+    out: PoseSums,
+) -> None:
+    """Write the sums of craft, four at a time. By itself: what makes arrays counts references to all at every call.
+
+    Args:
+        order: (n + L,), the craft, the last one once more for every lane that is left over.
+        rows: rows of the C craft.
+        kept: (N,), the rows that are used.
+        light: stations that the rows name.
+        photodiodes: K.
+        state: predicted states.
+        flat: points (C K, 3) [m], rotations (C, 9) and covariances of the predictions (C, 144).
+        places: workspace.
+        out: receives them.
+    """
+    for start in range(0, len(order) - LANES, LANES):
         who = order[start : start + LANES]
-        if not _four_sums(who, rows, kept, light, point, state, covariance, places, out):
-            # Craft before other sweeps, or one whose photodiode is not in front: each by itself.
-            for i in range(min(LANES, craft - start)):
-                alone[:] = who[i]
-                _four_sums(alone, rows, kept, light, point, state, covariance, places, out)
+        if _four_sums(who, rows, kept, light, photodiodes, state, flat, places, out):
+            continue
+        # Craft before other sweeps, or one whose photodiode is not in front: each by itself.
+        for i in range(min(LANES, len(order) - LANES - start)):
+            for k in range(LANES):
+                places.alone[k] = who[i]
+            _four_sums(places.alone, rows, kept, light, photodiodes, state, flat, places, out)
 
 
 @kernel
@@ -300,54 +353,35 @@ def _four_sums(
     rows: RowBatch,
     kept: Bools,
     light: StationArrays,
-    point: Floats,
+    photodiodes: int,
     state: State,
-    covariance: Floats,
+    flat: tuple[Floats, Floats, Floats],
     places: _Places,
     out: PoseSums,
 ) -> bool:
-    """Write the sums of four craft; return False, and write none, where they have not the same sweeps, or a photodiode
-    is not in front of its station.
-
-    Args:
-        who: (L,), the craft.
-        rows: rows of the C craft.
-        kept: (N,), the rows that are used.
-        light: stations that the rows name.
-        point: (C, K, 3) [m].
-        state: predicted states.
-        covariance: (C, 12, 12) of the predictions.
-        places: workspace.
-        out: receives them.
+    """Write the sums of four craft (L,); return False, and write none, where they have not the same sweeps, or a
+    photodiode is not in front of its station. The other arguments are those of `_all_sums`.
     """
-    own, y, h, s, lower = places.own, places.y, places.h, places.state, places.lower
+    point, rotation, covariance = flat
+    lower = places.lower
     for i in range(LANES):
-        c, n = who[i], 0
-        for r in range(rows.first[c], rows.first[c + 1]):
-            if kept[r]:
-                own[i, n] = r
-                n += 1
-        places.number[i], places.at[i] = n, 0
-    craft = len(state.position)
-    rows_of(state.rotation.reshape(craft, 9), who, s[:9])
-    rows_of(state.position, who, s[9:12])
-    rows_of(state.velocity, who, s[12:15])
-    rows_of(state.angular_rate, who, s[15:18])
-    n = 0
-    while places.at[0] < places.number[0]:
-        added = _sweep_of_four(who, n, rows, light, point, places)
-        if added == 0:
-            return False
-        n += added
-    for i in range(LANES):
-        if places.at[i] < places.number[i]:
-            return False
+        places.at[i] = rows.first[who[i]]
+    rows_of(rotation, who, places.turn)
+    rows_of(state.position, who, places.position)
+    rows_of(state.velocity, who, places.velocity)
+    rows_of(state.angular_rate, who, places.rate)
+    rows_of(covariance, who, places.variance)
+    n, added = 0, 1
+    while added > 0:
+        added = _sweep_of_four(who, n, rows, kept, light, point, photodiodes, places)
+        n += max(added, 0)
+    if added < 0:
+        return False
     for i in range(STATES):
         places.total[i] = 0.0
         for j in range(STATES):
             lower[i, j] = 0.0
-    square, told = _root_of_sums(y, h, n, lower, places.total, places.moved)
-    rows_of(covariance.reshape(craft, STATES * STATES), who, places.p.reshape(STATES * STATES))
+    square, told = _root_of_sums(places.y, places.h, n, lower, places.total, places.moved)
     for j in range(POSE, STATES):
         told = told & (_worth(j, lower, places.p) < LITTLE)
         square += places.total[j] * places.total[j]
@@ -359,66 +393,98 @@ def _four_sums(
 
 
 @kernel
-def _sweep_of_four(who: Ints, n: int, rows: RowBatch, light: StationArrays, point: Floats, places: _Places) -> int:
+def _next_kept(r: int, end: int, kept: Bools) -> int:
+    """Return the first row from r on that is kept, or the end."""
+    while r < end and not kept[r]:
+        r += 1
+    return r
+
+
+@kernel
+def _sweep_of_four(
+    who: Ints,
+    n: int,
+    rows: RowBatch,
+    kept: Bools,
+    light: StationArrays,
+    point: Floats,
+    photodiodes: int,
+    places: _Places,
+) -> int:
     """Write the next sweep's rows of four craft behind the first n, whitened, and zero where one of them has fewer;
-    return how many, 0 where the craft have not the same sweep, or a photodiode is not in front of its station.
+    return how many: 0 where none has another one, -1 where they have not the same one, or a photodiode is not in front
+    of its station.
 
     Args:
         who: (L,), the craft.
         n: rows before.
         rows: rows of the C craft.
+        kept: (N,), the rows that are used.
         light: stations that the rows name.
-        point: (C, K, 3) [m].
+        point: (C K, 3) [m].
+        photodiodes: K.
         places: of the four craft.
     """
-    own, at, size, y, h, s = places.own, places.at, places.size, places.y, places.h, places.state
-    one = own[0, at[0]]
-    station, fan, most = rows.station[one], rows.fan[one], 0
+    at, size, row, spot, y, h = places.at, places.size, places.row, places.spot, places.y, places.h
+    station, fan, most, fewest = -1, -1, 0, len(row)
     for i in range(LANES):
-        if at[i] >= places.number[i]:
-            return 0
-        begin = own[i, at[i]]
-        if rows.station[begin] != station or rows.fan[begin] != fan:
-            return 0
-        size[i] = 0
-        while at[i] + size[i] < places.number[i]:
-            r = own[i, at[i] + size[i]]
-            if rows.station[r] != station or rows.fan[r] != fan or rows.sweep[r] != rows.sweep[begin]:
-                break
-            size[i] += 1
-        most = max(most, size[i])
+        c = who[i]
+        r, end = _next_kept(at[i], rows.first[c + 1], kept), rows.first[c + 1]
+        k, here = np.uint64(0), np.uint64(r)
+        if r < end:
+            own_station, own_fan, sweep = rows.station[here], rows.fan[here], rows.sweep[here]
+            if i == 0:
+                station, fan = own_station, own_fan
+            if own_station != station or own_fan != fan:
+                return -1
+            last, body, lane_at = np.uint64(end), np.uint64(c * photodiodes), np.uint64(i)
+            while here < last:
+                if rows.sweep[here] != sweep or rows.fan[here] != fan or rows.station[here] != station:
+                    break
+                if kept[here]:
+                    row[k, lane_at], spot[k, lane_at] = here, body + np.uint64(rows.photodiode[here])
+                    k += np.uint64(1)
+                here += np.uint64(1)
+        at[i], size[i] = here, k
+        most, fewest = max(most, size[i]), min(fewest, size[i])
+    if fewest == 0:
+        return 0 if most == 0 else -1
+    for i in range(LANES):
+        for k in range(size[i], most):
+            row[k, i], spot[k, i] = row[0, i], spot[0, i]
     number = pack(float(size[0]), float(size[1]), float(size[2]), float(size[3]))
     mean, total = number * 0.0, places.total
     for i in range(STATES):
         total[i] = 0.0
     for k in range(most):
-        a = own[0, at[0] + (k if k < size[0] else 0)]
-        b = own[1, at[1] + (k if k < size[1] else 0)]
-        c = own[2, at[2] + (k if k < size[2] else 0)]
-        d = own[3, at[3] + (k if k < size[3] else 0)]
+        a, b, c, d = row[k, 0], row[k, 1], row[k, 2], row[k, 3]
+        places.tau[k] = pack(rows.offset_s[a], rows.offset_s[b], rows.offset_s[c], rows.offset_s[d])
+        y[n + k] = pack(rows.angle[a], rows.angle[b], rows.angle[c], rows.angle[d])
+        a, b, c, d = spot[k, 0], spot[k, 1], spot[k, 2], spot[k, 3]
         for i in range(3):
-            places.point[i] = pack(
-                point[who[0], rows.photodiode[a], i],
-                point[who[1], rows.photodiode[b], i],
-                point[who[2], rows.photodiode[c], i],
-                point[who[3], rows.photodiode[d], i],
-            )
-        y[n + k] = row_into(
-            pack(rows.offset_s[a], rows.offset_s[b], rows.offset_s[c], rows.offset_s[d]),
-            pack(rows.angle[a], rows.angle[b], rows.angle[c], rows.angle[d]),
-            light.rotation[station],
-            light.position[station],
-            light.fans[light.first[station] + fan],
-            places.point,
-            s[:9].reshape(3, 3),
-            s[9:12],
-            s[12:15],
-            s[15:18],
-            h[n + k],
-        )
-        if any_of(y[n + k] != y[n + k]):
-            return 0
+            places.point[k, i] = pack(point[a, i], point[b, i], point[c, i], point[d, i])
+    # One step of all rows after the other: those of one row wait for each other.
+    seat, at_m, front = light.rotation[station], light.position[station], number == number
+    rotation, position, velocity, rate = places.rotation, places.position, places.velocity, places.rate
+    laser = light.fans[light.first[station] + fan]
+    for k in range(most):
+        arm, q = arm_and_place(places.tau[k], places.point[k], seat, at_m, rotation, position, velocity, rate)
+        for i in range(3):
+            places.arm[k, i], places.place[k, i] = arm[i], q[i]
+        front = front & (q[2] > 0)
+    if not all_of(front):
+        return -1
+    for k in range(most):
+        q = places.place[k]
+        expected, u = seen((q[0], q[1], q[2]), laser, seat)
+        y[n + k] -= expected
         mean += select(number > k, y[n + k], 0.0)
+        for i in range(3):
+            q[i] = u[i]
+    for k in range(most):
+        arm, u = places.arm[k], places.place[k]
+        slopes_into(places.tau[k], (arm[0], arm[1], arm[2]), (u[0], u[1], u[2]), rate, h[n + k])
+    for k in range(most):
         for i in range(STATES):
             total[i] += select(number > k, h[n + k, i], 0.0)
     noise, shared = light.own[station], light.shared[station]
@@ -428,8 +494,6 @@ def _sweep_of_four(who: Ints, n: int, rows: RowBatch, light: StationArrays, poin
         y[n + k] = select(number > k, (y[n + k] - share * mean) * over, 0.0)
         for i in range(STATES):
             h[n + k, i] = select(number > k, (h[n + k, i] - share * total[i]) * over, 0.0)
-    for i in range(LANES):
-        at[i] += size[i]
     return most
 
 

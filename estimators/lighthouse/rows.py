@@ -17,13 +17,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimators.arc_tangent import arc_tangent
 from estimators.arrays import Floats, Ints
-from estimators.kernel import kernel
-from estimators.lanes import all_of, lane, width, with_lane
+from estimators.kernel import inlined, kernel
+from estimators.lanes import lane, width, with_lane
 from estimators.lighthouse.projection import checked
 from estimators.lighthouse.sweep import (
     FAN,
     LIGHTHOUSE_1,
+    TERMS,
     Fan,
     angle_gradient,
     is_perfect,
@@ -31,7 +33,7 @@ from estimators.lighthouse.sweep import (
     measured_angle,
     perfect_gradient,
 )
-from estimators.rotation import exp_into, exp_rows, left_jacobian_rows
+from estimators.rotation import exp_into, left_jacobian_rows, turned
 from estimators.state import STATES, State
 
 
@@ -164,8 +166,6 @@ def row_into(
 ) -> float:
     """Return the residual y of one row, and write its H (12,) into `matrix`; NaN where not in front of the station.
 
-    Of numbers, or of lanes with the same station and fan: NaN in all of them where any is not in front.
-
     Args:
         tau: instant after the epoch [s].
         angle: measured angle from boresight [rad].
@@ -179,66 +179,108 @@ def row_into(
         angular_rate: (3,) [rad/s], world frame.
         matrix: (12,), receives H.
     """
-    w0, w1, w2 = angular_rate[0] * tau, angular_rate[1] * tau, angular_rate[2] * tau
+    arm, q = arm_and_place(
+        tau, point, station_rotation, station_position, rotation, position, velocity, angular_rate
+    )
+    if not q[2] > 0:
+        matrix[:] = np.nan
+        return np.nan
+    expected, u = seen(q, fan, station_rotation)
+    slopes_into(tau, arm, u, angular_rate, matrix)
+    return angle - expected
+
+
+@inlined
+def arm_and_place(
+    tau: float,
+    point: Floats,
+    station_rotation: Floats,
+    station_position: Floats,
+    rotation: Floats,
+    position: Floats,
+    velocity: Floats,
+    angular_rate: Floats,
+) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    """Return T R b, world frame, and q [m], of numbers or of lanes; arguments as of `row_into`."""
     a0 = rotation[0, 0] * point[0] + rotation[0, 1] * point[1] + rotation[0, 2] * point[2]
     a1 = rotation[1, 0] * point[0] + rotation[1, 1] * point[1] + rotation[1, 2] * point[2]
     a2 = rotation[2, 0] * point[0] + rotation[2, 1] * point[1] + rotation[2, 2] * point[2]
-    t0, t1, t2 = exp_rows(w0, w1, w2)
-    b0 = t0[0] * a0 + t0[1] * a1 + t0[2] * a2
-    b1 = t1[0] * a0 + t1[1] * a1 + t1[2] * a2
-    b2 = t2[0] * a0 + t2[1] * a1 + t2[2] * a2
+    b0, b1, b2 = turned(angular_rate[0] * tau, angular_rate[1] * tau, angular_rate[2] * tau, a0, a1, a2)
     v0 = position[0] + velocity[0] * tau + b0 - station_position[0]
     v1 = position[1] + velocity[1] * tau + b1 - station_position[1]
     v2 = position[2] + velocity[2] * tau + b2 - station_position[2]
     s = station_rotation
-    x = s[0, 0] * v0 + s[1, 0] * v1 + s[2, 0] * v2
-    y = s[0, 1] * v0 + s[1, 1] * v1 + s[2, 1] * v2
-    z = s[0, 2] * v0 + s[1, 2] * v1 + s[2, 2] * v2
-    if not all_of(z > 0):
-        nothing: float = x * np.nan
-        for i in range(STATES):
-            matrix[i] = nothing
-        return nothing
-    expected, g = _seen(x, y, z, fan)
-    # The gradient u in the world frame.
-    u0 = s[0, 0] * g[0] + s[0, 1] * g[1] + s[0, 2] * g[2]
-    u1 = s[1, 0] * g[0] + s[1, 1] * g[1] + s[1, 2] * g[2]
-    u2 = s[2, 0] * g[0] + s[2, 1] * g[1] + s[2, 2] * g[2]
-    matrix[6], matrix[7], matrix[8] = u0, u1, u2
-    matrix[9], matrix[10], matrix[11] = u0 * tau, u1 * tau, u2 * tau
-    # -u^T [a]x = (a x u)^T: with u turned back to the epoch for the attitude.
-    c0 = t0[0] * u0 + t1[0] * u1 + t2[0] * u2
-    c1 = t0[1] * u0 + t1[1] * u1 + t2[1] * u2
-    c2 = t0[2] * u0 + t1[2] * u1 + t2[2] * u2
-    matrix[0], matrix[1], matrix[2] = a1 * c2 - a2 * c1, a2 * c0 - a0 * c2, a0 * c1 - a1 * c0
-    m0, m1, m2 = (b1 * u2 - b2 * u1) * tau, (b2 * u0 - b0 * u2) * tau, (b0 * u1 - b1 * u0) * tau
-    j0, j1, j2 = left_jacobian_rows(w0, w1, w2)
-    matrix[3] = m0 * j0[0] + m1 * j1[0] + m2 * j2[0]
-    matrix[4] = m0 * j0[1] + m1 * j1[1] + m2 * j2[1]
-    matrix[5] = m0 * j0[2] + m1 * j1[2] + m2 * j2[2]
-    return angle - expected
+    return (b0, b1, b2), (
+        s[0, 0] * v0 + s[1, 0] * v1 + s[2, 0] * v2,
+        s[0, 1] * v0 + s[1, 1] * v1 + s[2, 1] * v2,
+        s[0, 2] * v0 + s[1, 2] * v1 + s[2, 2] * v2,
+    )
 
 
-@kernel
-def _seen(x: float, y: float, z: float, fan: Floats) -> tuple[float, tuple[float, float, float]]:
-    """Return `measured_angle` and `angle_gradient` of numbers or of lanes.
+@inlined
+def seen(
+    q: tuple[float, float, float], fan: Floats, station_rotation: Floats
+) -> tuple[float, tuple[float, float, float]]:
+    """Return h(q) [rad] and its gradient R_s g [rad/m], world frame, of numbers or of lanes.
 
     Args:
-        x: the point's x [m], station frame.
-        y: its y [m].
-        z: its z [m].
+        q: a point in front of the station [m], station frame.
         fan: (FAN,), a row of `kernel_fans`.
+        station_rotation: (3, 3) R_w_s.
     """
-    angle = x
-    for i in range(width(x)):
-        angle = with_lane(angle, i, measured_angle(lane(x, i), lane(y, i), lane(z, i), fan))
+    x, y, z = q
     if is_perfect(fan):
-        return angle, perfect_gradient(fan[0] * x + fan[1] * y, z, fan)
-    g0, g1, g2 = x, x, x
-    for i in range(width(x)):
-        own = angle_gradient(lane(x, i), lane(y, i), lane(z, i), fan)
-        g0, g1, g2 = with_lane(g0, i, own[0]), with_lane(g1, i, own[1]), with_lane(g2, i, own[2])
-    return angle, (g0, g1, g2)
+        across = fan[0] * x + fan[1] * y
+        angle = arc_tangent(across, z) - fan[TERMS + 1]
+        g0, g1, g2 = perfect_gradient(across, z, fan)
+    else:
+        angle, g0, g1, g2 = x, x, x, x
+        for i in range(width(x)):
+            angle = with_lane(angle, i, measured_angle(lane(x, i), lane(y, i), lane(z, i), fan))
+            own = angle_gradient(lane(x, i), lane(y, i), lane(z, i), fan)
+            g0, g1, g2 = with_lane(g0, i, own[0]), with_lane(g1, i, own[1]), with_lane(g2, i, own[2])
+    s = station_rotation
+    return angle, (
+        s[0, 0] * g0 + s[0, 1] * g1 + s[0, 2] * g2,
+        s[1, 0] * g0 + s[1, 1] * g1 + s[1, 2] * g2,
+        s[2, 0] * g0 + s[2, 1] * g1 + s[2, 2] * g2,
+    )
+
+
+@inlined
+def slopes_into(
+    tau: float,
+    arm: tuple[float, float, float],
+    u: tuple[float, float, float],
+    angular_rate: Floats,
+    matrix: Floats,
+) -> None:
+    """Write H of a row, of numbers or of lanes.
+
+    With m = T R b x u, so that -u^T [T R b]x = m^T, and T = I + J_l [w tau]x, the row is that of j = J_l^T m:
+
+        -u^T [T R b]x J_l tau = j^T tau,   -u^T T [R b]x = m^T T = (m - w tau x j)^T
+
+    Args:
+        tau: instant after the epoch [s].
+        arm: T R b [m].
+        u: gradient [rad/m], world frame.
+        angular_rate: (3,) [rad/s].
+        matrix: (12,), receives it.
+    """
+    (b0, b1, b2), (u0, u1, u2) = arm, u
+    m0, m1, m2 = b1 * u2 - b2 * u1, b2 * u0 - b0 * u2, b0 * u1 - b1 * u0
+    v0, v1, v2 = angular_rate[0] * tau, angular_rate[1] * tau, angular_rate[2] * tau
+    r0, r1, r2 = left_jacobian_rows(v0, v1, v2)
+    j0 = r0[0] * m0 + r1[0] * m1 + r2[0] * m2
+    j1 = r0[1] * m0 + r1[1] * m1 + r2[1] * m2
+    j2 = r0[2] * m0 + r1[2] * m1 + r2[2] * m2
+    matrix[0] = m0 - (v1 * j2 - v2 * j1)
+    matrix[1] = m1 - (v2 * j0 - v0 * j2)
+    matrix[2] = m2 - (v0 * j1 - v1 * j0)
+    matrix[3], matrix[4], matrix[5] = j0 * tau, j1 * tau, j2 * tau
+    matrix[6], matrix[7], matrix[8] = u0, u1, u2
+    matrix[9], matrix[10], matrix[11] = u0 * tau, u1 * tau, u2 * tau
 
 
 @kernel

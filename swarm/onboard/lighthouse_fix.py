@@ -19,7 +19,7 @@ from estimators.kernel import kernel
 from estimators.lighthouse.dop import Dilution, dilution
 from estimators.lighthouse.integrity import AngleNoise, Sweeps, linearised
 from estimators.lighthouse.planar import Rows, Side, Spread, bends, is_flat, pose_rows, spread
-from estimators.lighthouse.pnp import refine
+from estimators.lighthouse.pnp import PoseSolution, refine
 from estimators.lighthouse.separation import Linear
 from estimators.lighthouse.sweep import HALF_PI, correct, lighthouse_1, measured_angles
 from estimators.state import State
@@ -217,6 +217,8 @@ class LighthouseFix:
 
     def _solve(self, sweeps: Sweeps, known: Bools, visible: Ints, start: _Start, tracks: Tracks) -> Screened:
         """Solve every craft's pose from its start, and test the residuals."""
+        if not known.any():
+            return Screened(_unsolved(len(known)), sweeps.lit, visible, np.zeros(len(known), dtype=np.int64))
         pnp = refine(
             sweeps.theta,
             sweeps.lit,
@@ -390,6 +392,18 @@ class LighthouseFix:
         one = _at_rest(seen)
         lit = self._monitor.honest(one, hypotheses.rotation[0], hypotheses.position[0], rate_covariance)
         return hypotheses if lit is None else search(seen._replace(lit=lit), self._noise.own_rad)
+
+
+def _unsolved(craft: int) -> PoseSolution:
+    """Return no pose of any of C craft, as `refine` does."""
+    return PoseSolution(
+        rotation=np.full((craft, 3, 3), np.nan),
+        position=np.full((craft, 3), np.nan),
+        solved=np.zeros(craft, dtype=np.bool_),
+        iterations=np.zeros(craft, dtype=np.int64),
+        residual_rad=np.full(craft, np.nan),
+        cost=np.full(craft, np.nan),
+    )
 
 
 def _at_rest(seen: Sighting) -> Sweeps:
