@@ -152,9 +152,9 @@ class Model(NamedTuple):
 
 
 class Period(NamedTuple):
-    """One period of a flight of C craft: the truth, the navigation's estimate with its covariance (C, 12, 12), the orders
-    (2, C, 3) since the last epoch, linear and angular; of the n lit photodiodes the points (C, n, 3) [m], their measured
-    angles and the instants of these after the epoch, (C, n, 2) each.
+    """One period of a flight of C craft: the truth, the navigation's estimate with its covariance (C, 12, 12), the
+    orders (2, C, 3) since the last epoch, linear and angular; of the n lit photodiodes the points (C, n, 3) [m], their
+    measured angles and the instants of these after the epoch, (C, n, 2) each.
     """
 
     truth: Truth

@@ -517,7 +517,7 @@ def test_sums_of_four_craft_at_once_have_the_bits_of_one() -> None:
         for one, side_by_side in zip(alone, together, strict=True):
             np.testing.assert_array_equal(one[c], side_by_side[c])
         lower, total, inverse = np.zeros((12, 12)), np.zeros(12), np.zeros((12, 12))
-        _root_of_sums(found.y[c], found.h[c], int(found.number[c]), lower, total, np.empty(12))
+        _root_of_sums(found.y[c], found.h[c], int(found.number[c]), lower, total)
         _solve_pose(lower, total, inverse)
         np.testing.assert_array_equal(total[:6], together.y[c])
         np.testing.assert_array_equal(lower[6:, :6].T, together.h[c][:, [3, 4, 5, 9, 10, 11]])

@@ -82,8 +82,8 @@ def _condense(y: Floats, h: Floats, n: int, p: Floats, sum_y: Floats, sum_h: Flo
         sum_y: (13,), or as many as there are rows if these are fewer: receives the innovations.
         sum_h: (13, 12), likewise: receives their derivatives.
     """
-    lower, total, moved = np.zeros((STATES, STATES)), np.zeros(STATES), np.empty(STATES)
-    square, _ = _root_of_sums(y, h, n, lower, total, moved)
+    lower, total = np.empty((STATES, STATES)), np.empty(STATES)
+    square, _ = _root_of_sums(y, h, n, lower, total)
     count = 0
     for j in range(STATES):
         if j >= POSE and _worth(j, lower, p) < NEGLIGIBLE:
@@ -101,7 +101,7 @@ def _condense(y: Floats, h: Floats, n: int, p: Floats, sum_y: Floats, sum_h: Flo
 
 
 @kernel
-def _root_of_sums(y: Floats, h: Floats, n: int, lower: Floats, total: Floats, moved: Floats) -> tuple[float, bool]:
+def _root_of_sums(y: Floats, h: Floats, n: int, lower: Floats, total: Floats) -> tuple[float, bool]:
     """Write L and L^-1 H^T y of n rows, of numbers or of lanes; return y^T y - |L^-1 H^T y|^2, and whether the rows
     decide the pose.
 
@@ -109,19 +109,16 @@ def _root_of_sums(y: Floats, h: Floats, n: int, lower: Floats, total: Floats, mo
         y: (m,), innovations.
         h: (m, 12), their derivatives.
         n: number of rows.
-        lower: (12, 12), zero, receives L; its rows and columns are in the order ORDER.
-        total: (12,), zero, receives L^-1 H^T y.
-        moved: (12,), workspace.
+        lower: (12, 12), receives L; its rows and columns are in the order ORDER.
+        total: (12,), receives L^-1 H^T y.
     """
     square = y[0] * 0.0
     for k in range(n):
         square += y[k] * y[k]
-        for i in range(STATES):
-            moved[i] = h[k, ORDER[i]]
-        for i in range(STATES):
-            total[i] += moved[i] * y[k]
-            for j in range(i + 1):
-                lower[i, j] += moved[i] * moved[j]
+    for i in range(0, STATES, 3):
+        _products_with(y, h, n, i, total)
+        for j in range(0, i + 1, 3):
+            _products(h, n, i, j, lower)
     decided = square == square
     for j in range(STATES):
         before, pivot = lower[j, j], lower[j, j]
@@ -142,6 +139,34 @@ def _root_of_sums(y: Floats, h: Floats, n: int, lower: Floats, total: Floats, mo
         total[j] = value * scale
         square -= total[j] * total[j]
     return square, decided
+
+
+@kernel
+def _products(h: Floats, n: int, i: int, j: int, out: Floats) -> None:
+    """Write three by three elements of H^T H from row i and column j on, of n rows of numbers or of lanes.
+
+    In registers, not in the matrix: a sum in memory waits for the one before.
+    """
+    a, b, c, d, e, f = ORDER[i], ORDER[i + 1], ORDER[i + 2], ORDER[j], ORDER[j + 1], ORDER[j + 2]
+    ad = ae = af = bd = be = bf = cd = ce = cf = h[0, 0] * 0.0
+    for k in range(n):
+        x, y, z, u, v, w = h[k, a], h[k, b], h[k, c], h[k, d], h[k, e], h[k, f]
+        ad, ae, af = ad + x * u, ae + x * v, af + x * w
+        bd, be, bf = bd + y * u, be + y * v, bf + y * w
+        cd, ce, cf = cd + z * u, ce + z * v, cf + z * w
+    out[i, j], out[i, j + 1], out[i, j + 2] = ad, ae, af
+    out[i + 1, j], out[i + 1, j + 1], out[i + 1, j + 2] = bd, be, bf
+    out[i + 2, j], out[i + 2, j + 1], out[i + 2, j + 2] = cd, ce, cf
+
+
+@kernel
+def _products_with(y: Floats, h: Floats, n: int, i: int, out: Floats) -> None:
+    """Write three elements of H^T y from row i on, of n rows of numbers or of lanes."""
+    a, b, c = ORDER[i], ORDER[i + 1], ORDER[i + 2]
+    p = q = r = h[0, 0] * 0.0
+    for k in range(n):
+        p, q, r = p + h[k, a] * y[k], q + h[k, b] * y[k], r + h[k, c] * y[k]
+    out[i], out[i + 1], out[i + 2] = p, q, r
 
 
 @kernel
@@ -198,7 +223,7 @@ def pose_sums(
     out = PoseSums(
         np.zeros(craft, dtype=np.bool_),
         np.empty((craft, POSE)),
-        np.zeros((craft, POSE, STATES)),
+        np.empty((craft, POSE, STATES)),
         np.empty((craft, POSE, POSE)),
         np.empty(craft),
         np.zeros(craft, dtype=np.int64),
@@ -209,11 +234,12 @@ def pose_sums(
 
 
 class _Places(NamedTuple):
-    """Places for four craft, lanes but for counts. alone (L,): one craft in the place of four. at, size (L,): the row
-    that comes next of each, and how many a sweep has; row, spot (m, L): a sweep's rows, and their photodiodes as c K + k; unsigned, for an index that may be negative
-    takes longer. Of a sweep: tau (m,), point, arm, place (m, 3). Of all: y (m,), h (m, 12), turn (9,), and the same as
-    rotation (3, 3), position, velocity, rate (3,), variance (144,), and the same as p (12, 12), lower, inverse (12, 12),
-    total, moved (12,).
+    """Places for four craft, lanes but for counts.
+
+    alone (L,): one craft in the place of four. at, size (L,): the row that comes next of each, and how many a sweep
+    has. row, spot (m, L): a sweep's rows, and their photodiodes as c K + k; unsigned, for an index that may be negative
+    takes longer. Of a sweep: tau (m,), point, arm, place (m, 3). Of all: y (m,), h (m, 12), turn (9,) and the same as
+    rotation (3, 3), position, velocity, rate (3,), p, of the rates alone, lower, inverse (12, 12), total (12,).
     """
 
     alone: Ints
@@ -232,19 +258,17 @@ class _Places(NamedTuple):
     position: Floats
     velocity: Floats
     rate: Floats
-    variance: Floats
     p: Floats
     lower: Floats
     inverse: Floats
     total: Floats
-    moved: Floats
 
 
 @kernel
 def _places(most: int) -> _Places:
     """Return places for craft of up to `most` rows, padded."""
-    small, vectors = lanes_in(np.empty((2, STATES, LANES))), lanes_in(np.empty((3, 3, LANES)))
-    large, variance = lanes_in(np.empty((2, STATES, STATES, LANES))), lanes_in(np.empty((STATES * STATES, LANES)))
+    vectors = lanes_in(np.empty((3, 3, LANES)))
+    large = lanes_in(np.empty((3, STATES, STATES, LANES)))
     turn = lanes_in(np.empty((9, LANES)))
     sweep = lanes_in(np.empty((3, most, 3, LANES)))
     counts, which = np.empty((3, LANES), np.int64), np.empty((2, most, LANES), np.uint64)
@@ -265,12 +289,10 @@ def _places(most: int) -> _Places:
         vectors[0],
         vectors[1],
         vectors[2],
-        variance,
-        variance.reshape(STATES, STATES),
         large[0],
         large[1],
-        small[0],
-        small[1],
+        large[2],
+        lanes_in(np.empty((STATES, LANES))),
     )
 
 
@@ -307,8 +329,8 @@ def _pose_sums_into(
     for i in range(LANES):
         order[craft + i] = order[craft - 1]
     # A sweep has as many rows as the craft of the four that has most of it.
-    flat = point.reshape(-1, 3), state.rotation.reshape(craft, 9), covariance.reshape(craft, -1)
-    _all_sums(order[first:], rows, kept, light, point.shape[1], state, flat, _places(LANES * most), out)
+    flat = point.reshape(-1, 3), state.rotation.reshape(craft, 9)
+    _all_sums(order[first:], rows, kept, light, point.shape[1], state, covariance, flat, _places(LANES * most), out)
 
 
 @kernel
@@ -319,7 +341,8 @@ def _all_sums(
     light: StationArrays,
     photodiodes: int,
     state: State,
-    flat: tuple[Floats, Floats, Floats],
+    covariance: Floats,
+    flat: tuple[Floats, Floats],
     places: _Places,
     out: PoseSums,
 ) -> None:
@@ -332,19 +355,20 @@ def _all_sums(
         light: stations that the rows name.
         photodiodes: K.
         state: predicted states.
-        flat: points (C K, 3) [m], rotations (C, 9) and covariances of the predictions (C, 144).
+        covariance: (C, 12, 12) of the predictions.
+        flat: points (C K, 3) [m] and predicted rotations (C, 9).
         places: workspace.
         out: receives them.
     """
     for start in range(0, len(order) - LANES, LANES):
         who = order[start : start + LANES]
-        if _four_sums(who, rows, kept, light, photodiodes, state, flat, places, out):
+        if _four_sums(who, rows, kept, light, photodiodes, state, covariance, flat, places, out):
             continue
         # Craft before other sweeps, or one whose photodiode is not in front: each by itself.
         for i in range(min(LANES, len(order) - LANES - start)):
             for k in range(LANES):
                 places.alone[k] = who[i]
-            _four_sums(places.alone, rows, kept, light, photodiodes, state, flat, places, out)
+            _four_sums(places.alone, rows, kept, light, photodiodes, state, covariance, flat, places, out)
 
 
 @kernel
@@ -355,14 +379,15 @@ def _four_sums(
     light: StationArrays,
     photodiodes: int,
     state: State,
-    flat: tuple[Floats, Floats, Floats],
+    covariance: Floats,
+    flat: tuple[Floats, Floats],
     places: _Places,
     out: PoseSums,
 ) -> bool:
     """Write the sums of four craft (L,); return False, and write none, where they have not the same sweeps, or a
     photodiode is not in front of its station. The other arguments are those of `_all_sums`.
     """
-    point, rotation, covariance = flat
+    point, rotation = flat
     lower = places.lower
     for i in range(LANES):
         places.at[i] = rows.first[who[i]]
@@ -370,18 +395,19 @@ def _four_sums(
     rows_of(state.position, who, places.position)
     rows_of(state.velocity, who, places.velocity)
     rows_of(state.angular_rate, who, places.rate)
-    rows_of(covariance, who, places.variance)
+    for i in range(POSE, STATES):
+        for k in range(POSE, STATES):
+            a, b = ORDER[i], ORDER[k]
+            places.p[a, b] = pack(
+                covariance[who[0], a, b], covariance[who[1], a, b], covariance[who[2], a, b], covariance[who[3], a, b]
+            )
     n, added = 0, 1
     while added > 0:
         added = _sweep_of_four(who, n, rows, kept, light, point, photodiodes, places)
         n += max(added, 0)
     if added < 0:
         return False
-    for i in range(STATES):
-        places.total[i] = 0.0
-        for j in range(STATES):
-            lower[i, j] = 0.0
-    square, told = _root_of_sums(places.y, places.h, n, lower, places.total, places.moved)
+    square, told = _root_of_sums(places.y, places.h, n, lower, places.total)
     for j in range(POSE, STATES):
         told = told & (_worth(j, lower, places.p) < LITTLE)
         square += places.total[j] * places.total[j]
@@ -390,14 +416,6 @@ def _four_sums(
         if lane(told, i):
             _write_sums(who[i], i, square, places, out)
     return True
-
-
-@kernel
-def _next_kept(r: int, end: int, kept: Bools) -> int:
-    """Return the first row from r on that is kept, or the end."""
-    while r < end and not kept[r]:
-        r += 1
-    return r
 
 
 @kernel
@@ -428,25 +446,22 @@ def _sweep_of_four(
     at, size, row, spot, y, h = places.at, places.size, places.row, places.spot, places.y, places.h
     station, fan, most, fewest = -1, -1, 0, len(row)
     for i in range(LANES):
-        c = who[i]
-        r, end = _next_kept(at[i], rows.first[c + 1], kept), rows.first[c + 1]
-        k, here = np.uint64(0), np.uint64(r)
+        r, end, count = at[i], rows.first[who[i] + 1], 0
+        while r < end and not kept[r]:
+            r += 1
         if r < end:
-            own_station, own_fan, sweep = rows.station[here], rows.fan[here], rows.sweep[here]
+            sweep = rows.sweep[r]
             if i == 0:
-                station, fan = own_station, own_fan
-            if own_station != station or own_fan != fan:
+                station, fan = rows.station[r], rows.fan[r]
+            elif rows.station[r] != station or rows.fan[r] != fan:
                 return -1
-            last, body, lane_at = np.uint64(end), np.uint64(c * photodiodes), np.uint64(i)
-            while here < last:
-                if rows.sweep[here] != sweep or rows.fan[here] != fan or rows.station[here] != station:
-                    break
-                if kept[here]:
-                    row[k, lane_at], spot[k, lane_at] = here, body + np.uint64(rows.photodiode[here])
-                    k += np.uint64(1)
-                here += np.uint64(1)
-        at[i], size[i] = here, k
-        most, fewest = max(most, size[i]), min(fewest, size[i])
+            while r < end and rows.station[r] == station and rows.fan[r] == fan and rows.sweep[r] == sweep:
+                if kept[r]:
+                    row[count, i], spot[count, i] = r, who[i] * photodiodes + rows.photodiode[r]
+                    count += 1
+                r += 1
+        at[i], size[i] = r, count
+        most, fewest = max(most, count), min(fewest, count)
     if fewest == 0:
         return 0 if most == 0 else -1
     for i in range(LANES):
@@ -464,7 +479,7 @@ def _sweep_of_four(
         for i in range(3):
             places.point[k, i] = pack(point[a, i], point[b, i], point[c, i], point[d, i])
     # One step of all rows after the other: those of one row wait for each other.
-    seat, at_m, front = light.rotation[station], light.position[station], number == number
+    seat, at_m, front = light.rotation[station], light.position[station], number > 0
     rotation, position, velocity, rate = places.rotation, places.position, places.velocity, places.rate
     laser = light.fans[light.first[station] + fan]
     for k in range(most):
@@ -540,7 +555,8 @@ def _write_sums(c: int, i: int, square: float, places: _Places, out: PoseSums) -
     for a in range(POSE):
         volume *= lane(inverse[a, a], i)
         out.y[c, a] = lane(places.total[a], i)
-        out.h[c, a, ORDER[a]] = 1.0
+        for b in range(POSE):
+            out.h[c, a, ORDER[b]] = 1.0 if a == b else 0.0
         for k in range(POSE, STATES):
             out.h[c, a, ORDER[k]] = lane(lower[k, a], i)
         for b in range(a + 1):

@@ -179,9 +179,7 @@ def row_into(
         angular_rate: (3,) [rad/s], world frame.
         matrix: (12,), receives H.
     """
-    arm, q = arm_and_place(
-        tau, point, station_rotation, station_position, rotation, position, velocity, angular_rate
-    )
+    arm, q = arm_and_place(tau, point, station_rotation, station_position, rotation, position, velocity, angular_rate)
     if not q[2] > 0:
         matrix[:] = np.nan
         return np.nan

@@ -16,6 +16,12 @@ Three photodiodes fit two poses, which meet at a *fold*, a critical attitude: al
 what the rows leave over is a parabola, and the fold its vertex. A filter that reaches over it is parted there: with t ~
 N(0, 1) the error along that direction in sigmas and the fold at f, into its parts t < f and t > f with the mean and the
 variance that a normal distribution has there, and the weights F(f) and 1 - F(f). Neither passes for the other then.
+
+Two photodiodes leave the tilt of their line open, and what light tells of it is how a push shares in tilt and distance,
+by the tangent of the tilt. A filter weighs that at its own tilt, the truth has another one. Where a filter's tilt is
+coarse it is parted in its middle, f = 0, and parted anew when both halves have grown into each other.
+
+Of two filters the mean and the covariance are those in the coordinates of `estimators.pivot`.
 """
 
 from collections.abc import Mapping
@@ -26,9 +32,9 @@ from scipy.special import log_ndtr
 
 from estimators.arrays import Bools, Floats
 from estimators.filter.bank import FilterBank
-from estimators.filter.error_state import POSE_COLUMNS, correct, difference_into
+from estimators.filter.error_state import POSE_COLUMNS, difference_into
 from estimators.lighthouse.rows import Rows
-from estimators.pivot import ARMS, turn_about
+from estimators.pivot import ARMS, PIVOT, shear, shear_into, turn_about
 from estimators.state import STATES, State
 from swarm.messages import Command
 from swarm.onboard.acquisition import DECISIVE
@@ -43,6 +49,12 @@ LIKELIER = 4.0
 """By how much the other side of a fold leads, twice in logarithms, over an image that it takes the place of."""
 AGAIN, OVERLAPPING = 1.0, 9.0
 """Likewise, within which two filters that are no farther apart than that, squared, are parted anew."""
+TILT_RAD = 0.07
+"""Standard deviation of the tilt of two photodiodes' line beyond which a filter is parted: the tangent of the tilt, by
+which their light tells pushes of tilt and of distance apart, is another one on either side."""
+GROWN = 3.0
+"""Squared distance, in the covariance of both, below which two halves have grown into each other: it is 7 of the halves
+of a normal distribution."""
 ONE = 0.25
 """Squared distance, in the covariance of both, below which two filters are one."""
 
@@ -50,13 +62,14 @@ ONE = 0.25
 class _Fold(NamedTuple):
     """The place at which two images of one craft meet.
 
-    at: sigmas from its estimate along `side`. side: (12,), the error of one sigma along its attitude's coarsest axis.
-    pivot: (PIVOT,), of `estimators.pivot`.
+    at: sigmas from its estimate along `side`. side: (12,), the error of one sigma along its attitude's coarsest axis,
+    or of the tilt. pivot: (PIVOT,), of `estimators.pivot`. tilt: it is only the middle of a tilt, at which none ends.
     """
 
     at: float
     side: Floats
     pivot: Floats
+    tilt: bool = False
 
 
 class MirrorImages:
@@ -74,6 +87,7 @@ class MirrorImages:
         """
         self._images, self._tracks, self._sweeps = tracks.beside(bank), tracks, sweeps
         self._lead = np.zeros(len(bank.active))
+        self._pivot = np.zeros((len(bank.active), PIVOT))
         self.hidden: Bools = np.zeros(len(bank.active), dtype=np.bool_)
 
     @property
@@ -124,6 +138,8 @@ class MirrorImages:
         if taken.batch is None or taken.before is None:
             return
         asked = other.active & (taken.fresh | taken.refused)
+        for c in np.flatnonzero(asked).tolist():
+            self._pivot[c] = self._sweeps.centre(c, taken.batch.of(c, taken.kept))
         if asked.any():
             self._weigh(taken, asked)
         self._merge()
@@ -163,11 +179,18 @@ class MirrorImages:
         """Write the mean and the covariance of craft c's two filters in the place of its own."""
         other = self._images.bank
         share = 1 / (1 + np.exp(np.clip(self._lead[c], -2 * DECISIVE, 2 * DECISIVE) / 2))
-        away = _difference(other.state.of(c), state.of(c))
-        mean, rest = share * away, (1 - share) * away
-        covariance[c] = (1 - share) * (covariance[c] + np.outer(mean, mean))
-        covariance[c] += share * (other.covariance_of(c) + np.outer(rest, rest))
-        correct(state.rotation[c], state.angular_rate[c], state.position[c], state.velocity[c], mean)
+        here, there, pivot = state.of(c), other.state.of(c), self._pivot[c]
+        away = _away(there, here, pivot)
+        mean, carried = _moved(here, share * away, pivot)
+        back = _moved(there, _away(mean, there, pivot), pivot)[1]
+        between, parts = np.empty((STATES, STATES)), (covariance[c], other.covariance_of(c))
+        shear_into(carried, between)
+        apart = np.outer(between @ away, between @ away)
+        for p, arms in zip(parts, (carried, back), strict=True):
+            shear(p, arms)
+        covariance[c] = (1 - share) * parts[0] + share * parts[1] + share * (1 - share) * apart
+        for part, found in zip(state, mean, strict=True):
+            part[c] = found
 
     def reported(self, after: Filtered) -> Filtered:
         """Return the filters with the mean and covariance of both where a mirror image is followed, as inactive where
@@ -184,9 +207,12 @@ class MirrorImages:
         return after._replace(active=after.active & ~self.hidden)
 
     def _seek(self, taken: SweepsTaken) -> None:
-        """Part every filter that reaches over the fold between two images into one on either side."""
+        """Part every filter that reaches over the fold between two images, or whose tilt is coarse, into one on either
+        side.
+        """
         own, other = self._tracks.bank, self._images.bank
-        asked = taken.fresh & own.active & ~self.hidden & (taken.photodiodes == DETERMINED)
+        asked = taken.fresh & own.active & ~self.hidden & (taken.photodiodes >= DETERMINED - 1)
+        asked &= taken.photodiodes <= DETERMINED
         if not asked.any():
             return
         asked &= self._sweeps.bends(own.covariance, own.position)
@@ -198,7 +224,8 @@ class MirrorImages:
         for c in np.flatnonzero(asked).tolist():
             rows = taken.batch.of(c, taken.kept)
             fold = self._fold(c, rows, *first)
-            again = fold is not None and abs(fold.at) < AGAIN and other.active[c] and self._apart(c) < OVERLAPPING
+            overlap = GROWN if fold is not None and fold.tilt else OVERLAPPING
+            again = fold is not None and abs(fold.at) < AGAIN and other.active[c] and self._apart(c) < overlap
             if again:
                 # Both reach over the fold by now, so that neither is on one side of it.
                 self._mixed(c, *first)
@@ -210,9 +237,9 @@ class MirrorImages:
             if fold is None:
                 continue
             lead = 2 * float(log_ndtr(abs(fold.at)) - log_ndtr(-abs(fold.at)))
-            if other.active[c] and not again and lead + LIKELIER > self._lead[c]:
+            if other.active[c] and not again and (fold.tilt or lead + LIKELIER > self._lead[c]):
                 continue
-            parted[c], self._lead[c] = True, lead
+            parted[c], self._lead[c], self._pivot[c] = True, lead, fold.pivot
             near[c] = again or abs(fold.at) < NEAR
             over = 1.0 if fold.at >= 0 else -1.0
             for (state, covariance), side in ((first, -over), (second, over)):
@@ -220,30 +247,41 @@ class MirrorImages:
                 ratio = float(np.exp(-(fold.at**2) / 2 - log_ndtr(-side * fold.at)) / np.sqrt(2 * np.pi))
                 mean = side * ratio
                 variance = 1 + side * fold.at * ratio - ratio**2
-                moved = _moved(state.of(c), mean * fold.side, fold.pivot)
+                moved, arms = _moved(state.of(c), mean * fold.side, fold.pivot)
                 for part, found in zip(state, moved, strict=True):
                     part[c] = found
                 covariance[c] -= (1 - variance) * np.outer(fold.side, fold.side)
+                shear(covariance[c], arms)
         own.adopt(near | own_mixed, *first)
         other.stop(close)
         other.adopt(parted, *second)
 
     def _apart(self, c: int) -> float:
         """Return the squared distance of craft c's two filters, in the covariance of both."""
-        own, other = self._tracks.bank, self._images.bank
-        away = _difference(other.state.of(c), own.state.of(c))
-        return float(away @ np.linalg.solve(own.covariance_of(c) + other.covariance_of(c), away))
+        own, other, pivot = self._tracks.bank, self._images.bank, self._pivot[c]
+        here, there, covariance = own.state.of(c), other.state.of(c), other.covariance_of(c)
+        away = _away(there, here, pivot)
+        shear(covariance, _moved(there, _away(here, there, pivot), pivot)[1])
+        return float(away @ np.linalg.solve(own.covariance_of(c) + covariance, away))
 
     def _fold(self, c: int, rows: Rows, states: State, covariances: Floats) -> _Fold | None:
-        """Return the fold that craft c's filter, of all states and covariances, reaches over; None if there is none."""
-        if len(rows.angle) != 2 * DETERMINED:
-            return None
+        """Return the fold that craft c's filter, of all states and covariances, reaches over, or its tilt's middle;
+        None if there is none.
+        """
         state, covariance = states.of(c), covariances[c]
         pivot = self._sweeps.centre(c, rows)
+        if len(rows.angle) == 2 * (DETERMINED - 1):
+            along, sight = state.rotation @ pivot[3:6], state.position + state.rotation @ pivot[:3] - pivot[6:]
+            axis = np.cross(along, sight)
+            axis /= np.linalg.norm(axis)
+            sigma = float(np.sqrt(axis @ covariance[:3, :3] @ axis))
+            return _Fold(0.0, covariance[:, :3] @ axis / sigma, pivot, True) if sigma > TILT_RAD else None
+        if len(rows.angle) != 2 * DETERMINED:
+            return None
         variance, axes = np.linalg.eigh(covariance[:3, :3])
         side = covariance[:, :3] @ axes[:, 2] / np.sqrt(variance[2])
         here, h = self._sweeps.whitened(c, rows, state)
-        ahead, behind = (self._sweeps.whitened(c, rows, _moved(state, s * side, pivot))[0] for s in (1.0, -1.0))
+        ahead, behind = (self._sweeps.whitened(c, rows, _moved(state, s * side, pivot)[0])[0] for s in (1.0, -1.0))
         # What the five other coordinates of the pose cannot take up is a parabola.
         scale = np.sqrt(np.diag(covariance)[POSE_COLUMNS])
         others = np.linalg.svd((side[POSE_COLUMNS] / scale)[None])[2][1:].T
@@ -252,11 +290,21 @@ class MirrorImages:
         return _Fold(-slope / bend, side, pivot) if abs(slope) < REACH * abs(bend) else None
 
 
-def _moved(state: State, x: Floats, pivot: Floats) -> State:
-    """Return a state without the craft axis, moved by the error x (12,) about the pivot (PIVOT,)."""
-    out = State._make(part.copy() for part in state)
-    turn_about(out.rotation, out.angular_rate, out.position, out.velocity, x, pivot, np.empty(ARMS))
-    return out
+def _moved(state: State, x: Floats, pivot: Floats) -> tuple[State, Floats]:
+    """Return a state without the craft axis, moved by the error x (12,) about the pivot (PIVOT,), and (ARMS,) of it."""
+    out, arms = State._make(part.copy() for part in state), np.empty(ARMS)
+    turn_about(out.rotation, out.angular_rate, out.position, out.velocity, x, pivot, arms)
+    return out, arms
+
+
+def _away(there: State, here: State, pivot: Floats) -> Floats:
+    """Return the error (12,) by which `_moved` takes one state `here` to another one, by Newton's method."""
+    x, slope = _difference(there, here), np.empty((STATES, STATES))
+    for _ in range(4):
+        reached, arms = _moved(here, x, pivot)
+        shear_into(arms, slope)
+        x += np.linalg.solve(slope, _difference(there, reached))
+    return x
 
 
 def _difference(one: State, other: State) -> Floats:

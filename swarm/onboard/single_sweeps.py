@@ -194,9 +194,14 @@ class SingleSweeps:
         return other, np.where(asked, counted, angles)
 
     def centre(self, craft: int, rows: Rows) -> Floats:
-        """Return the pivot (PIVOT,) of `estimators.pivot` in the centre of the photodiodes of one craft's rows."""
-        out = np.zeros(PIVOT)
+        """Return the pivot (PIVOT,) of `estimators.pivot` in the centre of the photodiodes of one craft's rows, with
+        the line between them where they are two.
+        """
+        out, lit = np.zeros(PIVOT), np.unique(rows.photodiode)
         out[:3] = self._point_m[craft, rows.photodiode].mean(axis=0)
+        if len(lit) == 2:
+            out[3:6] = self._point_m[craft, lit[1]] - self._point_m[craft, lit[0]]
+            out[6:] = self._stations.position[rows.station[0]]
         return out
 
     def whitened(self, craft: int, rows: Rows, state: State) -> tuple[Floats, Floats]:
