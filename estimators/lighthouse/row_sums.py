@@ -20,9 +20,9 @@ import numpy as np
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
 from estimators.lanes import LANES, all_of, lane, lanes_in, pack, select
-from estimators.lighthouse.side_by_side import Places, rows_of
 from estimators.lighthouse.innovation import Innovations, RowBatch, StationArrays
 from estimators.lighthouse.rows import arm_and_place, seen, slopes_into
+from estimators.lighthouse.side_by_side import Places, rows_of
 from estimators.pivot import is_wide
 from estimators.state import STATES, State
 
