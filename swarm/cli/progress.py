@@ -167,8 +167,10 @@ class ProgressDisplay:
         since_s, share = self._first
         if not share < self._share < 1:
             return ""
-        left_s = (self._flying_s() - since_s) * (1 - self._share) / (self._share - share)
-        minutes, seconds = divmod(round(left_s), 60)
+        left_s = round((self._flying_s() - since_s) * (1 - self._share) / (self._share - share))
+        if not left_s:
+            return ""
+        minutes, seconds = divmod(left_s, 60)
         hours, minutes = divmod(minutes, 60)
         if hours:
             return f", {hours} h {minutes:02d} min left"

@@ -66,7 +66,7 @@ def consistency(frame: Ints, value: Floats, period_s: float) -> dict[str, Any] |
     total, count = _per_frame(frame, value)
     mean = np.divide(total, count, out=np.full(len(total), np.nan), where=count > 0)
     per_period = float(count[count > 0].mean())
-    variance = float(np.nanvar(mean))
+    variance = float(np.var(mean[count > 0]))
     craft = float(np.clip(np.var(value) / variance, 1.0, per_period)) if variance > 0 else 1.0
     tau = autocorrelation_time(mean)
     samples = max(1.0, craft * np.count_nonzero(count) / tau)
