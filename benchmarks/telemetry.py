@@ -36,6 +36,7 @@ def main() -> None:
     doubles = [field.name for field in columns if field.type == pa.float64()]
     row = dict.fromkeys(doubles, 0.25) | {"frame": 1, "craft": "craft-1", "status": "tracking", "sensor": "lighthouse"}
     row |= {"visible": 12, "pnp_iterations": 3, "missed_sync": 0, "rejected_pulses": 0, "contact": False}
+    row |= {"coupling": "loose", "rows": 0}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for _ in range(chosen.repeats):
