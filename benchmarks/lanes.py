@@ -1,4 +1,4 @@
-"""PnP and dilution of four craft at once, beside the same work in C++ with AVX2, four craft per vector.
+"""PnP and dilution of several craft at once, beside the same work in C++ with AVX2, four craft per vector.
 
     python benchmarks/lanes.py [--craft 1000] [--repeats 60] [--limit LIBRARY.so] [--out lanes.json]
 

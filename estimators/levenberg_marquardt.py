@@ -18,15 +18,16 @@ ROUNDING = 1e-15
 """Rounding of the cost relative to the root of the cost: residuals are differences of numbers near 1."""
 
 STEP_SMALL = 1e-7
-"""A last step below this in attitude [rad] and in position [m] is convergence."""
+"""A search has converged where it has less than this to go in attitude [rad] and in position [m]."""
 
 
 @kernel
 def ends(square: float, before: float) -> bool:
     """Return whether a step leaves less than `STEP_SMALL` to go, of numbers or of lanes.
 
-    Steps near the minimum shrink by a factor each, those of Gauss and Newton by about that of a residual against what
-    it is measured on. The step ends the search if it is small itself, or if the next one would be.
+    Near the minimum every step of Gauss-Newton is shorter than the one before by the same factor, about that by which
+    residuals are smaller than what they are measured on. The search ends if the step is small, or if the next one would
+    be.
 
     Args:
         square: of the step's length.

@@ -181,7 +181,7 @@ def refine_one(
     The first steps are Gauss-Newton without damping: warm starts need no more. Once one fails to lower the cost or puts
     a photodiode behind the lighthouse, steps are damped; from then on, or after STEPS_PLAIN, the residuals' curvature
     is used too (Newton): a plane that faces the lighthouse has its mirror minima so near to their ridge that J alone
-    takes hundreds of steps.
+    takes hundreds of steps. The search ends where `levenberg_marquardt.ends` says so of attitude and position.
 
     Args:
         table: (., COLUMNS), angles.
