@@ -19,7 +19,7 @@ from estimators.pivot import ARMS, PIVOT, turn_about
 from estimators.state import STATES, State
 from swarm.hardware import pad
 from swarm.onboard.decoder import SweepAngles
-from swarm.onboard.mirror_images import MirrorImages
+from swarm.onboard.mirror_images import MirrorImages, _away, _moved
 from swarm.onboard.navigation import Navigator
 from swarm.onboard.settings import NavigationSettings, Status
 from swarm.onboard.single_sweeps import SingleSweeps
@@ -200,3 +200,44 @@ def test_a_window_moves_by_one_model_where_the_likeliest_is_at_its_end(window: i
     assert changed == [newcomer % LANES]
     np.testing.assert_array_equal(one.covariance[0, :, newcomer % LANES], old[0, :, best % LANES])
     assert one.probability[0, newcomer % LANES] < 1e-5
+
+
+def test_the_error_between_two_states_moves_one_to_the_other() -> None:
+    """In the coordinates of a turn about a line, and of one about a point."""
+    rng = np.random.default_rng(3)
+    for line in (0.0, 0.1):
+        pivot = np.concatenate([0.05 * rng.standard_normal(3), line * rng.standard_normal(3), np.zeros(3)])
+        here, x = held(1).of(0), rng.standard_normal(STATES) * np.repeat([0.15, 0.1, 0.1, 0.05], 3)
+        there, _ = _moved(here, x, pivot)
+        np.testing.assert_allclose(_away(there, here, pivot), x, atol=1e-8)
+
+
+def test_a_filter_of_two_photodiodes_is_parted_in_the_middle_of_its_tilt() -> None:
+    """Only where the tilt is coarse; both halves together are what it was, and neither alone."""
+    points = TRIPLE[:2]
+    rng, craft = np.random.default_rng(4), 2
+    covariance = np.stack([coarse(1.0), coarse(8.0)])
+    covariance[:, [6, 7, 8], [6, 7, 8]] = 0.3**2  # else the distance tells the tilt
+    bank, other = CompiledFilterBank(craft), CompiledFilterBank(craft)
+    state, every_craft = held(craft), np.ones(craft, dtype=np.bool_)
+    bank.adopt(every_craft, state, covariance)
+    tracks = Tracks(bank, T, TrackLimits(2.0, 6), None)
+    sweeps = SingleSweeps(np.tile(points, (craft, 1, 1)), SETTINGS)
+    images = MirrorImages(other, tracks, sweeps)
+    taken = sweeps.take_in(*light(state, points, rng), every_craft, tracks)
+    before = bank.state, bank.covariance
+    images.step(taken)
+    np.testing.assert_array_equal(images.open, [False, True])
+    np.testing.assert_array_equal(bank.covariance[0], before[1][0])
+    pivot = sweeps.centre(1, taken.batch.of(1, taken.kept)) if taken.batch is not None else np.zeros(PIVOT)
+    axis = np.cross(before[0].rotation[1] @ pivot[3:6], before[0].position[1] + before[0].rotation[1] @ pivot[:3])
+    axis /= np.linalg.norm(axis)
+    sigma = np.sqrt(axis @ before[1][1, :3, :3] @ axis)
+    own, image = (axis @ rot.log(one.rotation[1] @ before[0].rotation[1].T) for one in (bank, other))
+    # Halves of a normal distribution: mean sqrt(2 / pi), variance 1 - 2 / pi.
+    np.testing.assert_allclose(sorted([own / sigma, image / sigma]), np.sqrt(2 / np.pi) * np.array([-1, 1]), rtol=0.02)
+    np.testing.assert_allclose(axis @ bank.covariance[1, :3, :3] @ axis / sigma**2, 1 - 2 / np.pi, rtol=0.05)
+    told = images.reported(tracks.filtered())
+    away = _away(told.state.of(1), before[0].of(1), pivot)
+    assert np.abs(away[:3]).max() < 0.02 * sigma
+    np.testing.assert_allclose(told.covariance[1], before[1][1], atol=0.03 * np.abs(before[1][1]).max())
