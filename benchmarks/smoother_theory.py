@@ -4,8 +4,9 @@
                                          [--core CORE] [--out FILE]
 
 Position and velocity with white accelerations, a position measured 60 times a second. The errors are those of the
-measurements' noise and of a craft that stands still, or that is carried round a circle, pushed by a constant acceleration
-which turns; noise and push of any flight add up, since all is linear. A long stretch is left out at both ends.
+measurements' noise and of a craft that stands still, or that is carried round a circle, pushed by a constant
+acceleration which turns; noise and push of any flight add up, since all is linear. A long stretch is left out at both
+ends.
 """
 
 import numpy as np
