@@ -199,7 +199,18 @@ def arm_and_place(
     velocity: Floats,
     angular_rate: Floats,
 ) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-    """Return T R b, world frame, and q [m], of numbers or of lanes; arguments as of `row_into`."""
+    """Return T R b, world frame, and q [m], of numbers or of lanes.
+
+    Args:
+        tau: instant after the epoch [s].
+        point: (3,) [m], the photodiode in the body frame.
+        station_rotation: (3, 3) R_w_s.
+        station_position: (3,) [m].
+        rotation: (3, 3) R_w_b at the epoch.
+        position: (3,) [m] at the epoch.
+        velocity: (3,) [m/s], world frame.
+        angular_rate: (3,) [rad/s], world frame.
+    """
     a0 = rotation[0, 0] * point[0] + rotation[0, 1] * point[1] + rotation[0, 2] * point[2]
     a1 = rotation[1, 0] * point[0] + rotation[1, 1] * point[1] + rotation[1, 2] * point[2]
     a2 = rotation[2, 0] * point[0] + rotation[2, 1] * point[1] + rotation[2, 2] * point[2]
