@@ -21,6 +21,7 @@ from numba.extending import register_jitable
 
 from estimators.kernel_cache import KernelCache
 from estimators.kernel_compiler import KernelCompiler
+from estimators.kernel_digest import INLINED
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -47,6 +48,7 @@ def inlined(function: Callable[P, R]) -> Callable[P, R]:
     """Compile `function` as `kernel` does, for a place in what calls it: a call of its own hands every array over in
     seven words, which takes as long as the work where there are many arrays, and little work.
     """
+    vars(function)[INLINED] = True
     return _compiled(function, PART | {"forceinline": True})
 
 

@@ -12,6 +12,9 @@ from types import CodeType, FunctionType, ModuleType
 import numpy as np
 from numba.core.dispatcher import Dispatcher
 
+INLINED = "inlined"
+"""Attribute of a function whose machine code stands in that of its callers."""
+
 
 class KernelDigest:
     """A hash of what a function's machine code follows from, beside its arguments' types and the processor.
@@ -62,6 +65,8 @@ class KernelDigest:
         self._say("function", self._seen.setdefault(function, len(self._seen)))
         if known:  # a recursion, or one that is called from two places
             return
+        if INLINED in vars(function):
+            self._say(INLINED)
         # A file that extends numba says what stands for it: machine code follows from more than bytecode there.
         self._add(function.__globals__.get("KERNEL_SOURCE"))
         names = self._add_code(function.__code__)

@@ -5,8 +5,13 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import FunctionType
+from typing import cast
 
 import pytest
+
+from estimators.kernel import inlined
+from estimators.kernel_digest import KernelDigest
 
 ROOT = Path(__file__).parents[1]
 INNER = """
@@ -129,6 +134,19 @@ def test_an_edit_of_a_constant_in_the_same_file(package: Package) -> None:
         value += change
         assert package.run()[0] == value, new
     assert package.run() == (value, 0)
+
+
+def test_the_digest_tells_whether_callers_take_a_kernel_into_themselves() -> None:
+    def part(x: float) -> float:
+        return x + 1
+
+    def caller(x: float) -> float:
+        return part(x)
+
+    plain = KernelDigest().of(cast(FunctionType, caller))
+    assert KernelDigest().of(cast(FunctionType, caller)) == plain
+    inlined(part)
+    assert KernelDigest().of(cast(FunctionType, caller)) != plain
 
 
 @pytest.fixture
