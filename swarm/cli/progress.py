@@ -94,9 +94,10 @@ class ProgressDisplay:
         if math.isinf(p.duration_s):
             self._show(0.0, f"{p.time_s:.1f} s{gap}{tracking}", f"{p.time_s:.1f} s, {plain}")
             return
-        flying_s, words, speed = self._flying_s() - self._began[0], "", ""
-        if flying_s > 0:
-            factor = (p.time_s - self._began[1]) / flying_s
+        flying_s, flown_s = self._flying_s() - self._began[0], p.time_s - self._began[1]
+        words = speed = ""
+        if flying_s > 0 and flown_s > 0:
+            factor = flown_s / flying_s
             words = f"{gap}{factor:.1f}x" + (" real time" if self.wide else "")
             speed = f", {factor:.1f} times real time"
         self._show(
