@@ -208,7 +208,9 @@ import resource
 from pathlib import Path
 import numpy as np
 from swarm.errors import SwarmError
+from swarm.results.recording import canvas as of_canvas
 from swarm.results.recording.canvas import Canvas, rr
+of_canvas.PATIENCE_S = 1.0
 canvas = Canvas(Path("full.rrd"), live=False)
 resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000))
 canvas.static("noise", rr.Scalars(np.random.default_rng(1).normal(size=50_000)))

@@ -64,13 +64,18 @@ def writing(path: Path) -> Iterator[None]:
         raise SwarmError(f"cannot write {path}: {reason}") from error
 
 
+def has_room(path: Path) -> bool:
+    """Return False where nothing more can be written beside `path`, for want of room."""
+    return not path.parent.is_dir() or disk_usage(path.parent).free >= NO_ROOM
+
+
 def unwritten(path: Path, error: RuntimeError) -> SwarmError:
     """Return what `writing` would say of a library's own error.
 
     Its text has the system's number where it has one; without, a disk on which there is no room is the reason.
     """
     number = re.search(r"os error (\d+)", str(error))
-    full = not number and path.parent.is_dir() and disk_usage(path.parent).free < NO_ROOM
+    full = not number and not has_room(path)
     reason = _ADVICE.get(int(number[1]) if number else errno.ENOSPC if full else 0)
     return SwarmError(f"cannot write {path}: {reason or error}")
 

@@ -1,5 +1,6 @@
 """The stream that a recording is written to: a file, and with `live` a viewer too."""
 
+import ctypes
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -11,12 +12,14 @@ from rerun.blueprint import Blueprint
 from estimators.arrays import Bools, Floats, Ints
 from estimators.rotation import xyzw_from_wxyz
 from swarm.errors import SwarmError
-from swarm.results.disk import unwritten, writing
+from swarm.results.disk import has_room, unwritten, writing
 from swarm.results.recording.drawing import Solid
 from swarm.results.recording.viewer import start_live
 
 Send = Callable[[str, Iterable[Any]], None]
 """Sends an entity's columns, at the times of its batch."""
+LOOK_S, PATIENCE_S = 1.0, 30.0
+"""Time after which a file that is flushed is looked at [s], and time without growth after which it is given up."""
 
 
 class Canvas:
@@ -26,6 +29,7 @@ class Canvas:
         """Open the file. Raises SwarmError where it cannot be written."""
         self.notice: str | None = None
         self._path = path
+        self._broken: SwarmError | None = None
         with writing(path), path.open("wb"):
             pass
         self._stream = rr.RecordingStream("lighthouse-swarm")
@@ -59,15 +63,34 @@ class Canvas:
         return lambda entity, columns: self._stream.send_columns(entity, index, columns)
 
     def flush(self) -> None:
-        """Hand everything to the operating system, so that it survives a kill. Raises SwarmError on a full disk."""
-        try:
-            self._stream.flush()
-        except RuntimeError as error:
-            raise unwritten(self._path, error) from error
+        """Hand everything to the operating system, so that it survives a kill. Raises SwarmError on a full disk.
+
+        rerun waits for the thread that writes, for ever where that has ended on a full disk.
+        """
+        size, waited_s = -1, 0.0
+        while not self._broken:
+            try:
+                self._stream.flush(timeout_sec=LOOK_S)
+                return
+            except RuntimeError as error:
+                before, size = size, self._path.stat().st_size
+                waited_s = waited_s + LOOK_S if size == before else 0.0
+                if "timed out" in str(error) and waited_s < PATIENCE_S and has_room(self._path):
+                    continue
+                self._broken = unwritten(self._path, error)
+                _abandon(self._stream)
+        raise self._broken
 
     def close(self) -> None:
-        """Complete the file."""
-        self._stream.disconnect()
+        """Complete the file, if it can be written."""
+        if not self._broken:
+            self._stream.disconnect()
+
+
+def _abandon(stream: rr.RecordingStream) -> None:
+    """Leave a stream that cannot be written: to let go of it, or to end Python, is to wait for its thread for ever."""
+    rr.unregister_shutdown()
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(stream))
 
 
 def mesh(solid: Solid) -> rr.Mesh3D:
