@@ -203,6 +203,20 @@ def test_consistency_is_said_with_its_band() -> None:
     assert findings(outside)[0][1] == ""
 
 
+def test_it_is_said_how_many_periods_the_figures_of_poses_leave_out(folder: Path) -> None:
+    told = (
+        "Navigated by single sweeps, with fewer than four photodiodes, in 75 % of the periods: "
+        "PnP, ADOP and PDOP are those of the periods with a pose"
+    )
+    content = summary(1)
+    content["swarm"]["single_sweeps_share"] = 0.75
+    lines = printed(content, folder, 160)
+    assert lines.index(told) + 1 == next(i for i, line in enumerate(lines) if line.startswith("Filter error over raw"))
+    for share, said in ((0.0, 0), (0.0099, 0), (0.01, 1), (None, 0)):
+        found = findings(dict(figures(random.Random(0)), single_sweeps_share=share))
+        assert sum(text.startswith("Navigated by single sweeps") for text, _ in found) == said
+
+
 def test_what_single_craft_suffer_is_not_hidden_by_the_swarm() -> None:
     good = figures(random.Random(0))
     craft = {

@@ -13,6 +13,8 @@ REFUSED_MUCH = 0.01
 """A larger share of refused poses than this is worth a line: the gate itself lets 0.99999 of good ones pass."""
 AMBIGUOUS_MUCH = 0.01
 """A larger share of ambiguous periods than this is worth a line: a search takes some periods anywhere."""
+SINGLE_MUCH = 0.01
+"""A larger share of periods by single sweeps than this is worth a line: figures of poses leave these periods out."""
 BIAS_SIGMAS = 4.0
 """A slope of the motion bias below so many of its sigmas is not worth a line: chance reaches it once in 16 000."""
 LEAST_DELTA_V = 1e-9
@@ -50,6 +52,7 @@ def of_summary(summary: Figures, cards: bool = False) -> list[Finding]:
 def findings(figures: Figures, effort: bool = True) -> list[Finding]:
     """Return what the figures of a swarm or a craft say; effort: with the delta-v."""
     out: list[Finding | None] = [_consistency(figures, key) for key in ("nees", "nis")]
+    out.append(_single_sweeps(figures))
     position, attitude = figures.get("ekf_to_pnp_position_ratio"), figures.get("ekf_to_pnp_attitude_ratio")
     if position is not None and attitude is not None:
         out.append(Finding(f"Filter error over raw PnP error: {position:.2f} in position, {attitude:.2f} in attitude"))
@@ -62,6 +65,17 @@ def findings(figures: Figures, effort: bool = True) -> list[Finding]:
         out.append(Finding(f"Cameras: {shares}; the sensor in use changed {ccd['sensor_switches']} times"))
     out += [_motion_bias(figures, *size) for size in (("position", "m", "mm"), ("attitude", "deg", "°"))]
     return [finding for finding in out if finding is not None]
+
+
+def _single_sweeps(figures: Figures) -> Finding | None:
+    """Return how much of the flight the figures of poses leave out, None if hardly any."""
+    share = figures.get("single_sweeps_share") or 0.0
+    if share < SINGLE_MUCH:
+        return None
+    return Finding(
+        f"Navigated by single sweeps, with fewer than four photodiodes, in {100 * share:.0f} % of the periods:"
+        " PnP, ADOP and PDOP are those of the periods with a pose"
+    )
 
 
 def _smoothed(figures: Figures) -> list[Finding | None]:
