@@ -4,7 +4,6 @@ import shlex
 from collections.abc import Callable
 from itertools import takewhile
 
-from swarm.assets import scenarios
 from swarm.report.findings import LEAST_DELTA_V, colour, meaning
 from swarm.report.page import Fact, Page, Section, number
 from swarm.report.sections import (
@@ -26,7 +25,6 @@ from swarm.report.sections import (
 )
 from swarm.report.subject import Subject
 from swarm.results.run_folder import SCENARIO
-from swarm.user_text import parse_toml
 
 SECTIONS: tuple[Callable[[Subject], Section | None], ...] = (
     words.section,
@@ -47,7 +45,7 @@ SECTIONS: tuple[Callable[[Subject], Section | None], ...] = (
 )
 """The sections in their order on the page; one that has nothing to say is left out."""
 SHORTER = 0.99
-"""A run of less than this share of its scenario was cut short."""
+"""A run of less than this share of the duration in its scenario.toml was cut short."""
 REPLAY = "swarm replay "
 """Beginning of the line in the head of a replay's scenario.toml that repeats it."""
 
@@ -107,24 +105,10 @@ def extent(subject: Subject) -> str:
     count, seconds = subject.summary["craft_count"], subject.summary["duration_s"]
     if subject.series.replayed:
         return f"{seconds:.1f} s of recorded light replayed"
-    planned = _planned_s(subject)
+    planned = float(subject.scenario.get("duration_s") or 0.0)
     if seconds < SHORTER * planned:
         return f"{count} craft, only {seconds:.1f} s of {planned:g} s flown"
     return f"{count} craft, {seconds:.1f} s flown"
-
-
-def _planned_s(subject: Subject) -> float:
-    """Return how long the scenario is, by its key or, where that was shortened for this run of a shipped one, by its
-    file.
-    """
-    own = subject.scenario
-    planned = float(own.get("duration_s") or 0.0)
-    file = scenarios().get(str(own.get("name")))
-    shipped = {} if file is None else parse_toml(file.read_text(encoding="utf-8"), file.name)
-    # Another scenario may have the same name.
-    if shipped.get("description") != own.get("description"):
-        return planned
-    return max(planned, float(shipped.get("duration_s") or 0.0))
 
 
 def sections(subject: Subject) -> list[Section]:
