@@ -201,6 +201,16 @@ def test_a_run_prints_which_held_and_its_exit_code_says_it(tmp_path, capsys, mon
     page = run_page(Subject(run))
     criteria = next(section for section in page.sections if section.title == "Criteria")
     assert criteria.tables[0].rows[0][:2] == ["position_error_m", word.lower()]
+    # Value and limit have a unit, and the same words on the page and in the terminal.
+    limit_text = {1.0: "≤ 1 m", 1e-9: "≤ 1e-06 mm"}[limit]
+    assert criteria.tables[0].rows[0][4] == limit_text == page.facts[0].meaning.partition(". ")[0]
+    assert limit_text in out
+    value = criteria.tables[0].rows[0][3]
+    assert value == page.facts[0].value
+    assert value in out
+    assert float(value.split()[0]) * {"m": 1, "mm": 1e-3}[value.split()[1]] == pytest.approx(
+        run.summary["criteria"][0]["value"], rel=5e-3
+    )
     assert page.facts[0].badge == ("PASS" if code == 0 else "FAIL")
     assert page.verdict_kind == ("pass" if code == 0 else "fail")
 

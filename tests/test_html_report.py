@@ -16,7 +16,8 @@ from swarm.cli import app as cli
 from swarm.errors import SwarmError
 from swarm.flight.simulate import simulate
 from swarm.report.figures import thin
-from swarm.report.page import Page, number, percent
+from swarm.report.numbers import number
+from swarm.report.page import Page, percent
 from swarm.report.rows import Rows, finished
 from swarm.report.run import extent, run_page
 from swarm.report.scaling_figures import central_line

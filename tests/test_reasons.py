@@ -88,35 +88,35 @@ def test_a_docking_says_what_became_of_it() -> None:
         (
             {"measure": "docking_lateral_m", "statistic": "at_contact", "max": 0.01, "craft": ("probe",)},
             None,
-            "no value (limit: at most 0.01); no contact: blind since 5.0 s, 3 of 4 photodiodes lit, lost 0.50 m before "
+            "no value (limit: ≤ 10 mm); no contact: blind since 5.0 s, 3 of 4 photodiodes lit, lost 0.50 m before "
             "the port",
         ),
         (
             {"measure": "position_error_m", "max": 0.005},
             9.0,
-            "0.009 (limit: at most 0.005): probe at 9.0 s; blind since 5.0 s, 3 of 4 photodiodes lit",
+            "9.00 mm (limit: ≤ 5 mm): probe at 9.0 s; blind since 5.0 s, 3 of 4 photodiodes lit",
         ),
         (
             {"measure": "position_error_m", "statistic": "mean", "max": 0.001},
             None,
-            "0.0045 (limit: at most 0.001): largest, 0.009, probe at 9.0 s; blind since 5.0 s, 3 of 4 photodiodes lit",
+            "4.50 mm (limit: ≤ 1 mm): largest, 0.009 m, probe at 9.0 s; blind since 5.0 s, 3 of 4 photodiodes lit",
         ),
         (
             {"measure": "position_error_m", "max": 0.001, "to_s": 2.0},
             2.0,
-            "0.002 (limit: at most 0.001): probe at 2.0 s; tracking then, 4 of 4 photodiodes lit",
+            "2.00 mm (limit: ≤ 1 mm): probe at 2.0 s; tracking then, 4 of 4 photodiodes lit",
         ),
         (
             {"measure": "longest_blind_s", "max": 0.5},
             None,
-            "5 (limit: at most 0.5): probe from 5.0 s to 9.0 s; blind since 5.0 s, 3 of 4 photodiodes lit",
+            "5.00 s (limit: ≤ 0.5 s): probe from 5.0 s to 9.0 s; blind since 5.0 s, 3 of 4 photodiodes lit",
         ),
         (
             {"measure": "tracking_share", "min": 0.99},
             None,
-            "0.5 (limit: at least 0.99): probe from 5.0 s to 9.0 s; blind since 5.0 s, 3 of 4 photodiodes lit",
+            "0.500 (limit: ≥ 0.99): probe from 5.0 s to 9.0 s; blind since 5.0 s, 3 of 4 photodiodes lit",
         ),
-        ({"measure": "contacts", "min": 1, "max": 2}, None, "0 (limit: at least 1 and at most 2)"),
+        ({"measure": "contacts", "min": 1, "max": 2}, None, "0 (limit: 1 to 2)"),
     ],
 )
 def test_a_missed_criterion_says_why(criterion: dict[str, Any], time_s: float | None, why: str) -> None:
@@ -134,7 +134,7 @@ def test_a_missed_contact_speed_says_what_was_commanded() -> None:
     rows = flight(contact=[False] * 8 + [True, True], phase=["final"] * 8 + ["docked"] * 2)
     (told,) = reasons([judge([fast], rows, {"probe": 0.03})[0]._asdict()])
     assert told.text == (
-        "docking_speed_at_contact_m_s: 0.1 (limit: at most 0.05): probe at 7.0 s; "
+        "docking_speed_at_contact_m_s: 100 mm/s (limit: ≤ 50 mm/s): probe at 7.0 s; "
         "tracking then, 4 of 4 photodiodes lit, commanded 0.03 m/s"
     )
 
@@ -155,7 +155,7 @@ def test_a_shared_reason_is_told_once() -> None:
     ]
     first, second = reasons([verdict._asdict() for verdict in judge(missed, flight(**BLIND))])
     assert first.text.endswith("no contact: blind since 5.0 s, 3 of 4 photodiodes lit, lost 0.50 m before the port")
-    assert second.text == "docking_angle_at_contact_deg: no value (limit: at most 0.01); for the same reason"
+    assert second.text == "docking_angle_at_contact_deg: no value (limit: ≤ 0.01 °); for the same reason"
 
 
 def test_a_criterion_that_holds_needs_no_reason() -> None:

@@ -195,11 +195,13 @@ def test_consistency_is_said_with_its_band() -> None:
             "green",
         )
     outside["nees"] = consistency(13.5)
-    assert findings(outside)[0][0].startswith("NEES 13.50: errors 1.5 times what the filter promises: it expects less")
+    assert findings(outside)[0][0].startswith(
+        "NEES 13.50: errors 50 % larger than the filter promises: it expects less"
+    )
     assert "acceleration_noise_m_s2" in findings(outside)[0][0]
     assert findings(outside)[0][1] == "yellow"
     outside["nees"] = consistency(3.84)
-    assert findings(outside)[0][0].startswith("NEES 3.84: errors 80 % of what the filter promises: it is cautious")
+    assert findings(outside)[0][0].startswith("NEES 3.84: errors 20 % smaller than the filter promises: it is cautious")
     assert findings(outside)[0][1] == ""
 
 
@@ -239,7 +241,9 @@ def test_few_samples_conclude_nothing() -> None:
     assert not any("biases" in sentence for sentence in said)
     # Errors 2.5 times too large are too large, however few, and the craft is named.
     blind = dict(consistency(38.0), effective_samples=3.0)
-    assert meaning(blind).startswith("errors 2.5 times what the filter promises, by few independent values")
+    assert meaning(blind).startswith(
+        "errors 2.5 times as large as the filter promises, by few independent values: it expects less noise"
+    )
     assert findings(dict(one, nees=blind))[0].style == "yellow"
 
 

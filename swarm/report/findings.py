@@ -4,6 +4,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+from swarm.report.measured import measured
+
 Figures = Mapping[str, Any]
 FEWEST_SAMPLES = 20
 """Fewer independent samples than this say nothing about a filter, unless its errors are `FAR` too large."""
@@ -25,6 +27,9 @@ LEFT = 0.8
 """A scatter of which a smoother leaves a larger share is mostly motion within the second, which it must leave."""
 WORTH = 0.1
 """Errors that differ by less than this share from what the filter promises call for nothing."""
+
+TIMES = 2.0
+"""Errors are told as a multiple of the promise from this one on, below it by the difference in percent."""
 
 
 class Finding(NamedTuple):
@@ -105,16 +110,19 @@ def meaning(consistency: Figures) -> str:
         return "too few independent values to judge"
     if inside:
         return "as the filter promises"
-    off = abs(size - 1)
+    off, few = abs(size - 1), "" if _has_many(consistency) else ", by few independent values"
+    if size >= TIMES:
+        by = f"{size:.2g} times as large as"
+    else:
+        share = "less than 1 %" if off < 0.01 else f"{100 * off:.0f} %"
+        by = f"{share} {'smaller' if size < 1 else 'larger'} than"
     if off <= WORTH:
-        by = "less than 1 %" if off < 0.01 else f"{100 * off:.0f} %"
-        return f"errors {by} {'smaller' if size < 1 else 'larger'} than the filter promises: nothing to act on"
-    few = "" if _has_many(consistency) else ", by few independent values"
-    if size < 1:
-        return f"errors {100 * size:.0f} % of what the filter promises{few}: it is cautious, as in smooth motion"
-    return (
-        f"errors {size:.2g} times what the filter promises{few}: it expects less noise or smoother motion than there is"
-    )
+        verdict = "nothing to act on"
+    elif size < 1:
+        verdict = "it is cautious, as in smooth motion"
+    else:
+        verdict = "it expects less noise or smoother motion than there is"
+    return f"errors {by} the filter promises{few}: {verdict}"
 
 
 def _has_many(consistency: Figures) -> bool:
@@ -198,9 +206,8 @@ def reasons(verdicts: Sequence[Figures]) -> list[Finding]:
 
 def _beside_the_limits(verdict: Figures) -> str:
     """Return the value of a missed criterion, its limits, and why."""
-    value, least, most, why = (verdict[key] for key in ("value", "min", "max", "why"))
-    limits = [f"{word} {limit:g}" for word, limit in (("at least", least), ("at most", most)) if limit is not None]
-    told = f"{'no value' if value is None else f'{value:.4g}'} (limit: {' and '.join(limits)})"
+    why, (value, limits) = verdict["why"], measured(verdict)
+    told = f"{value} (limit: {limits})"
     # A reason may have a colon of its own.
     return f"{told}{'; ' if ': ' in why else ': '}{why}"
 

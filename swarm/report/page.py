@@ -4,19 +4,16 @@ The only file that knows jinja2. Figures are embedded as SVG in data URIs, in a 
 browser takes the one that fits; the style stands in the page's head.
 """
 
-import math
 from base64 import b64encode
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, NamedTuple
 
-import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from swarm.report.figures import NARROW_BELOW_PX, Picture
-
-NOTHING = "–"
+from swarm.report.numbers import number as number
 
 
 class Column(NamedTuple):
@@ -126,28 +123,6 @@ def percent(value: float) -> str:
 def count(value: float) -> str:
     """Return the text of a whole number, thousands apart."""
     return f"{value:,.0f}".replace(",", "\u202f")
-
-
-def number(value: float | np.floating[Any] | None, digits: int = 3, scale: float = 1.0) -> str:
-    """Return the text of a figure, without an exponent within reason; a dash where there is none.
-
-    Args:
-        value: The figure.
-        digits: Number of significant digits.
-        scale: Factor that is applied first.
-    """
-    if value is None or not math.isfinite(value):
-        return NOTHING
-    value = float(value) * scale
-    if value == 0:
-        return "0"
-    magnitude = math.floor(math.log10(abs(value)))
-    if not -5 <= magnitude < 9:
-        return f"{value:.{digits - 1}e}"
-    value = round(value, digits - 1 - magnitude)
-    magnitude = math.floor(math.log10(abs(value)))  # 99.96 has become 100
-    text = f"{value:.{max(digits - 1 - magnitude, 0)}f}"
-    return f"{float(text):,.0f}".replace(",", "\u202f") if magnitude >= 4 else text
 
 
 def plain(value: object, digits: int = 6) -> str:

@@ -5,7 +5,8 @@ from collections.abc import Callable
 from itertools import takewhile
 
 from swarm.report.findings import LEAST_DELTA_V, colour, meaning
-from swarm.report.page import Fact, Page, Section, number
+from swarm.report.numbers import number
+from swarm.report.page import Fact, Page, Section
 from swarm.report.sections import (
     consistency,
     craft,

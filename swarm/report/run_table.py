@@ -16,6 +16,7 @@ from rich.table import Table
 from rich.text import Text
 
 from swarm.report.findings import colour, names, of_summary, reasons
+from swarm.report.measured import measured
 from swarm.tables import table
 
 Figures = Mapping[str, Any]
@@ -152,8 +153,7 @@ def criteria_table(verdicts: Sequence[Mapping[str, Any]]) -> Table:
     made.add_column("craft")
     for v in verdicts:
         held = Text(outcome(v), {True: "green", False: "bold red", None: "yellow"}[v["held"]])
-        value = NOTHING if v["value"] is None else f"{v['value']:.4g}"
-        made.add_row(Text(v["name"]), held, value, limits(v), Text(about(v)))
+        made.add_row(Text(v["name"]), held, *measured(v), Text(about(v)))
     return made
 
 
@@ -166,14 +166,6 @@ def about(verdict: Mapping[str, Any]) -> str:
     """Return whose value it is, or which craft it is about."""
     named = list(verdict.get("about") or ())
     return verdict["craft"] or (names(named) if named else "all")
-
-
-def limits(verdict: Mapping[str, Any]) -> str:
-    """Return the limits of a criterion in words."""
-    least, most = verdict["min"], verdict["max"]
-    if least is None:
-        return f"≤ {most:g}"
-    return f"≥ {least:g}" if most is None else f"{least:g} to {most:g}"
 
 
 def results(summary: Mapping[str, Any], width: int) -> RenderableType:

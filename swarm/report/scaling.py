@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from swarm.report.page import Column, Fact, Section, Table, count, number, percent, prose
+from swarm.report.numbers import number
+from swarm.report.page import Column, Fact, Section, Table, count, percent, prose
 from swarm.report.rows import Rows
 from swarm.report.scaling_figures import central_cost, central_gain, central_line, onboard, precision, visibility
 from swarm.studies.campaign.study_folder import FinishedStudy

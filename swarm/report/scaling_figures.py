@@ -12,7 +12,7 @@ import numpy as np
 from estimators.arrays import Floats
 from swarm.figures import Axes, Figure, plain_log_y
 from swarm.report.figures import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, Picture, band, legend, panels, picture
-from swarm.report.page import number
+from swarm.report.numbers import number
 from swarm.report.rows import Rows
 from swarm.results.summary.chi_square import DOF
 

@@ -5,7 +5,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from swarm.report.page import Column, Section, Table, number, plain
+from swarm.report.numbers import number
+from swarm.report.page import Column, Section, Table, plain
 from swarm.report.rows import as_floats, finished
 from swarm.report.sweep_figures import Key, against_one, against_two, known, named
 from swarm.studies.campaign.study_folder import FinishedStudy

@@ -26,6 +26,7 @@ from swarm.results.reasons import docking, docks, longest_time, navigation, touc
 from swarm.results.table import TelemetryTable
 from swarm.scenario import Criterion
 from swarm.scenario.criteria import NAMED
+from swarm.units import written_unit
 
 PAIRS_AT_A_TIME = 1_000_000
 """Distances between craft that are held in memory at a time."""
@@ -184,7 +185,9 @@ def _why(c: Criterion, rows: TelemetryTable, mine: Ints, found: _Found) -> str:
     if found.row is None:
         return "never in contact" if c.statistic == "at_contact" else _nothing(rows, mine)
     who, at = rows.names_of("craft")[rows.craft[found.row]], float(rows.column("time_s")[found.row])
-    most = "" if found.exact or c.measure in NAMED else f"largest, {rows.column(c.measure)[found.row]:.4g}, "
+    most = ""
+    if not found.exact and c.measure not in NAMED:
+        most = f"largest, {rows.column(c.measure)[found.row]:.4g} {written_unit(c.measure)}".rstrip() + ", "
     most = "first " if c.measure == "contacts" else most
     return f"{most}{who} at {at:.1f} s; {navigation(rows, found.row)}"
 

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from swarm.report.page import number
+from swarm.report.numbers import number
 from swarm.report.subject import Subject
 
 Figures = Mapping[str, Any]

@@ -4,7 +4,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from swarm.report.findings import LEAST_DELTA_V, names
-from swarm.report.page import Column, Section, Table, number
+from swarm.report.numbers import number
+from swarm.report.page import Column, Section, Table
 from swarm.report.subject import Subject
 
 MOST_ROWS = 60

@@ -3,13 +3,12 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from swarm.report.page import Column, Fact, Section, Table, number
-from swarm.report.run_table import about, limits, outcome
+from swarm.report.measured import measured
+from swarm.report.page import Column, Fact, Section, Table
+from swarm.report.run_table import about, outcome
 from swarm.report.subject import Subject
-from swarm.units import split_unit, written_unit
+from swarm.units import split_unit
 
-SMALLER, SMALLER_BELOW = {"m": "mm", "m/s": "mm/s"}, 0.1
-"""Units in which small figures are shown on a card, and what is small."""
 WORDS = {True: "PASS", False: "FAIL", None: "NOT JUDGED"}
 MOST_CARDS = 24
 
@@ -46,10 +45,7 @@ def section(subject: Subject) -> Section | None:
     """Return the section; None without criteria."""
     if not subject.verdicts:
         return None
-    rows = [
-        [v["name"], outcome(v).lower(), about(v), number(v["value"]), limits(v), v.get("why") or ""]
-        for v in subject.verdicts
-    ]
+    rows = [[v["name"], outcome(v).lower(), about(v), *measured(v), v.get("why") or ""] for v in subject.verdicts]
     heads = ["criterion", "", "craft", "value", "limits", "why"]
     if not any(row[-1] for row in rows):
         heads, rows = heads[:-1], [row[:-1] for row in rows]
@@ -57,17 +53,8 @@ def section(subject: Subject) -> Section | None:
 
 
 def _card(verdict: Mapping[str, Any], why: str) -> Fact:
-    name, unit = _spoken(verdict["name"]), written_unit(verdict["name"])
-    whose = about(verdict)
-    limit = [abs(v) for v in (verdict["min"], verdict["max"]) if v is not None]
-    scale = 1.0
-    # By its limits, so that a value far off has their unit.
-    if unit in SMALLER and max(limit) < SMALLER_BELOW:
-        unit, scale = SMALLER[unit], 1000.0
-    unit = unit.replace("deg", "°")
-    scaled = {key: None if verdict[key] is None else scale * verdict[key] for key in ("value", "min", "max")}
-    value = f"{number(scaled['value'])} {unit}".strip() if scaled["value"] is not None else "no value"
-    meaning = f"{limits(scaled)} {unit}".strip() + (f", {whose}" if whose != "all" else "")
+    name, whose, (value, limits) = _spoken(verdict["name"]), about(verdict), measured(verdict)
+    meaning = limits + (f", {whose}" if whose != "all" else "")
     kind = {True: "pass", False: "fail", None: ""}[verdict["held"]]
     return Fact(name, value, ". ".join([meaning, *([why] if why else [])]), kind, WORDS[verdict["held"]])
 

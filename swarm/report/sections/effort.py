@@ -6,7 +6,8 @@ from estimators.arrays import Floats, Ints
 from swarm.figures import Figure
 from swarm.report.figures import legend, panels, picture
 from swarm.report.findings import LEAST_DELTA_V
-from swarm.report.page import Column, Section, Table, number
+from swarm.report.numbers import number
+from swarm.report.page import Column, Section, Table
 from swarm.report.sections.consistency import running_mean
 from swarm.report.sections.over_time import lines
 from swarm.report.series import Series

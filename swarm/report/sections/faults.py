@@ -9,7 +9,8 @@ from estimators.arrays import Bools, Ints
 from swarm.figures import Figure
 from swarm.report.figures import Picture, is_narrow, legend, picture
 from swarm.report.findings import names
-from swarm.report.page import Column, Section, Table, number, prose
+from swarm.report.numbers import number
+from swarm.report.page import Column, Section, Table, prose
 from swarm.report.subject import Strike, Subject
 from swarm.units import split_unit, written_unit
 

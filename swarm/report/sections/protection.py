@@ -7,7 +7,8 @@ import numpy as np
 from estimators.arrays import Floats
 from swarm.figures import Axes, Figure, decade_ticks, plain_log_x, plain_log_y
 from swarm.report.figures import BLUE, GREY, ORANGE, RED, Picture, legend, panels, picture
-from swarm.report.page import Section, number, prose
+from swarm.report.numbers import number
+from swarm.report.page import Section, prose
 from swarm.report.series import Series
 from swarm.report.subject import Subject
 

@@ -5,7 +5,8 @@ import numpy as np
 from estimators.arrays import Floats
 from swarm.figures import Figure
 from swarm.report.figures import BLUE, GREY, ORANGE, Picture, legend, panels, picture
-from swarm.report.page import Section, number, prose
+from swarm.report.numbers import number
+from swarm.report.page import Section, prose
 from swarm.report.sections.over_time import mark
 from swarm.report.series import Series
 from swarm.report.subject import Subject

@@ -10,7 +10,8 @@ from estimators.rotation import quaternion_multiply
 from swarm.figures import Axes, Figure
 from swarm.report.figures import BLUE, GREY, ORANGE, Picture, is_narrow, legend, panels, picture, thin
 from swarm.report.findings import scatter_is_noise
-from swarm.report.page import Fact, Section, number, prose
+from swarm.report.numbers import number
+from swarm.report.page import Fact, Section, prose
 from swarm.report.sections.errors import chosen, settle
 from swarm.report.series import Series
 from swarm.report.subject import Subject

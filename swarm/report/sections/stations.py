@@ -5,7 +5,8 @@ import numpy as np
 from estimators.arrays import Floats
 from swarm.figures import Figure
 from swarm.report.figures import Picture, is_narrow, legend, picture, thin
-from swarm.report.page import Column, Section, Table, number
+from swarm.report.numbers import number
+from swarm.report.page import Column, Section, Table
 from swarm.report.series import Series
 from swarm.report.subject import Subject
 
