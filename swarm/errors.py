@@ -9,6 +9,23 @@ class SwarmError(Exception):
     """A mistake in the input. The command line prints its message, without a traceback, and exits with 2."""
 
 
+class PlaceError(SwarmError):
+    """A place that cannot be written to; a command says with which option another one is chosen, if it has one.
+
+    fault: what is wrong. ways: what helps besides another place.
+    """
+
+    def __init__(self, fault: str, *ways: str) -> None:
+        """Take what is wrong, and what helps besides another place."""
+        self.fault, self.ways = fault, ways
+        super().__init__(self.advised("choose another place"))
+
+    def advised(self, *elsewhere: str) -> str:
+        """Return the message; elsewhere: how another place is chosen, nothing where there is no choice."""
+        ways = ", or ".join((*self.ways, *elsewhere))
+        return f"{self.fault}; {ways}" if ways else self.fault
+
+
 def nearest(name: str, known: Iterable[str]) -> str:
     """Return the known name that is meant, or an empty string.
 

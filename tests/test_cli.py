@@ -1,5 +1,6 @@
 """The command line: help that teaches, mistakes that are one message and exit code 2, runs that end well if stopped."""
 
+import errno
 import gzip
 import importlib
 import os
@@ -22,6 +23,7 @@ import swarm
 from swarm.assets import models, recordings, scenarios, studies
 from swarm.cli import app as cli
 from swarm.cli.warm import WARMED
+from swarm.errors import PlaceError
 from swarm.report.run import run_page
 from swarm.report.subject import Subject
 from swarm.results.progress import Progress
@@ -539,9 +541,48 @@ def test_a_folder_with_a_run_is_refused_before_anything_is_built(command: Comman
     monkeypatch.setattr("swarm.flight.simulate.Flight", None)
     result = command("run", "static")
     assert result.code == 2
-    assert result.err.startswith("error: runs/static-3 holds a run already; --force")
+    told = "--force replaces it, --out writes elsewhere"
+    assert result.err == f"error: runs/static-3 holds a run already; {told}\n"
     with pytest.raises(swarm.SwarmError, match=r"holds a run already; .*force=True.*out=\.\.\."):
         swarm.simulate("static")
+
+
+def test_a_closed_place_is_told_with_the_options_that_the_command_has(command: Command, monkeypatch: Any) -> None:
+    with RunFolder.create("static", 3) as folder:
+        folder.finish({})
+
+    def refuse(*_: object, **__: object) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    closed = "no permission to write there"
+    monkeypatch.setattr("swarm.cli.starter.tempfile.mkdtemp", refuse)
+    said = command("new", "zz")
+    assert (said.code, said.err) == (2, f"error: cannot write zz: {closed}; choose another place as NAME\n")
+    monkeypatch.setattr("swarm.results.disk.refuse_closed", refuse)
+    monkeypatch.setattr("swarm.results.owned_folder.refuse_closed", refuse)
+    said = command("video", "runs/static-3", "x.mp4")
+    assert (said.code, said.err) == (2, f"error: cannot write x.mp4: {closed}; choose another place as FILE\n")
+    said = command("run", "static", "--out", "x")
+    assert (said.code, said.err) == (2, f"error: cannot write x: {closed}; choose another place with --out\n")
+    monkeypatch.setattr("swarm.results.smoothing.FolderLock.__init__", raising(closed))
+    monkeypatch.setattr("swarm.results.smoothing._check", lambda *_: [])
+    said = command("smooth", "runs/static-3")
+    assert (said.code, said.err.splitlines()[-1]) == (2, f"error: {closed}")
+
+
+def raising(fault: str) -> Callable[..., None]:
+    """A function that finds a place closed."""
+
+    def refuse(*_: object) -> None:
+        raise PlaceError(fault)
+
+    return refuse
+
+
+def test_smooth_refuses_before_it_says_that_it_starts(command: Command) -> None:
+    said = command("smooth", "runs/nothing")
+    assert (said.code, said.out) == (2, "")
+    assert said.err == "error: runs/nothing is not a run: there is no such folder\n"
 
 
 def test_a_name_without_a_match_is_told_once_and_a_page_by_its_headings(command: Command) -> None:

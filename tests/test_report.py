@@ -195,9 +195,8 @@ def test_consistency_is_said_with_its_band() -> None:
             "green",
         )
     outside["nees"] = consistency(13.5)
-    assert findings(outside)[0][0].startswith(
-        "NEES 13.50: errors 50 % larger than the filter promises: it expects less"
-    )
+    larger = "NEES 13.50: errors 50 % larger than the filter promises: it expects less"
+    assert findings(outside)[0][0].startswith(larger)
     assert "acceleration_noise_m_s2" in findings(outside)[0][0]
     assert findings(outside)[0][1] == "yellow"
     outside["nees"] = consistency(3.84)

@@ -14,12 +14,15 @@ import pyarrow as pa
 import pytest
 from synthetic_run import estimate_of, period_of, truth_at
 
-from swarm.errors import SwarmError
+from swarm.errors import PlaceError, SwarmError
+from swarm.flight.simulate import simulate
 from swarm.results.disk import outputs, refuse_existing, unwritten, write_all, write_text, writing
 from swarm.results.files import PARTS
 from swarm.results.parquet import GrowingParquet, column, is_there, read_table, table_of
 from swarm.results.run_folder import RunFolder, open_run, refuse_run
+from swarm.results.run_writer import RunWriter
 from swarm.results.telemetry import Telemetry
+from swarm.scenario import load
 
 FULL = Path("/dev/full")
 
@@ -166,7 +169,7 @@ def test_a_place_that_cannot_be_written(tmp_path, monkeypatch):
 
     # Permission bits do not hold back the user that tests may run as.
     monkeypatch.setattr(Path, "mkdir", refuse)
-    with pytest.raises(SwarmError, match=r"locked: no permission to write there; choose another place with --out"):
+    with pytest.raises(SwarmError, match=r"locked: no permission to write there; choose another place$"):
         RunFolder(tmp_path / "locked")
 
 
@@ -279,10 +282,33 @@ def test_a_place_that_is_closed_is_told_before_the_work(tmp_path, monkeypatch):
     with pytest.raises(SwarmError, match="a part of the path is a file"):
         refuse_existing(tmp_path / "file" / "x" / "out.txt", force=True)
     monkeypatch.setattr(os, "access", lambda *_: False)
-    with pytest.raises(SwarmError, match=r"out\.txt: no permission to write there; choose another place with --out"):
+    with pytest.raises(SwarmError, match=r"out\.txt: no permission to write there; choose another place$"):
         refuse_existing(tmp_path / "new" / "out.txt", force=False)
-    with pytest.raises(SwarmError, match=r"new/run: no permission to write there; choose another place with --out"):
+    with pytest.raises(SwarmError, match=r"new/run: no permission to write there; choose another place$"):
         refuse_run("formation", 7, tmp_path / "new" / "run")
+
+
+def test_a_flight_onto_a_full_disk_says_how_much_of_it_is_kept_and_what_to_do(tmp_path, monkeypatch):
+    flown = []
+
+    def until_full(writer, period):
+        with writing(tmp_path / "r" / "telemetry.parquet"):
+            if len(flown) == 120:
+                raise OSError(errno.ENOSPC, "full")
+        flown.append(period)
+        append(writer, period)
+
+    append = RunWriter.append
+    monkeypatch.setattr(RunWriter, "append", until_full)
+    settings = load("formation", ["duration_s=3", "swarm.count=1", "recording.enabled=false"])
+    with pytest.raises(PlaceError) as full:
+        simulate(settings, out=tmp_path / "r")
+    run = open_run(tmp_path / "r")
+    assert run.summary["duration_s"] == pytest.approx(120 / 60, abs=0.02)
+    assert str(full.value) == (
+        f"cannot write {tmp_path / 'r' / 'telemetry.parquet'}: the disk is full; what was written before stays "
+        "readable, 2.0 s of flight; free some room, or choose another place"
+    )
 
 
 def test_a_run_that_ends_on_a_full_disk_says_so_in_its_summary(tmp_path, full_disk):

@@ -30,7 +30,7 @@ def new(
 
     Nothing is overwritten.
     """
-    with mistakes():
+    with mistakes(elsewhere="as NAME"):
         from swarm.cli.starter import start
 
         scenario = start(name, source)

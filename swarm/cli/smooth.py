@@ -25,14 +25,16 @@ def smooth(
     swarm smooth runs/formation-7
     swarm report runs/formation-7
     """
-    with mistakes():
+    with mistakes(elsewhere=""):
         from rich.console import Console
 
         from swarm.cli.progress import ProgressDisplay
         from swarm.report.run_table import print_report
+        from swarm.results.smoothing import refuse_unsmoothable
         from swarm.results.smoothing import smooth as smooth_run
         from swarm.tables import wide_console
 
+        refuse_unsmoothable(run, force)
         with ProgressDisplay(Console(stderr=True), f"smooth {run.name}") as progress:
             made = smooth_run(
                 run, force=force, progress=lambda share: progress.experiment(share, f"{100 * share:.0f} % smoothed")

@@ -1,5 +1,6 @@
 """The ends of a command: done, one message about a mistake, or stopped by a signal and closed properly."""
 
+import re
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from swarm.errors import SwarmError
+from swarm.errors import PlaceError, SwarmError
 from swarm.user_text import short
 
 if TYPE_CHECKING:
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 CLOSING_S = 10.0
 """Time for which a program that was asked to stop is left to close its files; after it, a further signal counts."""
 
+PYTHON = re.compile(r" \((?:force=True|out=\.\.\.)\)")
+"""What a message says beside an option to those who call the function."""
 Handler = Callable[[int, FrameType | None], object]
 """Handler of a signal."""
 
@@ -151,16 +154,19 @@ def stoppable(stopped: Callable[[str], None] = lambda name: None) -> Iterator[No
 
 
 @contextmanager
-def mistakes() -> Iterator[None]:
+def mistakes(elsewhere: str = "with --out") -> Iterator[None]:
     """Print a mistake in the input as one message, without a traceback; one line tells that a signal has stopped it.
 
     What a command writes by `swarm.results.disk.outputs` is there whole or not at all.
+
+    elsewhere: how the command is told another place to write to, such as "as NAME"; empty where it has no choice.
     """
     try:
         with stoppable(lambda name: error_message(f"stopped by {name}; no file is left half-written")):
             yield
     except SwarmError as error:
-        error_message(str(error))
+        advice = (f"choose another place {elsewhere}",) if elsewhere else ()
+        error_message(error.advised(*advice) if isinstance(error, PlaceError) else str(error))
         raise typer.Exit(2) from None
     except OSError as error:
         if error.filename is None:
@@ -176,10 +182,10 @@ def _number(stop: KeyboardInterrupt) -> int:
 
 
 def error_message(message: str) -> None:
-    """Print a message about an error, line by line, to standard error."""
+    """Print a message about an error, line by line, to standard error, without what it says in Python's words."""
     from rich.console import Console
     from rich.text import Text
 
-    for line in message.splitlines():
+    for line in PYTHON.sub("", message).splitlines():
         text = Text.assemble(("error: ", "bold red"), line)
         Console(stderr=True, highlight=False).print(text, soft_wrap=True)

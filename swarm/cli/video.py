@@ -35,7 +35,7 @@ def video(
     craft believes. It needs no graphics card, but the library
     PyAV (in a clone: pip install '.[video]').
     """
-    with mistakes():
+    with mistakes(elsewhere="as FILE"):
         from rich.console import Console
 
         from swarm.results.disk import refuse_existing

@@ -9,7 +9,7 @@ from pathlib import Path
 from shutil import disk_usage
 from types import ModuleType
 
-from swarm.errors import SwarmError
+from swarm.errors import PlaceError, SwarmError
 
 fcntl: ModuleType | None
 try:
@@ -19,12 +19,15 @@ except ImportError:  # Windows has no advisory locks of this kind.
 
 NO_ROOM = 65_536
 """Free bytes of a disk on which nothing more can be written."""
-_ADVICE = {
-    errno.ENOSPC: "the disk is full; what was written before stays readable",
-    errno.EDQUOT: "the disk quota is used up; what was written before stays readable",
-    errno.EROFS: "the file system is read-only; choose another place with --out",
-    errno.EACCES: "no permission to write there; choose another place with --out",
-    errno.EPERM: "no permission to write there; choose another place with --out",
+_NO_PLACE = {
+    errno.ENOSPC: ("the disk is full; what was written before stays readable", "free some room"),
+    errno.EDQUOT: ("the disk quota is used up; what was written before stays readable", "free some room"),
+    errno.EROFS: ("the file system is read-only",),
+    errno.EACCES: ("no permission to write there",),
+    errno.EPERM: ("no permission to write there",),
+}
+"""What is wrong with a place, and what helps besides another one."""
+_REASONS = {
     errno.ENOTDIR: "a part of the path is a file, not a folder",
     errno.EEXIST: "a file or a broken link is in its place",
     errno.ENAMETOOLONG: "the name is too long",
@@ -60,8 +63,7 @@ def writing(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        reason = _ADVICE.get(error.errno or 0) or error.strerror or str(error)
-        raise SwarmError(f"cannot write {path}: {reason}") from error
+        raise _unwritten(path, error.errno or 0, error.strerror or str(error)) from error
 
 
 def has_room(path: Path) -> bool:
@@ -76,8 +78,15 @@ def unwritten(path: Path, error: RuntimeError) -> SwarmError:
     """
     number = re.search(r"os error (\d+)", str(error))
     full = not number and not has_room(path)
-    reason = _ADVICE.get(int(number[1]) if number else errno.ENOSPC if full else 0)
-    return SwarmError(f"cannot write {path}: {reason or error}")
+    return _unwritten(path, int(number[1]) if number else errno.ENOSPC if full else 0, str(error))
+
+
+def _unwritten(path: Path, number: int, said: str) -> SwarmError:
+    """Return the error of a system's number; said: its words, where there are no better ones."""
+    if number in _NO_PLACE:
+        fault, *ways = _NO_PLACE[number]
+        return PlaceError(f"cannot write {path}: {fault}", *ways)
+    return SwarmError(f"cannot write {path}: {_REASONS.get(number, said)}")
 
 
 @contextmanager
@@ -185,9 +194,9 @@ def refuse_existing(*files: Path, force: bool) -> None:
     """
     for file in files:
         if file.is_dir():
-            raise SwarmError(f"cannot write {file}: it is a folder; choose another --out")
+            raise PlaceError(f"cannot write {file}: it is a folder")
         if file.exists() and not force:
-            raise SwarmError(f"{file} is there already; --force replaces it, --out writes elsewhere")
+            raise PlaceError(f"{file} is there already", "--force replaces it")
         with writing(file):
             refuse_closed(file.parent)
 

@@ -9,7 +9,7 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from swarm.errors import SwarmError
+from swarm.errors import PlaceError, SwarmError
 from swarm.onboard.settings import by_light
 from swarm.results.angles import AngleWriter, Believed
 from swarm.results.columns.groups import groups_of
@@ -156,7 +156,9 @@ def writing_run(
                 writer = RunWriter(telemetry, recording, count, duration_s, beliefs, scans, past)
                 yield writer
         except BaseException as stop:
-            _interrupt(folder, _reason(stop))
+            kept = _interrupt(folder, _reason(stop))
+            if isinstance(stop, PlaceError) and kept:
+                raise PlaceError(f"{stop.fault}, {kept['duration_s']:.1f} s of flight", *stop.ways) from stop
             raise
         folder.finish({**summarise_run(folder.path), **(found or {}), **_judged(scenario, folder.path)})
         writer.run = open_run(folder.path)
@@ -169,14 +171,18 @@ def _judged(scenario: Scenario, folder: Path) -> dict[str, Any]:
     return summary_of(judge(scenario.criteria, TelemetryTable.of_run(folder), closing))
 
 
-def _interrupt(folder: RunFolder, reason: str) -> None:
-    """Mark the run as interrupted, with its figures as far as it went, and pass over what cannot be written."""
+def _interrupt(folder: RunFolder, reason: str) -> Mapping[str, Any] | None:
+    """Mark the run as interrupted, with its figures as far as it went, which are returned if there are any.
+
+    What cannot be written is passed over.
+    """
     # A second failure (the disk is still full) must not hide the first.
     summary = None
     with suppress(SwarmError):
         summary = summarise_run(folder.path)
     with suppress(SwarmError):
         folder.interrupt(reason, summary)
+    return summary
 
 
 @contextmanager

@@ -75,6 +75,11 @@ def smooth(run: Run | str | Path, *, force: bool = False, progress: Callable[[fl
     return open_run(folder)
 
 
+def refuse_unsmoothable(run: str | Path, force: bool) -> None:
+    """Raise SwarmError, as `smooth`, where a run cannot be smoothed, before the work begins."""
+    _check(find(run, CONTENTS)[0], force)
+
+
 def _untold(share: float) -> None:
     """Ignore the progress."""
 
