@@ -334,8 +334,8 @@ def test_several_mistakes_are_a_line_each(command: Command, tmp_path: Path) -> N
     (tmp_path / "mine.toml").write_text("sede = 1\nduration_s = -1\n[swarm]\ncount = 1")
     assert command("check", "mine.toml").err.splitlines() == [
         "error: mine.toml: sede = 1: unknown key; did you mean 'seed'?",
-        "error: mine.toml: duration_s = -1: must be at least 0.001 s: a shorter run has no period: a lighthouse period "
-        "lasts 3 ms or more",
+        "error: mine.toml: duration_s = -1: must be at least 0.001 s: a run takes time, and less than a millisecond "
+        "is none",
     ]
 
 

@@ -97,3 +97,9 @@ def test_mistakes_leave_nothing(name: str, source: str | None, message: str, tmp
     with pytest.raises(SwarmError, match=message):
         start(f"{tmp_path}/{name}", source)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["", "."])
+def test_a_name_that_is_missing_is_told_so(name: str, command: Command) -> None:
+    told = "the new folder has no name: its last part names the scenario, as in `swarm new probe`"
+    assert command("new", name) == (2, "", f"error: {told}\n")

@@ -42,7 +42,9 @@ def start(target: str | Path, source: str | Path | None = None) -> Path:
     """
     place = user_path(target)
     name = place.name
-    if not name or safe_name(name) != name:
+    if not name:
+        raise SwarmError("the new folder has no name: its last part names the scenario, as in `swarm new probe`")
+    if safe_name(name) != name:
         hint = f", such as {safe_name(name)!r}" if name.strip(".") else ""
         raise SwarmError(f"{str(target)!r} cannot be the name of a scenario: letters, digits, '-', '_' and '.'{hint}")
     if os.path.lexists(place) and not (place.is_dir() and not place.is_symlink() and not any(place.iterdir())):

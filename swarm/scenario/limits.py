@@ -118,7 +118,9 @@ INCIDENCE = Why(
 )
 
 # The flight as a whole.
-DURATION = Why(f"a shorter run has no period: {_PERIOD}", "a longer run does not fit on a disk or in a working day")
+DURATION = Why(
+    "a run takes time, and less than a millisecond is none", "a longer run does not fit on a disk or in a working day"
+)
 STEPS = Why(
     "poses are told in the middle of a period",
     "the motion of a craft within 1/256 of a period is below a micrometre; more steps only take time",
