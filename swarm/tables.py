@@ -7,6 +7,7 @@ from typing import NamedTuple
 from rich import box
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 FILE_WIDTH = 160
 """Columns of a table in a file or a pipe, where the variable COLUMNS does not say otherwise."""
@@ -25,6 +26,11 @@ def wide_console(*, stderr: bool = False, highlight: bool = True) -> Console:
     if not made.file.isatty() and "COLUMNS" not in os.environ:
         made.width = FILE_WIDTH
     return made
+
+
+def say(console: Console, text: str | Text) -> None:
+    """Print a sentence, broken between words at a terminal; in a file or a pipe it stays one line."""
+    console.print(text, soft_wrap=not console.is_terminal, markup=False, highlight=False)
 
 
 class RankedColumn(NamedTuple):

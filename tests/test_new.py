@@ -1,10 +1,12 @@
 """swarm new: what it writes can be checked and flown as it is, and nothing is overwritten."""
 
 from collections.abc import Callable
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
 import pytest
+from rich.console import Console
 
 from swarm.assets import scenarios
 from swarm.cli import app as cli
@@ -12,6 +14,7 @@ from swarm.cli.starter import start
 from swarm.errors import SwarmError
 from swarm.flight.simulate import simulate
 from swarm.scenario import load
+from swarm.tables import say
 from swarm.world.craft import load_craft
 
 Command = Callable[..., tuple[int, str, str]]
@@ -103,3 +106,14 @@ def test_mistakes_leave_nothing(name: str, source: str | None, message: str, tmp
 def test_a_name_that_is_missing_is_told_so(name: str, command: Command) -> None:
     told = "the new folder has no name: its last part names the scenario, as in `swarm new probe`"
     assert command("new", name) == (2, "", f"error: {told}\n")
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_a_long_message_is_broken_at_a_terminal_alone(terminal: bool) -> None:
+    console = Console(file=StringIO(), width=60, force_terminal=terminal, color_system=None)
+    words = ["formation", "rendezvous", "crossing"] * 10
+    say(console, " ".join(words))
+    lines = console.file.getvalue().splitlines()  # type: ignore[attr-defined]
+    assert [word for line in lines for word in line.split()] == words
+    assert (max(map(len, lines)) <= 60) == terminal
+    assert (len(lines) == 1) != terminal

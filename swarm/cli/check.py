@@ -22,11 +22,14 @@ def check(scenario: Scenario, overrides: Overrides = None, seed: Seed = None) ->
     swarm check formation --set swarm.count=16 > mine.toml
     """
     with mistakes():
+        from rich.console import Console
+
         from swarm.flight import builders
         from swarm.flight.craft_facts import facts, out_of_light
         from swarm.flight.flight import Flight
         from swarm.report.findings import names
         from swarm.scenario import load, to_toml
+        from swarm.tables import say
 
         settings = load(scenario, overrides or (), seed)
         flight = Flight(settings)
@@ -38,14 +41,15 @@ def check(scenario: Scenario, overrides: Overrides = None, seed: Seed = None) ->
         typer.echo(to_toml(settings), nl=False)
         sys.stdout.flush()
         _report(facts(settings, flight))
-        typer.echo(f"{'warning' if flight.steps.too_few else 'note'}: {flight.steps.sentence()}", err=True)
+        console = Console(stderr=True)
+        say(console, f"{'warning' if flight.steps.too_few else 'note'}: {flight.steps.sentence()}")
         for dark in out_of_light(settings, flight):
-            typer.echo(f"note: {dark}", err=True)
+            say(console, f"note: {dark}")
         if flat := builders.flat_craft(settings, flight.sensors.lighthouse.photodiodes):
-            typer.echo(
+            say(
+                console,
                 f"note: every photodiode of {names(flat)} lies in one plane, whose mirror image about the line of sight"
                 " fits nearly as well: small, far or face-on the pose is ambiguous at the start (docs/filter.md)",
-                err=True,
             )
         if sys.stdout.isatty():
             typer.echo(
@@ -57,7 +61,7 @@ def _report(craft: "Sequence[CraftFacts]") -> None:
     """Print what the scenario makes of each craft, beside the scenario itself: to standard error."""
     from rich.text import Text
 
-    from swarm.tables import RankedColumn, fitting, wide_console
+    from swarm.tables import RankedColumn, fitting, say, wide_console
 
     console = wide_console(stderr=True, highlight=False)
     columns = [
@@ -76,7 +80,7 @@ def _report(craft: "Sequence[CraftFacts]") -> None:
         console.print(Text(f"No room in {console.width} columns for: {left_out}.", "dim"))
     for each in craft:
         for warning in each.warnings():
-            console.print(Text.assemble(("warning: ", "bold yellow"), warning), soft_wrap=True)
+            say(console, Text.assemble(("warning: ", "bold yellow"), warning))
 
 
 def _names(names: "Sequence[str]") -> str:

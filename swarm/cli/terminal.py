@@ -186,6 +186,8 @@ def error_message(message: str) -> None:
     from rich.console import Console
     from rich.text import Text
 
+    from swarm.tables import say
+
     for line in PYTHON.sub("", message).splitlines():
         text = Text.assemble(("error: ", "bold red"), line)
-        Console(stderr=True, highlight=False).print(text, soft_wrap=True)
+        say(Console(stderr=True), text)
