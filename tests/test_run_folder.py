@@ -289,7 +289,7 @@ def test_a_place_that_is_closed_is_told_before_the_work(tmp_path, monkeypatch):
 
 
 def test_a_flight_onto_a_full_disk_says_how_much_of_it_is_kept_and_what_to_do(tmp_path, monkeypatch):
-    flown = []
+    flown: list[object] = []
 
     def until_full(writer, period):
         with writing(tmp_path / "r" / "telemetry.parquet"):
