@@ -157,7 +157,8 @@ def writing_run(
                 yield writer
         except BaseException as stop:
             kept = _interrupt(folder, _reason(stop))
-            if isinstance(stop, PlaceError) and kept:
+            # Of places, only a full disk has other ways than another place.
+            if isinstance(stop, PlaceError) and stop.ways and kept:
                 raise PlaceError(f"{stop.fault}, {kept['duration_s']:.1f} s of flight", *stop.ways) from stop
             raise
         folder.finish({**summarise_run(folder.path), **(found or {}), **_judged(scenario, folder.path)})
