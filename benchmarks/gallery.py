@@ -23,7 +23,7 @@ from harness import machine, options  # noqa: E402
 from swarm.assets import scenarios  # noqa: E402
 from swarm.exports.video import Options, still  # noqa: E402
 from swarm.flight.simulate import simulate  # noqa: E402
-from swarm.report.page import number  # noqa: E402
+from swarm.report.numbers import number  # noqa: E402
 from swarm.scenario import load  # noqa: E402
 
 ROOT = Path(__file__).parents[1]

@@ -510,7 +510,7 @@ def test_a_run_is_not_overwritten_without_force(command: Command, simulator: dic
     command("run", "formation")
     result = command("run", "formation")
     assert result.code == 2
-    assert "error: runs/formation-7 holds a run already; --force (force=True) replaces it" in result.err
+    assert "error: runs/formation-7 holds a run already; --force replaces it" in result.err
     assert command("run", "formation", "--force").code == 0
 
 

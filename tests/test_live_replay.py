@@ -146,8 +146,12 @@ def test_lines_by_which_nothing_can_be_flown_are_one_message(text, message):
     read, write = os.pipe()
     with os.fdopen(write, "w", encoding="latin-1") as file:
         file.writelines(text)
+    lines = LiveLines(read)
     with pytest.raises(SwarmError, match=message):
-        learn(LiveLines(read), None, "pulses", None, print)
+        learn(lines, None, "pulses", None, print)
+    # Else the thread that reads may go on with the next pipe, which gets the same number.
+    assert lines._thread is not None
+    lines._thread.join(10)
     os.close(read)
 
 

@@ -11,7 +11,7 @@ SMALLER, SMALLER_BELOW = {"m": "mm", "m/s": "mm/s"}, 0.1
 
 
 class Measured(NamedTuple):
-    """What was measured, "53.6 mm" or "no value", and its limits, "≤ 2 mm"."""
+    """The value that was measured, "53.6 mm" or "no value", and its limits, "≤ 2 mm"."""
 
     value: str
     limits: str

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from swarm.report.figures import NARROW_BELOW_PX, Picture
-from swarm.report.numbers import number as number
+from swarm.report.numbers import number
 
 
 class Column(NamedTuple):

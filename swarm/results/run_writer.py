@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, NoReturn, Protocol, TypeVar
 
 import numpy as np
 
@@ -156,11 +156,7 @@ def writing_run(
                 writer = RunWriter(telemetry, recording, count, duration_s, beliefs, scans, past)
                 yield writer
         except BaseException as stop:
-            kept = _interrupt(folder, _reason(stop))
-            # Of places, only a full disk has other ways than another place.
-            if isinstance(stop, PlaceError) and stop.ways and kept:
-                raise PlaceError(f"{stop.fault}, {kept['duration_s']:.1f} s of flight", *stop.ways) from stop
-            raise
+            _raise_on(stop, _interrupt(folder, _reason(stop)))
         folder.finish({**summarise_run(folder.path), **(found or {}), **_judged(scenario, folder.path)})
         writer.run = open_run(folder.path)
 
@@ -184,6 +180,14 @@ def _interrupt(folder: RunFolder, reason: str) -> Mapping[str, Any] | None:
     with suppress(SwarmError):
         folder.interrupt(reason, summary)
     return summary
+
+
+def _raise_on(stop: BaseException, kept: Mapping[str, Any] | None) -> NoReturn:
+    """Raise what stopped a run; of a full disk with the seconds of flight that its summary has."""
+    # Of places, only a full disk has other ways than another place.
+    if isinstance(stop, PlaceError) and stop.ways and kept:
+        raise PlaceError(f"{stop.fault}, {kept['duration_s']:.1f} s of flight", *stop.ways) from stop
+    raise stop
 
 
 @contextmanager
