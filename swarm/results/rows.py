@@ -22,6 +22,8 @@ def referred_nis(nis: Floats, rows: Floats | Ints) -> Floats:
     rows: number of single sweeps that were taken in, (n,); zero for a pose, or where they were refused.
     """
     known = rows > 0
+    if not known.any():
+        return nis
     dof = np.where(known, rows, POSE_ROWS)
     out: Floats = np.where(known, POSE_ROWS + (nis - dof) * np.sqrt(POSE_ROWS / dof), nis)
     return out
@@ -46,16 +48,16 @@ def attitude_errors_into(truth: Floats, estimate: Floats, out: Floats) -> None:
     """Write d, R_est = Exp([d]x) R_true, into `out`.
 
     Args:
-        truth: (n, 4).
-        estimate: (n, 4).
-        out: (n, 3) [rad].
+        truth: (4, n).
+        estimate: (4, n).
+        out: (3, n) [rad].
     """
     nowhere, e = scratch(0.0, 3), scratch(0.0, 6)
     nowhere[:] = 0.0
-    for i in range(len(out)):
-        _error_into(truth[i], nowhere, estimate[i], nowhere, e)
+    for i in range(out.shape[1]):
+        _error_into(truth[:, i], nowhere, estimate[:, i], nowhere, e)
         for k in range(3):
-            out[i, k] = -e[k]
+            out[k, i] = -e[k]
 
 
 @kernel

@@ -97,7 +97,7 @@ class TelemetryTable:
     def __init__(self, source: _Source, columns: Sequence[str]) -> None:
         self.columns = tuple(columns)
         self._source = source
-        self._order: Ints | None = None
+        self._place: Ints | None = None
         self._rows = slice(None)
         self._values: dict[str, Floats] = {}
         self._names: dict[str, list[str]] = {}
@@ -122,18 +122,20 @@ class TelemetryTable:
         if name not in self._values:
             self._expect(name)
             value = self._read(name)
-            self._values[name] = value if self._order is None else value[self._order]
+            self._values[name] = value if self._place is None else np.empty(len(value))
+            if self._place is not None:
+                self._values[name][self._place] = value
         return self._values[name][self._rows]
 
-    def derived(self, names: Sequence[str], of: Sequence[str], derive: Callable[[Floats], Floats]) -> Floats:
-        """Return columns that follow from others row by row, (rows, len(names)).
+    def derived(self, names: Sequence[str], of: Sequence[str], derive: Callable[[Floats], Floats]) -> list[Floats]:
+        """Return columns that follow from others row by row, (rows,) each.
 
         They stay in memory as a column that was read does; the others are read a block at a time, and do not.
 
         Args:
             names: What the columns are called among those in memory.
             of: The columns that they follow from.
-            derive: Returns (n, len(names)) for (n, len(of)), NaN where missing.
+            derive: Returns (len(names), n) for (len(of), n), NaN where missing.
         """
         if names[0] not in self._values:
             for name in of:
@@ -141,13 +143,11 @@ class TelemetryTable:
             values, past = [np.empty(self._source.rows) for _ in names], 0
             for block in self._source.blocks(of):
                 first, past = past, past + len(block)
-                found = derive(np.stack([doubles(block, name) for name in of], axis=1))
-                for i, value in enumerate(values):
-                    value[first:past] = found[:, i]
-            for name in reversed(names):
-                value = values.pop()
-                self._values[name] = value if self._order is None else value[self._order]
-        return np.stack([self._values[name][self._rows] for name in names], axis=1)
+                where = slice(first, past) if self._place is None else self._place[first:past]
+                for value, found in zip(values, derive(np.stack([doubles(block, name) for name in of])), strict=True):
+                    value[where] = found
+            self._values.update(zip(names, values, strict=True))
+        return [self._values[name][self._rows] for name in names]
 
     def _read(self, name: str) -> Floats:
         """Return a column in the order of the source, of which nothing else stays in memory."""
@@ -236,20 +236,16 @@ class TelemetryTable:
     def ordered(self, order: Ints) -> "TelemetryTable":
         """Return the same rows in another order (rows,); it reads its columns anew."""
         out = TelemetryTable(self._source, self.columns)
-        out._order = order
+        # Where each row goes, in the order in which they are read: what is read is read once, and in order.
+        out._place = np.empty_like(order)
+        out._place[order] = np.arange(len(order))
         return out
 
     def part(self, first: int, past: int) -> "TelemetryTable":
         """Return the rows from `first` on, before `past`; columns are read once for all parts."""
         out = TelemetryTable(self._source, self.columns)
-        out._order, out._rows, out._values, out._names = self._order, slice(first, past), self._values, self._names
+        out._place, out._rows, out._values, out._names = self._place, slice(first, past), self._values, self._names
         return out
-
-    def blocks(self, rows: int) -> "Iterator[TelemetryTable]":
-        """Yield parts of at most so many rows."""
-        begin = self._rows.start or 0
-        for first in range(begin, begin + len(self), rows):
-            yield self.part(first, min(first + rows, begin + len(self)))
 
     def forget(self) -> None:
         """Drop the columns that were read, for all parts, and give their memory back."""

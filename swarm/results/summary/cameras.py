@@ -30,7 +30,7 @@ def cameras(rows: TelemetryTable, period_s: float) -> dict[str, Any]:
             "sensor_switches": int(switched),
             "position_rms_m": rms(rows.column("ccd_position_error_m")),
             "attitude_rms_deg": rms(rows.column("ccd_attitude_error_deg")),
-            "nis": consistency(rows.frame, rows.column("ccd_nis"), period_s),
+            "nis": consistency(rows.column("frame"), rows.column("ccd_nis"), period_s),
         }
         if on_board.any()
         else None

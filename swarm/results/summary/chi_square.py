@@ -16,6 +16,7 @@ import numpy as np
 from scipy.special import gammaincinv
 
 from estimators.arrays import Floats, Ints
+from estimators.kernel import kernel
 
 DOF = 6
 
@@ -44,14 +45,29 @@ def _correlated(series: Floats) -> Floats:
     return out
 
 
-def _per_frame(frame: Ints, x: Floats) -> tuple[Floats, Floats]:
-    """Return the sum over each frame's rows and number of rows, on the even grid from the first frame to the last."""
-    index = frame - frame.min()
-    size = int(index.max()) + 1
-    return np.bincount(index, x, size).astype(np.float64), np.bincount(index, minlength=size).astype(np.float64)
+@kernel
+def _sum_by_frame(frame: Floats, value: Floats, first: int, total: Floats, count: Floats) -> tuple[float, float]:
+    """Add the known values (rows,) to the sums and numbers (frames,) of their frames (rows,).
+
+    Returns the mean and the variance of the known values.
+    """
+    n = sum_of = square = 0.0
+    for i in range(len(value)):
+        if np.isfinite(value[i]):
+            n += 1.0
+            sum_of += value[i]
+            total[int(frame[i]) - first] += value[i]
+            count[int(frame[i]) - first] += 1.0
+    if n == 0:
+        return np.nan, np.nan
+    mean = sum_of / n
+    for i in range(len(value)):
+        if np.isfinite(value[i]):
+            square += (value[i] - mean) ** 2
+    return mean, square / n
 
 
-def consistency(frame: Ints, value: Floats, period_s: float) -> dict[str, Any] | None:
+def consistency(frame: Floats | Ints, value: Floats, period_s: float) -> dict[str, Any] | None:
     """Return the mean of a chi-square figure with 6 degrees of freedom, and its 95 % band; None without data.
 
     Args:
@@ -59,25 +75,27 @@ def consistency(frame: Ints, value: Floats, period_s: float) -> dict[str, Any] |
         value: The figure, (rows,), NaN where unknown.
         period_s: Length of a period [s].
     """
-    known = np.isfinite(value)
-    if not known.any():
+    first, last = (int(frame.min()), int(frame.max())) if len(frame) else (0, -1)
+    total, count = np.zeros((2, last - first + 1))
+    average, variance = _sum_by_frame(frame.astype(np.float64, copy=False), value, first, total, count)
+    known = np.flatnonzero(count)
+    if not known.size:
         return None
-    value, frame = value[known], frame[known]
-    total, count = _per_frame(frame, value)
+    # The even grid of frames begins and ends with one that has a value.
+    total, count = total[known[0] : known[-1] + 1], count[known[0] : known[-1] + 1]
     mean = np.divide(total, count, out=np.full(len(total), np.nan), where=count > 0)
-    per_period = float(count[count > 0].mean())
-    variance = float(np.var(mean[count > 0]))
-    craft = float(np.clip(np.var(value) / variance, 1.0, per_period)) if variance > 0 else 1.0
+    samples_known = int(count.sum())
+    of_means = float(np.nanvar(mean))
+    craft = float(np.clip(variance / of_means, 1.0, samples_known / len(known))) if of_means > 0 else 1.0
     tau = autocorrelation_time(mean)
-    samples = max(1.0, craft * np.count_nonzero(count) / tau)
+    samples = max(1.0, craft * len(known) / tau)
     low, high = 2 * gammaincinv(DOF * samples / 2, np.array([0.025, 0.975])) / samples
-    average = float(value.mean())
     return {
         "mean": average,
         "band_low": float(low),
         "band_high": float(high),
         "inside_band": bool(low <= average <= high),
-        "samples": len(value),
+        "samples": samples_known,
         "effective_samples": samples,
         "effective_craft": craft,
         "correlation_time_s": tau * period_s,

@@ -102,8 +102,8 @@ def _consistency(rows: TelemetryTable, setting: Setting) -> Figures:
         if "peer_px_m" in rows.columns:
             nis = np.where(rows.by_light, nis, np.nan)
     return {
-        "nees": consistency(rows.frame, rows.column("nees"), setting.period_s),
-        "nis": consistency(rows.frame, nis, setting.period_s),
+        "nees": consistency(rows.column("frame"), rows.column("nees"), setting.period_s),
+        "nis": consistency(rows.column("frame"), nis, setting.period_s),
     }
 
 

@@ -40,7 +40,7 @@ def _against_levels(rows: TelemetryTable, prefix: str, among: Bools) -> dict[str
     """Return how many errors of the columns with this prefix are beyond their levels, among some rows (rows,)."""
     of = [f"{prefix}{each}" for each in ("position_{}_m", "attitude_{}_deg")]
     columns = [each.format(what) for each in of for what in ("error", "protection")]
-    share: Floats = rows.derived([f"{prefix}share of level"], columns, _larger_share)[among, 0]
+    share = rows.derived([f"{prefix}share of level"], columns, _larger_share)[0][among]
     return {
         "samples": int(np.count_nonzero(np.isfinite(share))),
         "beyond": int(np.count_nonzero(share > 1)),
@@ -49,6 +49,6 @@ def _against_levels(rows: TelemetryTable, prefix: str, among: Bools) -> dict[str
 
 
 def _larger_share(found: Floats) -> Floats:
-    """Return the larger of two shares (n, 1), of an error in its level, twice (n, 4)."""
-    out: Floats = np.fmax(found[:, 0] / found[:, 1], found[:, 2] / found[:, 3])[:, None]
+    """Return the larger of two shares (1, n), of an error in its level, twice (4, n)."""
+    out: Floats = np.fmax(found[0] / found[1], found[2] / found[3])[None]
     return out

@@ -32,7 +32,7 @@ def smoothed(rows: TelemetryTable, period_s: float) -> dict[str, Any]:
         "smooth_attitude_max_deg": largest(attitude),
         "smooth_to_ekf_position_ratio": ratio(position, rows.column("position_error_m")),
         "smooth_to_ekf_attitude_ratio": ratio(attitude, rows.column("attitude_error_deg")),
-        "smooth_nees": consistency(rows.frame, rows.column("smooth_nees"), period_s),
+        "smooth_nees": consistency(rows.column("frame"), rows.column("smooth_nees"), period_s),
     }
     if "peer_px_m" not in rows.columns:
         return out
