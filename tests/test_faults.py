@@ -21,6 +21,7 @@ from swarm.sensors import mirror
 from swarm.sensors import pulse_faults as pulses
 from swarm.sensors.lighthouse import Rotor
 from swarm.sensors.pulse_faults import Clock, Register, Row
+from swarm.sensors.sight import Sight
 
 PERIOD_S = 1 / 60
 NAMES, KEYS = ("a", "b", "c"), (11, 12, 13)
@@ -287,6 +288,21 @@ def test_after_five_seconds_of_darkness_craft_track_again_within_half_a_second(f
     assert not alert[time_s < 1].any()
     assert alert[(time_s > 4) & (time_s < 6)].all()
     assert not column(run, "contact").any()
+
+
+def test_what_is_seen_of_a_photodiode_is_what_its_faults_leave_of_it():
+    dead = '{kind="photodiode-dead", craft="near", photodiodes=[0, 3], at_s=0.1, for_s=0.1}'
+    dark = '{kind="lighthouse-dark", at_s=0.15, for_s=0.1}'
+    struck, whole = (Flight(swarm.load("static", [f"fault=[{each}]"])) for each in (f"{dead}, {dark}", ""))
+    for frame in range(18):
+        near, *others = whole.period(frame).sight
+        assert near[0] == near[3] == Sight.LIT
+        if 9 <= frame < 15:
+            near[:] = Sight.OUTSIDE
+            others = [np.full_like(near, Sight.OUTSIDE)] * len(others)
+        if 6 <= frame < 12:
+            near[[0, 3]] = Sight.DEAD
+        np.testing.assert_array_equal(struck.period(frame).sight, [near, *others])
 
 
 @pytest.mark.long

@@ -81,7 +81,7 @@ class Flight:
             frame=frame,
             time_s=signals.epoch_s,
             truth=_at_epoch(truth),
-            sight=self.sensors.seen(sight),
+            sight=faults.seen(self.sensors.seen(sight)),
             angles=known.angles,
             estimate=known.estimate,
             scans=known.scans,

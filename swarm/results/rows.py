@@ -22,8 +22,6 @@ def referred_nis(nis: Floats, rows: Floats | Ints) -> Floats:
     rows: number of single sweeps that were taken in, (n,); zero for a pose, or where they were refused.
     """
     known = rows > 0
-    if not known.any():
-        return nis
     dof = np.where(known, rows, POSE_ROWS)
     out: Floats = np.where(known, POSE_ROWS + (nis - dof) * np.sqrt(POSE_ROWS / dof), nis)
     return out

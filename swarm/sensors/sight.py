@@ -11,3 +11,5 @@ class Sight(IntEnum):
     BLOCKED = 1
     """Within field, range and incidence, but something stands in between."""
     LIT = 2
+    DEAD = 3
+    """In whatever light there is, it does not answer."""

@@ -3,7 +3,7 @@
 Per lighthouse period the run loop calls `begin`, and then
 
     idle, blow, thrusters              craft without control, changes of motion, thrusters that do not obey
-    light, rotor                       remaining light of the lighthouse, and the rotor's speed
+    light, seen, rotor                 remaining light, what is to be seen of it, and the rotor's speed
     signals                            photodiodes dead or stuck, reflections, missed flashes
     restarting                         craft whose computer forgets its state
     states                             faults of every craft, for the telemetry
@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from math import prod
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.lighthouse.sweep import measured_theta, time_from_theta
@@ -39,6 +40,7 @@ from swarm.sensors import mirror
 from swarm.sensors import pulse_faults as pulses
 from swarm.sensors.lighthouse import Lighthouse, Motion, Rotor
 from swarm.sensors.pulse_faults import Clock, Register, Row
+from swarm.sensors.sight import Sight
 from swarm.sensors.visibility import Visibility
 from swarm.units import si
 from swarm.world.execution import StuckThruster
@@ -80,6 +82,10 @@ class NoFaults:
     def light(self, lit: Bools) -> Bools:
         """Return the photodiodes (C, K, 2) that receive light, of those in its way."""
         return lit
+
+    def seen(self, sight: NDArray[np.int8]) -> NDArray[np.int8]:
+        """Return the `Sight` of every photodiode over the period, (C, K), from that without faults."""
+        return sight
 
     def rotor(self) -> Rotor | None:
         """Return the rotor's speed and phase at mid-period; None if they are nominal."""
@@ -167,8 +173,24 @@ class Faults(NoFaults):
 
     def light(self, lit: Bools) -> Bools:
         """Return the photodiodes (C, K, 2) that receive light, of those in its way."""
-        dark = any(isinstance(window.fault, LighthouseDark) for window in self._now)
-        return np.zeros_like(lit) if dark else lit
+        return np.zeros_like(lit) if self._dark else lit
+
+    def seen(self, sight: NDArray[np.int8]) -> NDArray[np.int8]:
+        """Return the `Sight` of every photodiode over the period, (C, K), from that without faults."""
+        nothing: NDArray[np.int8] = np.full_like(sight, Sight.OUTSIDE)
+        return np.where(self._dead(sight.shape), np.int8(Sight.DEAD), nothing if self._dark else sight)
+
+    @property
+    def _dark(self) -> bool:
+        return any(isinstance(window.fault, LighthouseDark) for window in self._now)
+
+    def _dead(self, shape: tuple[int, ...]) -> Bools:
+        """Return the photodiodes (C, K) that do not answer."""
+        out = np.zeros(shape, dtype=np.bool_)
+        for window in self._now:
+            if isinstance(window.fault, PhotodiodeDead):
+                out[window.craft, window.fault.photodiodes] = True
+        return out
 
     def rotor(self) -> Rotor | None:
         """Return the rotor's speed and phase at mid-period; None if they are nominal."""

@@ -20,6 +20,8 @@ beyond; red: searching, dark orange: coasting, purple: ambiguous, grey: without 
 RAYS = """| green ray, point | photodiode lit by the lighthouse |
 | red ray, point | photodiode in reach, but something stands in between |
 """
+DEAD = """| black point | photodiode that does not answer: a fault |
+"""
 STATIONS = """| line from a station | its light went into the craft's filter in this period; in the colour of its fans |
 | green point | photodiode lit by a station |
 | red point | photodiode in reach of a station, but something stands in between |
@@ -33,7 +35,7 @@ ABOUT = """# What is drawn
 | solid craft | {craft} |
 | outline | where its filter believes it is |
 | ellipsoid | the filter's 3 sigma of position, **enlarged {enlarged} times**, to half a metre at most |
-{light}| grey point | photodiode outside field or range, or turned away |
+{light}{dead}| grey point | photodiode outside field or range, or turned away |
 | two translucent fans | {whose} lasers, **slowed down {slowed:.0f} times** |
 {crowd}{cameras}| thin trail | where the craft was in the last {trail:.0f} s |
 
@@ -57,6 +59,7 @@ def about(scene: Scene, crowd: bool) -> str:
         craft="the craft at its estimate: the truth is not known" if scene.replay else "the craft where it truly is",
         enlarged=ENLARGED,
         rays="light" if scene.stations else "rays",
+        dead=DEAD if any("photodiode-dead" in each for each in scene.faults) else "",
         light=STATIONS if scene.stations else RAYS,
         whose="a station's" if scene.stations else "the lighthouse's",
         axes=STATION_AXES if scene.stations else AXES,

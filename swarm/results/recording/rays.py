@@ -9,7 +9,7 @@ from swarm.results.recording.canvas import Canvas, Send, ink, send_segments
 from swarm.results.recording.layer import Stage
 from swarm.sensors.sight import Sight
 
-SIGHT_COLOURS = ink(0x78909CFF, 0xFF5252FF, 0x69F0AEFF)
+SIGHT_COLOURS = ink(0x78909CFF, 0xFF5252FF, 0x69F0AEFF, 0x212121FF)
 """Colours of the photodiodes, by `Sight`."""
 RAY_COLOURS = {"lit": (Sight.LIT, 0x69F0AE38), "blocked": (Sight.BLOCKED, 0xFF525290)}
 

@@ -98,7 +98,8 @@ def _consistency(rows: TelemetryTable, setting: Setting) -> Figures:
     """
     nis: Floats = rows.column("nis")
     if "rows" in rows.columns:
-        nis = referred_nis(nis, rows.column("rows"))
+        sweeps = rows.column("rows")
+        nis = referred_nis(nis, sweeps) if (sweeps > 0).any() else nis
         if "peer_px_m" in rows.columns:
             nis = np.where(rows.by_light, nis, np.nan)
     return {
