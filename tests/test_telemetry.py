@@ -19,6 +19,7 @@ from swarm.errors import SwarmError
 from swarm.results import telemetry
 from swarm.results.columns.actuation import ACTUATION
 from swarm.results.columns.ccd import CCD
+from swarm.results.columns.column import TYPES, Column
 from swarm.results.columns.faults import faults
 from swarm.results.columns.groups import column_reference
 from swarm.results.columns.guidance import DOCKING, GUIDANCE
@@ -268,3 +269,19 @@ def test_the_column_reference_is_in_step():
         faults(()),
     ]
     assert column_reference().count("\n| `") == len(schema(further)) + len(SMOOTH)
+
+
+@pytest.mark.parametrize("kind", TYPES)
+@pytest.mark.parametrize("rows", [0, 1, 8, 77])
+def test_a_column_on_disk_is_that_of_pyarrow_s_own_conversion(kind, rows):
+    value = np.random.default_rng(rows).integers(0, 2, rows).astype(float)
+    value[::3], value[1::5] = np.nan, np.inf
+    array = Column("x", "1", "a number", kind, ("low", "high")).array(value)
+    array.validate(full=True)
+    told = [None if not np.isfinite(v) else v for v in value]
+    if kind in ("state", "name"):
+        told = [None if v is None else ("low", "high")[int(v)] for v in told]
+    elif kind != "number":
+        told = [None if v is None else int(v) for v in told]
+    assert array.type == TYPES[kind]
+    assert array.to_pylist() == told

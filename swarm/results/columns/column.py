@@ -10,8 +10,10 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
-from estimators.arrays import Floats
+from estimators.arrays import Bools, Floats
+from estimators.kernel import kernel
 from swarm.results.period import Period
 
 Kind = Literal["number", "whole", "small", "yes", "state", "name"]
@@ -48,16 +50,17 @@ class Column(NamedTuple):
 
     def array(self, value: Floats) -> pa.Array:
         """Return the column of contiguous doubles (n,), null where not finite; numbers are not copied."""
-        known = np.isfinite(value)
+        kind, rows, known = TYPES[self.kind], len(value), np.isfinite(value)
+        valid = None if known.all() else pa.py_buffer(np.packbits(known, bitorder="little"))
         if self.kind == "number":
-            valid = None if known.all() else pa.py_buffer(np.packbits(known, bitorder="little"))
-            return pa.Array.from_buffers(pa.float64(), len(value), [valid, pa.py_buffer(value)])
-        mask, value = ~known, np.where(known, value, 0.0)
-        kind = TYPES[self.kind]
-        if self.kind in ("state", "name"):
-            code = pa.array(value.astype(kind.index_type.to_pandas_dtype()), mask=mask)
-            return pa.DictionaryArray.from_arrays(code, pa.array(self.names, pa.string()))
-        return pa.array(value.astype(kind.to_pandas_dtype()), kind, mask=mask)
+            return pa.Array.from_buffers(kind, rows, [valid, pa.py_buffer(value)])
+        stored = kind.index_type if self.kind in ("state", "name") else kind
+        codes = np.empty(rows, dtype=stored.to_pandas_dtype())
+        _codes_into(value, codes)
+        if self.kind == "yes":
+            codes = np.packbits(codes, bitorder="little")
+        array = pa.Array.from_buffers(stored, rows, [valid, pa.py_buffer(codes)])
+        return array if stored is kind else pa.DictionaryArray.from_arrays(array, pa.array(self.names, pa.string()))
 
 
 class Group(NamedTuple):
@@ -88,6 +91,14 @@ def rate_columns(prefix: str, whose: str) -> list[Column]:
     ]
 
 
+@kernel
+def _codes_into(value: Floats, out: NDArray[np.integer] | Bools) -> None:
+    """Write values (n,) as whole numbers, or as true or false, zero where they are not finite."""
+    for i in range(len(value)):
+        out[i] = value[i] if np.isfinite(value[i]) else 0.0
+
+
+@kernel
 def fill_pose(position: Floats, quaternion: Floats, out: Floats) -> None:
     """Write poses into the rows of `pose_columns`.
 
@@ -96,5 +107,9 @@ def fill_pose(position: Floats, quaternion: Floats, out: Floats) -> None:
         quaternion: (C, 4), of either sign.
         out: (7, C).
     """
-    out[:3] = position.T
-    out[3:] = np.where(quaternion[:, 0] < 0, -1.0, 1.0) * quaternion.T
+    for c in range(out.shape[1]):
+        sign = -1.0 if quaternion[c, 0] < 0 else 1.0
+        for i in range(3):
+            out[i, c] = position[c, i]
+        for i in range(4):
+            out[3 + i, c] = sign * quaternion[c, i]

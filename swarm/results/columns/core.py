@@ -72,6 +72,7 @@ COLUMNS = (
     Column("rows", "1", "single sweep angles that went into the filter", "small", required=True),
 )
 _ROW = {column.name: row for row, column in enumerate(COLUMNS)}
+_ERRORS = np.array([_ROW[name] for name in Errors._fields])
 
 
 def core(craft: Sequence[str]) -> Group:
@@ -83,7 +84,7 @@ def core(craft: Sequence[str]) -> Group:
 
 def errors_in(block: Floats) -> Errors:
     """Return copies of the errors in a filled block of the group, (columns, C)."""
-    return Errors(*(block[_ROW[name]].copy() for name in Errors._fields))
+    return Errors(*block[_ERRORS])
 
 
 def _nearest(place: Floats, turn: Floats, estimate: Estimate) -> tuple[Floats, Floats]:
