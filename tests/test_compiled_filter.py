@@ -16,6 +16,7 @@ from estimators.filter.compiled import CompiledFilterBank
 from estimators.filter.compiled_interacting import CompiledInteractingBank
 from estimators.filter.filterpy_bank import PoseFilterBank
 from estimators.filter.filterpy_interacting import FilterpyInteractingBank
+from estimators.filter.interacting import InteractingBank
 from estimators.lanes import LANES
 from swarm.hardware import pad
 from swarm.onboard.filters import MOST_BY_FILTERPY
@@ -222,3 +223,30 @@ def test_a_flight_of_compiled_filters_pays_nothing_for_filterpy() -> None:
     code = "import sys, swarm.flight.simulate; print({'filterpy', 'scipy.stats'} & set(sys.modules))"
     ended = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert ended.stdout == "set()\n"
+
+
+@pytest.mark.parametrize("kind", [FilterpyInteractingBank, CompiledInteractingBank])
+def test_who_asks_for_the_covariances_of_some_craft_changes_nobody_s_numbers(kind: type[InteractingBank]) -> None:
+    """Whichever craft are asked for between a prediction and its update: of all, of some, of one, or of none."""
+    rng = np.random.default_rng(11)
+    banks = [kind([(0.2, 0.2), (0.01, 0.01), (1e-3, 1e-3)], 30.0, 2.0, np.full(5, 3)) for _ in range(4)]
+    every, pose = np.ones(5, dtype=np.bool_), (rot.exp(rng.standard_normal((5, 3))), rng.standard_normal((5, 3)))
+    covariance, coupling, some = random_covariance(rng, 5), np.zeros((5, 6, 6)), np.array([0, 1, 0, 1, 1], np.bool_)
+    for bank in banks:
+        bank.start(every, *pose, covariance, (1.0, 0.5))
+    for frame in range(30):
+        updated = rng.random(5) < 0.7
+        for bank in banks:
+            bank.predict(T, every)
+        whole = banks[0].covariance
+        if frame % 3:
+            part = banks[1].covariance_where(some)
+            np.testing.assert_array_equal(part[some], whole[some])
+            np.testing.assert_array_equal(banks[2].covariance_of(3), whole[3])
+        for bank in banks:
+            bank.update_pose(updated, *pose, covariance, coupling)
+            bank.stop(every & (frame == 20) & some)
+            bank.start(~bank.active, *pose, covariance, (1.0, 0.5))
+    for bank in banks[1:]:
+        for name in STATE:
+            np.testing.assert_array_equal(getattr(bank, name), getattr(banks[0], name), err_msg=name)

@@ -135,9 +135,8 @@ class FilterBank(ABC):
         )
         self._p = np.full((craft_count, STATES, STATES), np.nan)
 
-    @property
-    def _covariance(self) -> Floats:
-        """P (C, 12, 12), the bank's own."""
+    def _covariance(self, mask: Bools) -> Floats:
+        """Return P (C, 12, 12), the bank's own, of which those of the craft of the mask are to be read or written."""
         return self._p
 
     @property
@@ -180,16 +179,19 @@ class FilterBank(ABC):
     @property
     def covariance(self) -> Floats:
         """P (C, 12, 12): attitude error, angular rate, position, velocity [rad, rad/s, m, m/s]."""
-        return self._covariance.copy()
+        return self._covariance(np.ones_like(self._active)).copy()
+
+    def covariance_where(self, mask: Bools) -> Floats:
+        """Return P (C, 12, 12) of the craft of the mask (C,) alone; those of the others are not set."""
+        out = np.empty_like(self._p)
+        _copy_where(mask, self._covariance(mask), out)
+        return out
 
     def covariance_of(self, craft: int) -> Floats:
         """Return P (12, 12) of one craft."""
-        out: Floats = self._covariance[craft].copy()
-        return out
-
-    def attitude_variance(self) -> Floats:
-        """Return the sums (C,) [rad^2] of the three variances of the attitudes, NaN where not active."""
-        out: Floats = np.trace(self._covariance[:, :3, :3], axis1=1, axis2=2)
+        mask = np.zeros_like(self._active)
+        mask[craft] = True
+        out: Floats = self._covariance(mask)[craft].copy()
         return out
 
     def start(
@@ -232,7 +234,7 @@ class FilterBank(ABC):
         p[:, POSE_COLUMNS[:, None], RATE_COLUMNS] = cross
         p[:, RATE_COLUMNS[:, None], POSE_COLUMNS] = np.swapaxes(cross, 1, 2)
         p[:, RATE_COLUMNS, RATE_COLUMNS] = rate_variance
-        self._covariance[craft] = p
+        self._covariance(mask)[craft] = p
         state = self._state
         state.rotation[craft], state.position[craft] = rotation[craft], position[craft]
         state.angular_rate[craft] = state.velocity[craft] = 0.0
@@ -290,7 +292,7 @@ class FilterBank(ABC):
         state.position[mask] += shift[mask]
         state.velocity[mask] += velocity[mask]
         if coupling is not None:
-            _couple_all(mask, self._argument("coupling", coupling, (POSE, POSE), mask), self._covariance)
+            _couple_all(mask, self._argument("coupling", coupling, (POSE, POSE), mask), self._covariance(mask))
             self._changed(mask)
 
     def update(
@@ -406,7 +408,7 @@ class FilterBank(ABC):
             state: of the C craft.
             covariance: (C, 12, 12).
         """
-        for own, given in zip((*self._state, self._covariance), (*state, covariance), strict=True):
+        for own, given in zip((*self._state, self._covariance(mask)), (*state, covariance), strict=True):
             own[mask] = given[mask]
         self._active[mask] = True
         self._begin(mask)
@@ -416,7 +418,7 @@ class FilterBank(ABC):
         mask = self._checked(mask, active=False)
         if mask.any():
             self._active[mask] = False
-            for array in (*self._state, self._covariance):
+            for array in (*self._state, self._covariance(mask)):
                 array[mask] = np.nan
 
     @abstractmethod
@@ -480,6 +482,16 @@ class FilterBank(ABC):
         if not _positive_diagonal(array, mask):
             raise ValueError(f"{name}: a variance is not positive for a craft of the mask")
         return array
+
+
+@kernel
+def _copy_where(mask: Bools, given: Floats, out: Floats) -> None:
+    """Copy matrices (C, n, n) of the craft of the mask."""
+    for c in range(len(mask)):
+        if mask[c]:
+            for i in range(given.shape[1]):
+                for j in range(given.shape[2]):
+                    out[c, i, j] = given[c, i, j]
 
 
 @kernel

@@ -52,17 +52,17 @@ class CompiledFilterBank(FilterBank):
             self.acceleration_noise_m_s2,
             self.angular_acceleration_noise_rad_s2,
             self._state,
-            self._covariance,
+            self._p,
         )
 
     def _update(self, mask: Bools, given: Given | Independent | Poses, result: UpdateResult) -> int:
         if isinstance(given, Independent):
-            _update_one_by_one(mask, given, self._state, self._covariance, result)
+            _update_one_by_one(mask, given, self._state, self._p, result)
             return -1
         if isinstance(given, Poses):
-            return _update_poses(mask, given, self._state, self._covariance, result)
+            return _update_poses(mask, given, self._state, self._p, result)
         work = work_for(given.y.shape[1])
-        return _update_rows(mask, given, work, self._state, self._covariance, result)
+        return _update_rows(mask, given, work, self._state, self._p, result)
 
 
 @kernel

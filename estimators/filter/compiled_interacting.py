@@ -71,12 +71,13 @@ class CompiledInteractingBank(InteractingBank):
         self._motion = Motion(np.zeros(craft, dtype=np.bool_), np.zeros(craft), np.zeros((craft, 3)))
 
     def _predict(self, mask: Bools, step: Floats) -> None:
-        if (mask & self._motion.waits).any():
-            self._catch_up()
+        self._catch_up(mask)
         _predict_states(mask, step, self._motion, self._state)
 
-    def _catch_up(self) -> None:
-        _predict_models(self._motion, self.grid, self._mixtures)
+    def _catch_up(self, mask: Bools) -> None:
+        late = mask & self._motion.waits
+        if late.any():
+            _predict_models(late, self._motion, self.grid, self._mixtures)
 
     def _update(self, mask: Bools, given: Given | Independent | Poses, result: UpdateResult) -> int:
         models = self._motion, self.grid, self._mixtures
@@ -117,12 +118,12 @@ def _predict_states(mask: Bools, step: Floats, motion: Motion, state: State) -> 
 
 
 @kernel
-def _predict_models(motion: Motion, grid: Grid, mixtures: Mixtures) -> None:
-    """Make the motion of the models of all craft that wait for it."""
+def _predict_models(mask: Bools, motion: Motion, grid: Grid, mixtures: Mixtures) -> None:
+    """Make the motion of the models of the craft of the mask, which wait for it."""
     covariances = lanes_in(mixtures.covariance)
     p = scratch(covariances, STATES, STATES)
-    for c in range(len(motion.waits)):
-        if _predicted_into(c, motion, grid, mixtures, p):
+    for c in range(len(mask)):
+        if mask[c] and _predicted_into(c, motion, grid, mixtures, p):
             to_triangle(p, covariances[c])
 
 

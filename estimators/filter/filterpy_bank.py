@@ -42,7 +42,7 @@ class PoseFilterBank(FilterBank):
             if i not in self._filter:
                 self._filter[i] = error_filter()
             f = self._filter[i]
-            f.P = self._covariance[i].copy()
+            f.P = self._p[i].copy()
 
     def _predict(self, mask: Bools, step: Floats) -> None:
         state = self._state
@@ -52,7 +52,7 @@ class PoseFilterBank(FilterBank):
             process_noise_into(step[i], self.acceleration_noise_m_s2, self.angular_acceleration_noise_rad_s2, f.Q)
             f.predict()
             propagate(state.rotation[i], state.angular_rate[i], state.position[i], state.velocity[i], step[i])
-            self._covariance[i] = f.P
+            self._p[i] = f.P
 
     def _update(self, mask: Bools, given: Given | Independent | Poses, result: UpdateResult) -> int:
         if isinstance(given, Poses):
@@ -76,7 +76,7 @@ class PoseFilterBank(FilterBank):
                 x[:] = 0.0
             else:
                 correct(s.rotation, s.angular_rate, s.position, s.velocity, x[:, 0])
-            self._covariance[i] = f.P
+            self._p[i] = f.P
         return -1
 
     def _take(

@@ -128,13 +128,13 @@ class InteractingBank(FilterBank):
             moved=np.zeros((craft, LANES, LANES)),
         )
 
-    @property
-    def _covariance(self) -> Floats:
-        """P (C, 12, 12) of the mixtures, which a prediction leaves to whoever asks for it before the next update."""
-        if self._moved_on.any():
-            self._catch_up()
-            _combine_all(self._moved_on, self._mixtures, self._p)
-            self._moved_on[:] = False
+    def _covariance(self, mask: Bools) -> Floats:
+        """Return P (C, 12, 12) of the mixtures, which a prediction leaves to whoever asks for it before an update."""
+        late = mask & self._moved_on
+        if late.any():
+            self._catch_up(late)
+            _combine_all(late, self._mixtures, self._p)
+            self._moved_on &= ~late
         return self._p
 
     def predict(self, dt: float | Floats, mask: Bools) -> None:
@@ -150,7 +150,7 @@ class InteractingBank(FilterBank):
     @property
     def probability(self) -> Floats:
         """The probabilities of the models, (C, N); zero of those that are not run."""
-        self._catch_up()
+        self._catch_up(self._active)
         mixtures = self._mixtures
         craft = np.arange(len(mixtures.window))
         out = np.zeros((len(craft), max(len(self.grid.acceleration), LANES)))
@@ -184,7 +184,7 @@ class InteractingBank(FilterBank):
     @property
     def mixtures(self) -> Mixtures:
         """The models of all craft, copied."""
-        self._catch_up()
+        self._catch_up(self._active)
         own = self._mixtures
         return own._replace(**{name: part.copy() for name, part in own._asdict().items()})
 
@@ -195,12 +195,12 @@ class InteractingBank(FilterBank):
         model = np.minimum(window + (np.arange(LANES) - window) % LANES, len(self.grid.acceleration) - 1)
         return np.stack([self.grid.acceleration[model], self.grid.angular_acceleration[model]], axis=-1)
 
-    def _catch_up(self) -> None:
-        """Do what a prediction has left undone of the models."""
+    def _catch_up(self, mask: Bools) -> None:
+        """Do what a prediction has left undone of the models of the craft of the mask."""
         return
 
     def _begin(self, mask: Bools) -> None:
-        _begin_all(mask, self._covariance, self._mixtures)
+        _begin_all(mask, self._covariance(mask), self._mixtures)
 
     def _changed(self, mask: Bools) -> None:
         # The covariance is that of the mixture: nothing rests on it.

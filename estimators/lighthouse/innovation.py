@@ -96,12 +96,25 @@ def rows_of_sweeps(theta: Floats, offset_s: Floats, used: Bools) -> RowBatch:
         offset_s: (C, K, F) [s], instants of the angles minus the epoch.
         used: (C, K, F), the angles that become rows.
     """
-    count = np.count_nonzero(used.reshape(len(used), -1), axis=1)
-    first = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
-    total = int(first[-1])
+    first = np.empty(len(used) + 1, dtype=np.int64)
+    total = _count_into(used, first)
     out = RowBatch(first, *np.zeros((4, total), dtype=np.int64), *np.empty((2, total)))
     _gather(theta, offset_s, used, out)
     return out
+
+
+@kernel
+def _count_into(used: Bools, first: Ints) -> int:
+    """Write before which row those of each of C craft begin, and where the last ones end; return this number."""
+    craft, photodiodes, fans = used.shape
+    n = 0
+    for c in range(craft):
+        first[c] = n
+        for k in range(photodiodes):
+            for fan in range(fans):
+                n += used[c, k, fan]
+    first[craft] = n
+    return n
 
 
 @kernel
@@ -110,6 +123,8 @@ def _gather(theta: Floats, offset: Floats, used: Bools, out: RowBatch) -> None:
     craft, photodiodes, fans = used.shape
     n = 0
     for c in range(craft):
+        if out.first[c] == out.first[c + 1]:
+            continue
         for fan in range(fans):
             for k in range(photodiodes):
                 if used[c, k, fan]:

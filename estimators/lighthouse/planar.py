@@ -26,6 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.arrays import Bools, Floats
+from estimators.kernel import formula
 from estimators.lighthouse.integrity import AngleNoise, Sweeps, linearised
 from estimators.rotation import exp, log
 
@@ -97,6 +98,7 @@ def is_flat(point: Floats) -> bool:
     return bool(size[2] <= FLAT * min(size[0], np.sqrt(len(point)) * np.median(apart)))
 
 
+@formula
 def bends(attitude_sigma_rad: Floats, size_m: Floats, distance_m: Floats, noise: AngleNoise) -> Bools:
     """Return where a plane of this attitude sigma is near its merged minima, (C,); False where anything is unknown.
 

@@ -215,7 +215,7 @@ class MirrorImages:
         asked &= taken.photodiodes <= DETERMINED
         if not asked.any():
             return
-        asked &= self._sweeps.bends(own.covariance, own.position)
+        asked = self._sweeps.bends(asked, own.covariance_where(asked), own.position)
         if not asked.any():
             return
         assert taken.batch is not None

@@ -119,8 +119,10 @@ class SingleSweeps:
         if not mask.any():
             return self._nothing
         instants = offset_s if self._compensated else np.zeros_like(offset_s)
-        rows = rows_of_sweeps(theta, instants, np.isfinite(theta) & mask[:, None, None])
-        predicted = tracks.filtered()
+        used = np.zeros(theta.shape, dtype=np.bool_)
+        used[mask] = np.isfinite(theta[mask])
+        rows = rows_of_sweeps(theta, instants, used)
+        predicted = tracks.filtered_where(mask)
         out = _none(len(mask), rows, predicted)
         kept = out.kept
         self._update(rows, kept, mask, tracks, out, predicted)
@@ -168,8 +170,10 @@ class SingleSweeps:
             bank: their filters.
             before: the filters as they are, if that is known.
         """
-        state, covariance = (bank.state, bank.covariance) if before is None else (before.state, before.covariance)
-        bends, light = self.bends(covariance, state.position), light_of(self._stations, self._noise)
+        if before is None:
+            before = Filtered(bank.active, bank.state, bank.covariance_where(mask))
+        state, covariance = before.state, before.covariance
+        bends, light = self.bends(mask, covariance, state.position), light_of(self._stations, self._noise)
         many = pose_sums(rows, kept, mask & ~bends, light, self._point_m, state, covariance)
         result, angles = None, np.where(many.told, many.rows, 0)
         if many.told.any():
@@ -217,12 +221,18 @@ class SingleSweeps:
         root = np.linalg.inv(np.linalg.cholesky(noise_of(rows, self._noise)))
         return root @ y, root @ h
 
-    def bends(self, covariance: Floats, position: Floats) -> Bools:
-        """Return where the attitude is so coarse that angles are no longer linear about the prediction, (C,)."""
-        with np.errstate(invalid="ignore"):
-            sigma = np.sqrt(np.trace(covariance[:, :3, :3], axis1=1, axis2=2))
-        away = np.linalg.norm(position - self._stations.position[0], axis=1)
-        return is_coarse(sigma, self._size_m, away, self._noise[0])
+    def bends(self, mask: Bools, covariance: Floats, position: Floats) -> Bools:
+        """Return the craft (C,) of the mask whose attitude is so coarse that angles are no longer linear about the
+        prediction.
+
+        Args:
+            mask: (C,), the craft concerned.
+            covariance: (C, 12, 12) of their predictions.
+            position: (C, 3) [m], predicted.
+        """
+        out = np.empty_like(mask)
+        _bends_into(mask, covariance, position, self._stations.position[0], self._size_m, self._noise[0], out)
+        return out
 
     def _faults(self, rows: RowBatch, kept: Bools, before: Filtered, tracks: Tracks, out: SweepsTaken) -> None:
         """Write what a false one of fewer than MIN_LIT photodiodes may do to their craft."""
@@ -279,6 +289,29 @@ def _count_photodiodes(first: Ints, photodiode: Ints, kept: Bools, mask: Bools, 
                 if kept[r] and not seen[photodiode[r]]:
                     seen[photodiode[r]] = True
                     out[c] += 1
+
+
+@kernel
+def _bends_into(
+    mask: Bools, covariance: Floats, position: Floats, station: Floats, size: Floats, noise: AngleNoise, out: Bools
+) -> None:
+    """Write where the attitude is too coarse, as in `SingleSweeps.bends`.
+
+    Args:
+        mask: (C,).
+        covariance: (C, 12, 12).
+        position: (C, 3) [m].
+        station: (3,) [m], its place.
+        size: (C,) [m], largest distance of a photodiode from its body's origin.
+        noise: of the angles.
+        out: (C,), receives it.
+    """
+    for c in range(len(mask)):
+        out[c] = mask[c]
+        if mask[c]:
+            x, y, z = position[c, 0] - station[0], position[c, 1] - station[1], position[c, 2] - station[2]
+            sigma = np.sqrt(covariance[c, 0, 0] + covariance[c, 1, 1] + covariance[c, 2, 2])
+            out[c] = is_coarse(sigma, size[c], np.sqrt(x * x + y * y + z * z), noise)
 
 
 DETERMINED = 3

@@ -321,7 +321,7 @@ class Tracks:
         ages, limits = (self.since_update_s, self.since_pose_s, self._rejections), self._limits
         given_up = np.empty_like(pose)
         if _count(pose, sweeps, refused, self._frame_s, limits.coast_limit_s, limits.rejections_limit, ages, given_up):
-            given_up |= sweeps & self.beyond(MEANINGLESS_RAD)
+            given_up |= self.beyond(MEANINGLESS_RAD, sweeps)
         self.bank.stop(self.bank.active & given_up)
 
     def lost(self, time_s: float) -> Bools:
@@ -331,18 +331,23 @@ class Tracks:
         active = self.bank.active
         out, without = active & (self.since_update_s > time_s), active & (self.since_pose_s > time_s)
         if without.any():
-            out |= without & self.beyond(UNDECIDED_RAD)
+            out |= self.beyond(UNDECIDED_RAD, without)
         return out
 
-    def beyond(self, attitude_rad: float) -> Bools:
-        """Return the craft (C,) with a filter whose attitude's standard deviation exceeds `attitude_rad`."""
-        with np.errstate(invalid="ignore"):
-            out: Bools = self.bank.active & (self.bank.attitude_variance() > attitude_rad**2)
+    def beyond(self, attitude_rad: float, mask: Bools) -> Bools:
+        """Return which craft (C,) of the mask have a filter with a larger standard deviation of attitude than this."""
+        out = mask & self.bank.active
+        if out.any():
+            _keep_beyond(out, self.bank.covariance_where(out), attitude_rad**2)
         return out
 
     def filtered(self) -> Filtered:
         """Return the filters as they are now."""
         return Filtered(self.bank.active, self.bank.state, self.bank.covariance)
+
+    def filtered_where(self, mask: Bools) -> Filtered:
+        """Return the filters as they are now, with the covariances of the craft of the mask (C,) alone."""
+        return Filtered(self.bank.active, self.bank.state, self.bank.covariance_where(mask))
 
     def rate_covariance(self, craft: int) -> Floats:
         """Return the covariance (6, 6) of a craft's rates (angular, linear): predicted, or a wide prior."""
@@ -385,6 +390,14 @@ def _count(
         given_up[c] = since_update_s[c] > coast_limit_s or rejections[c] >= rejections_limit
         some = some or sweeps[c]
     return some
+
+
+@kernel
+def _keep_beyond(mask: Bools, covariance: Floats, variance: float) -> None:
+    """Keep the craft of the mask (C,) whose sum of the three variances of the attitude exceeds `variance` [rad^2]."""
+    for c in range(len(mask)):
+        p = covariance[c]
+        mask[c] = mask[c] and p[0, 0] + p[1, 1] + p[2, 2] > variance
 
 
 def _all_columns(rows: Rows) -> Floats:
