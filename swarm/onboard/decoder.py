@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
 from swarm.messages import SKIP_BIT, SYNC_WIDTH_S, SYNC_WIDTH_STEP_S, Pulses
-from swarm.onboard.flashes import MAX_FLASHES, Flashes, FlashRecord, Timing, follow, group
-from swarm.onboard.rivals import Hits, choose, take
+from swarm.onboard.flashes import MAX_FLASHES, Flashes, FlashRecord, Timing, follow, tell
+from swarm.onboard.rivals import Hits, choose, clear, take
 
 SLOT_S = 20000 / 48e6
 """Delay of the second station's flash after the first's [s]."""
@@ -62,45 +62,89 @@ class SweepAngles(NamedTuple):
 
 class _Room(NamedTuple):
     """Room for one craft at a time: its flashes, the fans whose sweeps can be read (2,), the number of pulses of each
-    photodiode and the second nearest of them (K, 2), and what it takes of its pulses (3, P).
+    photodiode and the second nearest of them (K, 2), and its sweep pulses: photodiodes and middles (P,) [ticks].
     """
 
     flashes: Flashes
     swept: Bools
     pulses: Ints
     rival: Floats
-    own: Ints
+    photodiode: Ints
+    middle: Floats
 
 
 def _room(photodiodes: int, pulses: int) -> _Room:
     """Return room for a craft with so many photodiodes and pulses."""
-    flashes = Flashes(np.empty(MAX_FLASHES), *np.empty((3, MAX_FLASHES), np.int64))
+    flashes = Flashes(*np.empty((2, MAX_FLASHES)), *np.empty((3, MAX_FLASHES), np.int64))
     counts, rival = np.empty((photodiodes, 2), np.int64), np.empty((photodiodes, 2))
-    return _Room(flashes, np.empty(2, np.bool_), counts, rival, np.empty((3, pulses), np.int64))
+    return _Room(flashes, np.empty(2, np.bool_), counts, rival, np.empty(pulses, np.int64), np.empty(pulses))
 
 
 @kernel
-def _read_sweeps(pulses: Ints, timing: Timing, flash: Floats, swept: Bools, epoch: int, hits: Hits) -> int:
-    """Take one craft's sweep pulses into `hits`, their instants in ticks from the epoch; return the number of others.
+def _sort(
+    photodiode: NDArray[np.int16],
+    rise: Ints,
+    width: NDArray[np.int32],
+    present: Bools,
+    timing: Timing,
+    room: _Room,
+) -> tuple[int, int, int]:
+    """Sort one craft's pulses into flashes and sweeps; return the numbers of flashes, sweep pulses and rejected ones.
 
-    pulses: photodiode, rise and width, (3, P). flash, swept: each fan's flash and whether its sweep can be read, (2,).
+    Args:
+        photodiode: (P,), in order of rise.
+        rise: (P,) [ticks].
+        width: (P,) [ticks].
+        present: photodiodes of the craft, (K,).
+        timing: timing of the lighthouse.
+        room: receives the flashes, whose codes are still to be told, and the sweep pulses.
+    """
+    flashes, longest_pulse = room.flashes, timing.code_zero + 7.5 * timing.code_step
+    count = sweeps = rejected = size = 0
+    start = longest = -np.inf
+    for i in range(len(photodiode)):
+        k, lasts = photodiode[i], width[i]
+        if not (0 <= k < len(present) and present[k] and 0 <= lasts <= longest_pulse):
+            rejected += 1
+        elif lasts < timing.shortest_pulse:
+            room.photodiode[sweeps], room.middle[sweeps] = k, float(rise[i]) + 0.5 * lasts
+            sweeps += 1
+        elif rise[i] - start <= longest:
+            size, longest = size + 1, max(longest, float(lasts))
+            flashes.size[count - 1], flashes.longest[count - 1] = size, longest
+        elif count < MAX_FLASHES:
+            start, longest, size = float(rise[i]), float(lasts), 1
+            flashes.rise[count], flashes.size[count], flashes.longest[count] = start, size, longest
+            count += 1
+        else:
+            rejected += 1
+    return count, sweeps, rejected
+
+
+@kernel
+def _read_sweeps(pulses: int, room: _Room, timing: Timing, flash: Floats, epoch: int, hits: Hits) -> int:
+    """Take a craft's sweep pulses into `hits`, their instants in ticks from the epoch; return the number of others.
+
+    Args:
+        pulses: number of its pulses in the room.
+        room: with these pulses, and the fans whose sweeps can be read.
+        timing: timing of the lighthouse.
+        flash: each fan's flash, (2,) [ticks].
+        epoch: its epoch [ticks].
+        hits: receives them.
     """
     two_stations = timing.period > 3 * timing.half_turn
     rejected = 0
-    for i in range(pulses.shape[1]):
-        k, rise, width = pulses[0, i], pulses[1, i], pulses[2, i]
-        if width >= timing.shortest_pulse:
-            continue
-        middle = float(rise) + 0.5 * width
+    for i in range(pulses):
+        k, middle = room.photodiode[i], room.middle[i]
         # With two stations, the second turn of the period belongs to the other one.
         belongs = two_stations and middle > flash[0] + 2 * timing.half_turn
         for fan in range(2):
             since = middle - flash[fan]
-            if swept[fan] and timing.sweep_first <= since <= timing.sweep_last:
+            if room.swept[fan] and timing.sweep_first <= since <= timing.sweep_last:
                 belongs = True
                 take(hits, k, fan, np.pi * since / timing.half_turn, middle - epoch)
-        if not belongs:
-            rejected += 1
+        rejected += not belongs
     return rejected
 
 
@@ -126,22 +170,12 @@ def _decode(
     [ticks]. tick: of the craft's clock [s]. several: receives the craft with a photodiode that got several pulses in a
     sweep, (C,).
     """
-    two_stations = timing.period > 3 * timing.half_turn
-    longest_pulse = timing.code_zero + 7.5 * timing.code_step
-    flashes, swept, pulses_of, rival, own = room
+    two_stations, flashes = timing.period > 3 * timing.half_turn, room.flashes
     for c in range(len(total)):
-        p = 0
-        for i in range(min(max(total[c], 0), photodiode.shape[1])):
-            k = photodiode[c, i]
-            if 0 <= k < present.shape[1] and present[c, k] and 0 <= width[c, i] <= longest_pulse:
-                own[0, p], own[1, p], own[2, p] = k, rise[c, i], width[c, i]
-                p += 1
-            else:
-                out.rejected[c] += 1
-
-        count, rejected = group(own[1, :p], own[2, :p], timing, flashes)
-        out.rejected[c] += rejected
-        x, y, out.missed_sync[c] = follow(flashes, count, timing, FlashRecord(last[c], seen[c]), swept)
+        own = slice(0, min(max(total[c], 0), photodiode.shape[1]))
+        count, sweeps, rejected = _sort(photodiode[c, own], rise[c, own], width[c, own], present[c], timing, room)
+        tell(count, timing, flashes)
+        x, y, out.missed_sync[c] = follow(flashes, count, timing, FlashRecord(last[c], seen[c]), room.swept)
         if np.isnan(last[c, 0]):
             out.epoch_tick[c] = -1
         else:
@@ -150,19 +184,21 @@ def _decode(
         for i in range(count):
             foreign = flashes.mine[i] == 0 or flashes.code[i] & SKIP_BIT != 0
             if i != x and i != y and (flashes.code[i] < 0 or not (two_stations and foreign)):
-                out.rejected[c] += flashes.size[i]
-        pulses_of[:] = 0
-        rival[:] = np.inf
-        hits = Hits(expected[c], pulses_of, rival, out.theta[c], out.offset_s[c])
-        out.rejected[c] += _read_sweeps(own[:, :p], timing, last[c], swept, out.epoch_tick[c], hits)
-        out.rejected[c] += choose(hits)
-        most = 0
+                rejected += flashes.size[i]
+        hits = Hits(expected[c], room.pulses, room.rival, out.theta[c], out.offset_s[c])
+        clear(hits)
+        rejected += _read_sweeps(sweeps, room, timing, last[c], out.epoch_tick[c], hits)
+        several[c] = False
+        for k in range(present.shape[1]):
+            for fan in range(2):
+                several[c] |= room.pulses[k, fan] > 1
+        if several[c]:
+            rejected += choose(hits)
         for k in range(present.shape[1]):
             out.lit[c, k] = np.isfinite(out.theta[c, k, 0]) and np.isfinite(out.theta[c, k, 1])
             for fan in range(2):
                 out.offset_s[c, k, fan] *= tick
-                most = max(most, pulses_of[k, fan])
-        several[c] = most > 1
+        out.rejected[c] = rejected
 
 
 class PulseDecoder:
@@ -228,6 +264,7 @@ class PulseDecoder:
         )
         self._last = np.full((len(present), 2), np.nan)
         self._seen = np.full((len(present), 2), np.nan)
+        self._nowhere, self._room = np.full((*present.shape, 2), np.nan), _room(present.shape[1], 0)
 
     def forget(self, mask: Bools) -> None:
         """Forget every flash of the craft of the mask (C,), as after a restart of their computers."""
@@ -250,8 +287,7 @@ class PulseDecoder:
         if pulses.total.shape != (craft,) or pulses.rise_tick.shape[0] != craft:
             raise ValueError(f"pulses of {len(pulses.rise_tick)} craft, but the decoder has {craft}")
         before = self._last.copy(), self._seen.copy()
-        nowhere = np.full((craft, photodiodes, 2), np.nan)
-        out, several = self._decoded(pulses, self._present, nowhere, self._last, self._seen)
+        out, several = self._decoded(pulses, self._present, self._nowhere, self._last, self._seen)
         if expected is not None and several.any():
             # Once more, with the flashes of before: what they become does not depend on what is expected.
             who = np.flatnonzero(several)
@@ -273,13 +309,14 @@ class PulseDecoder:
             last: flashes that each craft remembers, predicted, (C, 2) [ticks], updated.
             seen: likewise, seen.
         """
-        craft, photodiodes = present.shape
+        (craft, photodiodes), most = present.shape, pulses.photodiode.shape[1]
+        if most > len(self._room.middle):
+            self._room = _room(photodiodes, most)
         if expected.shape != (craft, photodiodes, 2):
             raise ValueError(f"expected must be {(craft, photodiodes, 2)}, not {expected.shape}")
-        theta, offset = np.full((craft, photodiodes, 2), np.nan), np.zeros((craft, photodiodes, 2))
-        epoch, missed, rejected = (np.zeros(craft, dtype=np.int64) for _ in range(3))
-        out = SweepAngles(theta, offset, np.zeros((craft, photodiodes), dtype=np.bool_), epoch, missed, rejected)
-        several = np.zeros(craft, dtype=np.bool_)
+        angles, lit = np.empty((2, craft, photodiodes, 2)), np.empty((craft, photodiodes), dtype=np.bool_)
+        out = SweepAngles(angles[0], angles[1], lit, *np.empty((3, craft), dtype=np.int64))
+        several = np.empty(craft, dtype=np.bool_)
         _decode(
             np.ascontiguousarray(pulses.photodiode, dtype=np.int16),
             np.ascontiguousarray(pulses.rise_tick, dtype=np.int64),
@@ -291,7 +328,7 @@ class PulseDecoder:
             self._tick_s,
             last,
             seen,
-            _room(photodiodes, pulses.photodiode.shape[1]),
+            self._room,
             out,
             several,
         )

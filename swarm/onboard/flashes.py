@@ -49,11 +49,13 @@ class Timing(NamedTuple):
 class Flashes(NamedTuple):
     """Flashes of one call, (MAX_FLASHES,) each.
 
-    rise: [ticks]. code: -1 if none. size: number of pulses in the flash. mine: 1 for the followed station's, 0 for the
-    other's, -1 if unknown because its partner is missing.
+    rise, longest: of its first pulse, and the width of its longest one [ticks]. code: -1 if none. size: number of
+    pulses in the flash. mine: 1 for the followed station's, 0 for the other's, -1 if unknown because its partner is
+    missing.
     """
 
     rise: Floats
+    longest: Floats
     code: Ints
     size: Ints
     mine: Ints
@@ -70,41 +72,24 @@ class FlashRecord(NamedTuple):
 
 
 @kernel
-def group(rise: Ints, width: Ints, timing: Timing, out: Flashes) -> tuple[int, int]:
-    """Write the flashes among P pulses.
+def tell(count: int, timing: Timing, out: Flashes) -> None:
+    """Write codes of flashes, and whose they are.
 
     Args:
-        rise: rises of the pulses, in order, (P,) [ticks].
-        width: widths of the pulses, (P,) [ticks].
+        count: number of flashes.
         timing: timing of the lighthouse.
-        out: flashes, written.
-
-    Returns:
-        The number of flashes, and the number of pulses of flashes beyond MAX_FLASHES.
+        out: flashes, with their rises, longest pulses and sizes.
     """
-    count, rejected, longest = 0, 0, 0.0
-    for i in range(len(rise)):
-        if width[i] < timing.shortest_pulse:
-            continue
-        if not (count > 0 and float(rise[i]) - out.rise[count - 1] <= longest):
-            if count == MAX_FLASHES:
-                rejected += 1
-                continue
-            out.rise[count], out.size[count], longest = float(rise[i]), 0, 0.0
-            count += 1
-        out.size[count - 1] += 1
-        if width[i] > longest:
-            longest = float(width[i])
-            out.code[count - 1] = max(-1, int(np.floor((longest - timing.code_zero) / timing.code_step + 0.5)))
     two_stations = timing.period > 3 * timing.half_turn
     for i in range(count):
+        out.code[i] = max(-1, int(np.floor((out.longest[i] - timing.code_zero) / timing.code_step + 0.5)))
+    for i in range(count):
         out.mine[i] = -1 if two_stations else 1
-        for j in range(count):
+        for j in range(count if two_stations else 0):
             gap = out.rise[i] - out.rise[j]
             same_fan = (out.code[i] ^ out.code[j]) & FAN_BIT == 0
-            if two_stations and same_fan and abs(abs(gap) - timing.slot_gap) <= timing.tolerance:
+            if same_fan and abs(abs(gap) - timing.slot_gap) <= timing.tolerance:
                 out.mine[i] = 1 if (gap > 0) == (timing.slot == 1) else 0
-    return count, rejected
 
 
 @kernel

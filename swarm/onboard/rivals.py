@@ -37,9 +37,18 @@ class Hits(NamedTuple):
 
 def no_hits(expected: Floats) -> Hits:
     """Return the hits of a period that is about to begin, for the expected angles (K, 2) [rad]."""
-    none = np.full_like(expected, np.nan)
-    zeros = np.zeros_like(expected)
-    return Hits(expected, np.zeros(expected.shape, np.int64), np.full_like(expected, np.inf), none, zeros)
+    hits = Hits(expected, np.empty(expected.shape, np.int64), *np.empty((3, *expected.shape)))
+    clear(hits)
+    return hits
+
+
+@kernel
+def clear(hits: Hits) -> None:
+    """Forget every pulse, as at the beginning of a period."""
+    for k in range(len(hits.pulses)):
+        for fan in range(2):
+            hits.pulses[k, fan], hits.rival[k, fan] = 0, np.inf
+            hits.theta[k, fan], hits.instant[k, fan] = np.nan, 0.0
 
 
 @kernel
