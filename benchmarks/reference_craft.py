@@ -87,7 +87,7 @@ def lit(period: Period, point_m: Floats, references: int) -> Light:
     """The light of a period; point_m: (K, 3) [m], photodiodes of the probe."""
     angles, truth = period.angles, period.truth
     assert truth is not None
-    rows = rows_of_sweeps(angles.theta, angles.offset_s, np.isfinite(angles.theta)).of(0)
+    rows = rows_of_sweeps(angles.theta, angles.offset_s).of(0)
     still = np.zeros(3)
     at = rot.matrix_from_quaternion(truth.quaternion[0]), truth.position[0], still, still
     _, h = linearise(rows, packed([Station(np.eye(3), still, LIGHTHOUSE_1)]), point_m, *at)

@@ -209,7 +209,7 @@ class Pairs:
     def seen(self, craft: int) -> Seen:
         """The rows of one craft as they stand now, with their derivatives by the errors of the fans it knows."""
         angles, truth = self._angles(self.truth), self.truth.of(craft)
-        rows = rows_of_sweeps(angles.theta, angles.offset_s, np.isfinite(angles.theta)).of(craft)
+        rows = rows_of_sweeps(angles.theta, angles.offset_s).of(craft)
         known: FanPair = self.settings.fan_x, self.settings.fan_y
         light = lighthouse_1(*known)
         before = packed([Station(np.eye(3), np.zeros(3), light)])
@@ -263,7 +263,7 @@ class Pairs:
     def lateral_gain(self) -> float:
         """The gain of the lateral position of poses of one period alone, as they stand now: by theory."""
         angles, every = self._angles(self.truth), np.ones(2 * self.count, dtype=np.bool_)
-        rows = rows_of_sweeps(angles.theta, angles.offset_s, np.isfinite(angles.theta))
+        rows = rows_of_sweeps(angles.theta, angles.offset_s)
         sums = shared_sums(
             rows,
             np.ones(len(rows.angle), dtype=np.bool_),

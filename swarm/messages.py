@@ -170,6 +170,8 @@ class Command(NamedTuple):
         """Return the command of the craft in `mask` (C,), and zero for the others."""
         if mask.all():
             return self
+        if not mask.any():
+            return Command(np.zeros_like(self.acceleration), np.zeros_like(self.angular_acceleration))
         flat = np.reshape(mask, (-1, 1))
         linear, angular = (np.where(flat, part, 0.0) for part in (self.acceleration, self.angular_acceleration))
         return Command(linear, angular, None if self.inertia is None else np.where(flat[:, None], self.inertia, np.nan))

@@ -345,7 +345,7 @@ def test_the_bound_of_a_study_is_that_of_the_information_of_all_light() -> None:
         bound.period(period)
         truth = period.truth
         assert truth is not None
-        batch = rows_of_sweeps(period.angles.theta, period.angles.offset_s, np.isfinite(period.angles.theta))
+        batch = rows_of_sweeps(period.angles.theta, period.angles.offset_s)
         turned = matrix_from_quaternion(truth.quaternion)
         for c in range(2):
             if rate is not None:

@@ -73,7 +73,7 @@ def test_innovations_to_second_order_have_the_mean_and_the_variance_that_they_cl
     error = rng.multivariate_normal(np.zeros(STATES), coarse(2.0), size=craft)
     theta, offset = light(off(predicted, error, TRIPLE), TRIPLE, rng)
     # The truth is off by its rates as well: they do not move what is seen at rest.
-    rows = rows_of_sweeps(theta, np.zeros_like(offset), np.ones(theta.shape, dtype=np.bool_))
+    rows = rows_of_sweeps(theta, np.zeros_like(offset))
     every, point = np.ones(craft, dtype=np.bool_), np.tile(TRIPLE, (craft, 1, 1))
 
     def asked(state: State, mask: np.ndarray) -> Innovations:

@@ -74,7 +74,7 @@ def seen(state: State, rng: np.random.Generator, shown: int, noise: float = 1.0)
 
 def rows_at(state: State, shown: int, seed: int = 0):
     theta, offset = seen(state, np.random.default_rng(seed), shown)
-    rows = rows_of_sweeps(theta, offset, np.isfinite(theta))
+    rows = rows_of_sweeps(theta, offset)
     point = np.tile(POINTS, (len(theta), 1, 1))
     return rows, point, innovations(rows, np.ones(len(rows.angle), np.bool_), every(), STATION, point, state, [NOISE])
 
@@ -223,13 +223,13 @@ def test_a_false_photodiode_is_found_by_the_prediction_alone():
     bank = started(CompiledFilterBank, state)
     theta, offset = seen(bank.state, np.random.default_rng(3), 3)
     theta[0, 1] += 0.05
-    rows = rows_of_sweeps(theta, offset, np.isfinite(theta)).of(0)
+    rows = rows_of_sweeps(theta, offset).of(0)
     gate = shown_to_gate(np.full(7, 30.0), 1e-4)
     kept = agreeing(rows, STATION, POINTS, bank.state.of(0), bank.covariance[0], [NOISE], gate)
     assert kept is not None
     assert set(rows.photodiode[~kept]) == {1}
     theta[0, :3] += 0.05 * np.arange(3)[:, None]
-    rows = rows_of_sweeps(theta, offset, np.isfinite(theta)).of(0)
+    rows = rows_of_sweeps(theta, offset).of(0)
     assert agreeing(rows, STATION, POINTS, bank.state.of(0), bank.covariance[0], [NOISE], gate) is None
 
 
@@ -240,11 +240,11 @@ def test_what_an_undetected_fault_does_is_within_the_slope(shown):
     for _ in range(60):
         bank.predict(T, every(1))
         theta, offset = seen(state, rng, 8, noise=0.0)
-        rows = rows_of_sweeps(theta, offset, np.isfinite(theta))
+        rows = rows_of_sweeps(theta, offset)
         give(bank, rows)
     bank.predict(T, every(1))
     theta, offset = seen(state, rng, shown, noise=0.0)
-    rows = rows_of_sweeps(theta, offset, np.isfinite(theta))
+    rows = rows_of_sweeps(theta, offset)
     first, p, one = rows.of(0), bank.covariance[0], bank.state.of(0)
     h = linearise(first, STATION, POINTS, one.rotation, one.position, one.velocity, one.angular_rate).matrix
     shown_by = np.linalg.inv(h @ p @ h.T + covariance_of(first))
@@ -255,7 +255,7 @@ def test_what_an_undetected_fault_does_is_within_the_slope(shown):
         lying[0, 1] += bias / np.sqrt(false @ shown_by @ false)  # noncentrality one
         followed = started(CompiledFilterBank, state)
         followed.adopt(every(1), bank.state, bank.covariance)
-        rows = rows_of_sweeps(lying, offset, np.isfinite(lying))
+        rows = rows_of_sweeps(lying, offset)
         for period in range(60):
             kept, light = np.ones(len(rows.angle), np.bool_), light_of(STATION, [NOISE])
             found = innovations(rows, kept, every(1), STATION, POINTS[None], followed.state, [NOISE])
@@ -285,7 +285,7 @@ def test_a_row_that_the_prediction_has_behind_the_station_is_not_counted():
     theta = ideal_theta(q)
     theta[0, 2], theta[0, 3:] = np.pi / 2, np.nan
     offset = np.where(np.isfinite(theta), OFFSETS, 0.0)
-    rows = rows_of_sweeps(theta, offset, np.isfinite(theta))
+    rows = rows_of_sweeps(theta, offset)
     kept = np.ones(len(rows.angle), np.bool_)
     found = innovations(rows, kept, every(1), STATION, POINTS[None], bank.state, [NOISE])
     np.testing.assert_array_equal(kept, rows.photodiode != 2)
@@ -438,7 +438,7 @@ def test_condensed_rows_say_the_same_as_all_rows():
     """The estimates by the rows as they are and by their sums; where the rates are hardly known, rows are left out."""
     rng, state = np.random.default_rng(14), still()
     light = angles(state, rng, 8)
-    rows = rows_of_sweeps(light.theta, light.offset_s, np.isfinite(light.theta))
+    rows = rows_of_sweeps(light.theta, light.offset_s)
     for speed, most in ((0.0003, 8), (20.0, 13)):
         whole, condensed = CompiledFilterBank(CRAFT), CompiledFilterBank(CRAFT)
         for bank in (whole, condensed):
@@ -472,7 +472,7 @@ def lit_differently(state: State, seed: int) -> RowBatch:
     for c, fewer in enumerate((0, 3, 1, 2, 0, 3)[: len(theta)]):
         theta[c, 8 - fewer :] = np.nan
         theta[c, 0, c % 2] = np.nan
-    return rows_of_sweeps(theta, offset, np.isfinite(theta))
+    return rows_of_sweeps(theta, offset)
 
 
 @pytest.mark.parametrize("kind", [*BANKS, *INTERACTING])

@@ -88,49 +88,48 @@ class Innovations(NamedTuple):
     pivot: Floats
 
 
-def rows_of_sweeps(theta: Floats, offset_s: Floats, used: Bools) -> RowBatch:
+def rows_of_sweeps(theta: Floats, offset_s: Floats, mask: Bools | None = None) -> RowBatch:
     """Return the rows of one station's sweeps.
 
     Args:
-        theta: (C, K, F) [rad], sweep angles since each fan's zero position.
+        theta: (C, K, F) [rad], sweep angles since each fan's zero position; those that are finite become rows.
         offset_s: (C, K, F) [s], instants of the angles minus the epoch.
-        used: (C, K, F), the angles that become rows.
+        mask: (C,), the craft concerned; None: all.
     """
-    first = np.empty(len(used) + 1, dtype=np.int64)
-    total = _count_into(used, first)
+    mask = np.ones(len(theta), dtype=np.bool_) if mask is None else mask
+    first = np.empty(len(theta) + 1, dtype=np.int64)
+    total = _count_into(theta, mask, first)
     out = RowBatch(first, *np.zeros((4, total), dtype=np.int64), *np.empty((2, total)))
-    _gather(theta, offset_s, used, out)
+    _gather(theta, offset_s, mask, out)
     return out
 
 
 @kernel
-def _count_into(used: Bools, first: Ints) -> int:
+def _count_into(theta: Floats, mask: Bools, first: Ints) -> int:
     """Write before which row those of each of C craft begin, and where the last ones end; return this number."""
-    craft, photodiodes, fans = used.shape
     n = 0
-    for c in range(craft):
+    for c in range(len(mask)):
         first[c] = n
-        for k in range(photodiodes):
-            for fan in range(fans):
-                n += used[c, k, fan]
-    first[craft] = n
+        if mask[c]:
+            for k in range(theta.shape[1]):
+                for fan in range(theta.shape[2]):
+                    n += np.isfinite(theta[c, k, fan])
+    first[len(mask)] = n
     return n
 
 
 @kernel
-def _gather(theta: Floats, offset: Floats, used: Bools, out: RowBatch) -> None:
+def _gather(theta: Floats, offset: Floats, mask: Bools, out: RowBatch) -> None:
     """Write the rows, fan by fan, behind `out.first`."""
-    craft, photodiodes, fans = used.shape
     n = 0
-    for c in range(craft):
-        if out.first[c] == out.first[c + 1]:
-            continue
-        for fan in range(fans):
-            for k in range(photodiodes):
-                if used[c, k, fan]:
-                    out.fan[n], out.photodiode[n] = fan, k
-                    out.offset_s[n], out.angle[n] = offset[c, k, fan], theta[c, k, fan] - HALF_PI
-                    n += 1
+    for c in range(len(mask)):
+        if mask[c]:
+            for fan in range(theta.shape[2]):
+                for k in range(theta.shape[1]):
+                    if np.isfinite(theta[c, k, fan]):
+                        out.fan[n], out.photodiode[n] = fan, k
+                        out.offset_s[n], out.angle[n] = offset[c, k, fan], theta[c, k, fan] - HALF_PI
+                        n += 1
 
 
 def innovations(

@@ -283,7 +283,7 @@ class PulseDecoder:
         Raises:
             ValueError: the pulses or the expected angles are of another number of craft or photodiodes.
         """
-        craft, photodiodes = self._present.shape
+        craft = len(self._present)
         if pulses.total.shape != (craft,) or pulses.rise_tick.shape[0] != craft:
             raise ValueError(f"pulses of {len(pulses.rise_tick)} craft, but the decoder has {craft}")
         before = self._last.copy(), self._seen.copy()

@@ -185,11 +185,10 @@ class Monitor:
         dropped = np.zeros(len(asked), dtype=np.int64)
         if not self.settings.residual_test:
             return Screened(solution, sweeps.lit, count, dropped)
-        limit = self._threshold[count]
-        # A NaN cost is not below its limit.
-        doubtful = np.flatnonzero(asked & ~(solution.solved & (solution.cost <= limit * self._noise.own_rad**2)))
-        if not len(doubtful):
+        in_doubt = np.empty_like(asked)
+        if not _doubt_into(asked, solution, count, self._threshold * self._noise.own_rad**2, in_doubt):
             return Screened(solution, sweeps.lit, count, dropped)
+        doubtful, limit = np.flatnonzero(in_doubt), self._threshold[count]
         lit, count = sweeps.lit.copy(), count.copy()
         parts = PoseSolution._make(part.copy() for part in solution)
         covariance = np.array([rate_covariance(int(c)) for c in doubtful])
@@ -249,14 +248,14 @@ class Monitor:
             separated: levels of the filters by separation of solutions, where they are known so.
         """
         s, out, active = self.settings, np.empty((4, len(screened.used))), after.active
-        _levels_into(
+        refused = _levels_into(
             (precision.adop_deg_per_rad, precision.pdop_m_per_rad),
             (precision.attitude_slope_deg_per_rad, precision.position_slope_m_per_rad),
             screened.used,
             self._missed * self._noise.own_rad if s.residual_test else np.zeros_like(self._missed),
             self._quantile,
             self._sigma_rad,
-            taken.fresh,
+            taken,
             active,
             after.covariance,
             screened.solution.solved,
@@ -267,8 +266,8 @@ class Monitor:
         if separated is not None:
             own = np.where(active, separated.levels + sweep_fault, np.nan)
             out[2:] = np.where(separated.covered, own, np.fmax(out[2:], own))
-        if (refused := taken.refused & active).any():
-            at, pose = np.flatnonzero(refused), screened.solution
+        if refused:
+            at, pose = np.flatnonzero(taken.refused & active), screened.solution
             distance = np.linalg.norm(pose.position[at] - after.state.position[at], axis=1)
             angle = np.rad2deg(angle_between(pose.rotation[at], after.state.rotation[at]))
             out[2:, at] = np.fmax(out[2:, at], np.stack([distance, angle]) + out[:2, at])
@@ -279,6 +278,25 @@ class Monitor:
 
 
 @kernel
+def _doubt_into(asked: Bools, solution: PoseSolution, count: Ints, limit: Floats, out: Bools) -> bool:
+    """Write which poses fail the residual test; return whether any does.
+
+    Args:
+        asked: (C,), craft whose pose is tested.
+        solution: the poses.
+        count: (C,), number of photodiodes of each.
+        limit: (K + 1,) [rad^2], largest cost by this number.
+        out: (C,), receives it.
+    """
+    some = False
+    for c in range(len(asked)):
+        # A NaN cost is not below its limit.
+        out[c] = asked[c] and not (solution.solved[c] and solution.cost[c] <= limit[count[c]])
+        some |= out[c]
+    return some
+
+
+@kernel
 def _levels_into(
     factors: tuple[Floats, Floats],
     slopes: tuple[Floats, Floats],
@@ -286,25 +304,26 @@ def _levels_into(
     missed: Floats,
     quantile: float,
     sigma: float,
-    by_lighthouse: Bools,
+    taken: Taken,
     active: Bools,
     covariance: Floats,
     solved: Bools,
     held: Floats,
     out: Floats,
-) -> None:
+) -> bool:
     """Write levels (4, C): position [m] and attitude [deg] of the poses, NaN where not solved, then of the filters;
-    `held` (2, C) is kept.
+    `held` (2, C) is kept. Return whether any filter refused its pose.
 
     factors, slopes: per radian, of the attitude, then of the position. missed: sqrt(L) sqrt(1 - rho) s by the number of
     photodiodes. sigma: s [rad].
     """
+    refused = False
     for c in range(len(count)):
         for i in range(2):
             # The levels have the position first, `factors` and `slopes` the attitude.
             fault = slopes[1 - i][c] * missed[count[c]] if missed[count[c]] > 0 else 0.0
             out[i, c] = quantile * sigma * factors[1 - i][c] + fault if solved[c] else np.nan
-            if by_lighthouse[c]:
+            if taken.fresh[c]:
                 held[i, c] = fault
             elif not active[c]:
                 held[i, c] = 0.0
@@ -312,6 +331,8 @@ def _levels_into(
             variance = covariance[c, first, first] + covariance[c, first + 1, first + 1]
             spread = np.sqrt(variance + covariance[c, first + 2, first + 2])
             out[2 + i, c] = quantile * (spread if i == 0 else np.degrees(spread)) + held[i, c]
+        refused |= taken.refused[c] and active[c]
+    return refused
 
 
 class RotorWatch:

@@ -153,14 +153,16 @@ class LighthouseFix:
         solved = lost if s.coupling == "tight" else active
         known = enough & (solved | start.found) & ~imaged
         # The motion within the period as each craft estimates it; a craft with its first pose has no estimate of it.
-        moves = active[:, None] & s.motion_compensation
+        rates = predicted.angular_rate, predicted.velocity
+        for rate in rates:
+            rate[~active if s.motion_compensation else slice(None)] = 0.0
         sweeps = Sweeps(
             theta=theta,
             lit=lit & known[:, None],
             point_m=self._point_m,
             offset_s=angles.offset_s,
-            angular_rate=np.where(moves, predicted.angular_rate, 0.0),
-            velocity=np.where(moves, predicted.velocity, 0.0),
+            angular_rate=rates[0],
+            velocity=rates[1],
         )
         screened = self._solve(sweeps, known, visible, start, tracks)
         # Where the sweeps themselves go into the filter, precision is that at the prediction.
@@ -253,16 +255,14 @@ class LighthouseFix:
     ) -> Rows | None:
         """Return the rows of tracked craft whose light is of one plane nearly face-on; None if there are none."""
         s, bank, pnp = self.settings, tracks.bank, screened.solution
-        sigma, distance = (
-            np.deg2rad(precision.adop_deg_per_rad) * self._sigma_rad,
-            np.linalg.norm(pnp.position, axis=1),
-        )
-        mask = bends(sigma, self._size_m, distance, self._noise) & bank.active & pnp.solved
+        mask = bank.active & pnp.solved
+        if not _keep_bent(mask, precision.adop_deg_per_rad, self._sigma_rad, self._size_m, pnp.position, self._noise):
+            return None
         for i in np.flatnonzero(mask).tolist():
             mask[i] = self._is_flat(i, screened.lit[i])
         if not mask.any():
             return None
-        covariance = s.station.matrix_into(bank.covariance[:, POSE_COLUMNS[:, None], POSE_COLUMNS])
+        covariance = s.station.matrix_into(bank.covariance_where(mask)[:, POSE_COLUMNS[:, None], POSE_COLUMNS])
         seen = sweeps._replace(lit=screened.lit)
         rows = pose_rows(seen, mask, predicted.rotation, predicted.position, covariance, self._noise)
         rates = s.station.rows_out(rows.rates) if s.motion_compensation else np.zeros_like(rows.rates)
@@ -413,6 +413,27 @@ def _at_rest(seen: Sighting) -> Sweeps:
 
 
 @kernel
+def _keep_bent(mask: Bools, adop: Floats, sigma_rad: float, size: Floats, position: Floats, noise: AngleNoise) -> bool:
+    """Keep the craft of the mask (C,) of which the first order says too little; return whether there are any.
+
+    Args:
+        mask: (C,), craft with a pose.
+        adop: (C,) [deg/rad].
+        sigma_rad: noise of an angle, all of it [rad].
+        size: (C,) [m], largest distance of a photodiode from its body's origin.
+        position: (C, 3) [m], lighthouse frame.
+        noise: of the angles, by its parts.
+    """
+    some = False
+    for c in range(len(mask)):
+        if mask[c]:
+            x, y, z = position[c, 0], position[c, 1], position[c, 2]
+            mask[c] = bends(np.deg2rad(adop[c]) * sigma_rad, size[c], np.sqrt(x * x + y * y + z * z), noise)
+            some |= mask[c]
+    return some
+
+
+@kernel
 def _count_seen(theta: Floats, given: Bools, lit: Bools, visible: Ints) -> None:
     """Write which photodiodes of C craft have two angles, and how many.
 
@@ -423,7 +444,8 @@ def _count_seen(theta: Floats, given: Bools, lit: Bools, visible: Ints) -> None:
         visible: (C,), receives their numbers.
     """
     for c in range(len(visible)):
-        visible[c] = 0
+        seen = 0
         for k in range(lit.shape[1]):
-            lit[c, k] = given[c, k] and np.isfinite(theta[c, k, 0]) and np.isfinite(theta[c, k, 1])
-            visible[c] += lit[c, k]
+            lit[c, k] = given[c, k] & np.isfinite(theta[c, k, 0]) & np.isfinite(theta[c, k, 1])
+            seen += lit[c, k]
+        visible[c] = seen

@@ -218,7 +218,7 @@ class Navigator:
     def _solved_from(self, angles: SweepAngles, light: Light) -> RowBatch:
         """Return the sweep angles that this period's poses were solved from, as rows."""
         instants = angles.offset_s if self.settings.motion_compensation else np.zeros_like(angles.offset_s)
-        return rows_of_sweeps(light.theta, instants, light.screened.lit[..., None] & np.isfinite(light.theta))
+        return rows_of_sweeps(np.where(light.screened.lit[..., None], light.theta, np.nan), instants)
 
     def _single(self, angles: SweepAngles, light: Light, fix: PoseFix, tracks: Tracks) -> SweepsTaken:
         """Update the filters whose craft use single sweeps in this period."""
@@ -276,7 +276,7 @@ class Navigator:
             angular_rate=after.state.angular_rate,
             velocity=after.state.velocity,
             covariance=after.covariance,
-            nis=np.where(np.isfinite(sweeps.nis), sweeps.nis, taken[0].nis),
+            nis=taken[0].nis if sweeps.batch is None else np.where(np.isfinite(sweeps.nis), sweeps.nis, taken[0].nis),
             missed_sync=angles.missed_sync,
             rejected=angles.rejected,
             sensor=sensor,

@@ -213,7 +213,7 @@ def lighthouse_station(settings: NavigationSettings) -> Station:
 def rows_of(angles: SweepAngles, settings: NavigationSettings) -> Rowed:
     """Return the sweep angles of the one lighthouse as rows."""
     offset = angles.offset_s if settings.motion_compensation else np.zeros_like(angles.offset_s)
-    rows = rows_of_sweeps(angles.theta, offset, np.isfinite(angles.theta))
+    rows = rows_of_sweeps(angles.theta, offset)
     return Rowed(rows, (lighthouse_station(settings),))
 
 

@@ -119,9 +119,7 @@ class SingleSweeps:
         if not mask.any():
             return self._nothing
         instants = offset_s if self._compensated else np.zeros_like(offset_s)
-        used = np.zeros(theta.shape, dtype=np.bool_)
-        used[mask] = np.isfinite(theta[mask])
-        rows = rows_of_sweeps(theta, instants, used)
+        rows = rows_of_sweeps(theta, instants, mask)
         predicted = tracks.filtered_where(mask)
         out = _none(len(mask), rows, predicted)
         kept = out.kept
@@ -242,8 +240,9 @@ class SingleSweeps:
         open_s = np.where(out.photodiodes < DETERMINED, tracks.since_pose_s, 0.0)
         found = innovations(rows, kept, few, self._stations, self._point_m, before.state, self._noise)
         light = light_of(self._stations, self._noise)
-        slopes = row_faults(rows, kept, few, found, light, before.covariance, open_s)[:, few]
-        out.fault[:, few] = self._missed[out.rows[few]] * np.stack([slopes[0], np.degrees(slopes[1])])
+        slopes = row_faults(rows, kept, few, found, light, before.covariance, open_s)
+        who = np.flatnonzero(few)
+        out.fault[:, who] = self._missed[out.rows[who]] * np.stack([slopes[0, who], np.degrees(slopes[1, who])])
 
     def _without_false(
         self, rows: RowBatch, kept: Bools, predicted: Filtered, tracks: Tracks, out: SweepsTaken

@@ -219,20 +219,14 @@ class Tracks:
             command: orders of the craft.
             unsteered: (C,), craft whose turning is known already.
         """
-        last, half, lead = self._command or command, self._frame_s / 2, self._lead_s
+        last, half = self._command or command, self._frame_s / 2
         self._command = command
-        held = ~unsteered[:, None]
-        before = last.angular_acceleration * held, last.acceleration
-        after = command.angular_acceleration * held, command.acceleration
-        if not any(order.any() for order in (*before, *after)):
-            # Craft that steer by the truth give no orders to their filters.
-            return
-        rate, velocity = ((a + b) * half for a, b in zip(before, after, strict=True))
-        turn, shift = ((3 * a + b) * half**2 / 2 for a, b in zip(before, after, strict=True))
-        if lead:  # what the rates have more of this command, and less of the last, when it begins
-            change, jump = ((b - a) * lead for a, b in zip(before, after, strict=True))
-            rate, velocity, turn, shift = rate + change, velocity + jump, turn + change * half, shift + jump * half
-        self.bank.add_motion(self.bank.active, turn, rate, shift, velocity)
+        motion = np.empty((4, *unsteered.shape, 3))
+        orders = last.angular_acceleration, last.acceleration, command.angular_acceleration, command.acceleration
+        # Craft that steer by the truth give no orders to their filters.
+        if _ordered_motion_into(orders, unsteered, half, half**2, self._lead_s, motion):
+            turn, rate, shift, velocity = motion
+            self.bank.add_motion(self.bank.active, turn, rate, shift, velocity)
 
     def take_in(self, fix: PoseFix) -> Taken:
         """Update the active filters with the fix's poses, and start the others."""
@@ -243,12 +237,13 @@ class Tracks:
             return Taken(fix.known, np.zeros_like(fix.known), np.full(len(active), np.nan))
         update, start = fix.known & active, fix.known & ~active
         accepted, nis = self._update(update, fix)
-        if fix.tested and (refused := update & ~accepted).any():
+        refused = update & ~accepted
+        if fix.tested and refused.any():
             pushed = self._pushed(refused, fix)
             again, found = self._update(pushed, fix)
-            accepted, nis = accepted | again, np.where(pushed, found, nis)
+            accepted, refused, nis = accepted | again, refused & ~again, np.where(pushed, found, nis)
         bank.start(start, fix.rotation, fix.position, fix.covariance, UNKNOWN_RATE, fix.start_coupling)
-        return Taken(start | accepted, update & ~accepted, np.where(update, nis, np.nan))
+        return Taken(start | accepted, refused, nis)
 
     def _update(self, update: Bools, fix: PoseFix) -> tuple[Bools, Floats]:
         """Update the filters of the craft of the mask; return whose were accepted, (C,), and the NIS, (C,)."""
@@ -355,6 +350,44 @@ class Tracks:
             covariance: Floats = self.bank.covariance_of(craft)[np.ix_(RATE_COLUMNS, RATE_COLUMNS)]
             return covariance
         return np.diag(np.repeat(np.square(UNKNOWN_RATE), 3))
+
+
+@kernel
+def _ordered_motion_into(
+    orders: tuple[Floats, Floats, Floats, Floats],
+    unsteered: Bools,
+    half_s: float,
+    square: float,
+    lead_s: float,
+    out: Floats,
+) -> bool:
+    """Write what C craft order between two epochs; return whether any of them orders anything.
+
+    Args:
+        orders: angular [rad/s^2] and linear [m/s^2] accelerations of the command before, then of this one, (C, 3) each.
+        unsteered: (C,), craft whose turning is known already.
+        half_s: half a period [s].
+        square: its square [s^2].
+        lead_s: time before the period at which this command begins [s].
+        out: (4, C, 3), receives turns [rad], angular rates [rad/s], shifts [m] and velocities [m/s].
+    """
+    some = False
+    for order in orders:
+        for c in range(len(unsteered)):
+            some |= order[c, 0] != 0.0 or order[c, 1] != 0.0 or order[c, 2] != 0.0
+    if not some:
+        return False
+    for kind in range(2):
+        before, after = orders[kind], orders[2 + kind]
+        for c in range(len(unsteered)):
+            counts = 0.0 if kind == 0 and unsteered[c] else 1.0
+            for i in range(3):
+                a, b = before[c, i] * counts, after[c, i] * counts
+                # What the rates have more of this command, and less of the last, when it begins.
+                change = (b - a) * lead_s
+                out[2 * kind, c, i] = (3 * a + b) * square / 2 + change * half_s
+                out[2 * kind + 1, c, i] = (a + b) * half_s + change
+    return True
 
 
 @kernel

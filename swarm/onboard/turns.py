@@ -56,7 +56,7 @@ class TurnDecoder:
         craft, parts = len(pulses.total), list[Rows]()
         whose = []
         for station, (angles, later_s) in enumerate(zip(found, self._later_s, strict=True)):
-            batch: RowBatch = rows_of_sweeps(angles.theta, angles.offset_s + later_s, np.isfinite(angles.theta))
+            batch: RowBatch = rows_of_sweeps(angles.theta, angles.offset_s + later_s)
             whose.append(np.repeat(np.arange(craft), np.diff(batch.first)))
             parts.append(Rows._make(batch[1:])._replace(station=np.full(len(batch.angle), station, dtype=np.int64)))
         rows = Rows._make(np.concatenate(column) for column in zip(*parts, strict=True))

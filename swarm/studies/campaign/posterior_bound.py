@@ -82,7 +82,7 @@ class PosteriorBound:
     def _see(self, period: Period, truth: Truth) -> None:
         """Take in the rows of one period, linear about the truth."""
         theta, every = period.angles.theta, np.ones(len(self._point_m), dtype=np.bool_)
-        rows = rows_of_sweeps(theta, period.angles.offset_s, np.isfinite(theta))
+        rows = rows_of_sweeps(theta, period.angles.offset_s)
         kept: Bools = np.ones(len(rows.angle), dtype=np.bool_)
         state = State(
             rotation=rot.matrix_from_quaternion(truth.quaternion),

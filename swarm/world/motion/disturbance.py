@@ -26,7 +26,10 @@ class Disturbance(NamedTuple):
 
 
 class Pushes:
-    """The accelerations of C craft, drawn per craft from the seed and the craft's key alone."""
+    """The accelerations of C craft, drawn per craft from the seed and the craft's key alone.
+
+    pushed: craft with any acceleration at all, (C,).
+    """
 
     def __init__(self, sigma: Floats, keys: Sequence[int], seed: int, purpose: Purpose = Purpose.PUSH) -> None:
         """Prepare the draws.
@@ -38,14 +41,9 @@ class Pushes:
             purpose: The purpose of the draws.
         """
         self._sigma = sigma.reshape(-1, 2, 1)
+        self.pushed: Bools = np.any(self._sigma, axis=(1, 2))
         self._who = np.flatnonzero(self.pushed)
         self._keys = keys_of(seed, purpose, [keys[craft] for craft in self._who.tolist()])
-
-    @property
-    def pushed(self) -> Bools:
-        """Craft with any acceleration at all, (C,)."""
-        pushed: Bools = np.any(self._sigma, axis=(1, 2))
-        return pushed
 
     def at(self, frame: int) -> Disturbance:
         """Return the accelerations in lighthouse period `frame`."""
