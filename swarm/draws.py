@@ -12,13 +12,15 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.arrays import Floats
+from estimators.arrays import Floats, Ints
 from estimators.kernel import kernel
-from estimators.lanes import all_of, lane, width, with_lane
+from estimators.lanes import WIDE, wide_in
 from swarm.random import Purpose
 
 _M0, _M1 = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)
 _W0, _W1 = np.uint64(0x9E3779B9), np.uint64(0xBB67AE85)
+_MIDDLE = 0.425
+"""Distance of a share from 1/2 up to which the middle polynomials serve."""
 _WORD, _32, _12 = np.uint64(0xFFFFFFFF), np.uint64(32), np.uint64(12)
 
 Keys = NDArray[np.uint64]
@@ -90,10 +92,49 @@ def uniforms(key: np.uint64, first: int, second: int, kind: int) -> tuple[float,
 
 
 @kernel
-def normal_quantile(share: float) -> float:
-    """Return the standard normal number below which a share of all numbers lies, numbers or lanes; 0 < share < 1 (AS
-    241).
+def uniforms_into(key: np.uint64, first: int, kind: int, count: int, out: Floats) -> None:
+    """Write the numbers that `uniforms` returns for the second whole numbers 0 to `count` - 1, side by side.
+
+    Args:
+        key: key of who draws.
+        first: a whole number, such as that of a period or sweep.
+        kind: another one of 32 bits, such as that of the kind of draw.
+        count: how many pairs.
+        out: output, pair by pair, (2 count,) or longer.
     """
+    for second in range(count):
+        out[2 * second], out[2 * second + 1] = uniforms(key, first, second, kind)
+
+
+@kernel
+def normal_quantile(share: float) -> float:
+    """Return the standard normal number below which a share of all numbers lies; 0 < share < 1 (AS 241)."""
+    return _middle(share) if abs(share - 0.5) <= _MIDDLE else _tail(share)
+
+
+@kernel
+def normal_quantiles_into(share: Floats, out: Floats, which: Ints) -> None:
+    """Write the quantiles of many shares: first all as if none were far out, side by side, then those that are.
+
+    Args:
+        share: shares, (G, WIDE).
+        out: output, (G, WIDE).
+        which: room for as many numbers, (G WIDE,).
+    """
+    shares, quantiles, far = wide_in(share), wide_in(out), 0
+    for g in range(len(shares)):
+        quantiles[g] = _middle(shares[g])
+        for i in range(WIDE):
+            which[far] = WIDE * g + i
+            far += not abs(share[g, i] - 0.5) <= _MIDDLE
+    for n in range(far):
+        g, i = which[n] // WIDE, which[n] % WIDE
+        out[g, i] = _tail(share[g, i])
+
+
+@kernel
+def _middle(share: float) -> float:
+    """Return the quantile of a share between 0.075 and 0.925, numbers or lanes."""
     q = share - 0.5
     r = 0.180625 - q * q
     above = 2.5090809287301226727e3 * r + 3.3430575583588128105e4
@@ -104,12 +145,7 @@ def normal_quantile(share: float) -> float:
     below = (below * r + 3.9307895800092710610e4) * r + 2.1213794301586595867e4
     below = (below * r + 5.3941960214247511077e3) * r + 6.8718700749205790830e2
     below = (below * r + 4.2313330701600911252e1) * r + 1.0
-    out = q * above / below
-    if not all_of(abs(q) <= 0.425):
-        for i in range(width(q)):
-            if not abs(lane(q, i)) <= 0.425:
-                out = with_lane(out, i, _tail(lane(share, i)))
-    return out
+    return q * above / below
 
 
 @kernel

@@ -1,4 +1,4 @@
-"""Kernels of the lighthouse: the instant at which a turning fan crosses a moving photodiode, and the sorted pulses.
+"""Kernels of the lighthouse: the instant at which a turning fan crosses a moving photodiode, and how long that takes.
 
 Lighthouse frame. Instants are seconds after the start of the period. Between two knots a craft moves as in MuJoCo: its
 origin along a straight line, its attitude at constant rate, R(t) = Exp([w_c]x (t - t_j)) R_j. The crossing is the root
@@ -11,8 +11,8 @@ tenths of a millisecond of the instant t_c at which it points at their middle, a
 
     g(t_c + d) = g(t_c) - (w + phi_1) d - phi_2 d^2 / 2 - phi_3 d^3 / 6                                           (K)
 
-with the derivatives phi_n at t_c (phi_3 somewhere in between) is solved for d without its last term, for four
-photodiodes at once. With velocity, acceleration and jerk of the photodiode over its distance, u, a and j,
+with the derivatives phi_n at t_c (phi_3 somewhere in between) is solved for d without its last term, for a photodiode
+each of WIDE craft at once. With velocity, acceleration and jerk of the photodiode over its distance, u, a and j,
 |phi_3| <= 2 |u|^3 + 3 |u| |a| + |j|. Where that leaves more than half of the limit, where the next knot comes in
 between, and for fans with errors, Newton steps find the root of one photodiode at a time, with the slope of a fan
 without errors, within a bracket that they may not leave.
@@ -21,11 +21,11 @@ without errors, within a bracket that they may not leave.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from estimators.arrays import Bools, Floats, Ints
+from estimators.arc_tangent import arc_tangent
+from estimators.arrays import Bools, Floats
 from estimators.kernel import inlined, kernel
-from estimators.lanes import LANES, lane, pack
+from estimators.lanes import WIDE, alike, all_of, lane, select, wide_in, width, with_lane
 from estimators.lighthouse.sweep import TERMS, measured_angle
 from estimators.rotation import Row, Rows, exp_rows, quaternion_between, quaternion_rows, turned
 
@@ -42,10 +42,11 @@ _POSITION, _VELOCITY, _RATE, _ROTATION, SEGMENT = 0, 3, 6, 9, 18
 
 
 class _Aim(NamedTuple):
-    """A craft at t_c, along the axes (across, beside, ahead).
+    """Craft at t_c, along the axes (across, beside, ahead), in lanes.
 
     instant: t_c [s]. direction: across and ahead of a point that the fan points at [m]. rest: its g(t_c) [rad].
-    rotation: of the craft. position, velocity, rate: of the craft [m], [m/s], [rad/s].
+    rotation: of the craft. position, velocity, rate: of the craft [m], [m/s], [rad/s]. low, high: the motion is this
+    one between them [s].
     """
 
     instant: float
@@ -55,6 +56,32 @@ class _Aim(NamedTuple):
     position: Row
     velocity: Row
     rate: Row
+    low: float
+    high: float
+
+
+@kernel
+def turn_rate(a: Floats, b: Floats, step: float) -> Row:
+    """Return the constant rate of the shorter turn between two attitudes [rad/s], of numbers or lanes.
+
+    Args:
+        a: attitude at the first knot, (4,) wxyz.
+        b: attitude at the second, (4,).
+        step: time between them [s].
+    """
+    # b = d a, so d = b a*; q and -q are the same attitude.
+    w, x, y, z = quaternion_between(b, a)
+    # The next term of asin(s)/s is below rounding at s = 0.05.
+    square = x * x + y * y + z * z
+    sine = np.sqrt(square)
+    half = 1 + square * (1 / 6 + square * (3 / 40 + square * (5 / 112 + square * (35 / 1152 + square * (63 / 2816)))))
+    if not all_of(sine <= 0.05):
+        for i in range(width(sine)):
+            one = lane(sine, i)
+            if not one <= 0.05:
+                half = with_lane(half, i, np.arctan2(one, abs(lane(w, i))) / one)
+    scale = select(w >= 0, 2 * half, -2 * half) / step
+    return scale * x, scale * y, scale * z
 
 
 @kernel
@@ -69,22 +96,33 @@ def segment_into(a: Floats, b: Floats, from_m: Floats, to_m: Floats, step: float
         step: time between them [s].
         out: output, (SEGMENT,).
     """
-    # b = d a, so d = b a*; q and -q are the same attitude: the shorter turn is taken.
-    w, x, y, z = quaternion_between(b, a)
-    # The next term of asin(s)/s is below rounding at s = 0.05.
-    square = x * x + y * y + z * z
-    sine = np.sqrt(square)
-    half = 1 + square * (1 / 6 + square * (3 / 40 + square * (5 / 112 + square * (35 / 1152 + square * (63 / 2816)))))
-    if sine > 0.05:
-        half = np.arctan2(sine, abs(w)) / sine
-    scale = 2 * half / step if w >= 0 else -2 * half / step
-    out[6], out[7], out[8] = scale * x, scale * y, scale * z
+    out[6], out[7], out[8] = turn_rate(a, b, step)
     turn = quaternion_rows(a[0], a[1], a[2], a[3])
     for i in range(3):
         out[9 + 3 * i], out[10 + 3 * i], out[11 + 3 * i] = turn[i]
     for i in range(3):
         out[i] = from_m[i]
         out[3 + i] = (to_m[i] - from_m[i]) / step
+
+
+@kernel
+def turned_at(segment: Floats, s: float, vector: Floats) -> Row:
+    """Return a vector of the body in the frame of the segment's poses.
+
+    Args:
+        segment: the body's motion, (SEGMENT,).
+        s: time since the segment's beginning [s].
+        vector: in the body frame, (3,).
+    """
+    m, x, y, z = segment, vector[0], vector[1], vector[2]
+    return turned(
+        m[6] * s,
+        m[7] * s,
+        m[8] * s,
+        m[9] * x + m[10] * y + m[11] * z,
+        m[12] * x + m[13] * y + m[14] * z,
+        m[15] * x + m[16] * y + m[17] * z,
+    )
 
 
 class _Motion(NamedTuple):
@@ -100,12 +138,36 @@ class _Motion(NamedTuple):
     ready: Bools
 
 
+class _Room(NamedTuple):
+    """WIDE craft side by side.
+
+    point, normal: photodiodes, (K, 3, WIDE). error: of their angles, NaN where they are not lit, (2, K, WIDE).
+    instant, width: results of a fan, (K, WIDE). knots: position, attitude and time at two knots, (2, 8, WIDE).
+    time: instants between them, (1, WIDE).
+    """
+
+    point: Floats
+    normal: Floats
+    error: Floats
+    instant: Floats
+    width: Floats
+    knots: Floats
+    time: Floats
+
+
+@kernel
+def _interval(knot: Floats, t: float) -> int:
+    """Return the number of the interval between knots that holds an instant, or the nearest one."""
+    j = 0
+    while j < len(knot) - 2 and t >= knot[j + 1]:
+        j += 1
+    return j
+
+
 @kernel
 def _segment_at(motion: _Motion, c: int, t: float) -> int:
     """Return the number of the craft's segment at an instant, which is there then."""
-    j = 0
-    while j < len(motion.ready) - 1 and t >= motion.knot[j + 1]:
-        j += 1
+    j = _interval(motion.knot, t)
     if not motion.ready[j]:
         segment_into(
             motion.quaternion[j, c],
@@ -149,10 +211,18 @@ def cross_into(
         instant: output, crossing instants, (C, K, 2) [s].
         width: output, sweep widths, (C, K, 2) [s].
     """
-    intervals = len(knot) - 1
+    intervals, photodiodes = len(knot) - 1, lit.shape[1]
     motion = _Motion(knot, position, quaternion, np.empty((intervals, SEGMENT)), np.empty(intervals, np.bool_))
-    who, w = np.empty(lit.shape[1], np.int64), 2 * np.pi / period
-    _cross_into(motion, point, normal, lit, error, fans, w, diameter, who, instant, width)
+    room = _Room(
+        point=np.empty((photodiodes, 3, WIDE)),
+        normal=np.empty((photodiodes, 3, WIDE)),
+        error=np.empty((2, photodiodes, WIDE)),
+        instant=np.empty((photodiodes, WIDE)),
+        width=np.empty((photodiodes, WIDE)),
+        knots=np.empty((2, 8, WIDE)),
+        time=np.empty((1, WIDE)),
+    )
+    _cross_into(motion, point, normal, lit, error, fans, 2 * np.pi / period, diameter, room, instant, width)
 
 
 @kernel
@@ -165,85 +235,149 @@ def _cross_into(
     fans: Floats,
     w: float,
     diameter: float,
-    who: Ints,
+    room: _Room,
     instant: Floats,
     width: Floats,
 ) -> None:
-    """Do the work of `cross_into`; without arrays of its own, it counts no references. who: room, (K,)."""
-    for c in range(lit.shape[0]):
-        motion.ready[:] = False
+    """Do the work of `cross_into`; without arrays of its own, it counts no references."""
+    craft, photodiodes = lit.shape[0], lit.shape[1]
+    for first in range(0, craft, WIDE):
+        count = min(WIDE, craft - first)
+        for i in range(WIDE):
+            c = first + min(i, count - 1)
+            for k in range(photodiodes):
+                for axis in range(3):
+                    room.point[k, axis, i], room.normal[k, axis, i] = point[c, k, axis], normal[c, k, axis]
+                for fan in range(2):
+                    room.error[fan, k, i] = error[c, k, fan] if lit[c, k, fan] else np.nan
         for fan in range(2):
-            count, x, y, z = 0, 0.0, 0.0, 0.0
-            for k in range(lit.shape[1]):
-                instant[c, k, fan] = width[c, k, fan] = np.nan
-                if lit[c, k, fan]:
-                    who[count] = k
-                    count += 1
-                    x, y, z = x + point[c, k, 0], y + point[c, k, 1], z + point[c, k, 2]
-            if count == 0:
-                continue
-            start, perfect, found = fan * np.pi / w, True, 0
+            start, perfect, found = fan * np.pi / w, True, False
             for term in range(TERMS, fans.shape[1]):
                 perfect = perfect and fans[fan, term] == 0
             if perfect:
-                aim, j = _aimed(motion, c, x / count, y / count, z / count, fan, start, w)
-                low, high = max(start, motion.knot[j]), min(start + np.pi / w, motion.knot[j + 1])
-                for first in range(0, count, LANES):
-                    last = count - 1
-                    a, b = who[first], who[min(first + 1, last)]
-                    d, e = who[min(first + 2, last)], who[min(first + 3, last)]
-                    four = pack(error[c, a, fan], error[c, b, fan], error[c, d, fan], error[c, e, fan])
-                    place, face = _gathered(point[c], a, b, d, e), _gathered(normal[c], a, b, d, e)
-                    after, wide, sure = _solved(aim, place, face, four, w, diameter)
-                    for i in range(min(LANES, count - first)):
-                        t = aim.instant + lane(after, i)
-                        if lane(sure, i) and low < t < high:
-                            instant[c, who[first + i], fan], width[c, who[first + i], fan] = t, lane(wide, i)
-                            found += 1
-            guess = start + 0.5 * np.pi / w
-            for i in range(count if found < count else 0):
-                k = who[i]
-                if np.isnan(instant[c, k, fan]):
-                    _search(motion, c, k, point, normal, error, fans, fan, guess, start, w, diameter, instant, width)
-                if not np.isnan(instant[c, k, fan]):
-                    guess = instant[c, k, fan]
+                found = _cross_together(motion, first, count, fan, start, w, diameter, room)
+            else:
+                room.instant[:] = np.nan
+                room.width[:] = np.nan
+            for i in range(count):
+                c = first + i
+                for k in range(photodiodes):
+                    instant[c, k, fan], width[c, k, fan] = room.instant[k, i], room.width[k, i]
+                if not found:
+                    _search_missing(motion, c, point, normal, lit, error, fans, fan, start, w, diameter, instant, width)
 
 
 @kernel
-def _aimed(motion: _Motion, c: int, x: float, y: float, z: float, fan: int, start: float, w: float) -> tuple[_Aim, int]:
-    """Return the craft as a fan points at a point of it (x, y, z) [m], and the number of its segment then."""
-    t = start + 0.5 * np.pi / w
-    j = _segment_at(motion, c, t)
-    m, s = motion.segment[j], t - motion.knot[j]
-    across = m[fan] + m[3 + fan] * s + m[9 + 3 * fan] * x + m[10 + 3 * fan] * y + m[11 + 3 * fan] * z
-    ahead = m[2] + m[5] * s + m[15] * x + m[16] * y + m[17] * z
-    angle = 0.5 * np.pi - np.arctan2(across, ahead)
+def _cross_together(
+    motion: _Motion, first: int, count: int, fan: int, start: float, w: float, diameter: float, room: _Room
+) -> bool:
+    """Write one fan's crossings of WIDE craft into `room`, NaN where the limit is not kept; return whether all keep it.
+
+    Lanes beyond `count` craft, from the first, repeat the last one.
+    """
+    points, normals, errors = wide_in(room.point), wide_in(room.normal), wide_in(room.error)
+    instants, widths = wide_in(room.instant), wide_in(room.width)
+    x = y = z = number = alike(errors[fan, 0], 0.0)
+    for k in range(len(points)):
+        p, lit = points[k], errors[fan, k] == errors[fan, k]
+        x, y, z = x + select(lit, p[0], 0.0), y + select(lit, p[1], 0.0), z + select(lit, p[2], 0.0)
+        number += select(lit, 1.0, 0.0)
+    aim = _aimed(motion, first, count, (x / number, y / number, z / number), fan, start, w, room)
+    found = number == number
+    for k in range(len(points)):
+        p, n, error = points[k], normals[k], errors[fan, k]
+        after, wide, sure = _solved(aim, (p[0], p[1], p[2]), (n[0], n[1], n[2]), error, w, diameter)
+        t = aim.instant + after
+        sure = sure & (aim.low < t) & (t < aim.high)
+        instants[k], widths[k] = select(sure, t, np.nan), select(sure, wide, np.nan)
+        found = found & (sure | (error != error))
+    return all_of(found)
+
+
+@kernel
+def _search_missing(
+    motion: _Motion,
+    c: int,
+    point: Floats,
+    normal: Floats,
+    lit: Bools,
+    error: Floats,
+    fans: Floats,
+    fan: int,
+    start: float,
+    w: float,
+    diameter: float,
+    instant: Floats,
+    width: Floats,
+) -> None:
+    """Write those crossings of a craft by one fan that are missing, each from the one before it."""
+    guess = start + 0.5 * np.pi / w
+    motion.ready[:] = False
+    for k in range(lit.shape[1]):
+        if lit[c, k, fan] and np.isnan(instant[c, k, fan]):
+            _search(motion, c, k, point, normal, error, fans, fan, guess, start, w, diameter, instant, width)
+        if not np.isnan(instant[c, k, fan]):
+            guess = instant[c, k, fan]
+
+
+@kernel
+def _bring_knots(motion: _Motion, first: int, count: int, room: _Room) -> None:
+    """Write the two knots about each craft's instant side by side."""
+    for i in range(WIDE):
+        c, j = first + min(i, count - 1), _interval(motion.knot, room.time[0, i])
+        for side in range(2):
+            for axis in range(3):
+                room.knots[side, axis, i] = motion.position[j + side, c, axis]
+            for part in range(4):
+                room.knots[side, 3 + part, i] = motion.quaternion[j + side, c, part]
+            room.knots[side, 7, i] = motion.knot[j + side]
+
+
+@inlined
+def _aimed(motion: _Motion, first: int, count: int, p: Row, fan: int, start: float, w: float, room: _Room) -> _Aim:
+    """Return WIDE craft as a fan points at a point of each, p [m]."""
+    times, knots = wide_in(room.time), wide_in(room.knots)
+    a, b = knots[0], knots[1]
+    times[0] = alike(p[0], start + 0.5 * np.pi / w)
+    _bring_knots(motion, first, count, room)
+    share = (times[0] - a[7]) / (b[7] - a[7])
+    arm = _times(quaternion_rows(a[3], a[4], a[5], a[6]), p[0], p[1], p[2])
+    across = a[fan] + share * (b[fan] - a[fan]) + (arm[0] if fan == 0 else arm[1])
+    ahead = a[2] + share * (b[2] - a[2]) + arm[2]
+    angle = 0.5 * np.pi - select(ahead > 0, arc_tangent(across, ahead), np.nan)
     t = start + angle / w
-    j = _segment_at(motion, c, t)
-    m, s = motion.segment[j], t - motion.knot[j]
-    turn = exp_rows(m[6] * s, m[7] * s, m[8] * s)
-    r = (
-        _row(turn[0], m),
-        _row(turn[1], m),
-        _row(turn[2], m),
-    )
-    p = m[0] + m[3] * s, m[1] + m[4] * s, m[2] + m[5] * s
-    v, rate = (m[3], m[4], m[5]), (m[6], m[7], m[8])
+    times[0] = t
+    _bring_knots(motion, first, count, room)
+    step, s = b[7] - a[7], t - a[7]
+    rate = turn_rate(a[3:], b[3:], step)
+    r = _product(exp_rows(rate[0] * s, rate[1] * s, rate[2] * s), quaternion_rows(a[3], a[4], a[5], a[6]))
+    v = (b[0] - a[0]) / step, (b[1] - a[1]) / step, (b[2] - a[2]) / step
+    p = a[0] + v[0] * s, a[1] + v[1] * s, a[2] + v[2] * s
     if fan == 1:  # turned about z: y is across, and -x beside
         r = r[1], (-r[0][0], -r[0][1], -r[0][2]), r[2]
         p, v, rate = (p[1], -p[0], p[2]), (v[1], -v[0], v[2]), (rate[1], -rate[0], rate[2])
-    return _Aim(t, (across, ahead), angle - w * (t - start), r, p, v, rate), j
+    rest = angle - w * (t - start)
+    return _Aim(t, (across, ahead), rest, r, p, v, rate, max(a[7], start), min(b[7], start + np.pi / w))
 
 
 @kernel
-def _row(row: Row, segment: Floats) -> Row:
-    """Return the product of a row and the rotation of a segment."""
-    a, b, d = row
-    m = segment
+def _product(a: Rows, b: Rows) -> Rows:
+    """Return the product of two matrices."""
     return (
-        a * m[9] + b * m[12] + d * m[15],
-        a * m[10] + b * m[13] + d * m[16],
-        a * m[11] + b * m[14] + d * m[17],
+        _combined(a[0], b),
+        _combined(a[1], b),
+        _combined(a[2], b),
+    )
+
+
+@kernel
+def _combined(weight: Row, rows: Rows) -> Row:
+    """Return the sum of three rows, each times its weight."""
+    a, b, c = rows
+    return (
+        weight[0] * a[0] + weight[1] * b[0] + weight[2] * c[0],
+        weight[0] * a[1] + weight[1] * b[1] + weight[2] * c[1],
+        weight[0] * a[2] + weight[1] * b[2] + weight[2] * c[2],
     )
 
 
@@ -261,16 +395,6 @@ def _times(r: Rows, x: float, y: float, z: float) -> Row:
 def _cross(a: Row, b: Row) -> Row:
     """Return the cross product of two vectors."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@kernel
-def _gathered(of: Floats, a: int, b: int, d: int, e: int) -> Row:
-    """Return the vectors (K, 3) of four photodiodes, lane by lane."""
-    return (
-        pack(of[a, 0], of[b, 0], of[d, 0], of[e, 0]),
-        pack(of[a, 1], of[b, 1], of[d, 1], of[e, 1]),
-        pack(of[a, 2], of[b, 2], of[d, 2], of[e, 2]),
-    )
 
 
 @inlined
@@ -306,14 +430,23 @@ def _solved(aim: _Aim, point: Row, normal: Row, error: float, w: float, diameter
         & (turned_square < _SMALL_TURN_RAD * _SMALL_TURN_RAD)
         & (ahead > 0)
     )
-    # The extent of the disc along the fan's motion at the crossing is its foreshortened diameter.
     x, z = x + d * (vx + 0.5 * d * a[0]), z + d * (vz + 0.5 * d * a[2])
     n = _times(aim.rotation, normal[0], normal[1], normal[2])
     u = _cross(rate, n)
     a = _cross(rate, u)
-    square = x * x + z * z
-    slant = (n[0] + d * (u[0] + 0.5 * d * a[0])) * z - (n[2] + d * (u[2] + 0.5 * d * a[2])) * x
-    return d, diameter * np.sqrt(max(0.0, square - slant * slant)) / (square * w), sure
+    across, ahead = n[0] + d * (u[0] + 0.5 * d * a[0]), n[2] + d * (u[2] + 0.5 * d * a[2])
+    return d, _duration(x, z, across, ahead, w, diameter), sure
+
+
+@inlined
+def _duration(x: float, z: float, across: float, ahead: float, w: float, diameter: float) -> float:
+    """Return the time [s] that a fan takes to pass a disc at x, z [m] with this normal, by numbers or in lanes.
+
+    The extent of the disc along the fan's motion is its foreshortened diameter.
+    """
+    square, slant = x * x + z * z, across * z - ahead * x
+    duration: float = diameter * np.sqrt(max(0.0, square - slant * slant)) / (square * w)
+    return duration
 
 
 @kernel
@@ -334,20 +467,12 @@ def _search(
     width: Floats,
 ) -> None:
     """Write the crossing of one photodiode by Newton steps from a guess, if there is one within the fan's half turn."""
-    px, py, pz = point[c, k, 0], point[c, k, 1], point[c, k, 2]
     low, high, t = start, start + np.pi / w, guess
     for _ in range(_ROUNDS):
         j = _segment_at(motion, c, t)
         m, s = motion.segment[j], t - motion.knot[j]
         a, b, d = m[6], m[7], m[8]
-        x, y, z = turned(
-            a * s,
-            b * s,
-            d * s,
-            m[9] * px + m[10] * py + m[11] * pz,
-            m[12] * px + m[13] * py + m[14] * pz,
-            m[15] * px + m[16] * py + m[17] * pz,
-        )
+        x, y, z = turned_at(m, s, point[c, k])
         # The point's velocity, along the fan's motion (`along`) and along z (`closing`).
         along = m[3 + fan] + (b * z - d * y if fan == 0 else d * x - a * z)
         closing = m[5] + a * y - b * x
@@ -356,19 +481,9 @@ def _search(
         square = across * across + z * z
         g = np.pi / 2 + measured_angle(x, y, z, fans[fan]) + error[c, k, fan] - w * (t - start)
         if abs(g) <= w * CONVERGED_S:
-            nx, ny, nz = normal[c, k, 0], normal[c, k, 1], normal[c, k, 2]
-            nx, ny, nz = turned(
-                a * s,
-                b * s,
-                d * s,
-                m[9] * nx + m[10] * ny + m[11] * nz,
-                m[12] * nx + m[13] * ny + m[14] * nz,
-                m[15] * nx + m[16] * ny + m[17] * nz,
-            )
-            # The extent of the disc along the fan's direction of motion at p is its foreshortened diameter.
-            slant = (nx if fan == 0 else ny) * z - nz * across
+            nx, ny, nz = turned_at(m, s, normal[c, k])
             instant[c, k, fan] = t
-            width[c, k, fan] = diameter * np.sqrt(max(0.0, square - slant * slant)) / square / w
+            width[c, k, fan] = _duration(across, z, nx if fan == 0 else ny, nz, w, diameter)
             return
         if g > 0:
             low = t
@@ -378,88 +493,3 @@ def _search(
         # This holds also where g or the step is NaN: the loop then ends without an answer.
         if not (low < t < high):
             t = (low + high) / 2
-
-
-@kernel
-def pack_into(
-    flashed: Bools,
-    instant: Floats,
-    width: Floats,
-    lost: Bools,
-    strays: Ints,
-    stray: Floats,
-    flash: Floats,
-    flash_width: Ints,
-    start_tick: Floats,
-    tick: float,
-    out_photodiode: NDArray[np.int16],
-    out_rise: Ints,
-    out_width: NDArray[np.int32],
-    total: NDArray[np.int32],
-) -> None:
-    """Write every craft's pulses in order of rise; pulses of equal rise stay in the order flashes, sweeps, strays.
-    Behind the last one, photodiode is -1 and the rest 0.
-
-    Args:
-        flashed: photodiodes that see each fan's flash, (C, K, 2).
-        instant: crossing instants, (C, K, 2) [s], NaN where there is no sweep.
-        width: sweep widths, (C, K, 2) [s].
-        lost: sweeps whose pulse is lost, (C, K, 2).
-        strays: numbers of stray pulses, (C,).
-        stray: photodiode (rounded down), instant [s] and width [s] of the stray pulses, (C, S, 3).
-        flash: instants at which the flashes rise, (2,) [s].
-        flash_width: widths of the flashes, (2,) [ticks].
-        start_tick: start of the period on each craft's clock, not a whole number, (C,) [ticks].
-        tick: length of a tick [s].
-        out_photodiode: output, photodiode of each pulse, (C, P).
-        out_rise: output, rise of each pulse, (C, P) [ticks].
-        out_width: output, width of each pulse, (C, P) [ticks].
-        total: output, number of pulses per craft, (C,).
-    """
-    for c in range(flashed.shape[0]):
-        photodiodes, rises, widths, m = out_photodiode[c], out_rise[c], out_width[c], 0
-        for fan in range(2):
-            # A flash comes after all sweeps before it, and before those of the same tick.
-            rise, seen = int(np.rint(start_tick[c] + flash[fan] / tick)), 0
-            for k in range(flashed.shape[1]):
-                seen += flashed[c, k, fan]
-            i = m
-            while i > 0 and rises[i - 1] >= rise:
-                i -= 1
-                photodiodes[i + seen], rises[i + seen], widths[i + seen] = photodiodes[i], rises[i], widths[i]
-            for k in range(flashed.shape[1]):
-                if flashed[c, k, fan]:
-                    photodiodes[i], rises[i], widths[i] = k, rise, flash_width[fan]
-                    i += 1
-            m += seen
-            for k in range(flashed.shape[1]):
-                if not np.isnan(instant[c, k, fan]) and not lost[c, k, fan]:
-                    ticks = max(1, int(np.rint(width[c, k, fan] / tick)))
-                    rise = int(np.rint(start_tick[c] + instant[c, k, fan] / tick - ticks / 2))
-                    m = _insert(m, k, rise, ticks, photodiodes, rises, widths)
-        for s in range(strays[c]):
-            ticks = max(1, int(np.rint(stray[c, s, 2] / tick)))
-            rise = int(np.rint(start_tick[c] + stray[c, s, 1] / tick))
-            m = _insert(m, int(stray[c, s, 0]), rise, ticks, photodiodes, rises, widths)
-        total[c] = m
-        for i in range(m, len(rises)):
-            photodiodes[i], rises[i], widths[i] = -1, 0, 0
-
-
-@kernel
-def _insert(
-    count: int,
-    photodiode: int,
-    rise: int,
-    width: int,
-    photodiodes: NDArray[np.int16],
-    rises: Ints,
-    widths: NDArray[np.int32],
-) -> int:
-    """Insert a pulse into the first `count` entries of a row, sorted by rise; return the new count."""
-    i = count
-    while i > 0 and rises[i - 1] > rise:
-        photodiodes[i], rises[i], widths[i] = photodiodes[i - 1], rises[i - 1], widths[i - 1]
-        i -= 1
-    photodiodes[i], rises[i], widths[i] = photodiode, rise, width
-    return count + 1

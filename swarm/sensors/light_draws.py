@@ -11,8 +11,8 @@ import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
-from estimators.lanes import lane, pack
-from swarm.draws import Keys, normal_quantile, normals, uniforms
+from estimators.lanes import WIDE
+from swarm.draws import Keys, normal_quantiles_into, normals, uniforms, uniforms_into
 from swarm.messages import SYNC_WIDTH_S
 
 ANGLE, LOST, MISSED, STRAY, FLASH = range(5)
@@ -66,7 +66,6 @@ def _strays_into(keys: Keys, count: Ints, frame: int, mean: float, period_s: flo
         out.number[c] = n
 
 
-@kernel
 def errors_into(keys: Keys, rotor: np.uint64, frame: int, lit: Bools, own: float, shared: float, out: Floats) -> None:
     """Write the random errors of the angles of photodiodes that are lit.
 
@@ -77,27 +76,45 @@ def errors_into(keys: Keys, rotor: np.uint64, frame: int, lit: Bools, own: float
         lit: photodiodes that are lit as each fan sweeps, (C, K, 2).
         own: standard deviation of an angle by itself [rad].
         shared: standard deviation of what all angles of a sweep have in common [rad].
-        out: output, (C, K, 2) [rad]; that of a photodiode that no fan lights stays as it is.
+        out: output, (C, K, 2) [rad]; NaN where a fan does not light a photodiode.
+    """
+    share, normal = np.full((2, -(-2 * lit.shape[1] // WIDE), WIDE), 0.5)
+    which = np.empty(share.size, dtype=np.int64)
+    _errors_into(keys, rotor, frame, lit, own, shared, share.ravel(), share, normal.ravel(), normal, which, out)
+
+
+@kernel
+def _errors_into(
+    keys: Keys,
+    rotor: np.uint64,
+    frame: int,
+    lit: Bools,
+    own: float,
+    shared: float,
+    share: Floats,
+    shares: Floats,
+    normal: Floats,
+    quantiles: Floats,
+    which: Ints,
+    out: Floats,
+) -> None:
+    """Do the work of `errors_into`.
+
+    share, normal: room for the 2 K draws of a craft, filled up to whole lanes with 1/2; shares, quantiles: the same
+    memory, (G, WIDE); which: room for as many numbers.
     """
     common = normals(rotor, frame, 0, ANGLE)
-    both = pack(common[0], common[1], common[0], common[1])
+    first, second = shared * common[0], shared * common[1]
     for c in range(lit.shape[0]):
-        # Two photodiodes at a time have four angles.
-        before, held = -1, (0.5, 0.5)
+        seen = 0
         for k in range(lit.shape[1]):
-            if not (lit[c, k, 0] or lit[c, k, 1]):
-                continue
-            pair = uniforms(keys[c], frame, k, ANGLE)
-            if before < 0:
-                before, held = k, pair
-                continue
-            four = own * normal_quantile(pack(held[0], held[1], pair[0], pair[1])) + shared * both
-            out[c, before, 0], out[c, before, 1] = lane(four, 0), lane(four, 1)
-            out[c, k, 0], out[c, k, 1] = lane(four, 2), lane(four, 3)
-            before = -1
-        if before >= 0:
-            for fan in range(2):
-                out[c, before, fan] = own * normal_quantile(held[fan]) + shared * common[fan]
+            seen += lit[c, k, 0] | lit[c, k, 1]
+        if seen:
+            uniforms_into(keys[c], frame, ANGLE, lit.shape[1], share)
+            normal_quantiles_into(shares, quantiles, which)
+        for k in range(lit.shape[1]):
+            out[c, k, 0] = own * normal[2 * k] + first if lit[c, k, 0] else np.nan
+            out[c, k, 1] = own * normal[2 * k + 1] + second if lit[c, k, 1] else np.nan
 
 
 @kernel

@@ -34,8 +34,9 @@ from swarm.hardware import Photodiodes
 from swarm.messages import SYNC_WIDTH_S, SYNC_WIDTH_STEP_S, Pulses
 from swarm.random import Purpose
 from swarm.scenario import Lighthouse as Station
-from swarm.sensors.crossing import cross_into, pack_into
+from swarm.sensors.crossing import cross_into
 from swarm.sensors.light_draws import FLASH, chances_into, errors_into, strays
+from swarm.sensors.pulses import pack_into
 from swarm.units import si
 
 
@@ -173,9 +174,12 @@ class Lighthouse:
             chances_into(self.keys, frame, *chances, flashed, lost)
         stray = strays(self.keys, self._count, frame, settings.stray_pulse_rate_hz, period)
         most = 4 * lit.shape[1] + stray.pulse.shape[1]
-        photodiode = np.empty((craft, most), dtype=np.int16)
-        rise, wide = np.empty((craft, most), dtype=np.int64), np.empty((craft, most), dtype=np.int32)
-        total = np.empty(craft, dtype=np.int32)
+        pulses = Pulses(
+            np.empty((craft, most), dtype=np.int16),
+            np.empty((craft, most), dtype=np.int64),
+            np.empty((craft, most), dtype=np.int32),
+            np.empty(craft, dtype=np.int32),
+        )
         pack_into(
             flashed,
             instant,
@@ -187,13 +191,12 @@ class Lighthouse:
             np.rint(flash_width).astype(np.int64),
             self.clock_offset_tick + frame * period / settings.tick_s,
             settings.tick_s,
-            photodiode,
-            rise,
-            wide,
-            total,
+            pulses,
         )
-        used = int(total.max(initial=0))
-        return Pulses(photodiode[:, :used], rise[:, :used], wide[:, :used], total)
+        used = int(pulses.total.max(initial=0))
+        return Pulses(
+            pulses.photodiode[:, :used], pulses.rise_tick[:, :used], pulses.width_tick[:, :used], pulses.total
+        )
 
 
 def fans(station: Station) -> FanPair:

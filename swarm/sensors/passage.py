@@ -26,7 +26,7 @@ from estimators.kernel import kernel
 from estimators.lighthouse.sweep import angle_gradient, measured_angle
 from estimators.rotation import turned
 from swarm.draws import Keys, normals
-from swarm.sensors.crossing import SEGMENT, segment_into
+from swarm.sensors.crossing import SEGMENT, segment_into, turned_at
 from swarm.sensors.light_draws import ANGLE
 
 NEAR_S = 1e-11
@@ -184,29 +184,16 @@ def _into_station(theirs: Floats, s: float, x: float, y: float, z: float) -> tup
 
 
 @kernel
-def _arm(mine: Floats, s: float, p: Floats) -> tuple[float, float, float]:
-    """Return a body vector in the world, `s` seconds into the craft's segment."""
-    return turned(
-        mine[6] * s,
-        mine[7] * s,
-        mine[8] * s,
-        mine[9] * p[0] + mine[10] * p[1] + mine[11] * p[2],
-        mine[12] * p[0] + mine[13] * p[1] + mine[14] * p[2],
-        mine[15] * p[0] + mine[16] * p[1] + mine[17] * p[2],
-    )
-
-
-@kernel
 def _turn_into(mine: Floats, theirs: Floats, s: float, vector: Floats, out: Floats) -> None:
     """Write a body vector (3,) in the station's frame."""
-    x, y, z = _arm(mine, s, vector)
+    x, y, z = turned_at(mine, s, vector)
     out[0], out[1], out[2] = _into_station(theirs, s, x, y, z)
 
 
 @kernel
 def _place_into(mine: Floats, theirs: Floats, s: float, p: Floats, out: Floats) -> None:
     """Write the place of a photodiode p (3,) in the station's frame, and its velocity there, (2, 3)."""
-    x, y, z = _arm(mine, s, p)
+    x, y, z = turned_at(mine, s, p)
     dx = mine[0] - theirs[0] + (mine[3] - theirs[3]) * s + x
     dy = mine[1] - theirs[1] + (mine[4] - theirs[4]) * s + y
     dz = mine[2] - theirs[2] + (mine[5] - theirs[5]) * s + z

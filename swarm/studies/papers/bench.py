@@ -20,7 +20,8 @@ from swarm.messages import SYNC_WIDTH_S, SYNC_WIDTH_STEP_S, Pulses
 from swarm.onboard.acquisition import NONE, Sighting, follow, search
 from swarm.onboard.decoder import PulseDecoder, SweepAngles
 from swarm.scenario import validate
-from swarm.sensors.crossing import cross_into, pack_into
+from swarm.sensors.crossing import cross_into
+from swarm.sensors.pulses import pack_into
 from swarm.sensors.visibility import Visibility
 from swarm.units import SI, si
 from swarm.world.motion.pointing import facing
@@ -174,10 +175,7 @@ class Bench:
             np.rint(flash_width).astype(np.int64),
             clock,
             tick,
-            pulses.photodiode,
-            pulses.rise_tick,
-            pulses.width_tick,
-            pulses.total,
+            pulses,
         )
         present = np.broadcast_to(self.layout.present, (rows, photodiodes))
         half = self.settings.field_rad / 2 + builders.FAN_ERROR_MAX_RAD
