@@ -35,7 +35,7 @@ from swarm.units import si
 
 def crowd(names: list[str], count: int) -> tuple[mujoco.MjModel, layout.Photodiodes, Visibility]:
     """`count` craft of these models in turn."""
-    craft = [load_craft(find_model(names[i % len(names)])) for i in range(count)]
+    craft = [load_craft(find_model(names[i % len(names)]), passive=True) for i in range(count)]
     nowhere = np.zeros(3), np.array([1.0, 0, 0, 0])
     placements = [Placement(f"craft-{i}", model.spec, model.file_pose, *nowhere) for i, model in enumerate(craft)]
     model = assemble(placements, [at_origin(find_model(load("swarm1000").lighthouse.model))], 1e-3)

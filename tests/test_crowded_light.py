@@ -6,6 +6,7 @@ import pytest
 from test_visibility import L_FACES, L_VERTICES, brute_force, unit
 
 from estimators.arrays import Floats
+from estimators.frame import Frame
 from estimators.rotation import matrix_from_quaternion
 from swarm.assets import find_model, models
 from swarm.hardware import Photodiodes, pad
@@ -124,7 +125,7 @@ def test_hull_hit_is_mujocos_mesh_ray_also_from_inside() -> None:
         d = unit(rng.standard_normal(3) * 0.05 - (o if i % 2 == 0 else 0.0))
         first = mujoco.mj_rayMesh(model, data, int(geoms[0]), o, d)
         reach = float(rng.uniform(0.01, 0.6))
-        hit = hull_hit(solids.plane, 0, len(solids.plane), -1, o, d, reach)
+        hit = hull_hit(solids.plane, 0, len(solids.plane), o, (d[0], d[1], d[2]), reach, asked=True)
         assert hit == (0 <= first < reach)
         hits += hit
     assert 500 < hits < 1900
@@ -180,3 +181,24 @@ def test_every_owner_that_a_ray_to_a_craft_meets_is_known_beforehand() -> None:
             assert set(np.flatnonzero(meets)) <= set(known)
     assert blockers > 3000
     assert listed < count * count / 8, "few craft are in the way of one"
+
+
+def test_a_crowd_that_moves_is_seen_as_if_for_the_first_time() -> None:
+    """Step by step, less and more than the slack, out of the light's reach and back, and a station that moves."""
+    model, layout, bodies = shipped_crowd(60, ["mockup", "cubesat6u"])
+    arguments = model, layout, bodies, model.body("lighthouse").id, Lighthouse()
+    visibility, rng = Visibility(*arguments), np.random.default_rng(5)
+    position, quaternion = crowded(rng, 60, 0.3, around=False)
+    states = []
+    for step in range(40):
+        position += rng.normal(0, 1e-3 if step % 8 else 0.05, position.shape)
+        quaternion = unit(quaternion + 0.05 * rng.standard_normal(quaternion.shape))
+        position[0] *= 100 if step == 10 else 0.01 if step == 20 else 1
+        if step == 30:
+            frame = Frame(matrix_from_quaternion(unit(np.array([1.0, 0.02, -0.03, 0.0]))), np.array([0.1, 0.0, -0.2]))
+            visibility.move(frame)
+        first = Visibility(*arguments) if step < 30 else Visibility(*arguments, frame)
+        states.append(visibility.state(position, quaternion))
+        np.testing.assert_array_equal(states[-1], first.state(position, quaternion))
+    assert np.count_nonzero(np.diff(states, axis=0)) > 500
+    assert np.bincount(np.ravel(states)).min() > 1000

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from estimators.arrays import Floats
 from swarm.messages import Pulses
 from swarm.sensors.pulses import pack_into
 
@@ -15,12 +16,13 @@ def test_pulses_are_those_of_a_stable_sort(craft: int, photodiodes: int) -> None
     rng = np.random.default_rng(photodiodes)
     shape = craft, photodiodes, 2
     flashed, lost = rng.random(shape) < 0.8, rng.random(shape) < 0.2
-    instant, width = TICK_S * rng.integers(0, 9, shape), TICK_S * rng.integers(0, 7, shape)
+    instant: Floats = TICK_S * rng.integers(0, 9, shape)
+    width: Floats = TICK_S * rng.integers(0, 7, shape)
     instant[rng.random(shape) < 0.2] = np.nan
     strays = rng.integers(0, 4, craft)
     stray = np.stack([rng.integers(0, photodiodes, (craft, 3)), *(TICK_S * rng.integers(0, 9, (2, craft, 3)))], axis=2)
     flash, flash_width = TICK_S * np.array([1.0, 5.0]), np.array([60, 70])
-    start = 1e9 + rng.integers(0, 1000, craft) + 0.25
+    start: Floats = 1e9 + rng.integers(0, 1000, craft) + 0.25
     most = 4 * photodiodes + 3
     out = Pulses(
         np.empty((craft, most), dtype=np.int16),
@@ -32,13 +34,13 @@ def test_pulses_are_those_of_a_stable_sort(craft: int, photodiodes: int) -> None
     for c in range(craft):
         begin = int(np.floor(start[c]))
         pulses = [
-            (begin + round(flash[fan] / TICK_S), k, int(flash_width[fan]))
+            (begin + round(flash[fan] / TICK_S), int(k), int(flash_width[fan]))
             for fan in range(2)
             for k in np.flatnonzero(flashed[c, :, fan])
         ]
         for k, fan in np.argwhere(np.isfinite(instant[c]) & ~lost[c]):
             ticks = max(1, round(width[c, k, fan] / TICK_S))
-            pulses.append((round(start[c] + instant[c, k, fan] / TICK_S - ticks / 2), k, ticks))
+            pulses.append((round(start[c] + instant[c, k, fan] / TICK_S - ticks / 2), int(k), ticks))
         for k, at, wide in stray[c, : strays[c]]:
             pulses.append((begin + round(at / TICK_S), int(k), max(1, round(wide / TICK_S))))
         pulses.sort(key=lambda pulse: pulse[0])

@@ -11,6 +11,9 @@ overlaps it. All rays to one craft lie in the cone about a sphere p, r around it
 where the cones meet and m begins before p ends:
 
     p . m >= |p| |m| cos(asin(r / |p|) + asin(s / |m|)) = sqrt((p^2 - r^2) (m^2 - s^2)) - r s,  |m| - s <= |p| + r
+
+Spheres that are larger by a share SLACK of their radius hold the craft until one of them has moved by as much: so long
+the owners that rays to each craft could meet, `Met`, are found once.
 """
 
 from typing import NamedTuple
@@ -23,6 +26,8 @@ from estimators.rotation import matrix_from_quaternion_into
 
 MOST_CELLS = 512
 """Largest number of cells along u or v."""
+SLACK = 0.1
+"""Share of its radius by which an owner may move before what rays could meet is found anew."""
 
 
 class Placed(NamedTuple):
@@ -55,6 +60,16 @@ class Grid(NamedTuple):
     start: Ints
     owner: Ints
     cells: Ints
+
+
+class Met(NamedTuple):
+    """Owners that rays to each craft could meet: `owner[first[c] : first[c + 1]]` for craft c.
+
+    first: (C + 1,). owner: one craft after the other.
+    """
+
+    first: Ints
+    owner: Ints
 
 
 @kernel
@@ -227,3 +242,47 @@ def met_into(c: int, placed: Placed, grid: Grid, radius: Floats, out: Ints) -> i
                     out[count] = owner
                     count += 1
     return count
+
+
+@kernel
+def all_met(placed: Placed, shape: Ints, radius: Floats, side: int, half_width: float) -> Met:
+    """Return the owners that rays to each craft could meet.
+
+    Args:
+        placed: owners at one instant.
+        shape: shape of each owner, (C + 1,), -1 for none.
+        radius: radii of spheres around the owners' centres in which their shapes and photodiodes are, (C + 1,) [m].
+        side: number of cells along u and along v.
+        half_width: half width of the field on the plane z = 1.
+    """
+    craft, grid = len(shape) - 1, sort_into_cells(placed, shape, radius, side, half_width)
+    first, owner, others = np.empty(craft + 1, np.int64), np.empty(4 * craft, np.int64), np.empty(craft + 1, np.int64)
+    first[0] = 0
+    for c in range(craft):
+        begin, count = first[c], met_into(c, placed, grid, radius, others)
+        if begin + count > len(owner):
+            longer = np.empty(2 * (begin + count), np.int64)
+            longer[:begin] = owner[:begin]
+            owner = longer
+        for n in range(count):
+            owner[begin + n] = others[n]
+        first[c + 1] = begin + count
+    return Met(first, owner)
+
+
+@kernel
+def stayed(centre: Floats, before: Floats, radius: Floats) -> bool:
+    """Return whether every owner is within SLACK of its radius of where it was.
+
+    Args:
+        centre: centres of the spheres around the owners, (N, 3) [m].
+        before: centres before, (N, 3) [m].
+        radius: radii, (N,) [m].
+    """
+    for c in range(len(centre)):
+        x, y, z = centre[c, 0] - before[c, 0], centre[c, 1] - before[c, 1], centre[c, 2] - before[c, 2]
+        limit = SLACK * radius[c]
+        # What is out of reach, at -inf, has not moved where it was out of reach before.
+        if not (x * x + y * y + z * z <= limit * limit or centre[c, 2] == before[c, 2] == -np.inf):
+            return False
+    return True

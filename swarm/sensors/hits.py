@@ -13,7 +13,9 @@ the interval's ends: where the ray starts inside, `leave` is the distance that `
 import numpy as np
 
 from estimators.arrays import Floats
-from estimators.kernel import kernel
+from estimators.kernel import inlined, kernel
+from estimators.lanes import alike, all_of, opposite, select
+from estimators.rotation import Row
 
 HULL, BOX, ELLIPSOID, CYLINDER, CAPSULE, OTHER = range(6)
 """Kinds of solids; an `OTHER` solid is not convex, and only its bounding box is known."""
@@ -23,51 +25,42 @@ Interval = tuple[float, float]
 
 @kernel
 def crossed(enter: float, leave: float, reach: float) -> bool:
-    """Return whether the surface is crossed at 0 <= t < reach.
+    """Return whether the surface is crossed at 0 <= t < reach, of numbers or lanes.
 
     Args:
         enter: t at which the line enters the solid [m].
         leave: t at which the line leaves it [m]; below `enter` where the line misses.
         reach: length of the ray [m].
     """
-    if not enter <= leave:
-        return False
-    return 0 <= enter < reach or (enter < 0 and 0 <= leave < reach)
+    first = select(enter < 0, leave, enter)
+    return (enter <= leave) & (first >= 0) & (first < reach)
 
 
-@kernel
-def hull_hit(plane: Floats, first: int, past: int, likely: int, o: Floats, d: Floats, reach: float) -> bool:
-    """Return whether a ray crosses the surface of a hull.
+@inlined
+def hull_hit(plane: Floats, first: int, past: int, o: Floats, d: Row, reach: float, asked: bool) -> bool:
+    """Return whether rays from one place cross the surface of a hull, of numbers or lanes.
 
     Args:
         plane: planes of all hulls, (P, 4).
         first: row of the hull's first plane.
         past: row after the hull's last plane.
-        likely: row of the plane that most probably keeps the whole ray outside, tested first; -1 if unknown.
-        o: start of the ray, (3,) [m], body frame.
-        d: unit direction of the ray, (3,), body frame.
-        reach: length of the ray [m].
+        o: start of the rays, (3,) [m], body frame.
+        d: unit directions of the rays, body frame.
+        reach: lengths of the rays [m].
+        asked: rays that matter; no other one hits.
     """
-    enter, leave = -np.inf, np.inf
-    if likely >= 0:
-        n = plane[likely]
-        height = n[0] * o[0] + n[1] * o[1] + n[2] * o[2] + n[3]
-        if height > 0 and height + reach * (n[0] * d[0] + n[1] * d[1] + n[2] * d[2]) >= 0:
-            return False
+    enter, leave, outside = alike(reach, -np.inf), alike(reach, np.inf), opposite(asked)
     for i in range(first, past):
         n = plane[i]
         height = n[0] * o[0] + n[1] * o[1] + n[2] * o[2] + n[3]
         slope = n[0] * d[0] + n[1] * d[1] + n[2] * d[2]
         # The whole ray is outside this plane.
-        if height > 0 and height + reach * slope >= 0:
-            return False
-        if slope < 0:
-            enter = max(enter, -height / slope)
-        elif slope > 0:
-            leave = min(leave, -height / slope)
-        elif height > 0:
-            return False
-    return crossed(enter, leave, reach)
+        outside = outside | ((height > 0) & (height + reach * slope >= 0))
+        if all_of(outside):
+            break
+        t = -height / slope
+        enter, leave = select(slope < 0, max(enter, t), enter), select(slope > 0, min(leave, t), leave)
+    return opposite(outside) & crossed(enter, leave, reach)
 
 
 @kernel

@@ -26,12 +26,13 @@ from numpy.typing import NDArray
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.frame import WORLD, Frame
+from estimators.lanes import WIDE
 from estimators.rotation import matrix_from_quaternion
 from swarm.hardware import Photodiodes
 from swarm.scenario import Lighthouse
-from swarm.sensors.broad_phase import MOST_CELLS, Placed, place_into, sort_into_cells
+from swarm.sensors.broad_phase import MOST_CELLS, SLACK, Met, Placed, all_met, place_into, stayed
 from swarm.sensors.hits import HULL
-from swarm.sensors.line_of_sight import faces, sight_into
+from swarm.sensors.line_of_sight import Light, faces, sight_into
 from swarm.sensors.sight import Sight
 from swarm.sensors.solids import Solids, read_solids
 from swarm.units import si
@@ -88,9 +89,8 @@ class Visibility:
             if model.body_geomnum[body] > 0 and _is_part_of(model, body, lighthouse_body):
                 raise ValueError(f"body {model.body(body).name!r} would shade the lighthouse that it belongs to")
         self._solids, self._geoms = read_solids(model, craft_bodies, lighthouse_body)
-        self._likely = _likely_planes(self._solids, photodiodes)
         self._faces = faces(
-            photodiodes.point_m, photodiodes.normal, photodiodes.present, _only_planes(self._solids, self._likely)
+            photodiodes.point_m, photodiodes.normal, photodiodes.present, _own_planes(self._solids, photodiodes)
         )
         self._extent_m, self._near = _extents(self._solids, photodiodes), np.empty(craft, dtype=np.bool_)
         self._radius = _radii(self._solids, photodiodes)
@@ -98,7 +98,17 @@ class Visibility:
         self._placed = Placed(np.tile(np.eye(3), (craft + 1, 1, 1)), *(np.zeros((craft + 1, 3)) for _ in range(3)))
         self.move(frame)
         self._side = min(2 * int(np.ceil(np.sqrt(craft))) + 2, MOST_CELLS)
-        self._others, self._unsure = np.empty(craft + 1, dtype=np.int64), np.empty((64, 3), dtype=np.int64)
+        self._met = Met(np.zeros(craft + 1, dtype=np.int64), np.zeros(0, dtype=np.int64))
+        self._met_at = np.full((craft + 1, 3), np.nan)  # the owners' centres
+        limits = self._limits
+        self._light = Light(
+            half_width=float(np.tan(min(limits.field_rad / 2, WIDEST_HALF_FIELD_RAD))),
+            range_min=limits.range_min_m,
+            range_max=limits.range_max_m,
+            least_cosine=float(np.cos(limits.incidence_max_rad)),
+            thickness=THICKNESS_M,
+        )
+        self._room, self._unsure = np.empty((1, WIDE)), np.empty((64, 3), dtype=np.int64)
         self._rays: Rays | None = None
 
     def move(self, frame: Frame) -> None:
@@ -130,37 +140,26 @@ class Visibility:
         craft = len(self._craft_bodies)
         if position.shape != (craft, 3) or quaternion.shape != (craft, 4):
             raise ValueError(f"poses of {craft} craft needed, not {position.shape}, {quaternion.shape}")
-        limits, solids, placed = self._limits, self._solids, self._placed
+        light, solids, placed = self._light, self._solids, self._placed
         place_into(
             np.ascontiguousarray(position),
             np.ascontiguousarray(quaternion),
             self._frame.rotation,
             self._frame.position,
             self._extent_m,
-            limits.range_max_m,
+            light.range_max,
             solids.shape,
             solids.shape_centre,
             placed,
             self._near,
         )
-        half_width = float(np.tan(min(limits.field_rad / 2, WIDEST_HALF_FIELD_RAD)))
-        grid = sort_into_cells(placed, solids.shape, self._radius, self._side, half_width)
-        light = limits.range_min_m, limits.range_max_m, float(np.cos(limits.incidence_max_rad)), THICKNESS_M
+        if not stayed(placed.centre, self._met_at, self._radius):
+            wider = (1 + SLACK) * self._radius
+            self._met = all_met(placed, solids.shape, wider, self._side, light.half_width)
+            self._met_at[:] = placed.centre
         out = np.empty(self._photodiodes.present.shape, dtype=np.int8)
         while True:
-            count = sight_into(
-                self._faces,
-                self._near,
-                placed,
-                solids,
-                grid,
-                *light,
-                self._likely,
-                self._radius,
-                self._others,
-                out,
-                self._unsure,
-            )
+            count = sight_into(self._faces, self._near, placed, solids, self._met, light, self._room, out, self._unsure)
             if count <= len(self._unsure):
                 break
             self._unsure = np.empty((2 * count, 3), dtype=np.int64)
@@ -227,30 +226,18 @@ class Visibility:
         return self._rays
 
 
-def _likely_planes(solids: Solids, photodiodes: Photodiodes) -> Ints:
-    """Return the plane of its craft's hulls that every photodiode (C, K) is farthest outside of; -1 for none."""
-    out = np.full(photodiodes.present.shape, -1, dtype=np.int64)
-    for shape in range(len(solids.first) - 1):
-        hulls = range(int(solids.first[shape]), int(solids.first[shape + 1]))
-        planes = [np.arange(*solids.planes[m]) for m in hulls if solids.kind[m] == HULL]
-        if not planes:
-            continue
-        number = np.concatenate(planes)
-        for c in np.flatnonzero(solids.shape[:-1] == shape):
-            height = photodiodes.point_m[c] @ solids.plane[number, :3].T + solids.plane[number, 3]
-            out[c] = number[np.argmax(height, axis=1)]
-    return out
-
-
-def _only_planes(solids: Solids, likely: Ints) -> Floats:
-    """Return the likely planes of craft that consist of one hull, (C, K, 4), NaN for others: who is outside of it is
-    outside of the craft.
+def _own_planes(solids: Solids, photodiodes: Photodiodes) -> Floats:
+    """Return the plane of its craft's only hull that every photodiode is farthest outside of, (C, K, 4); NaN for other
+    craft: who is outside of the hull is outside of the craft.
     """
-    shape = solids.shape[:-1]
-    alone = (shape >= 0) & (np.diff(solids.first, append=0)[shape] == 1)
-    out: Floats = np.full((*likely.shape, 4), np.nan)
-    kept = (likely >= 0) & alone[:, None]
-    out[kept] = solids.plane[likely[kept]]
+    out: Floats = np.full((*photodiodes.present.shape, 4), np.nan)
+    for shape in range(len(solids.first) - 1):
+        first = int(solids.first[shape])
+        if solids.first[shape + 1] - first == 1 and solids.kind[first] == HULL:
+            plane = solids.plane[slice(*solids.planes[first])]
+            for c in np.flatnonzero(solids.shape[:-1] == shape):
+                height = photodiodes.point_m[c] @ plane[:, :3].T + plane[:, 3]
+                out[c] = plane[np.argmax(height, axis=1)]
     return out
 
 
