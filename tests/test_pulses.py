@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from estimators.arrays import Floats
 from swarm.messages import Pulses
 from swarm.sensors.pulses import pack_into
 
@@ -16,13 +15,13 @@ def test_pulses_are_those_of_a_stable_sort(craft: int, photodiodes: int) -> None
     rng = np.random.default_rng(photodiodes)
     shape = craft, photodiodes, 2
     flashed, lost = rng.random(shape) < 0.8, rng.random(shape) < 0.2
-    instant: Floats = TICK_S * rng.integers(0, 9, shape)
-    width: Floats = TICK_S * rng.integers(0, 7, shape)
+    instant = TICK_S * rng.integers(0, 9, shape).astype(np.float64)
+    width = TICK_S * rng.integers(0, 7, shape).astype(np.float64)
     instant[rng.random(shape) < 0.2] = np.nan
     strays = rng.integers(0, 4, craft)
     stray = np.stack([rng.integers(0, photodiodes, (craft, 3)), *(TICK_S * rng.integers(0, 9, (2, craft, 3)))], axis=2)
     flash, flash_width = TICK_S * np.array([1.0, 5.0]), np.array([60, 70])
-    start: Floats = 1e9 + rng.integers(0, 1000, craft) + 0.25
+    start = rng.integers(0, 1000, craft).astype(np.float64) + 1e9 + 0.25
     most = 4 * photodiodes + 3
     out = Pulses(
         np.empty((craft, most), dtype=np.int16),
