@@ -3,7 +3,7 @@
     python benchmarks/whole_loop.py [--craft 10 100 1000 10000] [--steps 4 8] [--blocks 5] [--out loop.json]
 
 Scenario `swarm1000` (12 photodiodes per craft, 60 periods a second, recording at fleet level) with `swarm.count`
-changed. A block is 64 periods, so that what is done now and then (parts of telemetry, batches of the recording)
+changed. A block is 128 periods, so that what is done now and then (parts of telemetry, batches of the recording)
 counts in every block; blocks of all sizes take turns. `closing`
 is what the end of the run adds: recording closed, telemetry joined into one file, summary. Beside the times, whether
 the craft found themselves: the share tracking and the median error against the truth.
@@ -27,7 +27,7 @@ from swarm.onboard.settings import Status
 from swarm.results.run_writer import RunWriter, writing_run
 from swarm.scenario import load
 
-BLOCK = 64
+BLOCK = 128
 """Periods of a block."""
 ON_BOARD = ("visibility", "LM", "DOP", "filter")
 """What issue and design count as the on-board chain."""
@@ -73,7 +73,8 @@ class Loop:
     """One flight of so many craft with everything that it writes."""
 
     def __init__(self, craft: int, steps: int, folder: Path, blocks: int, exits: ExitStack) -> None:
-        overrides = [f"swarm.count={craft}", f"physics.steps_per_period={steps}", f"duration_s={(blocks + 1) * 2}"]
+        duration_s = (blocks + 1) * BLOCK / 60 + 1
+        overrides = [f"swarm.count={craft}", f"physics.steps_per_period={steps}", f"duration_s={duration_s}"]
         scenario = load("swarm1000", overrides)
         self.craft, self.steps, self.frame = craft, steps, 0
         self.start = Times([], [])

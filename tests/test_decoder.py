@@ -9,6 +9,7 @@ import pytest
 
 from swarm.messages import Pulses
 from swarm.onboard.decoder import PulseDecoder, SweepAngles
+from swarm.onboard.flashes import MAX_FLASHES
 
 TICK_S = 20e-9
 TURN = 1 / 60 / TICK_S
@@ -372,3 +373,15 @@ def test_of_two_pulses_in_one_sweep_the_expected_one_is_taken_if_it_stands_out()
     assert read({}, expected)[1] == [True] * 5
     with pytest.raises(ValueError, match="expected must be"):
         read(second, where[:, :3])
+
+
+def test_flashes_beyond_the_room_for_them_are_rejected() -> None:
+    computer = decoder()
+    computer.decode(batch(period(9000)))
+    start = 9000 + TURN
+    stray = [pulse for i in range(MAX_FLASHES + 3) for pulse in flash(start + TURN * (0.02 + 0.008 * i), DATA, 2)]
+    angles = computer.decode(batch(period(start) + stray))
+    # Of the room, the X flash has one place: the Y flash of five pulses comes behind the last.
+    assert angles.rejected[0] == len(stray) + 5
+    assert angles.missed_sync[0] == 1
+    assert_reads_theta(angles, ticks=3.0)

@@ -8,12 +8,14 @@ import pytest
 
 from estimators import rotation as rot
 from estimators.filter.error_state import STATES
+from estimators.state import State
 from swarm.flight import builders
 from swarm.flight.builders.dynamics import fitted
 from swarm.hardware import actuator_set
 from swarm.messages import Command
 from swarm.onboard.actuation.actuation import Actuation
 from swarm.onboard.filters import tracks_of
+from swarm.onboard.settings import NavigationSettings
 from swarm.scenario import validate
 
 
@@ -73,3 +75,43 @@ def test_a_craft_that_orders_no_torque_is_known_to_turn_freely() -> None:
     assert away[1] > 1e-2
     torque = np.array([[0.0, 1e-9, 0.0]])
     assert actuation.order(still, torque, state, Command(still, still)).command.inertia is None
+
+
+@pytest.mark.parametrize("lead_s", [0.0, 1e-3])
+def test_the_motion_ordered_between_two_epochs_is_that_of_two_halves(lead_s: float) -> None:
+    """By the last command until half the period, and by this one after that, which begins earlier by the lead."""
+    craft, rng = 3, np.random.default_rng(1)
+    settings = NavigationSettings(
+        frame_s=1 / 60, angle_noise_rad=4e-5, rotor_correlation=0.9, filter="compiled", order_lead_s=lead_s
+    )
+    tracks, half = tracks_of(craft, settings, None), 1 / 120
+    last, order = (Command(*rng.standard_normal((2, craft, 3))) for _ in range(2))
+    begun = State(np.tile(np.eye(3), (craft, 1, 1)), *np.zeros((3, craft, 3)))
+    tracks.bank.adopt(np.ones(craft, dtype=np.bool_), begun, np.tile(np.eye(STATES), (craft, 1, 1)))
+    tracks._command = last
+    tracks.predict(order)
+    for a, b, way, rate in (
+        (last.acceleration, order.acceleration, tracks.bank.position, tracks.bank.velocity),
+        (
+            last.angular_acceleration,
+            order.angular_acceleration,
+            rot.log(tracks.bank.rotation),
+            tracks.bank.angular_rate,
+        ),
+    ):
+        np.testing.assert_allclose(rate, (a + b) * half + (b - a) * lead_s, rtol=1e-12)
+        np.testing.assert_allclose(way, a * half**2 * 1.5 + b * half**2 / 2 + (b - a) * lead_s * half, rtol=1e-9)
+
+
+def test_a_command_of_nobody_orders_nothing_and_tells_nobody_turns_freely() -> None:
+    rng = np.random.default_rng(2)
+    whole = Command(*rng.standard_normal((2, 4, 3)), np.tile(np.eye(3), (4, 1, 1)))
+    nobody, some = np.zeros(4, dtype=np.bool_), np.array([True, False, True, False])
+    none, part = whole.only(nobody), whole.only(some)
+    assert not none.acceleration.any()
+    assert not none.angular_acceleration.any()
+    assert none.inertia is None
+    np.testing.assert_array_equal(part.acceleration, np.where(some[:, None], whole.acceleration, 0.0))
+    assert part.inertia is not None
+    np.testing.assert_array_equal(np.isfinite(part.inertia[:, 0, 0]), some)
+    assert whole.only(~nobody) is whole

@@ -27,7 +27,7 @@ from estimators.lighthouse.row_sums import _root_of_sums, _solve_pose, condense,
 from estimators.lighthouse.rows import AT_ORIGIN, linearise, packed
 from estimators.lighthouse.sweep import ideal_theta
 from estimators.pivot import ARMS, PIVOT, shear_into, turn_about
-from estimators.state import State
+from estimators.state import STATES, State
 from swarm.hardware import pad
 from swarm.onboard.decoder import SweepAngles
 from swarm.onboard.navigation import Navigator
@@ -619,3 +619,36 @@ def test_a_push_harder_than_every_model_has_it_widens_the_prediction(tested):
         assert 4.0 < np.mean(squares) < 8.0
         speed = np.linalg.norm(bank.velocity - velocity, axis=1)
         assert (speed < 5 * np.sqrt(np.trace(bank.covariance[:, 9:, 9:], axis1=1, axis2=2))).all()
+
+
+def test_rows_are_the_finite_angles_of_the_craft_concerned_fan_by_fan():
+    theta, offset = seen(still(), np.random.default_rng(4), 5)
+    theta[1, 2, 0], theta[2] = np.nan, np.nan
+    mask = np.arange(CRAFT) % 3 != 0
+    rows = rows_of_sweeps(theta, offset, mask)
+    expected = [
+        (c, fan, k) for c in np.flatnonzero(mask) for fan in range(2) for k in range(8) if np.isfinite(theta[c, k, fan])
+    ]
+    whose = np.repeat(np.arange(CRAFT), np.diff(rows.first))
+    assert list(zip(whose, rows.fan, rows.photodiode, strict=True)) == expected
+    at = tuple(np.array([(c, k, fan) for c, fan, k in expected]).T)
+    np.testing.assert_array_equal(rows.angle, theta[at] - np.pi / 2)
+    np.testing.assert_array_equal(rows.offset_s, offset[at])
+    for part, alone in zip(rows_of_sweeps(theta, offset), rows_of_sweeps(theta, offset, every()), strict=True):
+        np.testing.assert_array_equal(part, alone)
+
+
+@pytest.mark.parametrize("kind", [*BANKS, *INTERACTING])
+def test_who_is_too_coarse_is_told_of_the_craft_asked_for_alone(kind):
+    """The sum of the three variances of the attitude against a limit, of craft of a mask that have a filter."""
+    bank = started(kind, still())
+    wide = np.array([0.01, 0.02, 0.5])
+    p = np.tile(1e-8 * np.eye(STATES), (CRAFT, 1, 1))
+    p[:, np.arange(3), np.arange(3)] = np.square(wide)[np.arange(CRAFT) % 3][:, None]
+    bank.adopt(every(), bank.state, p)
+    bank.stop(np.arange(CRAFT) == 2)
+    tracks, asked = Tracks(bank, T, TrackLimits(2.0, 6), None), np.arange(CRAFT) % 2 == 0
+    sigma = np.sqrt(3) * wide[np.arange(CRAFT) % 3]
+    for limit in (0.02, 0.1, 1.0):
+        expected = asked & (sigma > limit) & (np.arange(CRAFT) != 2)
+        np.testing.assert_array_equal(tracks.beyond(limit, asked), expected)

@@ -21,7 +21,7 @@ from estimators.lighthouse.integrity import AngleNoise, Sweeps, linearised
 from estimators.lighthouse.planar import Rows, Side, Spread, bends, is_flat, pose_rows, spread
 from estimators.lighthouse.pnp import PoseSolution, refine
 from estimators.lighthouse.separation import Linear
-from estimators.lighthouse.sweep import HALF_PI, correct, lighthouse_1, measured_angles
+from estimators.lighthouse.sweep import HALF_PI, FanErrors, correct, lighthouse_1, measured_angles
 from estimators.state import State
 from swarm.onboard.acquisition import DECISIVE, NONE, Hypotheses, Sighting, advance, search
 from swarm.onboard.decoder import SweepAngles
@@ -85,9 +85,10 @@ class LighthouseFix:
         # What craft share is counted in of filters that have started.
         self._pairs_wanted = settings.coupling != "loose" and not settings.relations.any
         self._fans = lighthouse_1(settings.fan_x, settings.fan_y)
+        self._perfect = all(errors == FanErrors() for errors in (settings.fan_x, settings.fan_y))
         self._side: list[tuple[int, Side] | None] = [None] * craft
         self._flat = [(b"", False)] * craft
-        self._period = 0
+        self._period, self._sensor = 0, np.full(craft, LIGHTHOUSE)
         self._noise = settings.noise
         self._size_m = np.linalg.norm(np.nan_to_num(point_m), axis=2).max(axis=1, initial=0.0)
         self._sigma_rad, self._rho = settings.angle_noise_rad, settings.rotor_correlation
@@ -212,9 +213,9 @@ class LighthouseFix:
         s = self.settings
         speed = self._monitor.speed(angles, s.frame_s)
         turned = angles.theta if speed is None else angles.theta * speed[:, None, None]
-        theta = correct(turned, (s.fan_x, s.fan_y))
-        lit, visible = np.empty_like(angles.lit), np.empty(len(theta), dtype=np.int64)
-        _count_seen(theta, angles.lit, lit, visible)
+        straight = turned if self._perfect else correct(turned, (s.fan_x, s.fan_y))
+        theta, lit, visible = np.empty_like(straight), np.empty_like(angles.lit), np.empty(len(straight), np.int64)
+        _seen_into(straight, angles.lit, theta, lit, visible)
         return turned, theta, lit, visible
 
     def _solve(self, sweeps: Sweeps, known: Bools, visible: Ints, start: _Start, tracks: Tracks) -> Screened:
@@ -246,7 +247,7 @@ class LighthouseFix:
             covariance=s.station.matrix_out(self._sigma_rad**2 * precision.covariance),
             coupling=coupling if s.motion_compensation else np.zeros_like(coupling),
             start_coupling=coupling,
-            sensor=np.full(len(pnp.solved), LIGHTHOUSE),
+            sensor=self._sensor,
             tested=s.integrity.residual_test,
         )
 
@@ -314,9 +315,10 @@ class LighthouseFix:
         self._period += 1
         self.pairs = {}
         start = _Start(np.zeros(len(enough), dtype=np.bool_), predicted.rotation, predicted.position, {})
-        who = np.flatnonzero(enough & (lost | ~active))
-        if not len(who):
+        searching = enough & (lost | ~active)
+        if not searching.any():
             return start
+        who = np.flatnonzero(searching)
         before = [self._hypotheses[i] for i in who]
         sightings = [Sighting(theta[i], lit[i], self._point_m[i], offset_s[i]) for i in who]
         after = advance(before, sightings, self._noise.own_rad)
@@ -434,18 +436,22 @@ def _keep_bent(mask: Bools, adop: Floats, sigma_rad: float, size: Floats, positi
 
 
 @kernel
-def _count_seen(theta: Floats, given: Bools, lit: Bools, visible: Ints) -> None:
-    """Write which photodiodes of C craft have two angles, and how many.
+def _seen_into(given: Floats, by: Bools, theta: Floats, lit: Bools, visible: Ints) -> None:
+    """Write the angles of C craft without those of directions behind the lighthouse, and which photodiodes have two.
 
     Args:
-        theta: (C, K, 2) [rad], NaN where there is none.
-        given: (C, K), photodiodes that the decoder saw.
-        lit: (C, K), receives them.
+        given: (C, K, 2) [rad], NaN where there is none.
+        by: (C, K), photodiodes that the decoder saw.
+        theta: (C, K, 2) [rad], receives them; NaN in pairs.
+        lit: (C, K), receives the photodiodes with two.
         visible: (C,), receives their numbers.
     """
     for c in range(len(visible)):
         seen = 0
         for k in range(lit.shape[1]):
-            lit[c, k] = given[c, k] & np.isfinite(theta[c, k, 0]) & np.isfinite(theta[c, k, 1])
+            x, y = given[c, k, 0], given[c, k, 1]
+            front = (abs(x - HALF_PI) < HALF_PI) & (abs(y - HALF_PI) < HALF_PI)
+            theta[c, k, 0], theta[c, k, 1] = x if front else np.nan, y if front else np.nan
+            lit[c, k] = by[c, k] & front
             seen += lit[c, k]
         visible[c] = seen

@@ -192,7 +192,7 @@ class Tracks:
         """Return the craft (C,) that turn freely between the epochs only because they order no torque."""
         last = self._command
         if command is None or command.inertia is None or last is None or last.inertia is None:
-            return np.zeros_like(self._turns_freely)
+            return np.zeros(len(self._turns_freely), dtype=np.bool_)
         out: Bools = np.isfinite(command.inertia[:, 0, 0] + last.inertia[:, 0, 0]) & ~self._turns_freely
         return out
 

@@ -72,7 +72,13 @@ COLUMNS = (
     Column("rows", "1", "single sweep angles that went into the filter", "small", required=True),
 )
 _ROW = {column.name: row for row, column in enumerate(COLUMNS)}
-_ERRORS = np.array([_ROW[name] for name in Errors._fields])
+
+
+def _rows(first: str, count: int) -> slice:
+    return slice(_ROW[first], _ROW[first] + count)
+
+
+_PNP_ERRORS, _ERRORS = _rows("pnp_position_error_m", 2), _rows("position_error_m", 5)
 
 
 def core(craft: Sequence[str]) -> Group:
@@ -84,7 +90,7 @@ def core(craft: Sequence[str]) -> Group:
 
 def errors_in(block: Floats) -> Errors:
     """Return copies of the errors in a filled block of the group, (columns, C)."""
-    return Errors(*block[_ERRORS])
+    return Errors(*block[_PNP_ERRORS].copy(), *block[_ERRORS].copy())
 
 
 def _nearest(place: Floats, turn: Floats, estimate: Estimate) -> tuple[Floats, Floats]:
@@ -100,24 +106,18 @@ def _nearest(place: Floats, turn: Floats, estimate: Estimate) -> tuple[Floats, F
     return place, turn
 
 
-def _rows(first: str, count: int) -> slice:
-    return slice(_ROW[first], _ROW[first] + count)
-
-
 def _fill(craft: Ints, no_truth: Truth, period: Period, out: Floats) -> None:
     truth, estimate = no_truth if period.truth is None else period.truth, period.estimate
     pnp, flat = estimate.pnp, np.ascontiguousarray
     place, turn = flat(truth.position), flat(truth.quaternion)
     fill_pose(place, turn, out[_rows("true_px_m", 7)])
-    position, quaternion = _pose(pnp.rotation, pnp.position)
-    fill_pose(position, quaternion, out[_rows("pnp_px_m", 7)])
-    pose_errors_into(place, turn, position, quaternion, out[_rows("pnp_position_error_m", 2)])
-    position, quaternion = _pose(estimate.rotation, estimate.position)
-    fill_pose(position, quaternion, out[_rows("ekf_px_m", 7)])
+    position, quaternion = _pose(pnp.rotation, pnp.position, out[_rows("pnp_px_m", 7)])
+    pose_errors_into(place, turn, position, quaternion, out[_PNP_ERRORS])
+    position, quaternion = _pose(estimate.rotation, estimate.position, out[_rows("ekf_px_m", 7)])
     covariance = flat(estimate.covariance)
     if estimate.symmetry:
         place, turn = _nearest(place, turn, estimate)
-    estimate_errors_into(place, turn, position, quaternion, covariance, out[_rows("position_error_m", 5)])
+    estimate_errors_into(place, turn, position, quaternion, covariance, out[_ERRORS])
     out[_rows("true_vx_m_s", 3)], out[_rows("true_wx_rad_s", 3)] = truth.velocity.T, truth.angular_rate.T
     out[_rows("ekf_vx_m_s", 3)], out[_rows("ekf_wx_rad_s", 3)] = estimate.velocity.T, estimate.angular_rate.T
     for name, value in (
@@ -141,11 +141,12 @@ def _fill(craft: Ints, no_truth: Truth, period: Period, out: Floats) -> None:
         out[_ROW[name]] = value
 
 
-def _pose(rotation: Floats, position: Floats) -> tuple[Floats, Floats]:
-    """Return positions (C, 3) [m] and quaternions (C, 4)."""
-    quaternion = np.empty((len(position), 4))
+def _pose(rotation: Floats, position: Floats, out: Floats) -> tuple[Floats, Floats]:
+    """Return positions (C, 3) [m] and quaternions (C, 4), and write them into the rows of `pose_columns`."""
+    position, quaternion = np.ascontiguousarray(position), np.empty((len(position), 4))
     quaternions_into(np.ascontiguousarray(rotation), quaternion)
-    return np.ascontiguousarray(position), quaternion
+    fill_pose(position, quaternion, out)
+    return position, quaternion
 
 
 def _no_truth(craft: int) -> Truth:

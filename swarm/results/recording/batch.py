@@ -1,4 +1,4 @@
-"""The data that a recording draws: copies of what it needs of each period, gathered for about a second of flight."""
+"""The data that a recording draws: copies of what it needs of each period, gathered for some time of flight."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
