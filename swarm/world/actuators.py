@@ -89,7 +89,7 @@ class Actuators:
         stuck: thrusters that do not obey, unknown on board.
         """
         who = self._set.who
-        _add_ideal(self._thrusting, order.force, self._mass, self._period_s, self._delta_v)
+        _add_delta_v(order.force, self._thrusting, self._mass, self._period_s, self._delta_v)
         if not len(who):
             return Drive(order.force, order.torque, None)
         opened = obeyed(open_share(order.open_s, self._period_s, self._steps), who, stuck)
@@ -108,24 +108,14 @@ class Actuators:
 
     def work(self) -> ActuatorWork:
         """Return the work done up to the end of the last period."""
-        if not self.any:
-            return ActuatorWork(self._delta_v.copy(), *np.full((2, len(self._mass)), np.nan))
         firing = np.where(self._thrusting, np.count_nonzero(self._open, axis=1), np.nan)
         momentum = np.where(self._has_wheels, self._momentum, np.nan)
         return ActuatorWork(self._delta_v.copy(), firing, momentum)
 
 
 @kernel
-def _add_ideal(thrusting: Bools, force: Floats, mass: Floats, period_s: float, delta_v: Floats) -> None:
-    """Add to the delta-v (C,) [m/s] of craft without thrusters what their ideal force makes good in a period.
-
-    Args:
-        thrusting: (C,), craft with thrusters.
-        force: (C, 3) [N], ordered.
-        mass: (C,) [kg].
-        period_s: length of the period [s].
-        delta_v: (C,), changed in place.
-    """
+def _add_delta_v(force: Floats, thrusting: Bools, mass: Floats, period_s: float, delta_v: Floats) -> None:
+    """Add what a period's ideal force (C, 3) [N] on the craft without thrusters does to `delta_v` (C,) [m/s]."""
     for c in range(len(mass)):
         if not thrusting[c]:
             x, y, z = force[c, 0], force[c, 1], force[c, 2]

@@ -38,6 +38,7 @@ class Surroundings:
             period_s: length of a lighthouse period [s].
         """
         self._world, self._random, self._motions, self._period_s = world, random, motions, period_s
+        self._any_random, self._any_drift = bool(random.pushed.any()), bool(motions.pushed.any())
 
     def add(self, frame: int, force: Floats, torque: Floats, blow: Blow | None) -> tuple[Floats, Floats]:
         """Return the wrench on every craft in a period, (C, 3) [N] and (C, 3) [N m], lighthouse frame.
@@ -48,7 +49,7 @@ class Surroundings:
             torque: torque of the control, (C, 3) [N m].
             blow: blow of a fault in this period, if any.
         """
-        if self._random.pushed.any():
+        if self._any_random:
             more = self._world.inertial_wrench(*self._random.at(frame))
             # The control's own wrench already contains the wrench that the spin requires.
             still = np.zeros_like(force)
@@ -59,8 +60,7 @@ class Surroundings:
             change = blow.velocity / self._period_s, blow.angular_rate / self._period_s
             more = self._world.inertial_wrench(*change)
             force[struck], torque[struck] = more[0][struck], more[1][struck]
-        pushed = self._motions.pushed
-        if pushed.any():
-            drift = self._world.inertial_wrench(*self._motions.disturbance(frame))
+        if self._any_drift:
+            pushed, drift = self._motions.pushed, self._world.inertial_wrench(*self._motions.disturbance(frame))
             force[pushed], torque[pushed] = drift[0][pushed], drift[1][pushed]
         return force, torque

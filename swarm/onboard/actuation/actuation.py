@@ -42,7 +42,7 @@ class Actuation:
             command: accelerations that the wanted wrench corresponds to.
         """
         who = self._who
-        still: Bools = ~np.any(torque, axis=1)
+        still: Bools = (torque[:, 0] == 0) & (torque[:, 1] == 0) & (torque[:, 2] == 0)
         if not len(who):
             return Order(force, torque, *self._nothing, self._orders.stored, self._told(command, still))
         rotation, rate = believed.rotation[who], believed.angular_rate[who]

@@ -183,12 +183,14 @@ def _turn_into(
     angular_acceleration: Floats,
 ) -> None:
     """Turn frames (C, 3, 3), moving at rate and change (C, 3), by offset (C, 3, 3) and by a spin (C,) about body z."""
+    s, cosine, sine = 0.0, 1.0, 0.0
     for c in range(len(frame)):
         r = rotation[c]
         multiply_into(frame[c], offset[c], r)
-        s = spin[c]
-        if s != 0.0:
+        if spin[c] != s:
+            s = spin[c]
             cosine, sine = np.cos(s * time_s), np.sin(s * time_s)
+        if s != 0.0:
             for i in range(3):
                 x, y = r[i, 0], r[i, 1]
                 r[i, 0], r[i, 1] = cosine * x + sine * y, cosine * y - sine * x

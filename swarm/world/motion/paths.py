@@ -7,6 +7,7 @@ import numpy as np
 
 from estimators.arrays import Floats, Ints
 from estimators.kernel import kernel
+from estimators.scratch import scratch
 from estimators.state import Motion
 from swarm.scenario.motions.paths import DEGREE, Circle, Path, Pieces, Wandering
 from swarm.scenario.motions.tones import Tones
@@ -63,19 +64,22 @@ def _polynomials_into(
     time_s: float, start: Floats, coefficient: Floats, position: Floats, velocity: Floats, acceleration: Floats
 ) -> None:
     """Evaluate the pieces with start (C, N) [s] and coefficient (C, N, 6, 3) into (C, 3) each."""
+    value, slope, curve = scratch(0.0, 3), scratch(0.0, 3), scratch(0.0, 3)
     for c in range(len(start)):
         piece = 0
         while piece + 1 < start.shape[1] and time_s >= start[c, piece + 1]:
             piece += 1
         since = time_s - start[c, piece]
         for i in range(3):
-            # Horner's scheme for the polynomial and, along with it, for its derivatives over 1! and 2!.
-            value = slope = curve = 0.0
-            for n in range(DEGREE, -1, -1):
-                curve = curve * since + slope
-                slope = slope * since + value
-                value = value * since + coefficient[c, piece, n, i]
-            position[c, i], velocity[c, i], acceleration[c, i] = value, slope, 2 * curve
+            value[i] = slope[i] = curve[i] = 0.0
+        # Horner's scheme for the polynomial and, along with it, for its derivatives over 1! and 2!.
+        for n in range(DEGREE, -1, -1):
+            for i in range(3):
+                curve[i] = curve[i] * since + slope[i]
+                slope[i] = slope[i] * since + value[i]
+                value[i] = value[i] * since + coefficient[c, piece, n, i]
+        for i in range(3):
+            position[c, i], velocity[c, i], acceleration[c, i] = value[i], slope[i], 2 * curve[i]
 
 
 class Wanderings:
