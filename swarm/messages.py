@@ -172,7 +172,8 @@ class Command(NamedTuple):
             return self
         inertia = self.inertia
         if not mask.any():
-            return Command(*np.zeros((2, len(mask), 3)), None if inertia is None else np.full_like(inertia, np.nan))
+            nothing = np.zeros((len(mask), 3))
+            return Command(nothing, nothing.copy(), None if inertia is None else np.full_like(inertia, np.nan))
         flat = np.reshape(mask, (-1, 1))
         linear, angular = (np.where(flat, part, 0.0) for part in (self.acceleration, self.angular_acceleration))
         return Command(linear, angular, None if inertia is None else np.where(flat[:, None], inertia, np.nan))

@@ -425,7 +425,7 @@ def test_sparing_mujoco_the_search_for_contacts_changes_no_bit(seed, monkeypatch
 
 def test_craft_can_touch_exactly_where_their_spheres_can_meet():
     """Against all pairs in NumPy, with forces and with the lighthouse, in crowds about to touch or just not."""
-    answers = []
+    answers, changes, before = [], 0, False
     for seed in range(60):
         rng = np.random.default_rng(seed)
         built = world(start("a", "mockup"), start("b", "cubesat6u", (2, 0, 3)), start("c", "mockup", (0, 2, 3)))
@@ -434,14 +434,21 @@ def test_craft_can_touch_exactly_where_their_spheres_can_meet():
             [rng.uniform(-0.6, 0.6, (3, 3)) + np.array([0, 0, 0.6]), np.tile([1.0, 0, 0, 0], (3, 1))], axis=1
         )
         rate, force = rng.normal(0, 0.5, (3, 6)), rng.normal(0, 1, (3, 3))
-        reach = near._radius * (1 + 1e-9)
-        reach[:3] += (np.linalg.norm(rate[:, :3], axis=1) + np.linalg.norm(force, axis=1) / built.mass * T) * T
-        centre = np.vstack([pose[:, :3], near._station_m])
-        apart = np.linalg.norm(centre[:, None] - centre, axis=2) - reach[:, None] - reach
-        expected = bool((apart[np.triu_indices(4, 1)] <= 0).any())
-        assert near.can_touch(pose, rate, force, T) == expected
-        answers.append(expected)
+        # Then in small steps, where the gaps of the step before are known.
+        for step in range(20):
+            reach = near._radius * (1 + 1e-9)
+            reach[:3] += (np.linalg.norm(rate[:, :3], axis=1) + np.linalg.norm(force, axis=1) / built.mass * T) * T
+            centre = np.vstack([pose[:, :3], near._station_m])
+            apart = np.linalg.norm(centre[:, None] - centre, axis=2) - reach[:, None] - reach
+            expected = bool((apart[np.triu_indices(4, 1)] <= 0).any())
+            assert near.can_touch(pose, rate, force, T) == expected
+            pose[:, :3] += rng.normal(0, 0.02 if step % 5 else 0.1, (3, 3))
+            if step == 0:
+                answers.append(expected)
+            changes += step > 0 and expected != before
+            before = expected
     assert 10 < sum(answers) < 50
+    assert changes > 50
     pose[0, 0] = np.nan
     assert near.can_touch(pose, rate, force, T), "what is not a number is MuJoCo's to find"
 

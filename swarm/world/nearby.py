@@ -2,9 +2,12 @@
 
 A sphere around every craft's centre of mass holds all its geoms, whatever its attitude. Without a contact, a constant
 force F moves the centre of mass by at most (|v| + |F| T / m) T in a period T, so craft whose spheres, enlarged by that,
-do not overlap cannot touch in it; the same holds for a craft and a station. The spheres are sorted into cubes as
-wide as the largest of them, and each is compared with those in the 27 cubes around it: the time grows with the number
-of craft, not its square.
+do not overlap cannot touch in it; the same holds for a craft and a station. The spheres are sorted into cubes half as
+wide again as the largest of them, and each is compared with those in the 27 cubes around it: the time grows with the
+number of craft, not its square.
+
+The least gap g between any two of them is found along with it. No two overlap as long as each stays within the sphere
+that is larger by g / 2 than it was then.
 """
 
 import mujoco
@@ -39,7 +42,8 @@ class Neighbourhood:
         self._radius = reach
         self._mass = model.body_mass[craft_bodies].copy()
         self._com_m = model.body_ipos[craft_bodies].copy()
-        self._scratch = np.empty((craft + stations, 4))
+        self._spheres, self._before = np.empty((craft + stations, 4)), np.full((craft + stations, 4), np.nan)
+        self._gap_m = 0.0
         self._station_m = np.empty((stations, 3))
         for place, body in zip(self._station_m, station_bodies, strict=True):
             mujoco.mju_rotVecQuat(place, model.body_ipos[body], model.body_quat[body])
@@ -58,11 +62,13 @@ class Neighbourhood:
             force: bound on the force on each craft, (C, 3) [N].
             period_s: length of the period [s].
         """
-        spheres = self._scratch
-        craft = len(self._mass)
+        spheres, craft = self._spheres, len(self._mass)
         spheres[craft:, :3], spheres[craft:, 3] = self._station_m, self._radius[craft:]
         _grow_into(pose, rate, force, self._mass, self._com_m, self._radius, period_s, spheres)
-        return bool(_overlap(spheres))
+        if not _within(spheres, self._before, self._gap_m / 2):
+            self._gap_m = _least_gap(spheres)
+            self._before[:] = spheres
+        return not self._gap_m > 0
 
 
 @kernel
@@ -85,18 +91,34 @@ def _grow_into(
 
 
 @kernel
-def _overlap(sphere: Floats) -> bool:
-    """Return whether any two of the spheres (N, 4), centre and radius, overlap; True where a number is not finite."""
+def _within(sphere: Floats, before: Floats, more: float) -> bool:
+    """Return whether each sphere (N, 4), centre and radius, is within the one before, enlarged by `more` [m]."""
+    for i in range(len(sphere)):
+        x, y, z = sphere[i, 0] - before[i, 0], sphere[i, 1] - before[i, 1], sphere[i, 2] - before[i, 2]
+        left = more - (sphere[i, 3] - before[i, 3])
+        if not (left > 0 and x * x + y * y + z * z < left * left):
+            return False
+    return True
+
+
+@kernel
+def _least_gap(sphere: Floats) -> float:
+    """Return the least gap between any two of the spheres (N, 4), centre and radius [m].
+
+    Where two overlap, it is that of any such two, not above zero; where a number is not finite, NaN. Gaps beyond the
+    largest radius are not looked for.
+    """
     count = len(sphere)
     widest, farthest = 0.0, 0.0
     for i in range(count):
         for k in range(4):
             if not np.isfinite(sphere[i, k]):
-                return True
+                return np.nan
         widest = max(widest, sphere[i, 3])
         farthest = max(farthest, max(abs(sphere[i, 0]), max(abs(sphere[i, 1]), abs(sphere[i, 2]))))
     # The lower limit keeps the cubes' integer indices in range where the spheres are nearly points.
-    side = max(2 * widest, farthest * 1e-6 + 1e-9)
+    side = max(3 * widest, farthest * 1e-6 + 1e-9)
+    gap: float = side - 2 * widest
     size = 1
     while size < 2 * count:
         size *= 2
@@ -114,13 +136,14 @@ def _overlap(sphere: Floats) -> bool:
                         square = 0.0
                         for k in range(3):
                             square += (sphere[i, k] - sphere[j, k]) ** 2
-                        if square <= (sphere[i, 3] + sphere[j, 3]) ** 2:
-                            return True
+                        gap = min(gap, np.sqrt(square) - (sphere[i, 3] + sphere[j, 3]))
+                        if gap <= 0:
+                            return gap
                         j = following[j]
         slot = _slot(x, y, z, size)
         following[i] = head[slot]
         head[slot] = i
-    return False
+    return gap
 
 
 @kernel
