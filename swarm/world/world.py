@@ -32,7 +32,7 @@ from swarm.world.assembly import LIGHTHOUSE, Placement, Standing, assemble, at_o
 from swarm.world.craft import Visual, load_craft, quiet
 from swarm.world.nearby import Neighbourhood
 from swarm.world.orbit import NO_ORBIT, orbit_step, velocity_before
-from swarm.world.wrench import OnboardWrench, most_force, wrench_into
+from swarm.world.wrench import OnboardWrench, constant_into, most_force, wrench_into
 
 LARGEST = 1e6
 """Limit of a coordinate [m], velocity [m/s] or rate [rad/s]; beyond it the simulation counts as unstable."""
@@ -162,8 +162,7 @@ class World:
         # All joints are free joints, attached in order: qpos is a table of seven columns, qvel one of six.
         self._pose = self._data.qpos.reshape(-1, 7)
         self._rate = self._data.qvel.reshape(-1, 6)
-        # The bodies of the craft are the last ones, in order.
-        self._wrench = self._data.xfrc_applied[self.model.nbody - len(self.names) :]
+        self._joint_forces = self._data.qfrc_applied.reshape(-1, 6)
         self._pose[:] = np.concatenate([position, quaternion], axis=1)
         # MuJoCo keeps a free joint's angular rate in the body frame.
         body_rate = (np.swapaxes(matrix_from_quaternion(quaternion), -1, -2) @ rate[..., None])[..., 0]
@@ -221,8 +220,7 @@ class World:
         pose, rate = np.empty((steps + 1, count, 7)), np.empty((steps + 1, count, 6))
         contact = np.zeros(count, dtype=np.bool_)
         pose[0], rate[0] = self._pose, self._rate
-        self._wrench[:, :3], self._wrench[:, 3:] = force, torque
-        if not np.isfinite(self._wrench).all():
+        if not (np.isfinite(force).all() and np.isfinite(torque).all()):
             who = self.names[int(np.argmin(np.isfinite(force).all(axis=1) & np.isfinite(torque).all(axis=1)))]
             raise SwarmError(f"craft {who!r}: force or torque is not finite at {self._frame / self._rate_hz:.4f} s")
         n, period_s = self._orbit.n, 1 / self._rate_hz
@@ -234,7 +232,9 @@ class World:
             onboard = OnboardWrench(*np.zeros((3, steps, count, 3)))
         with quiet():
             for step in range(1, steps + 1):
-                if onboard is not None:
+                if onboard is None:
+                    constant_into(self._pose, self.com_m, force, torque, self._joint_forces)
+                else:
                     self._apply(force, torque, onboard, step - 1)
                 mujoco.mj_step(self.model, self._data)
                 pose[step], rate[step] = self._pose, self._rate
@@ -284,7 +284,7 @@ class World:
             onboard.torque[step],
             onboard.wheel_momentum[step],
             *self._orbit,
-            self._wrench,
+            self._joint_forces,
         )
 
     def _begin_in_orbit(self, orbit: RelativeOrbit, timestep_s: float) -> None:

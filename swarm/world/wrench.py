@@ -1,13 +1,21 @@
-"""Wrench on the craft in a physics step: a constant one, the actuators' in the body frame, and the orbit's."""
+"""Wrench on the craft in a physics step: a constant one, the actuators' in the body frame, and the orbit's.
+
+MuJoCo takes the forces of a free joint: F, and in the body frame the torque about the body's origin, R^T M + r x R^T F
+with r from the origin to the centre of mass, where F and M are given. It could find them from F and M by itself, which
+takes it a sixth of the time of its whole step; these are its own, bit for bit where the origin is the centre of mass.
+"""
 
 from typing import NamedTuple
 
 import numpy as np
 
 from estimators.arrays import Floats
-from estimators.kernel import kernel
-from estimators.rotation import quaternion_rows
+from estimators.kernel import inlined, kernel
+from estimators.rotation import Row, Rows, quaternion_rows
 from swarm.world.orbit import orbit_acceleration_into
+
+_UNIT = 1e-15
+"""Deviation of a quaternion's length from 1 from which MuJoCo normalizes it (its mjMINVAL)."""
 
 
 class OnboardWrench(NamedTuple):
@@ -58,6 +66,51 @@ def most_force(
     return most
 
 
+@inlined
+def _generalized_into(pose: Floats, com: Floats, force: Row, torque: Row, out: Floats) -> None:
+    """Write one craft's wrench as the forces (6,) of its free joint, from pose (7,) and centre of mass (3,)."""
+    w, x, y, z = pose[3], pose[4], pose[5], pose[6]
+    # Normalized, and written as a matrix, as MuJoCo does it, which rounds otherwise than `quaternion_rows`.
+    size = np.sqrt((w * w + x * x) + (y * y + z * z))
+    if abs(size - 1) > _UNIT:
+        w, x, y, z = w * (1 / size), x * (1 / size), y * (1 / size), z * (1 / size)
+    rows = (
+        ((w * w - y * y) + (x * x - z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), (w * w + y * y) - (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), (w * w - y * y) - (x * x - z * z)),
+    )
+    f = _into_body(rows, force)
+    m = _into_body(rows, torque)
+    out[0], out[1], out[2] = force
+    out[3] = m[0] + (com[1] * f[2] - com[2] * f[1])
+    out[4] = m[1] + (com[2] * f[0] - com[0] * f[2])
+    out[5] = m[2] + (com[0] * f[1] - com[1] * f[0])
+
+
+@kernel
+def _into_body(rows: Rows, vector: Row) -> Row:
+    """Return R^T v, summed as MuJoCo does."""
+    a, b, c = rows
+    x, y, z = vector
+    return a[0] * x + b[0] * y + c[0] * z, a[1] * x + b[1] * y + c[1] * z, a[2] * x + b[2] * y + c[2] * z
+
+
+@kernel
+def constant_into(pose: Floats, com: Floats, force: Floats, torque: Floats, out: Floats) -> None:
+    """Write the forces of free joints for one step under a wrench that does not turn with the craft.
+
+    Args:
+        pose: MuJoCo's position and quaternion, (C, 7).
+        com: centres of mass, (C, 3) [m], body frame.
+        force: force through the centre of mass, (C, 3) [N], lighthouse frame.
+        torque: torque about the centre of mass, (C, 3) [N m], lighthouse frame.
+        out: output, (C, 6).
+    """
+    for c in range(len(pose)):
+        f, m = (force[c, 0], force[c, 1], force[c, 2]), (torque[c, 0], torque[c, 1], torque[c, 2])
+        _generalized_into(pose[c], com[c], f, m, out[c])
+
+
 @kernel
 def wrench_into(
     pose: Floats,
@@ -77,7 +130,7 @@ def wrench_into(
     b: float,
     out: Floats,
 ) -> None:
-    """Write force and torque about the centre of mass, lighthouse frame, for one step.
+    """Write the forces of free joints for one step under the whole wrench.
 
     The wrench is the sum of the constant one, the actuators' from the body frame, the wheels' torque -w x h, and the
     orbit's force. The orbit's arguments `axes` to `b` are the fields of an `OrbitStep`.
@@ -98,9 +151,9 @@ def wrench_into(
         d: coefficient d [1/s].
         s: coefficient s [1/s^2].
         b: coefficient b [1/s].
-        out: output, force [N] and torque [N m], (C, 6).
+        out: output, (C, 6).
     """
-    place, speed, pull, body = np.empty(3), np.empty(3), np.empty(3), np.empty((2, 3))
+    place, speed, pull, body, total = np.empty(3), np.empty(3), np.empty(3), np.empty((2, 3)), np.empty((2, 3))
     for c in range(len(pose)):
         p, q, r = rate[c, 3], rate[c, 4], rate[c, 5]
         cx, cy, cz = com[c, 0], com[c, 1], com[c, 2]
@@ -115,8 +168,10 @@ def wrench_into(
             row = turn[i]
             place[i] = pose[c, i] + row[0] * cx + row[1] * cy + row[2] * cz
             speed[i] = rate[c, i] + row[0] * about[0] + row[1] * about[1] + row[2] * about[2]
-            out[c, i] = force[c, i] + row[0] * body[0, 0] + row[1] * body[0, 1] + row[2] * body[0, 2]
-            out[c, 3 + i] = torque[c, i] + row[0] * body[1, 0] + row[1] * body[1, 1] + row[2] * body[1, 2]
+            total[0, i] = force[c, i] + row[0] * body[0, 0] + row[1] * body[0, 1] + row[2] * body[0, 2]
+            total[1, i] = torque[c, i] + row[0] * body[1, 0] + row[1] * body[1, 1] + row[2] * body[1, 2]
         orbit_acceleration_into(axes, n, h, d, s, b, place, speed, pull)
         for i in range(3):
-            out[c, i] += mass[c] * pull[i]
+            total[0, i] += mass[c] * pull[i]
+        f, m = (total[0, 0], total[0, 1], total[0, 2]), (total[1, 0], total[1, 1], total[1, 2])
+        _generalized_into(pose[c], com[c], f, m, out[c])
