@@ -211,8 +211,84 @@ def _entry(box: Floats, b: int, ox: float, oy: float, oz: float, ix: float, iy: 
 
 
 @kernel
+def first_hit(
+    mesh: Triangles,
+    ox: float,
+    oy: float,
+    oz: float,
+    dx: float,
+    dy: float,
+    dz: float,
+    enough: float,
+    stack: Ints,
+    entries: Floats,
+) -> tuple[float, int]:
+    """Return the distance [m] of a ray's first hit and its triangle; inf and -1 where it meets none.
+
+    Numbers, not rows of arrays, since each row counts references.
+
+    Args:
+        mesh: of `triangles`.
+        ox: of the origin [m].
+        oy: likewise.
+        oz: likewise.
+        dx: of the direction, unit.
+        dy: likewise.
+        dz: likewise.
+        enough: a hit as near as this, and not the first of all, will do [m].
+        stack: of boxes, `DEPTH`.
+        entries: of the distances at which the ray enters them, `DEPTH`.
+    """
+    box, right, packed = mesh.box, mesh.right, mesh.packed
+    ix = 1.0 / dx if dx != 0 else 1e300
+    iy = 1.0 / dy if dy != 0 else 1e300
+    iz = 1.0 / dz if dz != 0 else 1e300
+    best, which, top = np.inf, -1, 1
+    stack[0], entries[0] = 0, _entry(box, 0, ox, oy, oz, ix, iy, iz)
+    while top > 0:
+        top -= 1
+        b = stack[top]
+        if entries[top] >= best:
+            continue
+        while b >= 0 and right[b] >= 0:
+            # The nearer child first: what it holds hides much of the other.
+            one, two = b + 1, right[b]
+            first = _entry(box, one, ox, oy, oz, ix, iy, iz)
+            second = _entry(box, two, ox, oy, oz, ix, iy, iz)
+            if second < first:
+                one, two, first, second = two, one, second, first
+            if second < best:
+                stack[top], entries[top] = two, second
+                top += 1
+            b = one if first < best else -1
+        if b < 0:
+            continue
+        for i in range(mesh.first[b], mesh.last[b]):
+            ax, ay, az = packed[i, 3], packed[i, 4], packed[i, 5]
+            bx, by, bz = packed[i, 6], packed[i, 7], packed[i, 8]
+            hx, hy, hz = dy * bz - dz * by, dz * bx - dx * bz, dx * by - dy * bx
+            volume = ax * hx + ay * hy + az * hz
+            if volume == 0:
+                continue
+            sx, sy, sz = ox - packed[i, 0], oy - packed[i, 1], oz - packed[i, 2]
+            u = (sx * hx + sy * hy + sz * hz) / volume
+            if u < 0 or u > 1:
+                continue
+            fx, fy, fz = sy * az - sz * ay, sz * ax - sx * az, sx * ay - sy * ax
+            v = (dx * fx + dy * fy + dz * fz) / volume
+            if v < 0 or u + v > 1:
+                continue
+            s = (bx * fx + by * fy + bz * fz) / volume
+            if 0 < s < best:
+                best, which = s, mesh.number[i]
+        if best <= enough:
+            break
+    return best, which
+
+
+@kernel
 def cast_into(mesh: Triangles, start: Floats, direction: Floats, distance: Floats, triangle: Ints) -> None:
-    """Write the first hits of rays; numbers, not rows of arrays, since each row counts references.
+    """Write the first hits of rays.
 
     Args:
         mesh: of `triangles`.
@@ -221,50 +297,8 @@ def cast_into(mesh: Triangles, start: Floats, direction: Floats, distance: Float
         distance: receives distances (N,) [m], inf where nothing is hit.
         triangle: receives indices (N,), -1 there.
     """
-    box, right, packed = mesh.box, mesh.right, mesh.packed
     stack, entries = np.empty(DEPTH, dtype=np.int64), np.empty(DEPTH)
-    for ray in range(len(direction)):
-        ox, oy, oz = start[ray, 0], start[ray, 1], start[ray, 2]
-        dx, dy, dz = direction[ray, 0], direction[ray, 1], direction[ray, 2]
-        ix = 1.0 / dx if dx != 0 else 1e300
-        iy = 1.0 / dy if dy != 0 else 1e300
-        iz = 1.0 / dz if dz != 0 else 1e300
-        best, which, top = np.inf, -1, 1
-        stack[0], entries[0] = 0, _entry(box, 0, ox, oy, oz, ix, iy, iz)
-        while top > 0:
-            top -= 1
-            b = stack[top]
-            if entries[top] >= best:
-                continue
-            while b >= 0 and right[b] >= 0:
-                # The nearer child first: what it holds hides much of the other.
-                one, two = b + 1, right[b]
-                first = _entry(box, one, ox, oy, oz, ix, iy, iz)
-                second = _entry(box, two, ox, oy, oz, ix, iy, iz)
-                if second < first:
-                    one, two, first, second = two, one, second, first
-                if second < best:
-                    stack[top], entries[top] = two, second
-                    top += 1
-                b = one if first < best else -1
-            if b < 0:
-                continue
-            for i in range(mesh.first[b], mesh.last[b]):
-                ax, ay, az = packed[i, 3], packed[i, 4], packed[i, 5]
-                bx, by, bz = packed[i, 6], packed[i, 7], packed[i, 8]
-                hx, hy, hz = dy * bz - dz * by, dz * bx - dx * bz, dx * by - dy * bx
-                volume = ax * hx + ay * hy + az * hz
-                if volume == 0:
-                    continue
-                sx, sy, sz = ox - packed[i, 0], oy - packed[i, 1], oz - packed[i, 2]
-                u = (sx * hx + sy * hy + sz * hz) / volume
-                if u < 0 or u > 1:
-                    continue
-                fx, fy, fz = sy * az - sz * ay, sz * ax - sx * az, sx * ay - sy * ax
-                v = (dx * fx + dy * fy + dz * fz) / volume
-                if v < 0 or u + v > 1:
-                    continue
-                s = (bx * fx + by * fy + bz * fz) / volume
-                if 0 < s < best:
-                    best, which = s, mesh.number[i]
-        distance[ray], triangle[ray] = best, which
+    for i in range(len(direction)):
+        ox, oy, oz = start[i, 0], start[i, 1], start[i, 2]
+        dx, dy, dz = direction[i, 0], direction[i, 1], direction[i, 2]
+        distance[i], triangle[i] = first_hit(mesh, ox, oy, oz, dx, dy, dz, 0.0, stack, entries)

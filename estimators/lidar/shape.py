@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from estimators.arrays import Bools, Floats, Ints
+from estimators.kernel import kernel
 from estimators.lidar.nearest import PointTree, point_tree
-from estimators.lidar.ray_cast import Triangles, cast, triangles
+from estimators.lidar.ray_cast import DEPTH, Triangles, cast, first_hit, triangles
 
 POINTS = 4000
 VIEWS = 240
@@ -180,12 +181,8 @@ class Shape:
         """Return the surface points (n,) that a viewer at `viewpoint` (3,) [m] sees: facing it, with nothing in
         between.
         """
-        toward = viewpoint - self.point
-        distance = np.linalg.norm(toward, axis=1)
-        direction = toward / np.maximum(distance, 1e-12)[:, None]
-        out: Bools = np.sum(self.normal * direction, axis=1) > 0
-        start = self.point[out] + 1e-4 * self.radius_m * self.normal[out]
-        out[out] = cast(self.mesh, start, direction[out]).distance > distance[out]
+        out = np.empty(len(self.point), dtype=np.bool_)
+        _visible_into(self.mesh, self.point, self.normal, viewpoint, 1e-4 * self.radius_m, out)
         return out
 
     def edges_from(self, viewpoint: Floats) -> Bools:
@@ -193,13 +190,43 @@ class Shape:
 
         One face looks to the viewer and the other away, and nothing is in between.
         """
-        toward = viewpoint - self.edge.point
-        out: Bools = np.sum(toward * self.edge.one, axis=1) * np.sum(toward * self.edge.two, axis=1) <= 0
-        start = self.edge.point[out] + 2e-3 * self.radius_m * self.edge.outward[out]
-        toward = viewpoint - start
-        distance = np.linalg.norm(toward, axis=1)
-        out[out] = cast(self.mesh, start, toward / distance[:, None]).distance > distance
+        out = np.empty(len(self.edge.point), dtype=np.bool_)
+        _ends_into(self.mesh, self.edge, viewpoint, 2e-3 * self.radius_m, out)
         return out
+
+
+@kernel
+def _visible_into(mesh: Triangles, point: Floats, normal: Floats, viewpoint: Floats, lift: float, out: Bools) -> None:
+    stack, entries = np.empty(DEPTH, dtype=np.int64), np.empty(DEPTH)
+    for i in range(len(point)):
+        x, y, z, nx, ny, nz = point[i, 0], point[i, 1], point[i, 2], normal[i, 0], normal[i, 1], normal[i, 2]
+        dx, dy, dz = viewpoint[0] - x, viewpoint[1] - y, viewpoint[2] - z
+        distance = np.sqrt(dx * dx + dy * dy + dz * dz)
+        over = max(distance, 1e-12)
+        dx, dy, dz = dx / over, dy / over, dz / over
+        out[i] = nx * dx + ny * dy + nz * dz > 0
+        if out[i]:
+            sx, sy, sz = x + lift * nx, y + lift * ny, z + lift * nz
+            out[i] = first_hit(mesh, sx, sy, sz, dx, dy, dz, distance, stack, entries)[0] > distance
+
+
+@kernel
+def _ends_into(mesh: Triangles, edge: SharpEdges, viewpoint: Floats, lift: float, out: Bools) -> None:
+    stack, entries = np.empty(DEPTH, dtype=np.int64), np.empty(DEPTH)
+    known, outward, one, two = edge.point, edge.outward, edge.one, edge.two
+    for i in range(len(known)):
+        first, second = 0.0, 0.0
+        for k in range(3):
+            first += (viewpoint[k] - known[i, k]) * one[i, k]
+            second += (viewpoint[k] - known[i, k]) * two[i, k]
+        out[i] = first * second <= 0
+        if out[i]:
+            x, y = known[i, 0] + lift * outward[i, 0], known[i, 1] + lift * outward[i, 1]
+            z = known[i, 2] + lift * outward[i, 2]
+            dx, dy, dz = viewpoint[0] - x, viewpoint[1] - y, viewpoint[2] - z
+            distance = np.sqrt(dx * dx + dy * dy + dz * dz)
+            dx, dy, dz = dx / distance, dy / distance, dz / distance
+            out[i] = first_hit(mesh, x, y, z, dx, dy, dz, distance, stack, entries)[0] > distance
 
 
 def sphere(count: int) -> Floats:
