@@ -7,8 +7,8 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, cKDTree
 
-from estimators.lidar.matching import Matches, closest, linearised
-from estimators.lidar.nearest import nearest_into, point_tree
+from estimators.lidar.matching import Matches, closest, linearised, unknown
+from estimators.lidar.nearest import nearest_into, point_tree, thinned
 from estimators.lidar.ray_cast import DEPTH, cast, triangles
 from estimators.lidar.registration import register
 from estimators.lidar.scan import Returns, clusters, from_points
@@ -28,17 +28,18 @@ def test_the_nearest_of_those_that_count(rng, flat):
     point = rng.normal(size=(500, 3)) * [1, 1, 0 if flat else 1]
     point[100:120] = point[100]
     counts = rng.random(500) < 0.4
-    tree, kept = point_tree(point), np.flatnonzero(counts)
+    tree, kept = thinned(point_tree(point), counts), np.flatnonzero(counts)
     stack, gaps = np.empty(DEPTH, dtype=np.int64), np.empty(DEPTH)
     for place in 1.5 * rng.normal(size=(200, 3)):
         squared, index = np.empty(4), np.empty(4, dtype=np.int64)
         x, y, z = place
-        found = nearest_into(tree, counts.astype(np.int64), x, y, z, 0.7, squared, index, stack, gaps)
+        found = nearest_into(tree, x, y, z, 0.7**2, squared, index, stack, gaps)
         right = cKDTree(point[kept]).query(place, k=4, distance_upper_bound=0.7)[0]
         assert found == np.count_nonzero(np.isfinite(right))
         assert np.sqrt(squared[:found]) == pytest.approx(right[:found])
-        assert np.linalg.norm(point[index[:found]] - place, axis=1) == pytest.approx(right[:found])
-        assert counts[index[:found]].all()
+        number = tree.number[index[:found]]
+        assert np.linalg.norm(point[number] - place, axis=1) == pytest.approx(right[:found])
+        assert counts[number].all()
 
 
 @pytest.mark.parametrize("spread", [1.0, 1e-9, 0.0])
@@ -64,14 +65,31 @@ def test_every_triangle_hangs_in_the_tree_once_and_is_hit_where_a_loop_over_all_
 
 def test_a_point_is_matched_with_the_closest_surface_that_is_seen(rng):
     shape, turn = crooked(), exp(np.array([0.3, -0.5, 0.2]))
-    seen = shape.visible_from(-turn.T @ DISTANCE)
-    on = shape.point[seen][::9]
-    lifted = on + 0.004 * shape.normal[seen][::9]
-    met = closest(lifted @ turn.T + DISTANCE, shape, seen.astype(np.int64), turn, DISTANCE, 0.1)
+    visible = shape.visible_from(-turn.T @ DISTANCE)
+    seen, nobody = thinned(shape.nearest, visible), thinned(shape.nearest, np.zeros(len(visible), dtype=np.bool_))
+    on = shape.point[visible][::9]
+    lifted = on + 0.004 * shape.normal[visible][::9]
+    met = closest(lifted @ turn.T + DISTANCE, shape, seen, unknown(len(on)), turn, DISTANCE, 0.1)
     assert met.found.all()
     assert np.abs(np.sum(met.normal * (lifted - met.point), axis=1)) == pytest.approx(0.004, abs=1e-6)
-    nothing = closest(lifted @ turn.T + DISTANCE, shape, np.zeros(len(seen), np.int64), turn, DISTANCE, 0.1)
+    nothing = closest(lifted @ turn.T + DISTANCE, shape, nobody, unknown(len(on)), turn, DISTANCE, 0.1)
     assert not nothing.found.any()
+
+
+@pytest.mark.parametrize("step", [1e-4, 1e-2, 0.1])
+def test_matches_that_move_are_those_looked_up_anew(rng, step):
+    shape = crooked()
+    seen = thinned(shape.nearest, shape.visible_from(-DISTANCE))
+    point = shape.point[::7] + 0.05 * rng.normal(size=shape.point[::7].shape) + DISTANCE
+    nearby, width = unknown(len(point)), 0.3
+    for _ in range(12):
+        turn, place = exp(step * rng.normal(size=3)), DISTANCE + step * rng.normal(size=3)
+        followed = closest(point, shape, seen, nearby, turn, place, width)
+        anew = closest(point, shape, seen, unknown(len(point)), turn, place, width)
+        assert 0 < np.count_nonzero(anew.found) <= len(point)
+        for one, other in zip(followed, anew, strict=True):
+            assert (one == other).all()
+        width *= 0.9
 
 
 @pytest.mark.parametrize("incidence_deg", [0.0, 40.0, 75.0])

@@ -19,8 +19,8 @@ FLOOR = 0.3
 """Part of the noise that no incidence takes away, of the known shape itself."""
 GRAZING = 0.12
 """Cosine of the incidence (83 degrees) beyond which a return is not used."""
-NEIGHBOURS = 4
-"""Surface points that a return is compared with."""
+NEIGHBOURS, LISTED = 4, 6
+"""Surface points that a return is compared with, and those near it that are known from one step to the next."""
 
 
 class Matches(NamedTuple):
@@ -46,20 +46,42 @@ class Equations(NamedTuple):
     used: int
 
 
-def closest(point: Floats, shape: Shape, seen: Ints, rotation: Floats, position: Floats, width: float) -> Matches:
+class Nearby(NamedTuple):
+    """Surface points near each of n scanned points, as they were looked up last: those nearest to a place.
+
+    place: (n, 3) [m] in t. known: (n, `LISTED`), places in the tree. many: (n,), of these, -1 where none was sought.
+    reach: (n,) [m], how far from the place nothing else is.
+    """
+
+    place: Floats
+    known: Ints
+    many: Ints
+    reach: Floats
+
+
+def unknown(count: int) -> Nearby:
+    """Return that nothing is known of the surroundings of as many points."""
+    known = np.empty((count, LISTED), dtype=np.int64)
+    return Nearby(np.empty((count, 3)), known, np.full(count, -1), np.empty(count))
+
+
+def closest(
+    point: Floats, shape: Shape, seen: PointTree, nearby: Nearby, rotation: Floats, position: Floats, width: float
+) -> Matches:
     """Match with the closest surface, within `width` and a little.
 
     Args:
         point: (n, 3) [m] in s.
         shape: of the target.
-        seen: (m,), 1 where a surface point is seen.
+        seen: the surface points that are seen.
+        nearby: what is known of the points' surroundings in this tree; becomes what is known now.
         rotation: (3, 3).
         position: (3,) [m].
         width: of the errors [m].
     """
     out = Matches(np.empty((len(point), 3)), np.empty((len(point), 3)), np.empty(len(point), dtype=np.bool_))
-    known = shape.nearest, seen, shape.point, shape.normal, shape.spacing_m
-    _closest_into(point, rotation, position, width + 2 * shape.spacing_m, *known, *out)
+    reach = width + 2 * shape.spacing_m
+    _closest_into(point, rotation, position, reach, seen, nearby, shape.normal, shape.spacing_m, *out)
     return out
 
 
@@ -70,35 +92,84 @@ def _closest_into(
     position: Floats,
     reach: float,
     tree: PointTree,
-    seen: Ints,
-    surface: Floats,
+    nearby: Nearby,
     across: Floats,
     spacing: float,
     m: Floats,
     n: Floats,
     found: Bools,
 ) -> None:
-    squared, index, own = np.empty(NEIGHBOURS), np.empty(NEIGHBOURS, dtype=np.int64), np.empty(3)
-    stack, gaps = np.empty(DEPTH, dtype=np.int64), np.empty(DEPTH)
+    work = np.empty(LISTED), np.empty(LISTED, dtype=np.int64), np.empty(DEPTH, dtype=np.int64), np.empty(DEPTH)
+    own, (squared, index, _, _) = np.empty(3), work
     for i in range(len(point)):
         for k in range(3):
             own[k] = 0.0
             for c in range(3):
                 own[k] += (point[i, c] - position[c]) * rotation[c, k]
-        near = nearest_into(tree, seen, own[0], own[1], own[2], reach, squared, index, stack, gaps)
+        near = _near_into(tree, nearby, i, own[0], own[1], own[2], reach, work)
         best, which = np.inf, 0
         for j in range(near):
-            s = index[j]
-            along = 0.0
+            t, along = tree.number[index[j]], 0.0
             for k in range(3):
-                along += across[s, k] * (own[k] - surface[s, k])
+                along += across[t, k] * (own[k] - tree.packed[index[j], k])
             # A surface point stands for a disc around it: beside an edge, the nearest may be of the wrong face.
             lateral = max(np.sqrt(max(squared[j] - along**2, 0.0)) - spacing, 0.0)
             if along**2 + lateral**2 < best:
-                best, which = along**2 + lateral**2, s
+                best, which = along**2 + lateral**2, index[j]
         found[i] = near > 0
-        for k in range(3):
-            m[i, k], n[i, k] = surface[which, k], across[which, k]
+        if found[i]:
+            for k in range(3):
+                m[i, k], n[i, k] = tree.packed[which, k], across[tree.number[which], k]
+        else:
+            for k in range(3):
+                m[i, k], n[i, k] = 0.0, 0.0
+
+
+@kernel
+def _near_into(
+    tree: PointTree,
+    nearby: Nearby,
+    i: int,
+    x: float,
+    y: float,
+    z: float,
+    reach: float,
+    work: tuple[Floats, Ints, Ints, Floats],
+) -> int:
+    """Write the `NEIGHBOURS` surface points nearest to a scanned point, and return how many there are within reach.
+
+    While it moves little, they are among those known, since all others are further away.
+    """
+    squared, index, stack, gaps = work
+    count, known, packed, limit = nearby.many[i], nearby.known, tree.packed, reach * reach
+    if count >= 0:
+        px, py, pz = x - nearby.place[i, 0], y - nearby.place[i, 1], z - nearby.place[i, 2]
+        alone = max(nearby.reach[i] - np.sqrt(px * px + py * py + pz * pz), 0.0)
+        found, furthest = 0, 0.0
+        for j in range(count):
+            s = known[i, j]
+            dx, dy, dz = packed[s, 0] - x, packed[s, 1] - y, packed[s, 2] - z
+            d = dx * dx + dy * dy + dz * dz
+            furthest = max(furthest, d)
+            if d >= limit or (found == NEIGHBOURS and d >= squared[NEIGHBOURS - 1]):
+                continue
+            place = min(found, NEIGHBOURS - 1)
+            while place > 0 and squared[place - 1] > d:
+                squared[place], index[place] = squared[place - 1], index[place - 1]
+                place -= 1
+            squared[place], index[place] = d, s
+            found = min(found + 1, NEIGHBOURS)
+        if (squared[NEIGHBOURS - 1] if found == NEIGHBOURS else limit) < alone * alone:
+            return found
+        if count == LISTED:
+            # As many are no further away than these.
+            limit = min(limit, furthest * (1 + 1e-9))
+    count = nearest_into(tree, x, y, z, limit, squared, index, stack, gaps)
+    nearby.place[i, 0], nearby.place[i, 1], nearby.place[i, 2], nearby.many[i] = x, y, z, count
+    nearby.reach[i] = np.sqrt(squared[LISTED - 1]) if count == LISTED else np.sqrt(limit)
+    for j in range(count):
+        known[i, j] = index[j]
+    return min(count, NEIGHBOURS)
 
 
 def along_rays(point: Floats, shape: Shape, rotation: Floats, position: Floats) -> Matches:

@@ -1,13 +1,13 @@
-"""Nearest of many points, some of which do not count: a tree of boxes over all, and a mask of those that do.
+"""Nearest of many points, of which some count: a tree of boxes over all, thinned to those that do.
 
-What is seen of a shape changes with the view, the shape does not: one tree serves all views.
+What is seen of a shape changes with the view, the shape does not: one tree is grown, and thinned for every view.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from estimators.arrays import Floats, Ints
+from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
 from estimators.lidar.ray_cast import grown
 
@@ -15,8 +15,8 @@ from estimators.lidar.ray_cast import grown
 class PointTree(NamedTuple):
     """Points in a tree, as triangles are in `estimators.lidar.ray_cast.Triangles`.
 
-    box: (N, 6) [m]. first, last, right: (N,). number: (n,), indices of the points in the order of the leaves; packed:
-    (n, 3) [m], the points in this order.
+    box: (N, 6) [m]. first, last, right: (N,). number: (n,), indices of the points in the order of the leaves, their
+    places in the tree; packed: (n, 3) [m], the points in this order.
     """
 
     box: Floats
@@ -33,6 +33,45 @@ def point_tree(point: Floats) -> PointTree:
     return PointTree(*tree, np.ascontiguousarray(point[tree[-1]]))
 
 
+def thinned(tree: PointTree, counts: Bools) -> PointTree:
+    """Return the tree of some of the points, those that count by their index (n,)."""
+    box, number, packed = np.empty_like(tree.box), np.empty_like(tree.number), np.empty_like(tree.packed)
+    first, last = tree.first.copy(), tree.last.copy()
+    kept = _thin_into(tree, counts, box, first, last, number, packed)
+    return PointTree(box, first, last, tree.right, number[:kept], packed[:kept])
+
+
+@kernel
+def _thin_into(
+    tree: PointTree, counts: Bools, box: Floats, first: Ints, last: Ints, number: Ints, packed: Floats
+) -> int:
+    """Write the parts of the tree that change, and return how many points there are."""
+    kept = 0
+    for b in range(len(box)):
+        if tree.right[b] >= 0:
+            continue
+        first[b] = kept
+        for i in range(tree.first[b], tree.last[b]):
+            if counts[tree.number[i]]:
+                number[kept] = tree.number[i]
+                for k in range(3):
+                    packed[kept, k] = tree.packed[i, k]
+                kept += 1
+        last[b] = kept
+    # A box comes before those within it; an empty one is infinitely far away.
+    for b in range(len(box) - 1, -1, -1):
+        one, two = b + 1, tree.right[b]
+        for k in range(3):
+            low, high = np.inf, -np.inf
+            if two >= 0:
+                low, high = min(box[one, k], box[two, k]), max(box[one, 3 + k], box[two, 3 + k])
+            else:
+                for i in range(first[b], last[b]):
+                    low, high = min(low, packed[i, k]), max(high, packed[i, k])
+            box[b, k], box[b, 3 + k] = low, high
+    return kept
+
+
 @kernel
 def _squared_gap(box: Floats, b: int, x: float, y: float, z: float) -> float:
     """Return the squared distance of a point from box `b`."""
@@ -45,11 +84,10 @@ def _squared_gap(box: Floats, b: int, x: float, y: float, z: float) -> float:
 @kernel
 def nearest_into(
     tree: PointTree,
-    counts: Ints,
     x: float,
     y: float,
     z: float,
-    reach: float,
+    within: float,
     squared: Floats,
     index: Ints,
     stack: Ints,
@@ -59,18 +97,17 @@ def nearest_into(
 
     Args:
         tree: of the points.
-        counts: (n,), 1 where a point counts, by its index.
         x: of the place [m].
         y: likewise.
         z: likewise.
-        reach: only nearer points [m].
+        within: squared distance, only nearer points [m^2].
         squared: receives squared distances (k,).
-        index: receives indices (k,).
+        index: receives their places in the tree (k,).
         stack: of boxes, `ray_cast.DEPTH`.
         gaps: of their squared distances, `ray_cast.DEPTH`.
     """
     box, right, packed = tree.box, tree.right, tree.packed
-    most, found, worst, top = len(squared), 0, reach * reach, 1
+    most, found, worst, top = len(squared), 0, within, 1
     stack[0], gaps[0] = 0, _squared_gap(box, 0, x, y, z)
     while top > 0:
         top -= 1
@@ -91,14 +128,13 @@ def nearest_into(
         for i in range(tree.first[b], tree.last[b]):
             dx, dy, dz = packed[i, 0] - x, packed[i, 1] - y, packed[i, 2] - z
             d = dx * dx + dy * dy + dz * dz
-            number = tree.number[i]
-            if d >= worst or counts[number] == 0:
+            if d >= worst:
                 continue
             place = found if found < most else most - 1
             while place > 0 and squared[place - 1] > d:
                 squared[place], index[place] = squared[place - 1], index[place - 1]
                 place -= 1
-            squared[place], index[place] = d, number
+            squared[place], index[place] = d, i
             found = min(found + 1, most)
             if found == most:
                 worst = squared[most - 1]

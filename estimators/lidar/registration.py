@@ -37,7 +37,8 @@ from scipy.spatial import cKDTree
 from estimators import rotation as rot
 from estimators.arrays import Floats, Ints
 from estimators.kernel import kernel
-from estimators.lidar.matching import Equations, along_rays, closest, linearised
+from estimators.lidar.matching import Equations, along_rays, closest, linearised, unknown
+from estimators.lidar.nearest import thinned
 from estimators.lidar.scan import Edges, Returns
 from estimators.lidar.shape import Shape
 from estimators.lidar.silhouette import matched, propagated
@@ -123,11 +124,11 @@ def shifted(pose: Posed, position: Floats) -> Floats:
 
 
 class _Visible:
-    """The part of a shape that is seen from viewpoint (3,) [m]. surface: (n,), 1 where a point is; edge: indices."""
+    """The part of a shape that is seen from viewpoint (3,) [m]. surface: its points; edge: indices."""
 
     def __init__(self, shape: Shape, viewpoint: Floats) -> None:
         self._shape, self.viewpoint = shape, viewpoint
-        self.surface: Ints = shape.visible_from(viewpoint).astype(np.int64)
+        self.surface = thinned(shape.nearest, shape.visible_from(viewpoint))
 
     @cached_property
     def edge(self) -> Ints:
@@ -224,12 +225,13 @@ def _iterated(
         # What is visible changes with the pose: looked at again when the view has turned by more than 3 degrees.
         if seen is None or _length(viewpoint - seen.viewpoint) > 0.05 * _length(viewpoint):
             seen = _visible(shape, *viewpoint.tolist())
-            if np.count_nonzero(seen.surface) < FEWEST_POINTS:
+            if len(seen.surface.number) < FEWEST_POINTS:
                 return failed(rotation, position)
+            nearby = unknown(len(returns.point))
         if polishing:
             met = along_rays(returns.point, shape, rotation, position)
         else:
-            met = closest(returns.point, shape, seen.surface, rotation, position, width)
+            met = closest(returns.point, shape, seen.surface, nearby, rotation, position, width)
         told = linearised(returns, met, rotation, position, width)
         normal, right = told.normal, told.right
         if polishing and edges is not None and len(edges.point):

@@ -22,10 +22,10 @@ where the vectors are on one line.
 import numpy as np
 
 from estimators.arrays import Floats
+from estimators.eigen import eigen_into
 from estimators.kernel import kernel
 from estimators.rotation import quaternion_rows
 
-SWEEPS_MAX = 30
 LEAST_GAP = 1e-10
 """Two largest eigenvalues nearer than this share of the first leave a turn about one axis open: s_2 / s_1 is about the
 square of the vectors' width over their length."""
@@ -56,31 +56,8 @@ def attitude_into(h: Floats, out: Floats) -> bool:
         for j in range(3):
             k[1 + i, 1 + j] = h[i, j] + h[j, i]
         k[1 + i, 1 + i] -= k[0, 0]
-    vector = np.eye(4)
-    for _ in range(SWEEPS_MAX):
-        off, size = 0.0, 0.0
-        for i in range(4):
-            size += k[i, i] * k[i, i]
-            for j in range(i):
-                off += k[i, j] * k[i, j]
-        if not off > 1e-34 * size:
-            break
-        for i in range(3):
-            for j in range(i + 1, 4):
-                if k[i, j] == 0.0:
-                    continue
-                ratio = (k[j, j] - k[i, i]) / (2 * k[i, j])
-                t = (1.0 if ratio >= 0 else -1.0) / (abs(ratio) + np.sqrt(ratio * ratio + 1))
-                c = 1 / np.sqrt(t * t + 1)
-                s = t * c
-                for m in range(4):
-                    a, b = k[m, i], k[m, j]
-                    k[m, i], k[m, j] = c * a - s * b, s * a + c * b
-                for m in range(4):
-                    a, b = k[i, m], k[j, m]
-                    k[i, m], k[j, m] = c * a - s * b, s * a + c * b
-                    a, b = vector[m, i], vector[m, j]
-                    vector[m, i], vector[m, j] = c * a - s * b, s * a + c * b
+    vector = np.empty((4, 4))
+    eigen_into(k, vector)
     best = 0
     for i in range(1, 4):
         if k[i, i] > k[best, best]:
