@@ -8,7 +8,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, cKDTree
 
 from estimators.lidar.matching import Matches, closest, linearised, unknown
-from estimators.lidar.nearest import nearest_into, point_tree, thinned
+from estimators.lidar.nearest import nearest, nearest_into, point_tree, thinned
 from estimators.lidar.ray_cast import DEPTH, cast, triangles
 from estimators.lidar.registration import register
 from estimators.lidar.scan import Returns, clusters, from_points
@@ -40,6 +40,11 @@ def test_the_nearest_of_those_that_count(rng, flat):
         number = tree.number[index[:found]]
         assert np.linalg.norm(point[number] - place, axis=1) == pytest.approx(right[:found])
         assert counts[number].all()
+
+
+def test_of_no_points_none_is_the_nearest():
+    found = nearest(point_tree(np.zeros((0, 3))), np.zeros((5, 3)), np.eye(3), np.zeros(3), 1e9)
+    assert found.tolist() == 5 * [-1]
 
 
 @pytest.mark.parametrize("spread", [1.0, 1e-9, 0.0])

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
-from estimators.lidar.ray_cast import grown
+from estimators.lidar.ray_cast import DEPTH, grown
 
 
 class PointTree(NamedTuple):
@@ -139,3 +139,28 @@ def nearest_into(
             if found == most:
                 worst = squared[most - 1]
     return found
+
+
+def nearest(tree: PointTree, point: Floats, rotation: Floats, position: Floats, reach_m: float) -> Ints:
+    """Return the indices (k,) of the points nearest to (k, 3) [m] seen at a pose; -1 where none is within reach.
+
+    Args:
+        tree: of the points, in t.
+        point: (k, 3) [m] in s.
+        rotation: (3, 3), t to s.
+        position: (3,) [m], likewise.
+        reach_m: only nearer points.
+    """
+    out = np.empty(len(point), dtype=np.int64)
+    _nearest_of_each(tree, (point - position) @ rotation, reach_m, out)
+    return out
+
+
+@kernel
+def _nearest_of_each(tree: PointTree, point: Floats, reach: float, out: Ints) -> None:
+    squared, index = np.empty(1), np.empty(1, dtype=np.int64)
+    stack, gaps = np.empty(DEPTH, dtype=np.int64), np.empty(DEPTH)
+    for i in range(len(point)):
+        x, y, z = point[i, 0], point[i, 1], point[i, 2]
+        found = nearest_into(tree, x, y, z, reach * reach, squared, index, stack, gaps)
+        out[i] = tree.number[index[0]] if found else -1

@@ -78,9 +78,13 @@ def triangles(vertex: Floats, face: NDArray[np.integer]) -> Triangles:
 
 
 def grown(low: Floats, high: Floats) -> tuple[Floats, Ints, Ints, Ints, Ints]:
-    """Return the tree of things between corners (F, 3) and (F, 3): box, first, last, right, number of `Triangles`."""
+    """Return the tree of things between corners (F, 3) and (F, 3): box, first, last, right, number of `Triangles`.
+
+    Of no things, it is one box infinitely far away.
+    """
     number = np.arange(len(low))
-    box, (first, last, right) = np.empty((2 * len(low), 6)), np.zeros((3, 2 * len(low)), dtype=np.int64)
+    most = 2 * len(low) + 1
+    box, (first, last, right) = np.empty((most, 6)), np.zeros((3, most), dtype=np.int64)
     boxes = _grow_into(low, high, (low + high) / 2, number, box, first, last, right)
     return box[:boxes].copy(), first[:boxes].copy(), last[:boxes].copy(), right[:boxes].copy(), number
 

@@ -28,17 +28,18 @@ w e^2 where that is above one.
 """
 
 import math
+from copy import copy
 from functools import cached_property, lru_cache
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from estimators import rotation as rot
 from estimators.arrays import Floats, Ints
+from estimators.eigen import eigen_into
 from estimators.kernel import kernel
 from estimators.lidar.matching import Equations, along_rays, closest, linearised, unknown
-from estimators.lidar.nearest import thinned
+from estimators.lidar.nearest import PointTree, nearest, thinned
 from estimators.lidar.scan import Edges, Returns
 from estimators.lidar.shape import Shape
 from estimators.lidar.silhouette import matched, propagated
@@ -124,21 +125,16 @@ def shifted(pose: Posed, position: Floats) -> Floats:
 
 
 class _Visible:
-    """The part of a shape that is seen from viewpoint (3,) [m]. surface: its points; edge: indices."""
+    """The part of a shape that is seen from viewpoint (3,) [m]. surface, edge: trees of its points."""
 
     def __init__(self, shape: Shape, viewpoint: Floats) -> None:
         self._shape, self.viewpoint = shape, viewpoint
         self.surface = thinned(shape.nearest, shape.visible_from(viewpoint))
 
     @cached_property
-    def edge(self) -> Ints:
+    def edge(self) -> PointTree:
         """Asked for by the last steps alone."""
-        return np.flatnonzero(self._shape.edges_from(self.viewpoint))
-
-    @cached_property
-    def edge_tree(self) -> cKDTree:
-        """The edges'."""
-        return cKDTree(self._shape.edge.point[self.edge])
+        return thinned(self._shape.nearest_edge, self._shape.edges_from(self.viewpoint))
 
 
 @lru_cache(maxsize=64)
@@ -180,11 +176,9 @@ def register(
     Raises:
         ValueError: an argument is not finite.
     """
-    if not (np.isfinite(point).all() and np.isfinite(rotation).all() and np.isfinite(position).all()):
-        raise ValueError("point, rotation, position: not finite")
-    if len(point) < FEWEST_POINTS:
-        return failed(rotation, position)
-    return _iterated(Returns(point, noise_m, jitter_rad), shape, rotation, position, edges, reach_m, rough)
+    return Approach(Returns(point, noise_m, jitter_rad), shape, rotation, position, reach_m).registered(
+        edges, rough=rough
+    )
 
 
 def normal_equations(returns: Returns, shape: Shape, rotation: Floats, position: Floats) -> tuple[Floats, Floats]:
@@ -204,66 +198,111 @@ def normal_equations(returns: Returns, shape: Shape, rotation: Floats, position:
     return told.normal, told.right
 
 
-def _iterated(
-    returns: Returns,
-    shape: Shape,
-    rotation: Floats,
-    position: Floats,
-    edges: Edges | None,
-    reach_m: float,
-    rough: bool,
-) -> Registration:
-    """Match and step until the steps are small, as `register`."""
-    noise_m = returns.noise_m
-    least = 3.5 * float(np.hypot(noise_m, 0.15 * shape.spacing_m))
-    width, gate = max(reach_m, least), EDGE_GATE[0] * shape.radius_m
-    converged, polishing, number, seen = False, False, 0, None
-    iterations, step_rad, step_m = _limits(shape, rough)
-    while number < iterations:
-        number += 1
+class Approach:
+    """A registration while points are matched with the closest surface, until its steps are small.
+
+    Edges play no part in it: what follows, with edges or without, roughly or to the end, begins where it ends.
+    """
+
+    def __init__(self, returns: Returns, shape: Shape, rotation: Floats, position: Floats, reach_m: float) -> None:
+        """Step from a start (3, 3), (3,) [m], from which points may lie `reach_m` away.
+
+        Raises ValueError where an argument is not finite.
+        """
+        if not (np.isfinite(returns.point).all() and np.isfinite(rotation).all() and np.isfinite(position).all()):
+            raise ValueError("point, rotation, position: not finite")
+        self._returns, self._shape, self._rotation, self._position = returns, shape, rotation, position
+        self._least = 3.5 * float(np.hypot(returns.noise_m, 0.15 * shape.spacing_m))
+        self._width, self._gate = max(reach_m, self._least), EDGE_GATE[0] * shape.radius_m
+        self._number, self._polishing = 0, False
+        self._seen: _Visible | None = None
+        self._lost = len(returns.point) < FEWEST_POINTS
+        while not self._lost and not self._polishing and self._number < ROUGH_ITERATIONS:
+            self._step(None)
+
+    def registered(self, edges: Edges | None = None, *, rough: bool = False) -> Registration:
+        """Return the registration, as `register`, and stay as it is.
+
+        Args:
+            edges: where the scan's lines leave the target.
+            rough: end at steps of a thousandth of the radius, each edge a normal error.
+        """
+        return copy(self)._registered(edges if edges is not None and len(edges.point) else None, rough)
+
+    def _registered(self, edges: Edges | None, rough: bool) -> Registration:
+        shape, converged = self._shape, False
+        iterations, step_rad, step_m = _limits(shape, rough)
+        while not self._lost and not converged and self._number < iterations:
+            polishing = self._polishing
+            turned, moved = self._step(edges)
+            converged = polishing and turned < step_rad and moved < step_m
+        if edges is not None and self._polishing and not rough and not self._lost:
+            self._finish(edges)
+        if self._lost:
+            return failed(self._rotation, self._position)
+        told, rotation = self._told, self._rotation
+        certain = float(np.sum(told.bisquare))
+        residual = float(np.sqrt(told.bisquare @ told.error**2 / certain))
+        sigma = np.sqrt(max(1.0, float(told.weight @ told.error**2 / certain)))
+        covariance = _covariance(self._normal, sigma, shape, rotation)
+        degenerate, share = not bool(np.isfinite(covariance).all()), told.used / len(self._returns.point)
+        return Registration(rotation, self._position, covariance, converged, self._number, residual, share, degenerate)
+
+    def _step(self, edges: Edges | None) -> tuple[float, float]:
+        """Match and step; return by how much [rad], [m]. It is lost where too few points are matched."""
+        returns, shape, rotation, position = self._returns, self._shape, self._rotation, self._position
+        self._number += 1
         viewpoint = -rotation.T @ position
         # What is visible changes with the pose: looked at again when the view has turned by more than 3 degrees.
-        if seen is None or _length(viewpoint - seen.viewpoint) > 0.05 * _length(viewpoint):
-            seen = _visible(shape, *viewpoint.tolist())
-            if len(seen.surface.number) < FEWEST_POINTS:
-                return failed(rotation, position)
-            nearby = unknown(len(returns.point))
-        if polishing:
+        if self._seen is None or _length(viewpoint - self._seen.viewpoint) > 0.05 * _length(viewpoint):
+            self._seen, self._nearby = _visible(shape, *viewpoint.tolist()), unknown(len(returns.point))
+        seen = self._seen
+        self._lost = len(seen.surface.number) < FEWEST_POINTS
+        if self._lost:
+            return np.inf, np.inf
+        if self._polishing:
             met = along_rays(returns.point, shape, rotation, position)
         else:
-            met = closest(returns.point, shape, seen.surface, nearby, rotation, position, width)
-        told = linearised(returns, met, rotation, position, width)
-        normal, right = told.normal, told.right
-        if polishing and edges is not None and len(edges.point):
-            gate = max(0.75 * gate, EDGE_GATE[1] * float(np.max(edges.width_m)) / np.sqrt(12))
-            own_normal, own_right = _of_edges(edges, noise_m, shape, seen, rotation, position, gate)
-            normal, right = normal + own_normal, right + own_right
-        if told.used < FEWEST_POINTS:
-            return failed(rotation, position)
-        kept = normal if polishing else _of_many(told, shape.radius_m)
-        step, _ = _solve(kept + _pinned(shape, rotation), right, 1.0, shape.radius_m)
+            met = closest(returns.point, shape, seen.surface, self._nearby, rotation, position, self._width)
+        told = linearised(returns, met, rotation, position, self._width)
+        self._told, self._normal, right = told, told.normal, told.right
+        if self._polishing and edges is not None:
+            self._gate = max(0.75 * self._gate, EDGE_GATE[1] * float(np.max(edges.width_m)) / np.sqrt(12))
+            own = _of_edges(edges, returns.noise_m, shape, seen.edge, rotation, position, self._gate)
+            self._normal, right = told.normal + own[0], told.right + own[1]
+        self._lost = told.used < FEWEST_POINTS
+        if self._lost:
+            return np.inf, np.inf
+        step = _solved(self._normal, right, told, shape, rotation, by_many=not self._polishing)
         # Two sets of matches may lead to each other: steps that become shorter end between them.
-        step = step * SHORTER ** max(0, number - PATIENCE)
-        rotation, position = _turned(rotation, step), position + step[3:]
+        step = step * SHORTER ** max(0, self._number - PATIENCE)
+        self._rotation, self._position = _turned(rotation, step), position + step[3:]
         turned, moved = _length(step[:3]), _length(step[3:])
-        converged = polishing and turned < step_rad and moved < step_m
-        if converged:
-            break
-        polishing = polishing or (width <= least and turned < POLISH_RAD)
+        self._polishing = self._polishing or (self._width <= self._least and turned < POLISH_RAD)
         # The weights follow what is left of the error, but never widen again.
         rms = 1.5 * _median(np.abs(told.error[told.weight > 0]))
-        width = max(least, min(0.7 * width, 4.0 * rms + 0.3 * width))
-    if polishing and not rough and seen is not None and edges is not None and len(edges.point):
-        last = _finished(returns, shape, seen, edges, rotation, position, WIDE * width)
-        if last is None:
-            return failed(rotation, position)
-        normal, told, rotation, position = last
-    certain = float(np.sum(told.bisquare))
-    residual = float(np.sqrt(told.bisquare @ told.error**2 / certain))
-    sigma = np.sqrt(max(1.0, float(told.weight @ told.error**2 / certain)))
-    covariance = _covariance(normal, sigma, shape, rotation)
-    degenerate, share = not bool(np.isfinite(covariance).all()), told.used / len(returns.point)
-    return Registration(rotation, position, covariance, converged, number, residual, share, degenerate)
+        self._width = max(self._least, min(0.7 * self._width, 4.0 * rms + 0.3 * self._width))
+        return turned, moved
+
+    def _finish(self, edges: Edges) -> None:
+        """Step with every edge an interval."""
+        returns, shape, seen = self._returns, self._shape, self._seen
+        assert seen is not None
+        width, gate = WIDE * self._width, INTERVAL_GATE * float(np.max(edges.width_m))
+        # What neither points nor edges determine is known to be within a radian, and a radius.
+        weak = np.diag([1.0] * 3 + [shape.radius_m**-2] * 3)
+        for blurred in BLURRED:
+            rotation, position = self._rotation, self._position
+            told = linearised(returns, along_rays(returns.point, shape, rotation, position), rotation, position, width)
+            self._lost = told.used < FEWEST_POINTS
+            if self._lost:
+                return
+            intervals = matched(edges, shape, seen.edge, gate, rotation, position)
+            intervals = intervals._replace(blur=blurred * intervals.blur)
+            known = told.normal + _pinned(shape, rotation) + weak
+            self._told, (self._normal, right) = told, propagated(known, told.right, intervals)
+            step = _solved(self._normal, right, told, shape, None, by_many=False)
+            self._rotation, self._position = _turned(rotation, step), position + step[3:]
 
 
 def _length(vector: Floats) -> float:
@@ -295,43 +334,22 @@ def _median(values: Floats) -> float:
 
 def _covariance(normal: Floats, sigma: float, shape: Shape, rotation: Floats) -> Floats:
     """Return the covariance (6, 6) of a pose for errors of `sigma`, with the turn that has no meaning."""
-    _, covariance = _solve(normal + sigma**2 * _pinned(shape, rotation), np.zeros(6), sigma, shape.radius_m)
+    unit = _unit(shape)
+    value, vector = np.linalg.eigh((normal + sigma**2 * _pinned(shape, rotation)) * unit[:, None] * unit)
+    strong = value > sigma**2
+    if strong.all():
+        out: Floats = sigma**2 * (unit[:, None] * ((vector / value) @ vector.T) * unit)
+    else:
+        weak = (np.abs(vector[:, ~strong]) > 0.1).any(axis=1)
+        out = np.diag(np.where(weak, np.inf, unit**2))
     free = symmetry(shape).free(rotation)
-    out: Floats = covariance + FREE_RAD**2 * free.T @ free
+    out += FREE_RAD**2 * free.T @ free
     return out
 
 
 def _limits(shape: Shape, rough: bool) -> tuple[int, float, float]:
     """Return the number of iterations at most, and the steps [rad], [m] that end them."""
     return (ROUGH_ITERATIONS, ROUGH, ROUGH * shape.radius_m) if rough else (ITERATIONS, STEP_RAD, STEP_M)
-
-
-def _finished(
-    returns: Returns,
-    shape: Shape,
-    seen: _Visible,
-    edges: Edges,
-    rotation: Floats,
-    position: Floats,
-    width: float,
-) -> tuple[Floats, Equations, Floats, Floats] | None:
-    """Return the normal matrix, the points' equations and the pose, every edge an interval; None where too few points
-    are matched.
-    """
-    gate = INTERVAL_GATE * float(np.max(edges.width_m))
-    for blurred in BLURRED:
-        told = linearised(returns, along_rays(returns.point, shape, rotation, position), rotation, position, width)
-        if told.used < FEWEST_POINTS:
-            return None
-        distance, index = seen.edge_tree.query((edges.point - position) @ rotation, distance_upper_bound=gate)
-        intervals = matched(edges, shape, seen.edge, index, np.isfinite(distance), rotation, position)
-        intervals = intervals._replace(blur=blurred * intervals.blur)
-        # What neither points nor edges determine is known to be within a radian, and a radius.
-        weak = np.diag([1.0] * 3 + [shape.radius_m**-2] * 3)
-        normal, right = propagated(told.normal + _pinned(shape, rotation) + weak, told.right, intervals)
-        step, _ = _solve(normal, right, 1.0, shape.radius_m)
-        rotation, position = _turned(rotation, step), position + step[3:]
-    return normal, told, rotation, position
 
 
 def _pinned(shape: Shape, rotation: Floats) -> Floats:
@@ -348,20 +366,12 @@ def _pinned(shape: Shape, rotation: Floats) -> Floats:
 
 
 def _of_edges(
-    edges: Edges,
-    noise_m: float,
-    shape: Shape,
-    seen: _Visible,
-    rotation: Floats,
-    position: Floats,
-    gate: float,
+    edges: Edges, noise_m: float, shape: Shape, seen: PointTree, rotation: Floats, position: Floats, gate: float
 ) -> tuple[Floats, Floats]:
     """Return the normal matrix (6, 6) and the right side (6,) of the scan's edges."""
-    distance, index = seen.edge_tree.query((edges.point - position) @ rotation, distance_upper_bound=gate)
     normal, right = np.zeros((6, 6)), np.zeros(6)
-    near, chosen = np.isfinite(distance), np.full(len(distance), -1)
-    chosen[near] = seen.edge[index[near]]
     known, own = shape.edge, (edges.point, edges.along, edges.width_m)
+    chosen = nearest(seen, edges.point, rotation, position, gate)
     _edges_into(*own, noise_m, known.point, known.tangent, chosen, rotation, position, gate, normal, right)
     return normal, right
 
@@ -415,38 +425,91 @@ def _edges_into(
                 normal[r, c] += weight * j[r] * j[c]
 
 
-def _of_many(told: Equations, radius_m: float) -> Floats:
-    """Return the normal matrix (6, 6) of points without the directions of which a few points tell nearly all.
+def _unit(shape: Shape) -> Floats:
+    """Return units (6,) in which attitude and position of a direction weigh the same."""
+    return np.array([WEAK_ATTITUDE_RAD] * 3 + [WEAK_POSITION * shape.radius_m] * 3)
+
+
+def _solved(
+    normal: Floats, right: Floats, told: Equations, shape: Shape, rotation: Floats | None, *, by_many: bool
+) -> Floats:
+    """Return the step (6,) within the determined directions.
+
+    Args:
+        normal: (6, 6).
+        right: (6,).
+        told: the points' part of them.
+        shape: of the target.
+        rotation: (3, 3), at which a turn without meaning is kept in its place; None: it is.
+        by_many: directions of which a few points tell nearly all are left as they are.
+    """
+    step = np.empty(6)
+    pinned = _pinned(shape, rotation) if rotation is not None else np.zeros((6, 6))
+    fewest = max(FEW, FEW_SHARE * told.used) if by_many else 0.0
+    _solve_into(normal, right, pinned, told.weight, told.jacobian, _unit(shape), fewest, step)
+    return step
+
+
+@kernel
+def _solve_into(
+    normal: Floats,
+    right: Floats,
+    pinned: Floats,
+    weight: Floats,
+    jacobian: Floats,
+    unit: Floats,
+    fewest: float,
+    step: Floats,
+) -> None:
+    scaled, vector, firm = np.empty((6, 6)), np.empty((6, 6)), 0.0
+    for r in range(6):
+        for c in range(6):
+            firm = max(firm, abs(pinned[r, c]))
+            scaled[r, c] = normal[r, c] * unit[r] * unit[c]
+    eigen_into(scaled, vector)
+    if fewest > 0:
+        _leave_out_few(scaled, vector, weight, jacobian, unit, fewest)
+    if firm > 0:
+        value = np.diag(scaled).copy()
+        for r in range(6):
+            for c in range(6):
+                scaled[r, c] = pinned[r, c] * unit[r] * unit[c]
+                for k in range(6):
+                    scaled[r, c] += vector[r, k] * value[k] * vector[c, k]
+        eigen_into(scaled, vector)
+    step[:] = 0.0
+    for k in range(6):
+        if not scaled[k, k] > 1.0:
+            continue
+        along = 0.0
+        for r in range(6):
+            along += vector[r, k] * unit[r] * right[r]
+        for r in range(6):
+            step[r] += unit[r] * vector[r, k] * along / scaled[k, k]
+
+
+@kernel
+def _leave_out_few(
+    scaled: Floats, vector: Floats, weight: Floats, jacobian: Floats, unit: Floats, fewest: float
+) -> None:
+    """Set the eigenvalues of those directions to zero of which a few points tell nearly all.
 
     Some of the closest points are matched with the wrong face. In a direction that all others leave free, nothing
     contradicts these, and they would lead the whole pose astray.
     """
-    unit = np.array([WEAK_ATTITUDE_RAD] * 3 + [WEAK_POSITION * radius_m] * 3)
-    value, vector = np.linalg.eigh(told.normal * unit[:, None] * unit)
-    if value[0] > MANY * value[-1]:
-        return told.normal
-    each = told.weight[:, None] * (told.jacobian @ (unit[:, None] * vector)) ** 2
-    count = each.sum(axis=0) ** 2 / np.maximum((each**2).sum(axis=0), 1e-300)
-    few = count < max(FEW, FEW_SHARE * told.used)
-    if not few.any():
-        return told.normal
-    kept = vector * np.where(few, 0.0, value)
-    out: Floats = (kept @ vector.T) / unit[:, None] / unit
-    return out
-
-
-def _solve(normal: Floats, right: Floats, sigma: float, radius_m: float) -> tuple[Floats, Floats]:
-    """Return the step (6,) within the determined directions, and the covariance (6, 6) for errors of `sigma`."""
-    # In units in which both parts of a direction weigh the same.
-    unit = np.array([WEAK_ATTITUDE_RAD] * 3 + [WEAK_POSITION * radius_m] * 3)
-    value, vector = np.linalg.eigh(normal * unit[:, None] * unit)
-    strong = value > sigma**2
-    inverse = np.where(strong, 1 / np.where(strong, value, 1.0), 0.0)
-    step = unit * (vector @ (inverse * (vector.T @ (unit * right))))
-    if not strong.all():
-        weak = (np.abs(vector[:, ~strong]) > 0.1).any(axis=1)
-        covariance = np.zeros((6, 6))
-        covariance[np.diag_indices(6)] = np.where(weak, np.inf, unit**2)
-        return step, covariance
-    out: Floats = sigma**2 * (unit[:, None] * ((vector * inverse) @ vector.T) * unit)
-    return step, out
+    least, most = np.inf, -np.inf
+    for k in range(6):
+        least, most = min(least, scaled[k, k]), max(most, scaled[k, k])
+    if least > MANY * most:
+        return
+    for k in range(6):
+        total, squares = 0.0, 0.0
+        for i in range(len(weight)):
+            along = 0.0
+            for r in range(6):
+                along += jacobian[i, r] * unit[r] * vector[r, k]
+            each = weight[i] * along**2
+            total += each
+            squares += each**2
+        if total**2 / max(squares, 1e-300) < fewest:
+            scaled[k, k] = 0.0

@@ -148,6 +148,11 @@ class Shape:
         return point_tree(self.point)
 
     @cached_property
+    def nearest_edge(self) -> PointTree:
+        """A tree of the points on sharp edges, likewise."""
+        return point_tree(self.edge.point)
+
+    @cached_property
     def centred(self) -> "Shape":
         """The shape with `centre` as its origin: about another one, a turn would move it, and no radius be its own."""
         if not self.centre.any():

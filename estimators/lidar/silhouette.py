@@ -24,8 +24,9 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators import rotation as rot
-from estimators.arrays import Bools, Floats, Ints
+from estimators.arrays import Floats
 from estimators.kernel import kernel
+from estimators.lidar.nearest import PointTree, nearest
 from estimators.lidar.scan import Edges
 from estimators.lidar.shape import Shape
 from estimators.linear import cholesky_into, solve_cholesky
@@ -57,20 +58,21 @@ class Intervals(NamedTuple):
 
 
 def matched(
-    edges: Edges, shape: Shape, candidates: Ints, index: Ints, found: Bools, rotation: Floats, position: Floats
+    edges: Edges, shape: Shape, seen: PointTree, reach_m: float, rotation: Floats, position: Floats
 ) -> Intervals:
     """Return the intervals of a scan's edges at a pose.
 
     Args:
         edges: where the scan's lines leave the target.
         shape: of the target.
-        candidates: edge points of the shape that are seen.
-        index: (k,), of these, the nearest to each edge of the scan.
-        found: (k,), which edges have one.
+        seen: the shape's edge points that are seen.
+        reach_m: from the nearest of these to an edge of the scan, at most.
         rotation: (3, 3), target to scanner.
         position: (3,) [m], likewise.
     """
-    chosen = candidates[index[found]]
+    index = nearest(seen, edges.point, rotation, position, reach_m)
+    found = index >= 0
+    chosen = index[found]
     x, along, width = edges.point[found], edges.along[found], edges.width_m[found]
     distance = np.linalg.norm(x, axis=1)
     across = rot.cross(x, shape.edge.tangent[chosen] @ rotation.T)

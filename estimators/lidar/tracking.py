@@ -22,7 +22,7 @@ from estimators.lidar.point_cloud import align_principal
 from estimators.lidar.point_cloud import checked as checked_points
 from estimators.lidar.pose_search import search
 from estimators.lidar.profile import Profiled, profiled
-from estimators.lidar.registration import JUMP, Registration, register, shifted
+from estimators.lidar.registration import JUMP, Approach, Registration, shifted
 from estimators.lidar.scan import Edges, Scan, checked
 from estimators.lidar.shape import Shape
 
@@ -129,20 +129,22 @@ def track(
 def _tracked(scan: Scan, shape: Shape, rotation: Floats, position: Floats, s: TrackingSettings) -> Track:
     """Return the pose of a target whose shape is about its origin."""
     part = checked(scan).around(position, (1 + s.reach) * shape.radius_m)
-    point = part.point
-    if len(point) < s.fewest:
-        return Track(rotation, position, np.full((6, 6), np.nan), Outcome.TOO_FEW, np.nan, np.nan, len(point))
+    returns = part.returns
+    number = len(returns.point)
+    if number < s.fewest:
+        return Track(rotation, position, np.full((6, 6), np.nan), Outcome.TOO_FEW, np.nan, np.nan, number)
     edges, reach_m = part.edges(JUMP * shape.radius_m), s.reach * shape.radius_m
-    noise = scan.noise_m, scan.jitter_rad
-    fit = register(point, shape, rotation, position, *noise, edges=edges, reach_m=reach_m)
+    first = Approach(returns, shape, rotation, position, reach_m)
+    fit = first.registered(edges)
     seen = agreement(part, shape, fit.rotation, fit.position)
     walked = float(rot.angle_between(fit.rotation, rotation)) > s.walk_sure_rad
     if not seen.overlap >= (s.overlap_certain if walked else s.overlap_sure):
         # Perhaps a neighbouring minimum, or edges that are matched with others: whatever explains the rays best wins.
         near = search(part, shape, AROUND @ rotation)
-        starts = [(rotation, position), *zip(near.rotation[:TRIED], near.position[:TRIED], strict=True)]
-        for turn, place, known in _elsewhere(part, shape, point, starts, edges, reach_m, fit, seen.cost):
-            other = register(point, shape, turn, place, *noise, edges=known, reach_m=reach_m)
+        starts = zip(near.rotation[:TRIED], near.position[:TRIED], strict=True)
+        approaches = [first, *(Approach(returns, shape, *start, reach_m) for start in starts)]
+        for turn, place, known in _elsewhere(part, shape, approaches, edges, fit, seen.cost):
+            other = Approach(returns, shape, turn, place, reach_m).registered(known)
             agrees = agreement(part, shape, other.rotation, other.position)
             # Where only false edges determined the pose, that it is not determined is the better answer. The ranges
             # alone always fit a little better without edges, which is no reason to do without.
@@ -166,28 +168,20 @@ def _tracked(scan: Scan, shape: Shape, rotation: Floats, position: Floats, s: Tr
         outcome = Outcome.OVERLAP
     elif float(rot.angle_between(fit.rotation, rotation)) > s.walk_most_rad:
         outcome = Outcome.WALKED_AWAY
-    return Track(fit.rotation, fit.position, fit.covariance, outcome, fit.residual_m, overlap, len(point))
+    return Track(fit.rotation, fit.position, fit.covariance, outcome, fit.residual_m, overlap, number)
 
 
 def _elsewhere(
-    scan: Scan,
-    shape: Shape,
-    point: Floats,
-    starts: list[tuple[Floats, Floats]],
-    edges: Edges,
-    reach_m: float,
-    fit: Registration,
-    cost: float,
+    scan: Scan, shape: Shape, approaches: list[Approach], edges: Edges, fit: Registration, cost: float
 ) -> list[tuple[Floats, Floats, Edges | None]]:
     """Return poses near the prediction that may explain the rays better than a registration does, each with the edges
     to be used: roughly registered, with edges and without, and each once.
     """
     out: list[tuple[Floats, Floats, Edges | None]] = []
-    noise = scan.noise_m, scan.jitter_rad
     for known in (edges, None):
         met = [(fit.rotation, fit.position)] if known else []
-        for start in starts:
-            other = register(point, shape, *start, *noise, edges=known, reach_m=reach_m, rough=True)
+        for approach in approaches:
+            other = approach.registered(known, rough=True)
             if any(_same(other, *pose, shape) for pose in met):
                 continue
             met.append((other.rotation, other.position))
