@@ -20,7 +20,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from estimators import rotation as rot
 from estimators.arrays import Floats
@@ -145,12 +144,46 @@ def _ray_image(scan: Scan, centroid: Floats, shape: Shape) -> _RayImage:
     x /= np.linalg.norm(x)
     frame = np.stack([x, np.cross(z, x), z])
     half = min(1.2 * shape.diameter_m / max(distance, 0.5 * shape.diameter_m), 2.0)
-    middle = (np.arange(CELLS) + 0.5) / CELLS * 2 * half - half
-    u, v = np.meshgrid(middle, middle, indexing="ij")
-    look = np.stack([u, v, np.ones_like(u)], axis=-1)
-    look /= np.linalg.norm(look, axis=-1, keepdims=True)
-    _, ray = cKDTree(scan.direction).query(look @ frame, distance_upper_bound=0.75 * scan.spacing_rad)
-    return _RayImage(frame, np.where(ray < len(scan.direction), ray, -1).astype(np.int32), half)
+    ray, squared = np.full((CELLS, CELLS), -1, dtype=np.int32), np.full((CELLS, CELLS), (0.75 * scan.spacing_rad) ** 2)
+    _image_into(scan.direction @ frame.T, 0.75 * scan.spacing_rad, half, ray, squared)
+    return _RayImage(frame, ray, half)
+
+
+@kernel
+def _image_into(direction: Floats, reach: float, half: float, ray: NDArray[np.int32], squared: Floats) -> None:
+    """Write the nearest ray of each cell, every ray into the cells that it may be the nearest of.
+
+    Args:
+        direction: (N, 3) of the rays, unit, in the image's frame.
+        reach: how far from a cell's direction its ray may be.
+        half: tangent of the half width.
+        ray: (A, A), receives the rays.
+        squared: (A, A), square of `reach`, becomes that of the distance.
+    """
+    cells = len(ray)
+    look, low, high = np.empty((cells, cells, 3)), np.empty(2), np.empty(2)
+    for i in range(cells):
+        for j in range(cells):
+            u, v = (i + 0.5) / cells * 2 * half - half, (j + 0.5) / cells * 2 * half - half
+            size = np.sqrt(u * u + v * v + 1.0)
+            look[i, j, 0], look[i, j, 1], look[i, j, 2] = u / size, v / size, 1.0 / size
+    for n in range(len(direction)):
+        x, y, z = direction[n, 0], direction[n, 1], direction[n, 2]
+        # A cell within reach has its tangents between those of the corners of a cube; beside the camera, anywhere.
+        far, near = z + reach, z - reach
+        for k in range(2):
+            a, b = direction[n, k] - reach, direction[n, k] + reach
+            low[k], high[k] = -half, half
+            if near > 0:
+                low[k], high[k] = max(min(a / far, a / near), -half), min(max(b / far, b / near), half)
+        first = int((low[0] + half) / (2 * half) * cells - 0.5)
+        other = int((low[1] + half) / (2 * half) * cells - 0.5)
+        for i in range(max(first, 0), min(int((high[0] + half) / (2 * half) * cells + 0.5), cells)):
+            for j in range(max(other, 0), min(int((high[1] + half) / (2 * half) * cells + 0.5), cells)):
+                dx, dy, dz = look[i, j, 0] - x, look[i, j, 1] - y, look[i, j, 2] - z
+                d = dx * dx + dy * dy + dz * dz
+                if d < squared[i, j]:
+                    squared[i, j], ray[i, j] = d, n
 
 
 @kernel

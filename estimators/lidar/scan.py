@@ -89,9 +89,7 @@ class Scan(NamedTuple):
         distance = float(np.linalg.norm(position))
         if distance <= radius_m:
             near |= True
-        part = self.rays(near)
-        depth = part.range_m
-        part = part.rays(~(depth < distance - radius_m))
+        part = self.rays(near & ~(self.range_m < distance - radius_m))
         outside = part.range_m > distance + radius_m
         return part._replace(range_m=np.where(outside, np.nan, part.range_m))
 
@@ -132,7 +130,7 @@ def checked(scan: Scan) -> Scan:
         raise ValueError(f"scan: expected (N,) lines and steps, got {scan.line.shape}, {scan.step.shape}")
     if not np.isfinite(direction).all():
         raise ValueError("scan: a direction is not finite")
-    if len(direction) and np.abs(np.linalg.norm(direction, axis=1) - 1).max() > 1e-6:
+    if np.any(np.abs(np.sqrt(np.einsum("ij,ij->i", direction, direction)) - 1) > 1e-6):
         raise ValueError("scan: a direction is not of unit length")
     if np.isinf(depth).any() or np.any(depth[np.isfinite(depth)] <= 0):
         raise ValueError("scan: a range is infinite or not positive; NaN says that a ray did not return")

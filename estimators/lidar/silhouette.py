@@ -23,12 +23,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators import rotation as rot
-from estimators.arrays import Floats
+from estimators.arrays import Floats, Ints
 from estimators.kernel import kernel
 from estimators.lidar.nearest import PointTree, nearest
 from estimators.lidar.scan import Edges
-from estimators.lidar.shape import Shape
+from estimators.lidar.shape import Shape, SharpEdges
 from estimators.linear import cholesky_into, solve_cholesky
 
 CLEAR = 0.4
@@ -70,28 +69,66 @@ def matched(
         rotation: (3, 3), target to scanner.
         position: (3,) [m], likewise.
     """
-    index = nearest(seen, edges.point, rotation, position, reach_m)
-    found = index >= 0
-    chosen = index[found]
-    x, along, width = edges.point[found], edges.along[found], edges.width_m[found]
-    distance = np.linalg.norm(x, axis=1)
-    across = rot.cross(x, shape.edge.tangent[chosen] @ rotation.T)
-    size = np.linalg.norm(across, axis=1)
-    across /= np.maximum(size, 1e-12)[:, None]
-    turned = shape.edge.point[chosen] @ rotation.T
-    crossing = np.sum(across * along, axis=1)
-    # The surface must end on the side on which the rays did not return.
-    outward = np.sum(across * (shape.edge.outward[chosen] @ rotation.T), axis=1)
-    right_side = (np.abs(outward) < OUTSIDE) | (outward * crossing > 0)
-    # The face that looks to the scanner.
-    one, two = (n[chosen] @ rotation.T for n in (shape.edge.one, shape.edge.two))
-    facing = np.maximum(-np.sum(one * x, axis=1), -np.sum(two * x, axis=1)) / distance
-    doubt = np.where(edges.lost[found] & (facing < STEEP), LOST_STEEP, LOST)
-    clear = (size / distance > CLEAR) & right_side
-    centre = np.sum(across * (x - turned - position), axis=1)
-    jacobian = np.concatenate([rot.cross(turned, across), across], axis=1)
-    half = np.abs(crossing) * width / 2
-    return Intervals(jacobian[clear], centre[clear], half[clear], edges.blur_m[found][clear], doubt[clear])
+    chosen = nearest(seen, edges.point, rotation, position, reach_m)
+    out = Intervals(np.empty((len(chosen), 6)), *np.empty((4, len(chosen))))
+    used = _match_into(edges, shape.edge, chosen, rotation, position, *out)
+    return Intervals(*(part[:used] for part in out))
+
+
+@kernel
+def _match_into(
+    edges: Edges,
+    known: SharpEdges,
+    chosen: Ints,
+    rotation: Floats,
+    position: Floats,
+    jacobian: Floats,
+    centre: Floats,
+    half: Floats,
+    blur: Floats,
+    doubt: Floats,
+) -> int:
+    """Write the intervals of the edges that have one, and return how many there are."""
+    used = 0
+    m, t, n, own, across = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    for i in range(len(chosen)):
+        s = chosen[i]
+        if s < 0:
+            continue
+        distance = np.sqrt(edges.point[i, 0] ** 2 + edges.point[i, 1] ** 2 + edges.point[i, 2] ** 2)
+        error, outward, one, two = 0.0, 0.0, 0.0, 0.0
+        for k in range(3):
+            m[k], t[k], own[k] = 0.0, 0.0, 0.0
+            for c in range(3):
+                m[k] += rotation[k, c] * known.point[s, c]
+                t[k] += rotation[k, c] * known.tangent[s, c]
+                own[k] += edges.point[i, c] * rotation[c, k]
+            # The face that looks to the scanner.
+            one -= known.one[s, k] * own[k]
+            two -= known.two[s, k] * own[k]
+        for k in range(3):
+            a, b = (k + 1) % 3, (k + 2) % 3
+            n[k] = edges.point[i, a] * t[b] - edges.point[i, b] * t[a]
+        size = np.sqrt(n[0] ** 2 + n[1] ** 2 + n[2] ** 2)
+        crossing = 0.0
+        for k in range(3):
+            n[k] /= max(size, 1e-12)
+            crossing += n[k] * edges.along[i, k]
+            error += n[k] * (edges.point[i, k] - m[k] - position[k])
+        for k in range(3):
+            across[k] = n[0] * rotation[0, k] + n[1] * rotation[1, k] + n[2] * rotation[2, k]
+            outward += across[k] * known.outward[s, k]
+        # The surface must end on the side on which the rays did not return.
+        right_side = abs(outward) < OUTSIDE or outward * crossing > 0
+        if not (size / distance > CLEAR and right_side):
+            continue
+        for k in range(3):
+            a, b = (k + 1) % 3, (k + 2) % 3
+            jacobian[used, k], jacobian[used, 3 + k] = m[a] * n[b] - m[b] * n[a], n[k]
+        centre[used], half[used], blur[used] = error, abs(crossing) * edges.width_m[i] / 2, edges.blur_m[i]
+        doubt[used] = LOST_STEEP if edges.lost[i] and max(one, two) / distance < STEEP else LOST
+        used += 1
+    return used
 
 
 def propagated(normal: Floats, right: Floats, intervals: Intervals) -> tuple[Floats, Floats]:
@@ -105,7 +142,7 @@ def propagated(normal: Floats, right: Floats, intervals: Intervals) -> tuple[Flo
     j, centre, half, blur, doubt = intervals
     precision = 1 / (half**2 / 3 + blur**2)
     weighted = precision * centre
-    _propagate_into(np.ascontiguousarray(j), centre, half, blur, doubt, normal, right, precision, weighted)
+    _propagate_into(j, centre, half, blur, doubt, normal, right, precision, weighted)
     return normal + j.T @ (precision[:, None] * j), right + j.T @ weighted
 
 
