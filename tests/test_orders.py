@@ -105,7 +105,8 @@ def test_the_motion_ordered_between_two_epochs_is_that_of_two_halves(lead_s: flo
 
 def test_a_command_of_nobody_orders_nothing_and_tells_nobody_turns_freely() -> None:
     rng = np.random.default_rng(2)
-    whole = Command(*rng.standard_normal((2, 4, 3)), np.tile(np.eye(3), (4, 1, 1)))
+    linear, angular = rng.standard_normal((2, 4, 3))
+    whole = Command(linear, angular, np.tile(np.eye(3), (4, 1, 1)))
     nobody, some = np.zeros(4, dtype=np.bool_), np.array([True, False, True, False])
     none, part = whole.only(nobody), whole.only(some)
     assert not none.acceleration.any()
