@@ -27,6 +27,13 @@ class State(NamedTuple):
         """Return the state of one craft, without the craft axis."""
         return State._make(part[craft] for part in self)
 
+    def copied(self, mask: Bools) -> "State":
+        """Return a copy of the states of the craft in `mask` (C,); those of the others are not set."""
+        out, who = State._make(np.empty_like(part) for part in self), np.flatnonzero(mask)
+        for own, part in zip(out, self, strict=True):
+            own[who] = part[who]
+        return out
+
     def ahead(self, time_s: float) -> "State":
         """Return the state `time_s` later if the rates stay constant."""
         return self._replace(

@@ -243,6 +243,9 @@ def test_who_asks_for_the_covariances_of_some_craft_changes_nobody_s_numbers(kin
             part = banks[1].covariance_where(some)
             np.testing.assert_array_equal(part[some], whole[some])
             np.testing.assert_array_equal(banks[2].covariance_of(3), whole[3])
+            for all_of_it, own, one in zip(bank.state, bank.state_where(some), bank.state_of(3), strict=True):
+                np.testing.assert_array_equal(own[some], all_of_it[some])
+                np.testing.assert_array_equal(one, all_of_it[3])
         for bank in banks:
             bank.update_pose(updated, *pose, covariance, coupling)
             bank.stop(every & (frame == 20) & some)

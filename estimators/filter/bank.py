@@ -181,6 +181,14 @@ class FilterBank(ABC):
         """P (C, 12, 12): attitude error, angular rate, position, velocity [rad, rad/s, m, m/s]."""
         return self._covariance(np.ones_like(self._active)).copy()
 
+    def state_where(self, mask: Bools) -> State:
+        """Return the states of the craft of the mask (C,) alone; those of the others are not set."""
+        return self._state.copied(mask)
+
+    def state_of(self, craft: int) -> State:
+        """Return the state of one craft, without the craft axis."""
+        return State._make(part.copy() for part in self._state.of(craft))
+
     def covariance_where(self, mask: Bools) -> Floats:
         """Return P (C, 12, 12) of the craft of the mask (C,) alone; those of the others are not set."""
         out = np.empty_like(self._p)

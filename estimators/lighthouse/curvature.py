@@ -44,7 +44,7 @@ def to_second_order(
     sides = covariance[who][:, :, :3] @ axes[:, :, :0:-1] / np.sqrt(variance[:, None, :0:-1])
     values = []
     for signs in SIGNS:
-        moved = State._make(part.copy() for part in state)
+        moved = state.copied(mask)
         arms = np.empty(ARMS)
         for c, x in zip(who.tolist(), sides @ signs, strict=True):
             place = moved.rotation[c], moved.angular_rate[c], moved.position[c], moved.velocity[c]

@@ -14,7 +14,7 @@ import numpy as np
 
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats, Ints
-from estimators.filter.error_state import POSE_COLUMNS
+from estimators.filter.error_state import POSE, POSE_COLUMNS
 from estimators.kernel import kernel
 from estimators.lighthouse.dop import Dilution, dilution
 from estimators.lighthouse.integrity import AngleNoise, Sweeps, linearised
@@ -263,7 +263,9 @@ class LighthouseFix:
             mask[i] = self._is_flat(i, screened.lit[i])
         if not mask.any():
             return None
-        covariance = s.station.matrix_into(bank.covariance_where(mask)[:, POSE_COLUMNS[:, None], POSE_COLUMNS])
+        who, covariance = np.flatnonzero(mask), np.empty((len(mask), POSE, POSE))
+        own = bank.covariance_where(mask)[who][:, POSE_COLUMNS[:, None], POSE_COLUMNS]
+        covariance[who] = s.station.matrix_into(own)
         seen = sweeps._replace(lit=screened.lit)
         rows = pose_rows(seen, mask, predicted.rotation, predicted.position, covariance, self._noise)
         rates = s.station.rows_out(rows.rates) if s.motion_compensation else np.zeros_like(rows.rates)

@@ -155,8 +155,8 @@ class MirrorImages:
         self._lead[asked] += np.clip(ahead[asked], -DECISIVE, DECISIVE)
         behind = other.active & (self._lead < -LIKELIER)
         if behind.any():
-            before = own.state, own.covariance
-            own.adopt(behind, other.state, other.covariance)
+            before = own.state_where(behind), own.covariance_where(behind)
+            own.adopt(behind, other.state_where(behind), other.covariance_where(behind))
             other.adopt(behind, *before)
             self._lead[behind] *= -1
         other.stop(other.active & (self._lead >= DECISIVE))
@@ -164,11 +164,12 @@ class MirrorImages:
     def _merge(self) -> None:
         """Make one filter of two that have come to the same."""
         own, other = self._tracks.bank, self._images.bank
-        one = np.zeros_like(own.active)
-        if not other.active.any():
+        followed = other.active
+        if not followed.any():
             return
-        state, covariance = own.state, own.covariance
-        for c in np.flatnonzero(other.active).tolist():
+        one = np.zeros_like(followed)
+        state, covariance = own.state_where(followed), own.covariance_where(followed)
+        for c in np.flatnonzero(followed).tolist():
             if self._apart(c) < ONE:
                 one[c] = True
                 self._mixed(c, state, covariance)
@@ -179,7 +180,7 @@ class MirrorImages:
         """Write the mean and the covariance of craft c's two filters in the place of its own."""
         other = self._images.bank
         share = 1 / (1 + np.exp(np.clip(self._lead[c], -2 * DECISIVE, 2 * DECISIVE) / 2))
-        here, there, pivot = state.of(c), other.state.of(c), self._pivot[c]
+        here, there, pivot = state.of(c), other.state_of(c), self._pivot[c]
         away = _away(there, here, pivot)
         mean, carried = _moved(here, share * away, pivot)
         back = _moved(there, _away(mean, there, pivot), pivot)[1]
@@ -220,7 +221,7 @@ class MirrorImages:
             return
         assert taken.batch is not None
         parted, near, own_mixed, close = np.zeros((4, len(asked)), dtype=np.bool_)
-        first, second = (own.state, own.covariance), (own.state, own.covariance)
+        first, second = ((own.state_where(asked), own.covariance_where(asked)) for _ in range(2))
         for c in np.flatnonzero(asked).tolist():
             rows = taken.batch.of(c, taken.kept)
             fold = self._fold(c, rows, *first)
@@ -259,14 +260,19 @@ class MirrorImages:
     def _apart(self, c: int) -> float:
         """Return the squared distance of craft c's two filters, in the covariance of both."""
         own, other, pivot = self._tracks.bank, self._images.bank, self._pivot[c]
-        here, there, covariance = own.state.of(c), other.state.of(c), other.covariance_of(c)
+        here, there, covariance = own.state_of(c), other.state_of(c), other.covariance_of(c)
         away = _away(there, here, pivot)
         shear(covariance, _moved(there, _away(here, there, pivot), pivot)[1])
         return float(away @ np.linalg.solve(own.covariance_of(c) + covariance, away))
 
     def _fold(self, c: int, rows: Rows, states: State, covariances: Floats) -> _Fold | None:
-        """Return the fold that craft c's filter, of all states and covariances, reaches over, or its tilt's middle;
-        None if there is none.
+        """Return the fold that a filter of craft c reaches over, or its tilt's middle; None if there is none.
+
+        Args:
+            c: the craft.
+            rows: its rows.
+            states: by craft.
+            covariances: likewise, (C, 12, 12).
         """
         state, covariance = states.of(c), covariances[c]
         pivot = self._sweeps.centre(c, rows)

@@ -169,7 +169,7 @@ class SingleSweeps:
             before: the filters as they are, if that is known.
         """
         if before is None:
-            before = Filtered(bank.active, bank.state, bank.covariance_where(mask))
+            before = Filtered(bank.active, bank.state_where(mask), bank.covariance_where(mask))
         state, covariance = before.state, before.covariance
         bends, light = self.bends(mask, covariance, state.position), light_of(self._stations, self._noise)
         many = pose_sums(rows, kept, mask & ~bends, light, self._point_m, state, covariance)

@@ -253,8 +253,7 @@ class Tracks:
         result = bank.update_pose(by_pose, fix.rotation, fix.position, fix.covariance, fix.coupling)
         if fix.rows is None or by_rows is None:
             return result.accepted, result.nis
-        h = _all_columns(fix.rows)
-        other = bank.update(by_rows, fix.rows.y, h, np.broadcast_to(np.eye(POSE), (len(update), POSE, POSE)))
+        other = bank.update(by_rows, fix.rows.y, *_all_columns(fix.rows))
         return result.accepted | other.accepted, np.where(by_rows, other.nis, result.nis)
 
     def _pushed(self, refused: Bools, fix: PoseFix) -> Bools:
@@ -263,7 +262,8 @@ class Tracks:
         innovations_into(refused, fix.rotation, fix.position, self.bank.state, fix.coupling, y, h)
         r = fix.covariance.copy()
         if fix.rows is not None and (by_rows := refused & fix.rows.mask).any():
-            y[by_rows], h[by_rows], r[by_rows] = fix.rows.y[by_rows], _all_columns(fix.rows)[by_rows], np.eye(POSE)
+            for own, given in zip((y, h, r), (fix.rows.y, *_all_columns(fix.rows)), strict=True):
+                own[by_rows] = given[by_rows]
         out = np.zeros_like(refused)
         for c in np.flatnonzero(refused).tolist():
             out[c] = self.push(c, y[c], h[c], r[c])
@@ -341,8 +341,8 @@ class Tracks:
         return Filtered(self.bank.active, self.bank.state, self.bank.covariance)
 
     def filtered_where(self, mask: Bools) -> Filtered:
-        """Return the filters as they are now, with the covariances of the craft of the mask (C,) alone."""
-        return Filtered(self.bank.active, self.bank.state, self.bank.covariance_where(mask))
+        """Return the filters of the craft of the mask (C,) alone as they are now; those of the others are not set."""
+        return Filtered(self.bank.active, self.bank.state_where(mask), self.bank.covariance_where(mask))
 
     def rate_covariance(self, craft: int) -> Floats:
         """Return the covariance (6, 6) of a craft's rates (angular, linear): predicted, or a wide prior."""
@@ -433,8 +433,10 @@ def _keep_beyond(mask: Bools, covariance: Floats, variance: float) -> None:
         mask[c] = mask[c] and p[0, 0] + p[1, 1] + p[2, 2] > variance
 
 
-def _all_columns(rows: Rows) -> Floats:
-    """Return H (C, 6, 12) of rows whose columns are apart."""
-    h = np.zeros((len(rows.mask), POSE, STATES))
-    h[:, :, POSE_COLUMNS], h[:, :, RATE_COLUMNS] = rows.pose, rows.rates
-    return h
+def _all_columns(rows: Rows) -> tuple[Floats, Floats]:
+    """Return H (C, 6, 12) of rows whose columns are apart, and R (C, 6, 6); those of craft without are not set."""
+    craft, who = len(rows.mask), np.flatnonzero(rows.mask)
+    h, r, own = np.empty((craft, POSE, STATES)), np.empty((craft, POSE, POSE)), np.zeros((len(who), POSE, STATES))
+    own[:, :, POSE_COLUMNS], own[:, :, RATE_COLUMNS] = rows.pose[who], rows.rates[who]
+    h[who], r[who] = own, np.eye(POSE)
+    return h, r
