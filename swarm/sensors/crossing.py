@@ -181,6 +181,7 @@ def _segment_at(motion: _Motion, c: int, t: float) -> int:
     return j
 
 
+@kernel
 def cross_into(
     knot: Floats,
     position: Floats,
@@ -211,18 +212,18 @@ def cross_into(
         instant: output, crossing instants, (C, K, 2) [s].
         width: output, sweep widths, (C, K, 2) [s].
     """
-    intervals, photodiodes = len(knot) - 1, lit.shape[1]
+    intervals, photodiodes, w = len(knot) - 1, lit.shape[1], 2 * np.pi / period
     motion = _Motion(knot, position, quaternion, np.empty((intervals, SEGMENT)), np.empty(intervals, np.bool_))
     room = _Room(
-        point=np.empty((photodiodes, 3, WIDE)),
-        normal=np.empty((photodiodes, 3, WIDE)),
-        error=np.empty((2, photodiodes, WIDE)),
-        instant=np.empty((photodiodes, WIDE)),
-        width=np.empty((photodiodes, WIDE)),
-        knots=np.empty((2, 8, WIDE)),
-        time=np.empty((1, WIDE)),
+        np.empty((photodiodes, 3, WIDE)),
+        np.empty((photodiodes, 3, WIDE)),
+        np.empty((2, photodiodes, WIDE)),
+        np.empty((photodiodes, WIDE)),
+        np.empty((photodiodes, WIDE)),
+        np.empty((2, 8, WIDE)),
+        np.empty((1, WIDE)),
     )
-    _cross_into(motion, point, normal, lit, error, fans, 2 * np.pi / period, diameter, room, instant, width)
+    _cross_into(motion, point, normal, lit, error, fans, w, diameter, room, instant, width)
 
 
 @kernel

@@ -66,6 +66,7 @@ def _strays_into(keys: Keys, count: Ints, frame: int, mean: float, period_s: flo
         out.number[c] = n
 
 
+@kernel
 def errors_into(keys: Keys, rotor: np.uint64, frame: int, lit: Bools, own: float, shared: float, out: Floats) -> None:
     """Write the random errors of the angles of photodiodes that are lit.
 
@@ -78,9 +79,9 @@ def errors_into(keys: Keys, rotor: np.uint64, frame: int, lit: Bools, own: float
         shared: standard deviation of what all angles of a sweep have in common [rad].
         out: output, (C, K, 2) [rad]; NaN where a fan does not light a photodiode.
     """
-    share, normal = np.full((2, -(-2 * lit.shape[1] // WIDE), WIDE), 0.5)
-    which = np.empty(share.size, dtype=np.int64)
-    _errors_into(keys, rotor, frame, lit, own, shared, share.ravel(), share, normal.ravel(), normal, which, out)
+    groups = -(-2 * lit.shape[1] // WIDE)
+    share, normal, which = np.full((groups, WIDE), 0.5), np.empty((groups, WIDE)), np.empty(groups * WIDE, np.int64)
+    _errors_into(keys, rotor, frame, lit, own, shared, share.reshape(-1), share, normal.reshape(-1), normal, which, out)
 
 
 @kernel

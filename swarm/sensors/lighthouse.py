@@ -104,6 +104,9 @@ class Lighthouse:
             raise ValueError(f"{layout.craft_count} different craft keys needed, not {names}")
         self.keys, self._rotor = keys_of(seed, Purpose.LIGHT, names), key_of(seed, Purpose.LIGHT)
         self._count = layout.present.sum(axis=1)
+        flash_s = SYNC_WIDTH_S + SYNC_WIDTH_STEP_S * np.arange(2)
+        self._flash_ticks = np.rint(flash_s / settings.tick_s).astype(np.int64)
+        self._none_lost = np.zeros((*layout.present.shape, 2), dtype=np.bool_)
         self._fans = kernel_fans(lighthouse_1(*self.fans))
         point = layout.point_m.copy()
         offset = np.empty(layout.craft_count)
@@ -166,11 +169,10 @@ class Lighthouse:
         settings, craft, period = self.settings, len(lit), 1 / self.settings.rate_hz
         jitter = settings.sync_jitter_s * np.array(normals(self._rotor, frame, 0, FLASH))
         flash = turn.phase_s + np.array([0.0, period / turn.speed / 2]) + jitter
-        flash_width = (SYNC_WIDTH_S + SYNC_WIDTH_STEP_S * np.arange(2)) / settings.tick_s
-        flashed, lost = lit, np.zeros(lit.shape, dtype=np.bool_)
+        flashed, lost = lit, self._none_lost
         chances = settings.missed_sync_probability, settings.lost_pulse_probability
         if any(chances):
-            flashed = lit.copy()
+            flashed, lost = lit.copy(), np.empty_like(lit)
             chances_into(self.keys, frame, *chances, flashed, lost)
         stray = strays(self.keys, self._count, frame, settings.stray_pulse_rate_hz, period)
         most = 4 * lit.shape[1] + stray.pulse.shape[1]
@@ -188,7 +190,7 @@ class Lighthouse:
             stray.number,
             stray.pulse,
             flash,
-            np.rint(flash_width).astype(np.int64),
+            self._flash_ticks,
             self.clock_offset_tick + frame * period / settings.tick_s,
             settings.tick_s,
             pulses,

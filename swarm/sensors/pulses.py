@@ -30,6 +30,7 @@ class _Room(NamedTuple):
     places: Floats
 
 
+@kernel
 def pack_into(
     flashed: Bools,
     instant: Floats,
@@ -59,8 +60,9 @@ def pack_into(
         out: output, with room for all of them; behind the last one, photodiode is -1 and the rest 0.
     """
     craft, sweeps = len(flashed), 2 * flashed.shape[1]
-    rise, ticks, key, place = np.full((4, -(-sweeps // WIDE), WIDE), np.inf)
-    room = _Room(rise.ravel(), ticks.ravel(), key.ravel(), place.ravel(), key, place)
+    groups = -(-sweeps // WIDE)
+    keys, places = np.full((groups, WIDE), np.inf), np.empty((groups, WIDE))
+    room = _Room(np.empty(sweeps), np.empty(sweeps), keys.reshape(-1), places.reshape(-1), keys, places)
     _pack_into(
         flashed.reshape(craft, sweeps),
         instant.reshape(craft, sweeps),
