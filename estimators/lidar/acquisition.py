@@ -23,8 +23,8 @@ from estimators.lidar.agreement import WORST, agreement
 from estimators.lidar.likeness import mistaken
 from estimators.lidar.pose_search import STARTS, Poses, distinct, rotations, search
 from estimators.lidar.profile import profiled
-from estimators.lidar.registration import JUMP, Registration, register, shifted
-from estimators.lidar.scan import Edges, Scan, checked, clusters
+from estimators.lidar.registration import JUMP, Approach, Registration, shifted
+from estimators.lidar.scan import Edges, Returns, Scan, checked, clusters
 from estimators.lidar.shape import Shape
 from estimators.lidar.symmetry import symmetry
 
@@ -216,7 +216,7 @@ def _of_object(scan: Scan, everything: Scan, shape: Shape, s: AcquisitionSetting
     poses = distinct(found, s.apart_rad / 2, s.candidates, group.angle_between)
     some = point[:: max(1, len(point) // 300)]
     edges = scan.edges(JUMP * shape.radius_m)
-    rough = refined(scan, shape, poses, some, edges, rough=True)
+    rough = refined(scan, shape, poses, some, edges)
     # The best ones once more, with all points; and then what the best of all is mistaken for, until it stays the best.
     fine, asked = list[Candidate](), None
     for _ in range(ROUNDS):
@@ -226,7 +226,7 @@ def _of_object(scan: Scan, everything: Scan, shape: Shape, s: AcquisitionSetting
         if not fine or (asked is not None and not differ(fine[0].fit, asked, s, shape)):
             break
         asked = fine[0].fit
-        rough += refined(scan, shape, mistaken(shape, asked.rotation, asked.position), some, edges, rough=True)
+        rough += refined(scan, shape, mistaken(shape, asked.rotation, asked.position), some, edges)
     if not fine:
         return nothing(len(point))._replace(verdict=Verdict.NOT_RECOGNISED)
     others = [c for c in fine[1:] + rough if differ(c.fit, fine[0].fit, s, shape)]
@@ -320,39 +320,34 @@ def confidence_of(overlap: float, margin: float, s: AcquisitionSettings) -> floa
     return float(min(agrees, unique))
 
 
-def refined(
-    scan: Scan,
-    shape: Shape,
-    poses: Poses,
-    point: Floats,
-    edges: Edges | None,
-    *,
-    rough: bool = False,
-) -> list[Candidate]:
-    """Return registrations from poses, those that no ray says anything of left out.
+def refined(scan: Scan, shape: Shape, poses: Poses, point: Floats, edges: Edges) -> list[Candidate]:
+    """Return rough registrations from poses, those that no ray says anything of left out.
+
+    One that its points leave free is looked for along what they do.
 
     Args:
         scan: of the target.
         shape: of the target.
         poses: where they start.
         point: (n, 3) [m], those returns that are registered.
-        edges: of the scan; None: without.
-        rough: as of `register`; one that its points leave free is looked for along what they do.
+        edges: of the scan.
     """
-    out = []
-    noise = scan.noise_m, scan.jitter_rad
-    for rotation, position in zip(poses.rotation, poses.position, strict=True):
-        reach_m = (REACH_ROUGH if rough else REACH) * shape.radius_m
-        fit = register(point, shape, rotation, position, *noise, edges=edges, reach_m=reach_m, rough=rough)
-        seen = agreement(scan, shape, fit.rotation, fit.position)
-        if seen.rays:
-            out.append(Candidate(fit, seen.cost, seen.overlap, seen.rays, seen.conflict))
+    returns, reach_m = scan.returns._replace(point=point), REACH_ROUGH * shape.radius_m
+    starts = zip(poses.rotation, poses.position, strict=True)
+    fits = [Approach(returns, shape, *start, reach_m).registered(edges, rough=True) for start in starts]
+    out = [c for c in (_compared(scan, shape, fit) for fit in fits) if c.rays]
     hopeful = HOPEFUL * min((c.cost for c in out), default=0.0)
     free = [c.fit.degenerate and c.cost < hopeful and np.isfinite(c.fit.residual_m) for c in out]
-    return [_slid(scan, shape, point, edges, c) if rough and slides else c for c, slides in zip(out, free, strict=True)]
+    return [_slid(scan, shape, returns, edges, c) if slides else c for c, slides in zip(out, free, strict=True)]
 
 
-def _slid(scan: Scan, shape: Shape, point: Floats, edges: Edges | None, rough: Candidate) -> Candidate:
+def _compared(scan: Scan, shape: Shape, fit: Registration) -> Candidate:
+    """Return a registration beside what all rays say of it."""
+    seen = agreement(scan, shape, fit.rotation, fit.position)
+    return Candidate(fit, seen.cost, seen.overlap, seen.rays, seen.conflict)
+
+
+def _slid(scan: Scan, shape: Shape, returns: Returns, edges: Edges, rough: Candidate) -> Candidate:
     """Return a rough registration once more from where the rays want it along what its points leave free, if better.
 
     What points leave free stays where the search had it: a plate slides within its plane, and neither its own points
@@ -362,11 +357,9 @@ def _slid(scan: Scan, shape: Shape, point: Floats, edges: Edges | None, rough: C
     better = profiled(some, shape, rough.fit.rotation, rough.fit.position)
     if better is None:
         return rough
-    noise, reach_m = (scan.noise_m, scan.jitter_rad), REACH * shape.radius_m
-    turn, place = better.rotation, better.position
-    fit = register(point, shape, turn, place, *noise, edges=edges, reach_m=reach_m, rough=True)
-    seen = agreement(scan, shape, fit.rotation, fit.position)
-    return Candidate(fit, seen.cost, seen.overlap, seen.rays, seen.conflict) if seen.cost < rough.cost else rough
+    approach = Approach(returns, shape, better.rotation, better.position, REACH * shape.radius_m)
+    found = _compared(scan, shape, approach.registered(edges, rough=True))
+    return found if found.cost < rough.cost else rough
 
 
 def finely(
@@ -386,11 +379,12 @@ def finely(
     """
     out = []
     for rough in candidates:
-        one = Poses(rough.fit.rotation[None], rough.fit.position[None], np.zeros(1))
-        found = refined(scan, shape, one, scan.point, edges)
+        start = rough.fit.rotation, rough.fit.position
+        approach = Approach(scan.returns, shape, *start, REACH * shape.radius_m)
+        found = [c for c in [_compared(scan, shape, approach.registered(edges))] if c.rays]
         if found and found[0].overlap < s.overlap_edges:
-            plain = refined(scan, shape, one, scan.point, None)
-            found += [c for c in plain if not c.fit.degenerate]
+            plain = _compared(scan, shape, approach.registered())
+            found += [plain] if plain.rays and not plain.fit.degenerate else []
         found = sorted(found, key=lambda c: c.cost)[:1]
         out += [rough] if not found or rough.cost < CLEARLY * found[0].cost else found
     return out

@@ -144,7 +144,7 @@ class Evidence:
                 near = symmetry(shape).angle_between(likely.rotation, rival.fit.rotation) < s.apart_rad
                 starts += list(zip(likely.rotation[near], likely.position[near], strict=True))
             turns, places = (np.array(part) for part in zip(*starts, strict=True))
-            rough = refined(scan, shape, Poses(turns, places, np.zeros(len(turns))), some, edges, rough=True)
+            rough = refined(scan, shape, Poses(turns, places, np.zeros(len(turns))), some, edges)
             found = min(finely(scan, shape, rough, edges, s), key=lambda c: c.cost, default=None)
             if found is None or not all(differ(found.fit, self._rivals[j].fit, s, shape) for j in kept):
                 continue
