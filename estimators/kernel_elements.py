@@ -14,9 +14,11 @@ from pathlib import Path
 from typing import Any
 
 from llvmlite import ir  # type: ignore[import-untyped]
-from numba.core import types
+from numba.core import cgutils, types
+from numba.core.imputils import RefType, iternext_impl
 from numba.core.typing.arraydecl import get_array_index_type
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+from numba.cpython import rangeobj as rangeobj  # whose lowering of a range is to stand before ours
 from numba.extending import lower_builtin
 from numba.np.arrayobj import load_item, store_item
 
@@ -174,3 +176,20 @@ def _store(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     indices = _integers(context, builder, sig.args[1], index)
     kept = context.cast(builder, value, sig.args[2], sig.args[0].dtype)
     store_item(context, builder, sig.args[0], kept, _address(context, builder, sig.args[0], array, indices))
+
+
+@lower_builtin("iternext", types.range_iter64_type)
+@iternext_impl(RefType.UNTRACKED)
+def _next_of_range(context: Any, builder: Any, sig: Any, args: Any, result: Any) -> None:
+    """Lower the next number of a range as numba does, and say that it does not run over: an index that counts upwards
+    from zero or more is then known to be so.
+    """
+    state = cgutils.create_struct_proxy(types.range_iter64_type)(context, builder, args[0])
+    left, value = builder.load(state.count), builder.load(state.iter)
+    one = ir.Constant(left.type, 1)
+    more = builder.icmp_signed(">", left, ir.Constant(left.type, 0))
+    result.set_valid(more)
+    with builder.if_then(more):
+        result.yield_(value)
+        builder.store(builder.sub(left, one, flags=["nsw"]), state.count)
+        builder.store(builder.add(value, state.step, flags=["nsw"]), state.iter)
