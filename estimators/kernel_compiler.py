@@ -45,7 +45,7 @@ from numba.core.untyped_passes import (
     TranslateByteCode,
 )
 
-from estimators.lanes import lanes_in, wide_in
+from estimators.lanes import fours_in, lanes_in, wide_in
 from estimators.scratch import scratch
 
 SOURCE = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()[:16]
@@ -55,7 +55,7 @@ _VIEWS = {
     *("pair_second", "getiter", "iternext", "cast", "phi", "null", "undef"),
 }
 """Expressions that make no array: numbers, tuples, and views of arrays that there are."""
-_UNCOUNTED = len, lanes_in, wide_in, scratch
+_UNCOUNTED = len, lanes_in, wide_in, fours_in, scratch
 """Functions of arrays that make none of which references are counted."""
 
 

@@ -5,12 +5,12 @@ at once: lane by lane the same operations in the same order, so that the bits ar
 Nothing is fused or reassociated. On a processor without AVX, LLVM makes two operations with two lanes of each.
 
 There are LANES, four, for what comes in fours, and wide ones, `WIDE` of them, for what comes in any number: eight on a
-processor with AVX-512, else four.
+processor with AVX-512, else four. Wide lanes hold FOURS fours side by side.
 
 A comparison of lanes is a mask, which `&`, `|`, `opposite`, `select`, `all_of` and `any_of` take; there is no branch by
 a mask. Numbers become equal lanes where they meet lanes. An array of doubles (..., LANES) becomes an array of lanes
 (...) by `lanes_in`, and one (..., WIDE) by `wide_in`: its elements are read and written by index, as those of any
-array.
+array. Fours become wide lanes by `beside`, and are read out of an array of these by `fours_in`.
 
 Types are told to Python as `float` and `bool`. In Python the functions do what they do for one number.
 """
@@ -38,6 +38,8 @@ LANES = 4
 WIDE = 2 * LANES if get_host_cpu_features().get("avx512f", False) else LANES
 """Numbers side by side where any number of them serves: as many as a vector of this processor holds."""
 
+FOURS = WIDE // LANES
+"""Fours in wide lanes: two or one."""
 KERNEL_SOURCE = f"{hashlib.sha256(Path(__file__).read_bytes()).hexdigest()[:16]}, {WIDE}"
 """Stands for this file in the digests of kernels: what it makes of an operator is not in their bytecode."""
 
@@ -180,7 +182,7 @@ def _is_vector(kind: Any) -> bool:
 
 def _widened(case: tuple[Any, tuple[Any, ...], _Make]) -> tuple[Any, tuple[Any, ...], _Make]:
     """Return a case with wide lanes in the place of lanes."""
-    kinds = {_lanes: _wide, _mask: _wide_mask}
+    kinds = {_lanes: _wide, _mask: _wide_mask, types.UniTuple(_lanes, LANES): types.UniTuple(_wide, LANES)}
     result, wanted, make = case
     return kinds.get(result, result), tuple(kinds.get(kind, kind) for kind in wanted), make
 
@@ -302,6 +304,41 @@ def width(value: float) -> int:
     return 1
 
 
+def power_of_two(value: float) -> float:
+    """Return 2 to the power of a whole number from -1022 to 1023, of numbers or of lanes."""
+    return float(np.ldexp(1.0, int(value)))
+
+
+def exponent(value: float) -> float:
+    """Return e of a value m 2^e, 1 <= m < 2, of numbers or of lanes that are positive and normal."""
+    return float(np.frexp(value)[1]) - 1
+
+
+def mantissa(value: float) -> float:
+    """Return m of a value m 2^e, 1 <= m < 2, of numbers or of lanes that are positive and normal."""
+    return 2 * float(np.frexp(value)[0])
+
+
+def any_in_four(mask: bool) -> bool:
+    """Return the mask that is true in all lanes of a four where `mask` is in any of them; of a truth value, itself."""
+    return mask
+
+
+def beside(one: T, other: T) -> T:
+    """Return wide lanes of two fours, or of two numbers, each of them four times; where they hold one four, the first.
+
+    Args:
+        one: lanes, or a number.
+        other: likewise.
+    """
+    return one
+
+
+def fours_in(array: Floats) -> Floats:
+    """Return an array (...) of wide lanes as one (..., FOURS) of lanes that shares its memory."""
+    return array
+
+
 def lanes_in(array: Floats) -> Floats:
     """Return an array (..., 4) of doubles, contiguous, as one (...) of lanes that shares its memory."""
     return array
@@ -313,7 +350,8 @@ def wide_in(array: Floats) -> Floats:
 
 
 def transposed(a: T, b: T, c: T, d: T) -> tuple[T, T, T, T]:
-    """Return the first lanes of all four, as lanes, then the second ones, the third and the fourth.
+    """Return the first lanes of all four, as lanes, then the second ones, the third and the fourth; of wide lanes, of
+    each four.
 
     Args:
         a: lanes.
@@ -325,8 +363,12 @@ def transposed(a: T, b: T, c: T, d: T) -> tuple[T, T, T, T]:
 
 
 def _transpose(builder: Any, *rows: Any) -> Any:
+    fours = range(0, rows[0].type.count, LANES)
+
     def shuffled(one: Any, other: Any, *places: int) -> Any:
-        return builder.shuffle_vector(one, other, ir.Constant(ir.VectorType(ir.IntType(32), LANES), list(places)))
+        # Places of a four, those of the other row behind its own.
+        every = [first + place % LANES + place // LANES * rows[0].type.count for first in fours for place in places]
+        return builder.shuffle_vector(one, other, ir.Constant(ir.VectorType(ir.IntType(32), len(every)), every))
 
     # The even lanes of two rows side by side, and the odd ones; then the halves of both pairs.
     (even, odd), (more_even, more_odd) = (
@@ -389,7 +431,88 @@ _define(
     ),
     (_lanes, (types.float64,) * LANES, lambda builder, *parts: _vector(builder, _doubles(_lanes), parts)),
 )
-_define(transposed, (types.UniTuple(_lanes, LANES), (_lanes,) * LANES, _transpose), wide=False)
+_define(transposed, (types.UniTuple(_lanes, LANES), (_lanes,) * LANES, _transpose))
+
+
+def _beside(builder: Any, one: Any, other: Any) -> Any:
+    places = list(range(WIDE))
+    return builder.shuffle_vector(one, other, ir.Constant(ir.VectorType(ir.IntType(32), WIDE), places))
+
+
+def _any_in_four(builder: Any, mask: Any) -> Any:
+    places = ir.VectorType(ir.IntType(32), mask.type.count)
+    for step in (1, 2):
+        order = [place ^ step for place in range(mask.type.count)]
+        mask = builder.or_(mask, builder.shuffle_vector(mask, mask, ir.Constant(places, order)))
+    return mask
+
+
+_FRACTION, _BIAS = 52, 1023
+"""Bits of a double behind its exponent, and the exponent of one."""
+
+
+def _in_bits(make: Callable[[Any, Any, Callable[[int], Any]], Any]) -> _Make:
+    """Return what makes a value of the bits of another one, and of constants as wide as these."""
+
+    def made(builder: Any, value: Any) -> Any:
+        count = getattr(value.type, "count", 0)
+        words = ir.VectorType(_WORD, count) if count else _WORD
+        bits = builder.bitcast(value, words)
+        return builder.bitcast(
+            make(builder, bits, lambda one: ir.Constant(words, [one] * count if count else one)), value.type
+        )
+
+    return made
+
+
+def _rescaled(shift: float, function: _Make) -> _Make:
+    """Return what adds a number to a value before `function`, or takes it off afterwards where that is negative."""
+
+    def made(builder: Any, value: Any) -> Any:
+        count = getattr(value.type, "count", 0)
+        number = ir.Constant(value.type, [abs(shift)] * count if count else abs(shift))
+        if shift > 0:
+            return function(builder, builder.fadd(value, number))
+        return builder.fsub(function(builder, value), number)
+
+    return made
+
+
+# A double of 2^52 and more is a whole number, whose last bits are those of the number less 2^52.
+_exponent = _rescaled(
+    -(2.0**_FRACTION + _BIAS),
+    _in_bits(
+        lambda builder, bits, constant: builder.or_(
+            builder.lshr(bits, constant(_FRACTION)), constant((_BIAS + _FRACTION) << _FRACTION)
+        )
+    ),
+)
+_mantissa = _in_bits(
+    lambda builder, bits, constant: builder.or_(
+        builder.and_(bits, constant((1 << _FRACTION) - 1)), constant(_BIAS << _FRACTION)
+    )
+)
+_power = _rescaled(
+    2.0**_FRACTION + _BIAS, _in_bits(lambda builder, bits, constant: builder.shl(bits, constant(_FRACTION)))
+)
+for _function, _make in ((exponent, _exponent), (mantissa, _mantissa), (power_of_two, _power)):
+    _define(_function, (_lanes, (_lanes,), _make), (types.float64, (types.float64,), _make))
+_define(
+    beside,
+    (_wide, (_lanes, _lanes), _beside),
+    (_wide_mask, (_mask, _mask), _beside),
+    (
+        _wide,
+        (types.float64, types.float64),
+        lambda builder, *parts: _beside(builder, *(_splat(builder, _doubles(_lanes), part) for part in parts)),
+    ),
+    wide=False,
+)
+_define(
+    any_in_four,
+    (_mask, (_mask,), _any_in_four),
+    (types.boolean, (types.boolean,), lambda builder, mask: mask),
+)
 _define(
     lane,
     (types.float64, (_lanes, types.intp), lambda builder, value, at: builder.extract_element(value, at)),
@@ -422,19 +545,21 @@ _define(
 )
 
 
-def _let_view(function: _Make, element: Any) -> None:
-    """Let kernels see an array of doubles as one of `element`, by `function`."""
+def _let_view(function: _Make, element: Any, given: Any = types.float64) -> None:
+    """Let kernels see an array as one of lanes, by `function`.
+
+    Args:
+        function: of this file.
+        element: the lanes.
+        given: what the array's elements are: numbers, of which the last axis goes, or lanes, which go into a new one.
+    """
+    numbers = given == types.float64
 
     @type_callable(function)
     def _type(context: Any) -> _Make:
         def typer(array: Any) -> Any:
-            if (
-                isinstance(array, types.Array)
-                and array.dtype == types.float64
-                and array.layout == "C"
-                and array.ndim > 1
-            ):
-                return types.Array(element, array.ndim - 1, "C", aligned=False)
+            if isinstance(array, types.Array) and array.dtype == given and array.layout == "C" and array.ndim > numbers:
+                return types.Array(element, array.ndim + (-1 if numbers else 1), "C", aligned=False)
             return None
 
         return typer
@@ -443,12 +568,18 @@ def _let_view(function: _Make, element: Any) -> None:
     def _view(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         source = make_array(sig.args[0])(context, builder, args[0])
         view = make_array(sig.return_type)(context, builder)
+        shape, strides = (cgutils.unpack_tuple(builder, part) for part in (source.shape, source.strides))
+        size = context.get_constant(types.intp, 8 * element.count)
+        if numbers:
+            shape, strides = shape[:-1], strides[:-1]
+        else:
+            shape, strides = [*shape, context.get_constant(types.intp, FOURS)], [*strides, size]
         populate_array(
             view,
             data=builder.bitcast(source.data, view.data.type),
-            shape=cgutils.unpack_tuple(builder, source.shape)[:-1],
-            strides=cgutils.unpack_tuple(builder, source.strides)[:-1],
-            itemsize=context.get_constant(types.intp, 8 * element.count),
+            shape=shape,
+            strides=strides,
+            itemsize=size,
             meminfo=source.meminfo,
             parent=source.parent,
         )
@@ -457,3 +588,4 @@ def _let_view(function: _Make, element: Any) -> None:
 
 _let_view(lanes_in, _lanes)
 _let_view(wide_in, _wide)
+_let_view(fours_in, _lanes, _wide)
