@@ -8,7 +8,7 @@ import pytest
 from estimators import rotation as rot
 from estimators.arrays import Floats
 from estimators.filter.compiled import CompiledFilterBank
-from estimators.filter.interacting import Grid, Mixtures, _mix, _move_window, combine
+from estimators.filter.interacting import COLUMNS, Grid, Mixtures, _mix, _move_window, combine
 from estimators.lanes import LANES
 from estimators.lighthouse.curvature import to_second_order
 from estimators.lighthouse.innovation import Innovations, innovations, rows_of_sweeps
@@ -162,7 +162,7 @@ GRID = Grid(NOISES, NOISES, 0.5, 1 / 30)
 
 def test_mixing_moves_probabilities_to_the_next_models_only_and_keeps_what_is_known() -> None:
     one = mixture(np.random.default_rng(4), 1, [0.0, 0.6, 0.4, 0.0])  # lanes 1 to 3 and 0 are models 1 to 4
-    before, after = np.empty((2, STATES, STATES))
+    before, after = np.empty((2, 1, STATES, COLUMNS, LANES))
     combine(0, one, before)
     _mix(0, 0.1, GRID, one)
     combine(0, one, after)

@@ -23,7 +23,8 @@ from estimators.filter.error_state import (
     innovations_into,
     transitions_into,
 )
-from estimators.kernel import kernel
+from estimators.kernel import inlined, kernel
+from estimators.lanes import LANES, any_of, lanes_in
 from estimators.pivot import PIVOT
 from estimators.rotation import exp
 from estimators.state import State
@@ -57,21 +58,22 @@ class Given(NamedTuple):
 
 class Poses(NamedTuple):
     """Solved poses of C craft, checked: rotation (C, 3, 3), position (C, 3), covariance (C, 6, 6) and coupling (C, 6,
-    6) as in `FilterBank.update_pose`; gate: the largest normalised innovation squared that is let in.
+    6) as in `FilterBank.update_pose`; gate, freedoms, square: as of rows, six per craft.
     """
 
     rotation: Floats
     position: Floats
     covariance: Floats
     coupling: Floats
-    gate: float
+    gate: Floats
+    freedoms: Ints
+    square: Floats
 
     def rows(self, mask: Bools, state: State) -> Given:
         """Return the same as rows, H = [I B], against the predicted state of the craft of the mask."""
-        craft = len(mask)
-        y, h, count = np.empty((craft, POSE)), np.empty((craft, POSE, STATES)), np.full(craft, POSE)
+        y, h = np.empty((len(mask), POSE)), np.empty((len(mask), POSE, STATES))
         innovations_into(mask, self.rotation, self.position, state, self.coupling, y, h)
-        return Given(y, h, self.covariance, count, np.full(POSE + 1, self.gate), count, np.zeros(craft))
+        return Given(y, h, self.covariance, self.freedoms, self.gate, self.freedoms, self.square)
 
 
 class Independent(NamedTuple):
@@ -402,11 +404,13 @@ class FilterBank(ABC):
         rotation, position = self._shaped("rotation", rotation, (3, 3)), self._shaped("position", position, (3,))
         covariance = self._shaped("covariance", covariance, (POSE, POSE))
         rate_coupling = self._shaped("rate_coupling", rate_coupling, (POSE, POSE))
-        if (wrong := _wrong_pose(mask, rotation, position, covariance, rate_coupling)) >= 0:
+        fours = (array.reshape(len(mask), -1, LANES) for array in (covariance, rate_coupling))
+        if (wrong := _wrong_pose(mask, rotation.reshape(-1, 9), position, *fours)) >= 0:
             name = ("rotation", "position", "covariance", "rate_coupling", "covariance")[wrong]
             reason = "a variance is not positive" if wrong == 4 else "not finite"
             raise ValueError(f"{name}: {reason} for a craft of the mask")
-        return self._taken("covariance", mask, Poses(rotation, position, covariance, rate_coupling, self.gate))
+        terms = gates(self.gate_probability, POSE), np.full(len(mask), POSE), np.zeros(len(mask))
+        return self._taken("covariance", mask, Poses(rotation, position, covariance, rate_coupling, *terms))
 
     def adopt(self, mask: Bools, state: State, covariance: Floats) -> None:
         """Take over states and covariances, and start the craft that are not active.
@@ -513,6 +517,17 @@ def _finite(array: Floats, mask: Bools) -> bool:
     return finite
 
 
+@inlined
+def _are_finite(row: Floats) -> bool:
+    """Return whether a row (n,) of numbers or of lanes is finite, without a branch for each: zero times a number is
+    zero, or NaN where the number is not finite.
+    """
+    total = 0.0 * row[0]
+    for i in range(1, len(row)):
+        total += 0.0 * row[i]
+    return not any_of(total != 0.0)
+
+
 @kernel
 def _wrong_row(mask: Bools, given: Independent) -> int:
     """Return 0, 1 or 2 if y, H or a variance of a craft of the mask is not as it must be; -1 if all are."""
@@ -533,24 +548,22 @@ def _wrong_row(mask: Bools, given: Independent) -> int:
 @kernel
 def _wrong_pose(mask: Bools, rotation: Floats, position: Floats, covariance: Floats, coupling: Floats) -> int:
     """Return the argument, counted from 0, that is not finite for a craft of the mask; 4 if a variance is not positive,
-    -1 if all are as they must be.
+    -1 if all are as they must be. rotation (C, 9), covariance and coupling (C, 9, 4), numbers of their matrices.
     """
+    covariances, couplings = lanes_in(covariance), lanes_in(coupling)
     for c in range(len(mask)):
         if not mask[c]:
             continue
-        for i in range(3):
-            for j in range(3):
-                if not np.isfinite(rotation[c, i, j]):
-                    return 0
-            if not np.isfinite(position[c, i]):
-                return 1
-        for i in range(POSE):
-            for j in range(POSE):
-                if not np.isfinite(covariance[c, i, j]):
-                    return 2
-                if not np.isfinite(coupling[c, i, j]):
-                    return 3
-            if not covariance[c, i, i] > 0:
+        if not _are_finite(rotation[c]):
+            return 0
+        if not _are_finite(position[c]):
+            return 1
+        if not _are_finite(covariances[c]):
+            return 2
+        if not _are_finite(couplings[c]):
+            return 3
+        for i in range(0, POSE * POSE, POSE + 1):
+            if not covariance[c, i // LANES, i % LANES] > 0:
                 return 4
     return -1
 

@@ -27,7 +27,7 @@ from estimators.arrays import Bools, Floats
 from estimators.filter.bank import FilterBank, Given, Independent, Poses, UpdateResult
 from estimators.filter.error_state import POSE, STATES, correct, pose_difference_into, pose_rows_into
 from estimators.kernel import inlined, kernel
-from estimators.lanes import any_of
+from estimators.lanes import any_in_four, any_of, select
 from estimators.linear import SINGULAR, absorb_row
 from estimators.pivot import ARMS, is_wide, shear, turn_about
 from estimators.rotation import exp_into, left_jacobian_into, multiply_into
@@ -112,7 +112,7 @@ def advance(
     """Move a covariance P, of numbers or of lanes, on by one step, in place.
 
     Args:
-        p: (12, 12).
+        p: (12, 12), of which what is beyond the diagonal is read in the first six rows and columns only.
         turn: (3, 3), E.
         dt_jacobian: (3, 3), D.
         dt: the step [s].
@@ -124,18 +124,20 @@ def advance(
     for i in range(3):
         e0, e1, e2 = turn[i, 0], turn[i, 1], turn[i, 2]
         d0, d1, d2 = dt_jacobian[i, 0], dt_jacobian[i, 1], dt_jacobian[i, 2]
-        for j in range(STATES):
+        for j in range(6):
             fp[i, j] = e0 * p[0, j] + e1 * p[1, j] + e2 * p[2, j] + (d0 * p[3, j] + d1 * p[4, j] + d2 * p[5, j])
+        for j in range(6, STATES):
+            fp[i, j] = e0 * p[j, 0] + e1 * p[j, 1] + e2 * p[j, 2] + (d0 * p[j, 3] + d1 * p[j, 4] + d2 * p[j, 5])
     # F (F P)^T: what is of the position's rows, and not yet moved, first.
     for i in range(3):
         for j in range(i + 1):
-            far, near = p[6 + j, 6 + i] + dt * p[9 + j, 6 + i], p[6 + j, 9 + i] + dt * p[9 + j, 9 + i]
+            far, near = p[6 + i, 6 + j] + dt * p[9 + j, 6 + i], p[9 + i, 6 + j] + dt * p[9 + i, 9 + j]
             p[6 + i, 6 + j] = p[6 + j, 6 + i] = far + dt * near
         for j in range(3):
-            p[6 + i, 3 + j] = p[3 + j, 6 + i] = p[3 + j, 6 + i] + dt * p[3 + j, 9 + i]
+            p[6 + i, 3 + j] = p[3 + j, 6 + i] = p[6 + i, 3 + j] + dt * p[9 + i, 3 + j]
     for i in range(3):
         for j in range(3):
-            p[9 + i, 6 + j] = p[6 + j, 9 + i] = p[6 + j, 9 + i] + dt * p[9 + j, 9 + i]
+            p[9 + i, 6 + j] = p[6 + j, 9 + i] = p[9 + i, 6 + j] + dt * p[9 + max(i, j), 9 + min(i, j)]
     for i in range(3):
         e0, e1, e2 = turn[i, 0], turn[i, 1], turn[i, 2]
         d0, d1, d2 = dt_jacobian[i, 0], dt_jacobian[i, 1], dt_jacobian[i, 2]
@@ -147,9 +149,9 @@ def advance(
             p[6 + i, j] = p[j, 6 + i] = fp[j, 6 + i] + dt * fp[j, 9 + i]
             p[9 + i, j] = p[j, 9 + i] = fp[j, 9 + i]
             # What stays becomes as symmetric as the rest.
-            p[9 + i, 3 + j] = p[3 + j, 9 + i]
+            p[3 + j, 9 + i] = p[9 + i, 3 + j]
         for j in range(i):
-            p[3 + i, 3 + j], p[9 + i, 9 + j] = p[3 + j, 3 + i], p[9 + j, 9 + i]
+            p[3 + j, 3 + i], p[9 + j, 9 + i] = p[3 + i, 3 + j], p[9 + i, 9 + j]
     for first, sigma in ((0, angular_acceleration), (6, acceleration)):
         place, both, rate = sigma * dt * dt / 2, sigma * sigma * dt * dt * dt / 2, sigma * dt
         place, rate = place * place, rate * rate
@@ -206,7 +208,7 @@ class Work(NamedTuple):
 
 
 def work_for(most: int, *lanes: int) -> Work:
-    """Return places for up to `most` rows; lanes: LANES, where they are of lanes."""
+    """Return places for up to `most` rows; lanes: WIDE, where they are of wide lanes."""
     return Work(
         np.empty((most, *lanes)),
         np.empty((most, STATES, *lanes)),
@@ -216,12 +218,17 @@ def work_for(most: int, *lanes: int) -> Work:
 
 
 @kernel
-def _has_shrunk(before: Floats, left: Floats) -> bool:
-    """Return whether less than SHRUNK of a variance is left, of numbers or in any lane; left: (12,), variances."""
+def _shrunk(before: Floats, left: Floats) -> bool:
+    """Return whether less than SHRUNK of a variance is left, of numbers, or of lanes in any of a four.
+
+    Args:
+        before: (12, 12), P.
+        left: (12,), variances.
+    """
     shrunk = left[0] < SHRUNK * before[0, 0]
     for i in range(1, STATES):
         shrunk = shrunk | (left[i] < SHRUNK * before[i, i])
-    return any_of(shrunk)
+    return any_in_four(shrunk)
 
 
 @kernel
@@ -232,7 +239,7 @@ def _joseph(p: Floats, gain: Floats, h: Floats, r: Floats, n: int) -> None:
         p: (12, 12), P.
         gain: (m, 12), K^T.
         h: (m, 12), H.
-        r: (m, m), R.
+        r: (m, m), R, of which the lower triangle is read.
         n: number of rows.
     """
     rest, half = scratch(p, STATES, STATES), scratch(p, STATES, STATES)
@@ -253,7 +260,7 @@ def _joseph(p: Floats, gain: Floats, h: Floats, r: Floats, n: int) -> None:
                 total += half[i, k] * rest[j, k]
             for a in range(n):
                 for d in range(n):
-                    total += gain[a, i] * r[a, d] * gain[d, j]
+                    total += gain[a, i] * r[max(a, d), min(a, d)] * gain[d, j]
             p[i, j] = p[j, i] = total
 
 
@@ -283,7 +290,7 @@ def weigh_rows(p: Floats, y: Floats, h: Floats, r: Floats, n: int, work: Work, x
         p: (12, 12), P.
         y: (m,), innovations of x = 0.
         h: (m, 12), H.
-        r: (m, m), R.
+        r: (m, m), R, of which the lower triangle is read.
         n: number of rows that are used.
         work: places.
         x: (12,).
@@ -306,7 +313,7 @@ def weigh_pose(p: Floats, y: Floats, h: Floats, r: Floats, work: Work, x: Floats
         p: (12, 12), P.
         y: (6,), innovations of x = 0.
         h: (6, 12), H.
-        r: (6, 6), R.
+        r: (6, 6), R, of which the lower triangle is read.
         work: places.
         x: (12,).
     """
@@ -326,31 +333,37 @@ def weigh_pose(p: Floats, y: Floats, h: Floats, r: Floats, work: Work, x: Floats
 def _standardise(n: int, work: Work) -> tuple[bool, float, float]:
     """Put L, Z and z in the places of S, G and y of n rows; return as `weigh_rows`.
 
-    Row by row, and what each leaves of those after it: a processor then has work while it waits for the next root.
+    The elements of L before they are divided by their pivots stand beyond the diagonal, the pivots' inverse squares on
+    it: a pivot waits for the quotient of the one before and for no root. Every row of Z comes behind its pivot, so that
+    a processor has work while it waits for the next one.
     """
     z, g, s, pivot = work.y, work.g, work.s, work.pivot
     regular, squared, volume = True, z[0] * 0.0, z[0] * 0.0 + 1.0
-    for a in range(n):
-        pivot[a] = s[a, a]
-    for a in range(n):
-        square = s[a, a]
-        regular = regular & (square > SINGULAR * pivot[a])
-        root = np.sqrt(square)
-        over = 1 / root
-        pivot[a] = over
-        volume *= root
-        z[a] *= over
-        squared += z[a] * z[a]
-        for i in range(STATES):
-            g[a, i] *= over
-        for d in range(a + 1, n):
-            factor = s[d, a] * over
-            s[d, a] = factor
-            for k in range(a + 1, d + 1):
-                s[d, k] -= factor * s[k, a]
-            z[d] -= factor * z[a]
-            for i in range(STATES):
-                g[d, i] -= factor * g[a, i]
+    for d in range(n):
+        square, left = s[d, d], z[d]
+        for a in range(d):
+            value = s[d, a]
+            for k in range(a):
+                value -= s[k, d] * (s[k, a] * s[k, k])
+            square -= value * (value * s[a, a])
+            s[a, d], s[d, a] = value, value * pivot[a]
+            left -= s[d, a] * z[a]
+        regular = regular & (square > SINGULAR * s[d, d])
+        s[d, d] = 1 / square
+        over = np.sqrt(s[d, d])
+        left *= over
+        volume *= square * over
+        squared += left * left
+        pivot[d], z[d] = over, left
+        for i in range(0, STATES, 4):  # in registers: a sum in memory waits for the one before
+            one, two, three, four = g[d, i], g[d, i + 1], g[d, i + 2], g[d, i + 3]
+            for k in range(d):
+                factor = s[d, k]
+                one -= factor * g[k, i]
+                two -= factor * g[k, i + 1]
+                three -= factor * g[k, i + 2]
+                four -= factor * g[k, i + 3]
+            g[d, i], g[d, i + 1], g[d, i + 2], g[d, i + 3] = one * over, two * over, three * over, four * over
     return regular, squared, volume
 
 
@@ -361,28 +374,23 @@ def take_rows(p: Floats, h: Floats, r: Floats, n: int, work: Work, x: Floats) ->
     Args:
         p: (12, 12), P.
         h: (m, 12), H.
-        r: (m, m), R.
+        r: (m, m), R, of which the lower triangle is read.
         n: number of rows that are used.
         work: places, with Z and z of `weigh_rows`.
         x: (12,).
     """
-    z, g, s, left = work.y, work.g, work.s, scratch(p, STATES)
+    z, g, s, left, before = work.y, work.g, work.s, scratch(p, STATES), scratch(p, STATES, STATES)
     for i in range(STATES):
         value, own = x[i], p[i, i]
         for a in range(n):
             value += g[a, i] * z[a]
             own -= g[a, i] * g[a, i]
         x[i], left[i] = value, own
-    if _has_shrunk(p, left):
-        for a in range(n - 1, -1, -1):  # K^T = L^-T Z
-            for k in range(a + 1, n):
-                factor = s[k, a]
-                for i in range(STATES):
-                    g[a, i] -= factor * g[k, i]
-            for i in range(STATES):
-                g[a, i] *= work.pivot[a]
-        _joseph(p, g, h, r, n)
-        return
+    shrunk = _shrunk(p, left)
+    if any_of(shrunk):
+        for i in range(STATES):
+            for j in range(STATES):
+                before[i, j] = p[i, j]
     # Two rows and two columns at once: an element of Z serves twice.
     for i in range(0, STATES, 2):
         for j in range(0, i + 1, 2):
@@ -395,6 +403,18 @@ def take_rows(p: Floats, h: Floats, r: Floats, n: int, work: Work, x: Floats) ->
                 four -= left1 * right1
             p[i, j], p[i, j + 1], p[i + 1, j], p[i + 1, j + 1] = one, two, three, four
             p[j, i], p[j + 1, i], p[j, i + 1], p[j + 1, i + 1] = one, two, three, four
+    if any_of(shrunk):
+        for a in range(n - 1, -1, -1):  # K^T = L^-T Z
+            for k in range(a + 1, n):
+                factor = s[k, a]
+                for i in range(STATES):
+                    g[a, i] -= factor * g[k, i]
+            for i in range(STATES):
+                g[a, i] *= work.pivot[a]
+        _joseph(before, g, h, r, n)
+        for i in range(STATES):
+            for j in range(STATES):
+                p[i, j] = select(shrunk, before[i, j], p[i, j])
 
 
 @kernel
@@ -474,7 +494,7 @@ def absorb_independent(
         volume *= np.sqrt(scale[0])
     for i in range(STATES):
         variances[i] = left[i, i]
-    if _has_shrunk(p, variances):
+    if any_of(_shrunk(p, variances)):
         for a in range(n):
             if _tells(h[a]):
                 _joseph_row(p, h[a], variance[a])
@@ -517,7 +537,7 @@ def _update_poses(mask: Bools, poses: Poses, state: State, covariance: Floats, r
         regular, squared, volume = weigh_pose(p, y, h, r, work, x)
         if not regular:
             return c
-        if _let_in(c, squared, volume, poses.gate, result):
+        if _let_in(c, squared, volume, poses.gate[POSE], result):
             take_rows(p, h, r, POSE, work, x)
             correct(state.rotation[c], state.angular_rate[c], state.position[c], state.velocity[c], x)
     return -1

@@ -23,16 +23,17 @@ from estimators.filter.interacting import (
     InteractingBank,
     Mixtures,
     centre,
+    combine,
+    let_in,
     mix_if_due,
     model_in,
     settle,
     shear_models,
-    weigh,
 )
-from estimators.kernel import inlined, kernel
-from estimators.lanes import LANES
+from estimators.kernel import kernel
+from estimators.lanes import LANES, lanes_in
 from estimators.linear import cholesky_into, from_triangle, to_triangle
-from estimators.pivot import ARMS, turn_about
+from estimators.pivot import ARMS, PIVOT, turn_about
 from estimators.state import STATES, State
 
 BATCH = 8
@@ -41,7 +42,7 @@ BATCH = 8
 
 class Stack(NamedTuple):
     """B craft of M models each for filterpy: x (B, 12 M, 1), P, F and Q (B, 12 M, 12 M), zero beside the blocks; nis
-    and spread (B, L): normalised innovations squared and log det S of their models.
+    and volume (B, L): normalised innovations squared and roots of det S of their models.
     """
 
     x: Floats
@@ -49,7 +50,7 @@ class Stack(NamedTuple):
     f: Floats
     q: Floats
     nis: Floats
-    spread: Floats
+    volume: Floats
 
     @classmethod
     def of(cls, models: int) -> "Stack":
@@ -113,23 +114,24 @@ class FilterpyInteractingBank(InteractingBank):
     def _update(self, mask: Bools, given: Given | Independent | Poses, result: UpdateResult) -> int:
         if isinstance(given, Poses):
             given = given.rows(mask, self._state)
-        mixtures, state, covariance = self._mixtures, self._state, self._p
+        mixtures, state, covariance = self._mixtures, self._state, self._columns
+        if isinstance(given, Independent):
+            noise, pivot, square = given.variance, given.pivot, np.zeros(len(mask))
+        else:
+            noise, pivot, square = given.r, np.empty((0, PIVOT)), given.square
+        terms = given.gate, given.freedoms, square
         for who, models, n in self._batches(mask, given.rows):
             f, stack = self._stacks[models]
             if (models, n) not in self._blocks:
                 self._blocks[models, n] = Blocks.of(models, n)
             x, p, (y, h, r) = stack.x, stack.p, self._blocks[models, n]
-            noise = given.variance if isinstance(given, Independent) else given.r
             _stack_rows(who, given.y, given.h, noise, mixtures, stack, self._blocks[models, n])
             for b in range(len(who)):
                 f.x, f.P = x[b], p[b]
-                if not updated(f, y[b], h[b], r[b]) or not _fates(f.y, f.S, f.SI, n, stack.nis[b], stack.spread[b]):
+                if not updated(f, y[b], h[b], r[b]) or not _fates(f.y, f.S, f.SI, n, stack.nis[b], stack.volume[b]):
                     return int(who[b])
                 x[b], p[b] = f.x, f.P
-            if isinstance(given, Independent):
-                _take_about(who, models, given, stack, mixtures, state, covariance, result)
-            else:
-                _take(who, models, given, stack, mixtures, state, covariance, result)
+            _take(who, terms, pivot, stack, mixtures, state, covariance, result)
         return -1
 
 
@@ -219,8 +221,8 @@ def _stack_rows(
 
 
 @kernel
-def _fates(y: Floats, s: Floats, inverse: Floats, n: int, nis: Floats, spread: Floats) -> bool:
-    """Write NIS and log det S (L,) of the models; return False where an S is not positive definite.
+def _fates(y: Floats, s: Floats, inverse: Floats, n: int, nis: Floats, volume: Floats) -> bool:
+    """Write NIS and the root of det S (L,) of the models; return False where an S is not positive definite.
 
     Args:
         y: (M n, 1), innovations.
@@ -228,92 +230,55 @@ def _fates(y: Floats, s: Floats, inverse: Floats, n: int, nis: Floats, spread: F
         inverse: (M n, M n), of S.
         n: number of rows of a model.
         nis: (L,), receives the normalised innovations squared.
-        spread: (L,), receives log det S.
+        volume: (L,), receives the roots of det S.
     """
     lower = np.empty((n, n))
     for at in range(y.shape[0] // n):
-        first, squared, volume = at * n, 0.0, 0.0
+        first, squared, root = at * n, 0.0, 1.0
         if not cholesky_into(s[first : first + n, first : first + n], lower):
             return False
         for i in range(n):
-            volume += np.log(lower[i, i])
+            root *= lower[i, i]
             for j in range(n):
                 squared += y[first + i, 0] * inverse[first + i, first + j] * y[first + j, 0]
-        nis[at], spread[at] = squared, 2 * volume
+        nis[at], volume[at] = squared, root
     return True
-
-
-@inlined
-def _let_in(
-    b: int, c: int, models: int, more: float, gate: float, stack: Stack, mixtures: Mixtures, result: UpdateResult
-) -> bool:
-    """Decide by the gate on the rows of craft c in place b of the stack, and write their fate.
-
-    Args:
-        b: the place.
-        c: the craft.
-        models: number of its models.
-        more: part of the normalised innovation squared of which the rows tell nothing.
-        gate: largest normalised innovation squared that is let in.
-        stack: with the fates by the models.
-        mixtures: models of all craft, whose probabilities change.
-        result: receives the fate.
-    """
-    nis, spread, least = stack.nis[b], stack.spread[b], np.inf
-    for at in range(models):
-        nis[at] += more
-        least = min(least, nis[at])
-    accepted = least <= gate
-    result.accepted[c] = accepted
-    result.nis[c], result.log_determinant[c] = weigh(c, accepted, nis, spread, mixtures)
-    return accepted
 
 
 @kernel
 def _take(
     who: Ints,
-    models: int,
-    given: Given,
+    terms: tuple[Floats, Ints, Floats],
+    pivot: Floats,
     stack: Stack,
     mixtures: Mixtures,
     state: State,
     covariance: Floats,
     result: UpdateResult,
 ) -> None:
-    """Give craft `who` (B,) whose rows are let in their updated models, and their states the mean error."""
-    correction = np.empty(STATES)
+    """Give craft `who` (B,) whose rows are let in their updated models, and their states the mean error.
+
+    terms: gate, freedoms and square of `Given`. pivot: (C, PIVOT), about which the bodies turn, or empty.
+    """
+    gate, freedoms, square = terms
+    error, arms = np.empty(STATES), np.empty(ARMS)
     for b in range(len(who)):
         c = who[b]
-        free = given.freedoms[c]
-        if not _let_in(b, c, models, given.square[c], given.gate[free], stack, mixtures, result):
+        nis, volume = lanes_in(stack.nis)[b] + square[c], lanes_in(stack.volume)[b]
+        if not let_in(c, nis, volume, gate[freedoms[c]], mixtures, result):
             continue
         _unstack_models(b, c, stack, mixtures)
-        centre(c, mixtures, correction)
-        correct(state.rotation[c], state.angular_rate[c], state.position[c], state.velocity[c], correction)
-        settle(c, free, mixtures, covariance[c])
-
-
-@kernel
-def _take_about(
-    who: Ints,
-    models: int,
-    given: Independent,
-    stack: Stack,
-    mixtures: Mixtures,
-    state: State,
-    covariance: Floats,
-    result: UpdateResult,
-) -> None:
-    """`_take` where the bodies turn about points of their own."""
-    correction, arms = np.empty(STATES), np.empty(ARMS)
-    for b in range(len(who)):
-        c = who[b]
-        free = given.freedoms[c]
-        if not _let_in(b, c, models, 0.0, given.gate[free], stack, mixtures, result):
-            continue
-        _unstack_models(b, c, stack, mixtures)
-        centre(c, mixtures, correction)
-        rotation, rate = state.rotation[c], state.angular_rate[c]
-        turn_about(rotation, rate, state.position[c], state.velocity[c], correction, given.pivot[c], arms)
-        shear_models(c, arms, mixtures)
-        settle(c, free, mixtures, covariance[c])
+        centre(c, mixtures, error)
+        rotation, rate, position, velocity = (
+            state.rotation[c],
+            state.angular_rate[c],
+            state.position[c],
+            state.velocity[c],
+        )
+        if len(pivot) > 0:
+            turn_about(rotation, rate, position, velocity, error, pivot[c], arms)
+            shear_models(c, arms, mixtures)
+        else:
+            correct(rotation, rate, position, velocity, error)
+        combine(c, mixtures, covariance)
+        settle(c, freedoms[c], mixtures)

@@ -30,10 +30,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.arrays import Bools, Floats, Ints
+from estimators.arrays import Bools, Floats, Ints, lined
+from estimators.exponential import exponential, logarithm
 from estimators.filter.bank import FilterBank, Given, Independent, Poses, UpdateResult, couple
 from estimators.kernel import inlined, kernel
-from estimators.lanes import LANES, lane, lanes_in, pack, transposed, with_lane
+from estimators.lanes import LANES, lane, lanes_in, pack, select, transposed, with_lane
 from estimators.linear import from_triangle, to_triangle
 from estimators.pivot import is_wide, shear, shear_into
 from estimators.scratch import scratch
@@ -47,8 +48,8 @@ LEAST = 1e-6
 """Least probability of a model: so much evidence is forgotten."""
 TRIANGLE = STATES * (STATES + 1) // 2
 """Numbers of the lower triangle of a covariance."""
-LARGEST_LOSS = 50.0
-"""Largest logarithm of a ratio of likelihoods that counts."""
+COLUMNS = STATES // LANES
+"""Fours of columns of a covariance."""
 
 
 class Grid(NamedTuple):
@@ -115,13 +116,14 @@ class InteractingBank(FilterBank):
         )
         craft = len(models)
         self._moved_on = np.zeros(craft, dtype=np.bool_)
+        self._columns = self._p.reshape(craft, STATES, COLUMNS, LANES)
         self.grid = Grid(linear, angular, 1 / manoeuvre_s, 1 / quiet_s)
         self._mixtures = Mixtures(
             window=np.zeros(craft, dtype=np.int64),
             models=np.ascontiguousarray(models, dtype=np.int64),
             probability=np.zeros((craft, LANES)),
-            mean=np.zeros((craft, STATES, LANES)),
-            covariance=np.zeros((craft, TRIANGLE, LANES)),
+            mean=lined(craft, STATES, LANES),
+            covariance=lined(craft, TRIANGLE, LANES),
             told=np.zeros(craft, dtype=np.bool_),
             since_s=np.zeros(craft),
             mixed=np.zeros((craft, LANES, LANES)),
@@ -133,7 +135,7 @@ class InteractingBank(FilterBank):
         late = mask & self._moved_on
         if late.any():
             self._catch_up(late)
-            _combine_all(late, self._mixtures, self._p)
+            _combine_all(late, self._mixtures, self._columns)
             self._moved_on &= ~late
         return self._p
 
@@ -216,15 +218,22 @@ def model_in(at: int, window: int) -> int:
 
 @inlined
 def runs(at: int, c: int, mixtures: Mixtures) -> bool:
-    """Return whether craft c has the model of a lane.
+    """Return whether craft c has the model of a lane: a window is beyond the first only where it is full.
 
     Args:
         at: the lane.
         c: the craft.
         mixtures: models of all craft.
     """
-    found: bool = model_in(at, mixtures.window[c]) < mixtures.models[c]
+    found: bool = at < mixtures.models[c]
     return found
+
+
+@inlined
+def running(c: int, mixtures: Mixtures) -> bool:
+    """Return `runs` of the lanes of craft c, as a mask."""
+    every: bool = pack(0.0, 1.0, 2.0, 3.0) < float(mixtures.models[c])
+    return every
 
 
 @kernel
@@ -346,65 +355,113 @@ def _mixed(share: tuple[float, float, float, float], value: float) -> float:
 
 
 @inlined
+def shares(c: int, mixtures: Mixtures) -> float:
+    """Return the probabilities of the models of craft c as lanes."""
+    lanes: float = lanes_in(mixtures.probability)[c]
+    return lanes
+
+
+@kernel
+def combined_into(share: float, x: Floats, p: Floats, out: Floats) -> None:
+    """Write the covariances of mixtures whose means are zero, four columns in the lanes of a four.
+
+    Args:
+        share: probabilities of the models: lanes, or wide lanes for craft side by side.
+        x: (12,), means of the models, as many lanes.
+        p: (12, 12), covariances of the models.
+        out: (12, 3), receives the columns.
+    """
+    for a in range(STATES):
+        for b in range(0, a + 1, LANES):
+            one, two, three, four = transposed(
+                share * (p[a, b] + x[a] * x[b]),
+                share * (p[a, b + 1] + x[a] * x[b + 1]),
+                share * (p[a, b + 2] + x[a] * x[b + 2]),
+                share * (p[a, b + 3] + x[a] * x[b + 3]),
+            )
+            out[a, b // LANES] = (one + two) + (three + four)
+    for a in range(LANES, STATES, LANES):
+        for b in range(0, a, LANES):
+            at = b // LANES
+            one, two, three, four = transposed(out[a, at], out[a + 1, at], out[a + 2, at], out[a + 3, at])
+            at = a // LANES
+            out[b, at], out[b + 1, at], out[b + 2, at], out[b + 3, at] = one, two, three, four
+
+
+@inlined
 def combine(c: int, mixtures: Mixtures, covariance: Floats) -> None:
-    """Write the covariance (12, 12) of the mixture of craft c, whose mean is zero.
+    """Write the covariance of the mixture of craft c, whose mean is zero.
 
     Args:
         c: the craft.
         mixtures: models of all craft.
-        covariance: (12, 12), receives it.
+        covariance: (C, 12, 3, L), four columns beside each other, receives it.
     """
-    x, p, own = lanes_in(mixtures.mean)[c], lanes_in(mixtures.covariance)[c], mixtures.probability[c]
-    share = pack(own[0], own[1], own[2], own[3])
-    for a in range(STATES):
-        # Four columns at once. Beyond the diagonal stands what is of the next row, which overwrites what becomes of it.
-        for b in range(0, a + 1, LANES):
-            k = a * (a + 1) // 2 + b
-            one, two, three, four = transposed(
-                share * (p[k] + x[a] * x[b]),
-                share * (p[k + 1] + x[a] * x[b + 1]),
-                share * (p[k + 2] + x[a] * x[b + 2]),
-                share * (p[k + 3] + x[a] * x[b + 3]),
-            )
-            total = (one + two) + (three + four)
-            for k in range(LANES):
-                covariance[a, b + k] = covariance[b + k, a] = lane(total, k)
+    share = shares(c, mixtures)
+    p = scratch(share, STATES, STATES)
+    from_triangle(lanes_in(mixtures.covariance)[c], p)
+    combined_into(share, lanes_in(mixtures.mean)[c], p, lanes_in(covariance)[c])
 
 
 @kernel
 def _combine_all(mask: Bools, mixtures: Mixtures, covariance: Floats) -> None:
-    """`combine` for the craft of the mask: covariance (C, 12, 12)."""
+    """`combine` for the craft of the mask."""
     for c in range(len(mask)):
         if mask[c]:
-            combine(c, mixtures, covariance[c])
+            combine(c, mixtures, covariance)
 
 
 @inlined
-def weigh(c: int, accepted: bool, nis: Floats, spread: Floats, mixtures: Mixtures) -> tuple[float, float]:
-    """Give the models of craft c their probabilities after an update; return the mean of NIS and log det S.
+def _sum_in_four(value: float) -> float:
+    """Return the sums of fours of lanes, in each of their lanes."""
+    one, two, three, four = transposed(value, value, value, value)
+    return 0.0 + one + two + three + four
+
+
+@inlined
+def _least_in_four(value: float) -> float:
+    """Return the least of fours of lanes, in each of their lanes."""
+    one, two, three, four = transposed(value, value, value, value)
+    return min(min(one, two), min(three, four))
+
+
+@inlined
+def weighed(own: float, among: bool, nis: float, volume: float, gate: float) -> tuple[bool, float, float, float]:
+    """Decide by the gate whether a craft's models let a measurement in; return whether one does, the probabilities of
+    the models after it, and the means of NIS and log det S. Of lanes, or of wide lanes for craft side by side.
+
+    Args:
+        own: probabilities of the models.
+        among: the lanes of models that are run.
+        nis: by the models.
+        volume: roots of det S by the models.
+        gate: largest NIS that is let in.
+    """
+    least = _least_in_four(select(among, nis, np.inf))
+    accepted = least <= gate
+    likely = select(among, own * exponential((least - nis) / 2) / volume, 0.0)
+    likely = select(among, max(likely / _sum_in_four(likely), LEAST), 0.0)
+    own = select(accepted, likely / _sum_in_four(likely), own)
+    spread = _sum_in_four(select(among, own * (2 * logarithm(volume)), 0.0))
+    return accepted, own, _sum_in_four(select(among, own * nis, 0.0)), spread
+
+
+@inlined
+def let_in(c: int, nis: float, volume: float, gate: float, mixtures: Mixtures, result: UpdateResult) -> bool:
+    """Give a measurement of craft c its fate, and its models their probabilities; return whether one lets it in.
 
     Args:
         c: the craft.
-        accepted: whether the measurement was let in; if not, the probabilities stay as they are.
-        nis: (L,), by the models.
-        spread: (L,), log det S by the models.
-        mixtures: models of the craft.
+        nis: lanes, by the models.
+        volume: lanes, roots of det S by the models.
+        gate: largest NIS that is let in.
+        mixtures: models of all craft, changed in place.
+        result: receives the fate.
     """
-    own, least, total, mean, volume = mixtures.probability[c], np.inf, 0.0, 0.0, 0.0
-    if accepted:
-        for at in range(LANES):
-            if runs(at, c, mixtures):
-                least = min(least, nis[at] + spread[at])
-        for at in range(LANES):
-            if runs(at, c, mixtures):
-                own[at] *= np.exp(-min((nis[at] + spread[at] - least) / 2, LARGEST_LOSS))
-                total += own[at]
-        _floor(c, total, mixtures)
-    for at in range(LANES):
-        if runs(at, c, mixtures):
-            mean += own[at] * nis[at]
-            volume += own[at] * spread[at]
-    return mean, volume
+    accepted, own, nis, spread = weighed(shares(c, mixtures), running(c, mixtures), nis, volume, gate)
+    lanes_in(mixtures.probability)[c] = own
+    result.accepted[c], result.nis[c], result.log_determinant[c] = lane(accepted, 0), lane(nis, 0), lane(spread, 0)
+    return lane(accepted, 0)
 
 
 @kernel
@@ -419,6 +476,23 @@ def _floor(c: int, total: float, mixtures: Mixtures) -> None:
         own[at] /= over
 
 
+@kernel
+def centred(share: float, x: Floats, mean: Floats) -> None:
+    """Take the means of mixtures off their models.
+
+    Args:
+        share: probabilities of the models: lanes, or wide lanes for craft side by side.
+        x: (12,), means of the models, as many lanes, changed in place.
+        mean: (3,), receives the means of the mixtures, four states in the lanes of a four.
+    """
+    for a in range(0, STATES, LANES):
+        one, two, three, four = transposed(share * x[a], share * x[a + 1], share * x[a + 2], share * x[a + 3])
+        total = 0.0 + one + two + three + four
+        mean[a // LANES] = total
+        one, two, three, four = transposed(total, total, total, total)
+        x[a], x[a + 1], x[a + 2], x[a + 3] = x[a] - one, x[a + 1] - two, x[a + 2] - three, x[a + 3] - four
+
+
 @inlined
 def centre(c: int, mixtures: Mixtures, x: Floats) -> None:
     """Take the mean (12,) of the mixture of craft c off its models, and write it to x.
@@ -428,16 +502,10 @@ def centre(c: int, mixtures: Mixtures, x: Floats) -> None:
         mixtures: models of all craft, changed in place.
         x: (12,), receives the mean.
     """
-    means, own = lanes_in(mixtures.mean)[c], mixtures.probability[c]
-    share = pack(own[0], own[1], own[2], own[3])
-    for a in range(0, STATES, LANES):
-        one, two, three, four = transposed(
-            share * means[a], share * means[a + 1], share * means[a + 2], share * means[a + 3]
-        )
-        total = 0.0 + one + two + three + four
-        for k in range(LANES):
-            x[a + k] = lane(total, k)
-            means[a + k] = means[a + k] - x[a + k]
+    mean = scratch(0.0, COLUMNS, LANES)
+    centred(shares(c, mixtures), lanes_in(mixtures.mean)[c], lanes_in(mean))
+    for i in range(STATES):
+        x[i] = mean[i // LANES, i % LANES]
 
 
 @kernel
@@ -499,16 +567,14 @@ def shear_models(c: int, arms: Floats, mixtures: Mixtures) -> None:
 
 
 @inlined
-def settle(c: int, rows: int, mixtures: Mixtures, covariance: Floats) -> None:
-    """Finish an update of craft c by so many rows: its window, and the covariance (12, 12) of the mixture.
+def settle(c: int, rows: int, mixtures: Mixtures) -> None:
+    """Finish an update of craft c by so many rows, of which the covariance of the mixture is known: move its window.
 
     Args:
         c: the craft.
         rows: number of rows, or of measurements that they stand for.
         mixtures: models of all craft, changed in place.
-        covariance: (12, 12), receives that of the mixture.
     """
-    combine(c, mixtures, covariance)
     if rows >= DECIDING:
         mixtures.told[c] = True
         _move_window(c, mixtures)
