@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.arrays import Bools
+from estimators.lighthouse.pnp import PoseSolution
 from swarm.flight.flight import Flight
 from swarm.messages import Pulses
 from swarm.onboard import lighthouse_fix
@@ -21,7 +22,7 @@ from swarm.world.world import PeriodTruth
 class Captured(NamedTuple):
     """motion: of the period. sight, lit (C, K, 2): as each fan sweeps. pulses, angles, estimate: what became of it.
 
-    truth: at the epoch. refine, dilution: the arguments that navigation called the estimators with.
+    truth: at the epoch. refine, dilution: the arguments of the estimators' functions, as navigation has them.
     """
 
     flight: Flight
@@ -49,23 +50,22 @@ def captured(craft: int, *overrides: str, periods: int = 60) -> Captured:
     if not isinstance(computer, Computer):
         raise TypeError("the period is that of one lighthouse")
     angles = computer.decoder.decode(pulses)
-    arguments: dict[str, tuple[Any, ...]] = {}
-    functions = {name: getattr(lighthouse_fix, name) for name in ("refine", "dilution")}
+    asked: list[tuple[tuple[Any, ...], PoseSolution]] = []
+    function = vars(lighthouse_fix)["refine_with_dilution"]
 
-    def noting(name: str) -> Any:
-        def run(*given: Any) -> Any:
-            arguments[name] = tuple(np.copy(value) if isinstance(value, np.ndarray) else value for value in given)
-            return functions[name](*given)
-
-        return run
+    def noting(*given: Any) -> Any:
+        kept = tuple(np.copy(value) if isinstance(value, np.ndarray) else value for value in given)
+        result = function(*given)
+        asked.append((kept, result[0]))
+        return result
 
     try:
-        for name in functions:
-            setattr(lighthouse_fix, name, noting(name))
+        vars(lighthouse_fix)["refine_with_dilution"] = noting
         estimate = computer.navigator.step(angles, None, flight.command)
     finally:
-        for name, function in functions.items():
-            setattr(lighthouse_fix, name, function)
+        vars(lighthouse_fix)["refine_with_dilution"] = function
+    (*refine, correlation), solution = asked[-1]
+    dilution = solution.rotation, solution.position, refine[1], refine[2], *refine[5:], correlation, solution.solved
     epoch = len(motion.time_s) // 2
     truth = Truth(
         motion.position[epoch],
@@ -84,6 +84,6 @@ def captured(craft: int, *overrides: str, periods: int = 60) -> Captured:
         angles,
         estimate,
         truth,
-        arguments["refine"],
-        arguments["dilution"],
+        tuple(refine),
+        dilution,
     )

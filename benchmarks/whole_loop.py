@@ -29,7 +29,7 @@ from swarm.scenario import load
 
 BLOCK = 128
 """Periods of a block."""
-ON_BOARD = ("visibility", "LM", "DOP", "filter")
+ON_BOARD = ("visibility", "LM, DOP", "filter")
 """What issue and design count as the on-board chain."""
 
 
@@ -153,8 +153,8 @@ def main() -> None:
         steps=([4, 8], "physics steps per period"),
         blocks=(5, f"blocks of {BLOCK} periods that are counted, of each; a third as many beyond 1000 craft"),
     )
-    Stages.share(lighthouse_fix, "refine", "LM")
-    Stages.share(lighthouse_fix, "dilution", "DOP")
+    Stages.share(lighthouse_fix, "refine_with_dilution", "LM, DOP")
+    Stages.share(lighthouse_fix, "dilution", "LM, DOP")
     with tempfile.TemporaryDirectory() as folder, ExitStack() as exits:
         loops = [
             Loop(craft, steps, Path(folder), chosen.blocks, exits) for craft in chosen.craft for steps in chosen.steps

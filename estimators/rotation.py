@@ -11,7 +11,7 @@ may differ in their last bits.
 import numpy as np
 
 from estimators.arrays import Floats
-from estimators.kernel import kernel
+from estimators.kernel import inlined, kernel
 from estimators.lanes import all_of, lane, width, with_lane
 from estimators.scratch import scratch
 
@@ -177,7 +177,7 @@ def sine_cosine(square: float) -> tuple[float, float]:
     return s, c
 
 
-@kernel
+@inlined
 def exp_rows(x: float, y: float, z: float) -> Rows:
     """Return the rows of Exp([v]x) as tuples, of numbers or lanes: nothing is allocated.
 

@@ -9,25 +9,40 @@ from convex_target import draw, sweep_offsets
 from estimators import lanes
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats
+from estimators.exponential import exponential, logarithm
 from estimators.kernel import kernel
 from estimators.kernel_digest import KernelDigest
 from estimators.lanes import (
+    FOURS,
     WIDE,
     alike,
     all_of,
+    any_in_four,
     any_of,
+    beside,
+    exponent,
+    fours_in,
     lane,
     lanes_in,
+    mantissa,
     opposite,
     pack,
+    power_of_two,
     select,
     transposed,
     wide_in,
     width,
     with_lane,
 )
-from estimators.lighthouse.dop import dilution, dilution_one
-from estimators.lighthouse.pnp import FEWEST_LIT, ITERATIONS_MAX, refine_one, refine_projections
+from estimators.lighthouse.dop import dilution, dilution_one, replace, unknown
+from estimators.lighthouse.pnp import (
+    FEWEST_LIT,
+    ITERATIONS_MAX,
+    refine,
+    refine_one,
+    refine_projections,
+    refine_with_dilution,
+)
 from estimators.lighthouse.projection import COLUMNS, VALUE, WEIGHT, gather, projections, table_spans_plane
 
 ODD = [0.0, -0.0, 1.0, -2.5, np.inf, -np.inf, np.nan, 5e-324, 1e308, -1e-310]
@@ -120,6 +135,75 @@ def test_wide_lanes_do_the_same() -> None:
     wanted[-1] = np.broadcast_to(some, a.shape)
     for number, (mine, theirs) in enumerate(zip(out, wanted, strict=True)):
         assert bits(mine) == bits(np.asarray(theirs, dtype=np.float64)), number
+
+
+@kernel
+def fours(given: Floats, out: Floats) -> None:
+    values, into = lanes_in(given), wide_in(out)
+    for k in range(values.shape[1]):
+        a, b = values[0, k], values[1, k]
+        into[0, k] = beside(a, b)
+        into[1, k], into[2, k], into[3, k], into[4, k] = transposed(
+            beside(a, b), beside(b, a), beside(a, a), into[0, k]
+        )
+        into[5, k] = select(any_in_four(beside(a > 0, b > 0)), beside(1.0, 2), beside(lane(a, 1), 0.0))
+        fours_in(into)[6, k, 0] = a
+        fours_in(into)[6, k, FOURS - 1] = fours_in(into)[0, k, FOURS - 1]
+
+
+def test_fours_side_by_side() -> None:
+    rng = np.random.default_rng(5)
+    given = rng.standard_normal((2, 9, 4)) - 0.7
+    out = np.full((7, 9, WIDE), 7.0)
+    fours(given, out)
+    a, b = given
+    rows = np.stack([np.hstack(pair)[:, :WIDE] for pair in ((a, b), (b, a), (a, a), (a, b))])
+    np.testing.assert_array_equal(out[0], rows[0])
+    turned = rows.reshape(4, 9, FOURS, 4).transpose(3, 1, 2, 0).reshape(4, 9, WIDE)
+    np.testing.assert_array_equal(out[1:5], turned)
+    positive = [np.repeat((part > 0).any(axis=1, keepdims=True), 4, axis=1) for part in (a, b)]
+    assert 0 < positive[0].sum() < positive[0].size
+    chosen = [np.where(positive[0], 1.0, a[:, 1:2]), np.where(positive[1], 2.0, 0.0)]
+    np.testing.assert_array_equal(out[5], np.hstack(chosen)[:, :WIDE])
+    np.testing.assert_array_equal(out[6], rows[0])
+
+
+@kernel
+def by_powers(given: Floats, out: Floats, numbers: Floats) -> None:
+    values, into = wide_in(given), wide_in(out)
+    for k in range(len(values)):
+        into[0, k], into[1, k] = mantissa(values[k]), exponent(values[k])
+        into[2, k] = power_of_two(exponent(values[k])) * mantissa(values[k])
+        into[3, k], into[4, k] = logarithm(values[k]), exponential(logarithm(values[k]))
+        for i in range(WIDE):
+            numbers[0, k, i], numbers[1, k, i] = mantissa(given[k, i]), exponent(given[k, i])
+            numbers[2, k, i] = power_of_two(numbers[1, k, i]) * numbers[0, k, i]
+            numbers[3, k, i] = logarithm(given[k, i])
+            numbers[4, k, i] = exponential(numbers[3, k, i])
+
+
+def test_powers_logarithm_and_exponential() -> None:
+    rng = np.random.default_rng(6)
+    ordinary = np.exp(rng.uniform(-700, 700, 400))
+    near = 1 + np.array([0.0, 1e-16, 1e-9, 0.3, 0.414, 0.415, -1e-16, -1e-9, -0.2, -0.292, -0.293, 1.0])
+    given = np.concatenate([ordinary, near, np.full(-len(near) % WIDE, 2.0)]).reshape(-1, WIDE)
+    out, numbers = np.empty((2, 5, *given.shape))
+    by_powers(given, out, numbers)
+    np.testing.assert_array_equal(out, numbers)
+    fraction, power = np.frexp(given)
+    np.testing.assert_array_equal(out[0], 2 * fraction)
+    np.testing.assert_array_equal(out[1], power - 1)
+    np.testing.assert_array_equal(out[2], given)
+    # A unit in the last place is up to 2.2e-16 of a number.
+    np.testing.assert_allclose(out[3], np.log(given), rtol=4e-16)
+    np.testing.assert_allclose(out[4], np.exp(out[3]), rtol=4e-16)
+
+
+def test_logarithm_and_exponential_beyond_their_range() -> None:
+    with np.errstate(all="ignore"):
+        assert [logarithm(x) for x in (-1.0, 0.0, np.inf, np.nan)] == pytest.approx([np.nan] * 4, nan_ok=True)
+    assert [exponential(x) for x in (-709.0, -np.inf, 710.0, np.inf)] == [0.0, 0.0, np.inf, np.inf]
+    assert np.isnan(exponential(np.nan))
 
 
 def test_an_array_of_lanes_shares_the_memory_of_its_numbers() -> None:
@@ -227,6 +311,33 @@ def test_dilutions_side_by_side_are_those_of_one_alone_bit_for_bit() -> None:
             assert ours.attitude_slope_deg_per_rad[c] == np.rad2deg(found[1]), c
             assert ours.position_slope_m_per_rad[c] == found[2], c
     assert 20 <= np.count_nonzero(np.isfinite(ours.pdop_m_per_rad)) < len(company.lit) - 5
+
+
+def test_a_poses_precision_is_the_same_made_with_it_or_after_it_bit_for_bit() -> None:
+    company, rho = Company(), 0.1
+    theta = np.arctan2(1, company.uv)
+    given = theta, company.lit, company.point, company.rotation, company.position, *company.motion()
+    solution, precision = refine_with_dilution(*given, rho)
+    alone = refine(*given)
+    for mine, other in zip(solution, alone, strict=True):
+        np.testing.assert_array_equal(mine, other)
+    after = dilution(alone.rotation, alone.position, company.lit, company.point, *company.motion(), rho, alone.solved)
+    for mine, other in zip(precision, after, strict=True):
+        assert bits(mine) == bits(other)
+    assert 20 <= np.count_nonzero(np.isfinite(after.pdop_m_per_rad)) < len(company.lit) - 5
+
+
+def test_precision_of_some_craft_is_replaced() -> None:
+    company = Company()
+    d, rho = company.truth, 0.1
+    of = d.rotation, d.position, company.lit, company.point, *company.motion()
+    all_of_them, mask = np.ones(len(company.lit), dtype=np.bool_), np.arange(len(company.lit)) % 3 == 0
+    whole, some = dilution(*of, rho, all_of_them), dilution(*of, rho, mask)
+    for mine, other in zip(replace(unknown(len(mask)), mask, whole), some, strict=True):
+        assert bits(mine) == bits(other)
+    for mine, other in zip(replace(whole, ~mask, None), some, strict=True):
+        assert bits(mine) == bits(other)
+    assert replace(whole, ~all_of_them, None) is whole
 
 
 def test_a_cotangent_is_exact_to_four_units_in_the_last_place_and_the_same_of_lanes_and_of_a_number() -> None:

@@ -28,19 +28,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.arrays import Bools, Floats
-from estimators.kernel import kernel
-from estimators.lanes import WIDE, lane, wide_in
+from estimators.arrays import Bools, Floats, Ints
+from estimators.kernel import inlined, kernel
+from estimators.lanes import LANES, WIDE, all_of, lane, select, wide_in
 from estimators.lighthouse.projection import TAU, WEIGHT, checked, checked_lit, project, table_spans_plane
 from estimators.lighthouse.side_by_side import (
+    Given,
     Room,
-    gather_lanes,
+    gather_craft,
     gather_weights_lanes,
+    given,
     in_order,
-    matrices_of,
     room_for,
-    rows_of,
-    seen_by,
+    scatter_matrices,
     taken,
 )
 from estimators.lighthouse.slope import worst_slopes
@@ -209,65 +209,108 @@ def dilution_one(
     return determined, attitude_slope, position_slope
 
 
-@kernel
-def _dilution_all(
+class Places(NamedTuple):
+    """Places for the precision of C craft.
+
+    covariance, coupling: (C, 9, 4), the numbers of H and B. factors: (4, C), ADOP [deg/rad], PDOP [m/rad] and the two
+    slopes [rad/rad], [m/rad]. rows: (2, 5, K, WIDE), workspace.
+    """
+
+    covariance: Floats
+    coupling: Floats
+    factors: Floats
+    rows: Floats
+
+    def found(self) -> Dilution:
+        """Return what has been written."""
+        craft = self.factors.shape[1]
+        adop, pdop, turned, moved = self.factors
+        covariance, coupling = (part.reshape(craft, 6, 6) for part in self[:2])
+        return Dilution(covariance, adop, pdop, coupling, np.rad2deg(turned), moved)
+
+
+def places_for(craft: int, photodiodes: int) -> Places:
+    """Return places for so many craft and photodiodes."""
+    matrices = np.empty((2, craft, 9, LANES))
+    return Places(matrices[0], matrices[1], np.empty((4, craft)), np.empty((2, 5, photodiodes, WIDE)))
+
+
+@inlined
+def precision_into(
+    who: Ints,
+    table: Floats,
+    n: int,
+    number: float,
     rotation: Floats,
     position: Floats,
-    lit: Bools,
-    point: Floats,
-    offset: Floats,
-    angular_rate: Floats,
-    velocity: Floats,
-    weight: Floats,
+    angles: bool,
     rho: float,
-    mask: Bools,
-    room: Room,
-    derivatives: Floats,
-    covariance: Floats,
-    coupling: Floats,
-    adop: Floats,
-    pdop: Floats,
-    slope: Floats,
+    among: bool,
+    places: Places,
 ) -> None:
+    """Write the precision of craft side by side, NaN where the pose is not determined.
+
+    Args:
+        who: (WIDE,), the craft; one that is there twice has the same in both lanes.
+        table: (., COLUMNS), angles, with their weights.
+        n: rows of each fan.
+        number: number of photodiodes.
+        rotation: (3, 3).
+        position: (3,) [m].
+        angles: of equal noise, as in `_sums_into`.
+        rho: of (19).
+        among: the lanes of craft that have a pose.
+        places: receives it.
+    """
+    both = scratch(table, 2, 6, 6)
+    determined, turned, moved = dilution_one(
+        table, n, number, rotation, position, angles, rho, wide_in(places.rows), both[0], both[1]
+    )
+    determined = determined & among
+    h = both[0]
+    adop, pdop = np.sqrt(h[0, 0] + h[1, 1] + h[2, 2]), np.sqrt(h[3, 3] + h[4, 4] + h[5, 5])
+    for i in range(WIDE):
+        c, known = who[i], lane(determined, i)
+        places.factors[0, c] = np.rad2deg(lane(adop, i)) if known else np.nan
+        places.factors[1, c] = lane(pdop, i) if known else np.nan
+        places.factors[2, c] = lane(turned, i) if known else np.nan
+        places.factors[3, c] = lane(moved, i) if known else np.nan
+    if not all_of(determined):
+        for a in range(6):
+            for b in range(6):
+                both[0, a, b] = select(determined, both[0, a, b], np.nan)
+                both[1, a, b] = select(determined, both[1, a, b], np.nan)
+    scatter_matrices(both[0], who, places.covariance)
+    scatter_matrices(both[1], who, places.coupling)
+
+
+@kernel
+def no_precision(c: int, places: Places) -> None:
+    """Write NaN for craft c."""
+    for k in range(4):
+        places.factors[k, c] = np.nan
+    for k in range(9):
+        for i in range(LANES):
+            places.covariance[c, k, i] = places.coupling[c, k, i] = np.nan
+
+
+@kernel
+def _dilution_all(of: Given, weight: Floats, rho: float, mask: Bools, room: Room, places: Places) -> None:
     """Compute (13) to (18) and (22) for every craft; NaN where the pose is not determined.
 
-    weight: (C K, 2), inverse noise of each projection, or empty where the angles have equal noise. point: (C K, 3).
-    offset: (C K, 2). rotation: (C, 9). derivatives: scratch (2, 5, K, WIDE).
+    weight: (C K, 2), inverse noise of each projection, or empty where the angles have equal noise.
     """
-    many, count, order, table = in_order(lit, mask, 1, room), room.counts, room.order, wide_in(room.table)
-    rows, angles = wide_in(derivatives), weight.size == 0
-    turn, place, rate, speed = scratch(table, 3, 3), scratch(table, 3), scratch(table, 3), scratch(table, 3)
-    both = scratch(table, 2, 6, 6)
+    many, count, order, table = in_order(of.lit, mask, 1, room), room.counts, room.order, wide_in(room.table)
+    turn, place, angles = scratch(table, 3, 3), scratch(table, 3), weight.size == 0
     for c in range(len(mask)):
-        adop[c] = np.nan
+        if not mask[c] or count[c, 0] == 0:
+            no_precision(c, places)
     for first in range(0, many, WIDE):
         who = order[first : first + WIDE]
         n, number = count[who[WIDE - 1], 0], taken(table[0, 0], count, who, 0)
-        seen_by(who, lit, n, room.seen)
-        matrices_of(rotation, who, turn)
-        rows_of(position, who, place)
-        rows_of(angular_rate, who, rate)
-        rows_of(velocity, who, speed)
-        gather_lanes(room.seen, n, point, offset, rate, speed, table)
+        gather_craft(who, n, of, room, turn, place)
         gather_weights_lanes(room.seen, n, number, angles, weight, table)
-        determined, turned, moved = dilution_one(table, n, number, turn, place, angles, rho, rows, both[0], both[1])
-        determined = determined & table_spans_plane(table, n)
-        for i in range(WIDE):
-            c = who[i]
-            if lane(determined, i):
-                for a in range(6):
-                    for b in range(6):
-                        covariance[c, a, b], coupling[c, a, b] = lane(both[0, a, b], i), lane(both[1, a, b], i)
-                h = covariance[c]
-                adop[c] = np.rad2deg(np.sqrt(h[0, 0] + h[1, 1] + h[2, 2]))
-                pdop[c] = np.sqrt(h[3, 3] + h[4, 4] + h[5, 5])
-                slope[0, c], slope[1, c] = lane(turned, i), lane(moved, i)
-    for c in range(len(mask)):
-        if np.isnan(adop[c]):
-            pdop[c] = slope[0, c] = slope[1, c] = np.nan
-            for a in range(6):
-                for b in range(6):
-                    covariance[c, a, b] = coupling[c, a, b] = np.nan
+        precision_into(who, table, n, number, turn, place, angles, rho, table_spans_plane(table, n), places)
 
 
 def factors(covariance: Floats) -> tuple[Floats, Floats]:
@@ -305,10 +348,33 @@ def dilution(
     Raises:
         ValueError: an array's shape does not fit `lit`, or rho is outside [0, 1]; the message names the argument.
     """
+    motion = offset_s, angular_rate, velocity
+    return _checked_dilution(
+        rotation, position, lit, point_m, motion, None, checked_correlation(rotor_correlation), mask
+    )
+
+
+def checked_correlation(rotor_correlation: float) -> float:
+    """Return rho of (19); raise ValueError where it is outside [0, 1]."""
     if not 0 <= rotor_correlation <= 1:
         raise ValueError(f"rotor_correlation is {rotor_correlation}, outside [0, 1]")
-    motion = offset_s, angular_rate, velocity
-    return _checked_dilution(rotation, position, lit, point_m, motion, None, float(rotor_correlation), mask)
+    return float(rotor_correlation)
+
+
+def unknown(craft: int) -> Dilution:
+    """Return no precision of any of C craft."""
+    matrices, factors = np.full((2, craft, 6, 6), np.nan), np.full((4, craft), np.nan)
+    return Dilution(matrices[0], factors[0], factors[1], matrices[1], factors[2], factors[3])
+
+
+def replace(known: Dilution, mask: Bools, other: Dilution | None) -> Dilution:
+    """Return the precision `known` with that of `other`, or NaN, for the craft of the mask (C,)."""
+    if not mask.any():
+        return known
+    parts = [part.copy() for part in known]
+    for part, new in zip(parts, other or known, strict=True):
+        part[mask] = np.nan if other is None else new[mask]
+    return Dilution._make(parts)
 
 
 def image_dilution(
@@ -357,26 +423,13 @@ def _checked_dilution(
     if mask.shape != (craft,):
         raise ValueError(f"mask has shape {mask.shape}, expected {(craft,)}")
     offset_s, angular_rate, velocity = motion
-    covariance, coupling = np.empty((2, craft, 6, 6))
-    adop, pdop = np.empty((2, craft))
-    slope = np.empty((2, craft))
+    places = places_for(craft, photodiodes)
     _dilution_all(
-        checked("rotation", rotation, (craft, 3, 3)).reshape(craft, 9),
-        checked("position", position, (craft, 3)),
-        lit,
-        checked("point_m", point_m, (craft, photodiodes, 3)).reshape(-1, 3),
-        checked("offset_s", offset_s, (craft, photodiodes, 2)).reshape(-1, 2),
-        checked("angular_rate", angular_rate, (craft, 3)),
-        checked("velocity", velocity, (craft, 3)),
+        given(lit, rotation, position, point_m, offset_s, angular_rate, velocity),
         np.empty((0, 2)) if weight is None else checked("weight", weight, (craft, photodiodes, 2)).reshape(-1, 2),
         rho,
         mask,
         room_for(craft, photodiodes),
-        np.empty((2, 5, photodiodes, WIDE)),
-        covariance,
-        coupling,
-        adop,
-        pdop,
-        slope,
+        places,
     )
-    return Dilution(covariance, adop, pdop, coupling, np.rad2deg(slope[0]), slope[1])
+    return places.found()

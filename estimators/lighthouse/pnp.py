@@ -29,6 +29,14 @@ from estimators import levenberg_marquardt as lm
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
 from estimators.lanes import WIDE, all_of, any_of, lane, opposite, select, wide_in
+from estimators.lighthouse.dop import (
+    Dilution,
+    Places,
+    checked_correlation,
+    no_precision,
+    places_for,
+    precision_into,
+)
 from estimators.lighthouse.projection import (
     VALUE,
     WEIGHT,
@@ -40,14 +48,14 @@ from estimators.lighthouse.projection import (
     table_spans_plane,
 )
 from estimators.lighthouse.side_by_side import (
+    Given,
     Room,
-    gather_lanes,
+    gather_craft,
     gather_measured_lanes,
+    gather_weights_lanes,
+    given,
     in_order,
-    matrices_of,
     room_for,
-    rows_of,
-    seen_by,
     taken,
 )
 from estimators.linear import solve_spd
@@ -78,6 +86,8 @@ class PoseSolution(NamedTuple):
     cost: Floats
 
 
+_NOWHERE = places_for(0, 0)
+"""Places for no precision."""
 GRADIENT, SCALE = 6, 7
 """Rows below the matrix, in what a Newton step needs (8, 6): J^T W^2 f, and the diagonal of J^T W^2 J."""
 
@@ -257,40 +267,36 @@ def refine_one(
 def _refine_all(
     uv: Floats,
     weight: Floats,
-    lit: Bools,
-    point: Floats,
-    rotation: Floats,
-    position: Floats,
-    offset: Floats,
-    angular_rate: Floats,
-    velocity: Floats,
+    of: Given,
     iterations_max: int,
+    rho: float,
     room: Room,
     solved: Bools,
     iterations: Ints,
     residual: Floats,
     cost: Floats,
+    places: Places,
 ) -> None:
-    """`refine_one` for every craft: `rotation` and `position` hold the starts, then the answers or NaN.
+    """`refine_one` for every craft: the poses hold the starts, then the answers or NaN.
 
-    uv, weight, offset: (C K, 2); weight empty: as in `gather_measured_lanes`. point: (C K, 3). rotation: (C, 9).
+    uv, weight: (C K, 2); weight empty: as in `gather_measured_lanes`. rho: of (19). places: receive the precision of
+    the answers, unless they are for no craft.
     """
-    many, count, order, table = in_order(lit, solved, FEWEST_LIT, room), room.counts, room.order, wide_in(room.table)
-    turn, place, rate, speed = scratch(table, 3, 3), scratch(table, 3), scratch(table, 3), scratch(table, 3)
+    wanted = places.factors.shape[1] > 0
+    many, count, order, table = in_order(of.lit, solved, FEWEST_LIT, room), room.counts, room.order, wide_in(room.table)
+    turn, place = scratch(table, 3, 3), scratch(table, 3)
     for c in range(len(solved)):
         solved[c], iterations[c], cost[c], residual[c] = False, 0, np.nan, np.nan
     for first in range(0, many, WIDE):
         who = order[first : first + WIDE]
         n, number = count[who[WIDE - 1], 0], taken(table[0, 0], count, who, 0)
-        seen_by(who, lit, n, room.seen)
-        matrices_of(rotation, who, turn)
-        rows_of(position, who, place)
-        rows_of(angular_rate, who, rate)
-        rows_of(velocity, who, speed)
-        gather_lanes(room.seen, n, point, offset, rate, speed, table)
+        gather_craft(who, n, of, room, turn, place)
         finite = gather_measured_lanes(room.seen, n, number, uv, weight, table)
         open_ = finite & table_spans_plane(table, n)
         converged, solves, squares = refine_one(table, n, turn, place, open_, iterations_max)
+        if wanted:
+            gather_weights_lanes(room.seen, n, number, True, weight, table)
+            precision_into(who, table, n, number, turn, place, True, rho, converged, places)
         for i in range(WIDE):
             c = who[i]
             solved[c], iterations[c] = lane(converged, i), int(lane(solves, i))
@@ -298,15 +304,17 @@ def _refine_all(
                 cost[c] = lane(squares, i)
                 residual[c] = np.sqrt(cost[c] / (2 * count[c, 0]))
                 for k in range(3):
-                    position[c, k] = lane(place[k], i)
+                    of.position[c, k] = lane(place[k], i)
                     for m in range(3):
-                        rotation[c, 3 * k + m] = lane(turn[k, m], i)
+                        of.rotation[c, 3 * k + m] = lane(turn[k, m], i)
     for c in range(len(solved)):
         if not solved[c]:
+            if wanted:
+                no_precision(c, places)
             for k in range(3):
-                position[c, k] = np.nan
+                of.position[c, k] = np.nan
             for k in range(9):
-                rotation[c, k] = np.nan
+                of.rotation[c, k] = np.nan
 
 
 def refine_projections(
@@ -339,32 +347,43 @@ def refine_projections(
     Raises:
         ValueError: an array's shape does not fit `lit`; the message names the argument.
     """
+    return _solved(uv, weight, lit, point_m, (rotation, position), (offset_s, angular_rate, velocity), iterations_max)
+
+
+def _solved(
+    uv: Floats,
+    weight: Floats | None,
+    lit: Bools,
+    point_m: Floats,
+    start: tuple[Floats, Floats],
+    motion: tuple[Floats, Floats, Floats],
+    iterations_max: int = ITERATIONS_MAX,
+    rho: float = 0.0,
+    places: Places = _NOWHERE,
+) -> PoseSolution:
+    """Check the shapes and run the kernel; start: rotation, position; motion: offset_s, angular_rate, velocity."""
     lit = checked_lit(lit)
     craft, photodiodes = lit.shape
     angles = (craft, photodiodes, 2)
     # Copies: the kernel works in place, and the starts belong to the caller.
-    rotation = checked("rotation", rotation, (craft, 3, 3)).copy()
-    position = checked("position", position, (craft, 3)).copy()
+    rotation, position = (np.array(part, dtype=np.float64) for part in start)
+    of = given(lit, rotation, position, point_m, *motion)
     solved, iterations = np.ones(craft, dtype=np.bool_), np.zeros(craft, dtype=np.int64)
     residual, cost = np.empty(craft), np.empty(craft)
     _refine_all(
         checked("uv", uv, angles).reshape(-1, 2),
         np.empty((0, 2)) if weight is None else checked("weight", weight, angles).reshape(-1, 2),
-        lit,
-        checked("point_m", point_m, (craft, photodiodes, 3)).reshape(-1, 3),
-        rotation.reshape(craft, 9),
-        position,
-        checked("offset_s", offset_s, angles).reshape(-1, 2),
-        checked("angular_rate", angular_rate, (craft, 3)),
-        checked("velocity", velocity, (craft, 3)),
+        of,
         iterations_max,
+        rho,
         room_for(craft, photodiodes),
         solved,
         iterations,
         residual,
         cost,
+        places,
     )
-    return PoseSolution(rotation, position, solved, iterations, residual, cost)
+    return PoseSolution(of.rotation.reshape(craft, 3, 3), of.position, solved, iterations, residual, cost)
 
 
 def refine(
@@ -393,8 +412,49 @@ def refine(
     Raises:
         ValueError: an array's shape does not fit `lit`; the message names the argument.
     """
+    start, motion = (rotation, position), (offset_s, angular_rate, velocity)
+    return _solved(_projected(theta, lit), None, lit, point_m, start, motion)
+
+
+def refine_with_dilution(
+    theta: Floats,
+    lit: Bools,
+    point_m: Floats,
+    rotation: Floats,
+    position: Floats,
+    offset_s: Floats,
+    angular_rate: Floats,
+    velocity: Floats,
+    rotor_correlation: float,
+) -> tuple[PoseSolution, Dilution]:
+    """Return `refine` and the `dop.dilution` of its poses, from one table of angles; NaN where there is no pose.
+
+    Args:
+        theta: as in `refine`.
+        lit: as in `refine`.
+        point_m: as in `refine`.
+        rotation: as in `refine`.
+        position: as in `refine`.
+        offset_s: as in `refine`.
+        angular_rate: as in `refine`.
+        velocity: as in `refine`.
+        rotor_correlation: rho of (19), in [0, 1].
+
+    Raises:
+        ValueError: as `refine` and `dop.dilution`.
+    """
+    places = places_for(*checked_lit(lit).shape)
+    start, motion, rho = (
+        (rotation, position),
+        (offset_s, angular_rate, velocity),
+        checked_correlation(rotor_correlation),
+    )
+    solution = _solved(_projected(theta, lit), None, lit, point_m, start, motion, rho=rho, places=places)
+    return solution, places.found()
+
+
+def _projected(theta: Floats, lit: Bools) -> Floats:
+    """Return the projections (C, K, 2) of sweep angles, NaN where no craft sees any."""
     lit = checked_lit(lit)
     theta = checked("theta", theta, (*lit.shape, 2))
-    uv = projections(theta) if lit.any() else np.full_like(theta, np.nan)
-    motion = offset_s, angular_rate, velocity
-    return refine_projections(uv, None, lit, point_m, rotation, position, *motion)
+    return projections(theta) if lit.any() else np.full_like(theta, np.nan)

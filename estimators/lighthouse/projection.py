@@ -10,7 +10,7 @@ from math import factorial
 import numpy as np
 
 from estimators.arrays import Bools, Floats
-from estimators.kernel import kernel
+from estimators.kernel import inlined, kernel
 from estimators.lanes import WIDE, select, wide_in
 from estimators.rotation import Row, exp_rows
 
@@ -132,7 +132,7 @@ def gather(lit: Bools, point: Floats, offset: Floats, angular_rate: Floats, velo
     return n
 
 
-@kernel
+@inlined
 def write_motion(out: Floats, row: int, own: Row, third: Row, across: float, along: float, tau: float) -> None:
     """Write the columns 3 to 11 of an angle, of numbers or of lanes.
 

@@ -13,9 +13,22 @@ from numpy.typing import NDArray
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import inlined, kernel
-from estimators.lanes import WIDE, alike, select, width, with_lane
-from estimators.lighthouse.projection import COLUMNS, VALUE, WEIGHT, write_motion
+from estimators.lanes import (
+    FOURS,
+    LANES,
+    WIDE,
+    alike,
+    fours_in,
+    lanes_in,
+    select,
+    transposed,
+    wide_in,
+    width,
+    with_lane,
+)
+from estimators.lighthouse.projection import COLUMNS, VALUE, WEIGHT, checked, write_motion
 from estimators.rotation import exp_rows
+from estimators.scratch import scratch
 
 Places = NDArray[np.uint64]
 
@@ -139,6 +152,93 @@ def matrices_of(source: Floats, who: Ints, out: Floats) -> None:
     for i in range(3):
         for j in range(3):
             out[i, j] = taken(out[i, j], source, who, 3 * i + j)
+
+
+class Given(NamedTuple):
+    """What a table is made of, of C craft with K photodiodes, flat.
+
+    lit: (C, K). rotation: (C, 9), position: (C, 3) [m], of the poses. point: (C K, 3) [m]. offset: (C K, 2) [s].
+    angular_rate, velocity: (C, 3) [rad/s], [m/s].
+    """
+
+    lit: Bools
+    rotation: Floats
+    position: Floats
+    point: Floats
+    offset: Floats
+    angular_rate: Floats
+    velocity: Floats
+
+
+def given(
+    lit: Bools,
+    rotation: Floats,
+    position: Floats,
+    point_m: Floats,
+    offset_s: Floats,
+    angular_rate: Floats,
+    velocity: Floats,
+) -> Given:
+    """Return the same, checked; the arguments are those of `pnp.refine`, whose shapes follow from `lit`.
+
+    Raises:
+        ValueError: a shape does not fit; the message names the argument.
+    """
+    craft, photodiodes = lit.shape
+    return Given(
+        lit,
+        checked("rotation", rotation, (craft, 3, 3)).reshape(craft, 9),
+        checked("position", position, (craft, 3)),
+        checked("point_m", point_m, (craft, photodiodes, 3)).reshape(-1, 3),
+        checked("offset_s", offset_s, (craft, photodiodes, 2)).reshape(-1, 2),
+        checked("angular_rate", angular_rate, (craft, 3)),
+        checked("velocity", velocity, (craft, 3)),
+    )
+
+
+@inlined
+def gather_craft(who: Ints, n: int, of: Given, room: Room, turn: Floats, place: Floats) -> None:
+    """Write the poses and the angles of some craft into lanes: the table of `room`, without values and weights.
+
+    Args:
+        who: (L,), craft.
+        n: rows of each fan.
+        of: all craft.
+        room: receives the table, and where its rows are from.
+        turn: (3, 3), lanes, receives the rotations.
+        place: (3,), lanes, receives the positions [m].
+    """
+    table = wide_in(room.table)
+    rate, speed = scratch(table, 3), scratch(table, 3)
+    seen_by(who, of.lit, n, room.seen)
+    matrices_of(of.rotation, who, turn)
+    rows_of(of.position, who, place)
+    rows_of(of.angular_rate, who, rate)
+    rows_of(of.velocity, who, speed)
+    gather_lanes(room.seen, n, of.point, of.offset, rate, speed, table)
+
+
+@inlined
+def scatter_matrices(matrix: Floats, who: Ints, out: Floats) -> None:
+    """Write matrices of some craft, in lanes, to their places.
+
+    Args:
+        matrix: (6, 6), wide lanes.
+        who: (L,), craft; those that are there twice have the same.
+        out: (C, 9, 4), receives their numbers.
+    """
+    places, four = lanes_in(out), scratch(matrix, LANES)
+    parts = fours_in(four)
+    for first in range(0, 36, LANES):
+        four[0], four[1], four[2], four[3] = transposed(
+            matrix[first // 6, first % 6],
+            matrix[(first + 1) // 6, (first + 1) % 6],
+            matrix[(first + 2) // 6, (first + 2) % 6],
+            matrix[(first + 3) // 6, (first + 3) % 6],
+        )
+        for i in range(LANES):
+            for side in range(FOURS):
+                places[who[LANES * side + i], first // LANES] = parts[i, side]
 
 
 @kernel

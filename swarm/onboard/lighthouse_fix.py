@@ -16,10 +16,10 @@ from estimators import rotation as rot
 from estimators.arrays import Bools, Floats, Ints
 from estimators.filter.error_state import POSE, POSE_COLUMNS
 from estimators.kernel import kernel
-from estimators.lighthouse.dop import Dilution, dilution
+from estimators.lighthouse.dop import Dilution, dilution, replace, unknown
 from estimators.lighthouse.integrity import AngleNoise, Sweeps, linearised
 from estimators.lighthouse.planar import Rows, Side, Spread, bends, is_flat, pose_rows, spread
-from estimators.lighthouse.pnp import PoseSolution, refine
+from estimators.lighthouse.pnp import PoseSolution, refine_with_dilution
 from estimators.lighthouse.separation import Linear
 from estimators.lighthouse.sweep import HALF_PI, FanErrors, correct, lighthouse_1, measured_angles
 from estimators.state import State
@@ -165,23 +165,28 @@ class LighthouseFix:
             angular_rate=rates[0],
             velocity=rates[1],
         )
-        screened = self._solve(sweeps, known, visible, start, tracks)
+        screened, made = self._solve(sweeps, known, visible, start, tracks)
         # Where the sweeps themselves go into the filter, precision is that at the prediction.
         unsolved = enough & active & ~known
         at = State(screened.solution.rotation, screened.solution.position, predicted.velocity, predicted.angular_rate)
         searching = unsolved.any()
         at = predicted.where(unsolved, at) if searching else at
-        precision = dilution(
-            at.rotation,
-            at.position,
-            np.where(unsolved[:, None], lit, screened.lit) if searching else screened.lit,
-            sweeps.point_m,
-            sweeps.offset_s,
-            sweeps.angular_rate,
-            sweeps.velocity,
-            self._rho,
-            screened.solution.solved | unsolved,
-        )
+        # That of the poses is made with them; the screening may have solved some again, with fewer photodiodes.
+        again = screened.solution.solved & (screened.dropped != 0) | unsolved
+        other: Dilution | None = None
+        if again.any():
+            other = dilution(
+                at.rotation,
+                at.position,
+                np.where(unsolved[:, None], lit, screened.lit) if searching else screened.lit,
+                sweeps.point_m,
+                sweeps.offset_s,
+                sweeps.angular_rate,
+                sweeps.velocity,
+                self._rho,
+                again,
+            )
+        precision = replace(made, again | ~screened.solution.solved, other)
         linear: Linear | None = None
         if s.integrity.false_photodiodes:
             used, solution = sweeps._replace(lit=screened.lit), screened.solution
@@ -218,11 +223,14 @@ class LighthouseFix:
         _seen_into(straight, angles.lit, theta, lit, visible)
         return turned, theta, lit, visible
 
-    def _solve(self, sweeps: Sweeps, known: Bools, visible: Ints, start: _Start, tracks: Tracks) -> Screened:
-        """Solve every craft's pose from its start, and test the residuals."""
+    def _solve(
+        self, sweeps: Sweeps, known: Bools, visible: Ints, start: _Start, tracks: Tracks
+    ) -> tuple[Screened, Dilution]:
+        """Solve every craft's pose from its start, and test the residuals; return the precision of the poses, too."""
         if not known.any():
-            return Screened(_unsolved(len(known)), sweeps.lit, visible, np.zeros(len(known), dtype=np.int64))
-        pnp = refine(
+            none = _unsolved(len(known)), sweeps.lit, visible, np.zeros(len(known), dtype=np.int64)
+            return Screened(*none), unknown(len(known))
+        pnp, precision = refine_with_dilution(
             sweeps.theta,
             sweeps.lit,
             sweeps.point_m,
@@ -231,10 +239,11 @@ class LighthouseFix:
             sweeps.offset_s,
             sweeps.angular_rate,
             sweeps.velocity,
+            self._rho,
         )
         pnp = pnp._replace(solved=pnp.solved & (pnp.residual_rad < self.settings.residual_limit_rad))
         begun = start.rotation, start.position
-        return self._monitor.screen(sweeps, known, visible, pnp, begun, tracks.rate_covariance)
+        return self._monitor.screen(sweeps, known, visible, pnp, begun, tracks.rate_covariance), precision
 
     def _fix(self, screened: Screened, precision: Dilution) -> PoseFix:
         """Return the poses with the covariance s^2 H of (18)."""
