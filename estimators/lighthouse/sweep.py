@@ -294,8 +294,8 @@ def correct(theta: Floats, errors: FanPair) -> Floats:
     """
     _check_pair(theta)
     if all(error == FanErrors() for error in errors):
-        out = np.empty(theta.shape)
-        _front_into(np.ascontiguousarray(theta, dtype=np.float64).reshape(-1, 2), out.reshape(-1, 2))
+        out = np.ascontiguousarray(theta, dtype=np.float64).copy()
+        _keep_front(out.reshape(-1, 2))
         return out
     measured = theta - HALF_PI
     a = measured
@@ -312,12 +312,11 @@ def correct(theta: Floats, errors: FanPair) -> Floats:
 
 
 @kernel
-def _front_into(theta: Floats, out: Floats) -> None:
-    """Write pairs of angles (N, 2), as NaN where either is, or where the direction is not in front."""
+def _keep_front(theta: Floats) -> None:
+    """Make pairs of angles (N, 2) NaN where either is, or where the direction is not in front."""
     for i in range(len(theta)):
-        front = (abs(theta[i, 0] - HALF_PI) < HALF_PI) & (abs(theta[i, 1] - HALF_PI) < HALF_PI)
-        out[i, 0] = theta[i, 0] if front else np.nan
-        out[i, 1] = theta[i, 1] if front else np.nan
+        if not (abs(theta[i, 0] - HALF_PI) < HALF_PI and abs(theta[i, 1] - HALF_PI) < HALF_PI):
+            theta[i, 0] = theta[i, 1] = np.nan
 
 
 def from_libsurvive(

@@ -154,6 +154,7 @@ class LighthouseFix:
         solved = lost if s.coupling == "tight" else active
         known = enough & (solved | start.found) & ~imaged
         # The motion within the period as each craft estimates it; a craft with its first pose has no estimate of it.
+        # The predictions are copies.
         rates = predicted.angular_rate, predicted.velocity
         for rate in rates:
             rate[~active if s.motion_compensation else slice(None)] = 0.0

@@ -41,7 +41,7 @@ class SweepsTaken(NamedTuple):
     photodiodes that they come from. dropped: number of photodiodes left out as false; -1: none agreed. fault: what a
     false one among fewer than MIN_LIT may do to position [m] and attitude [deg], (2, C); zero elsewhere. batch: all
     rows, None without any; kept: (N,), those of them that were used. log_determinant: of the innovations' covariance,
-    NaN without rows. before: the filters' predictions; None without rows.
+    NaN without rows. before: the predictions of the filters with rows; None without any.
     """
 
     fresh: Bools
