@@ -53,9 +53,10 @@ def test_every_triangle_hangs_in_the_tree_once_and_is_hit_where_a_loop_over_all_
     corner = spread * rng.normal(size=(400, 1, 3)) + rng.normal(size=(400, 3, 3)) * 0.3
     corner[50:90] = corner[50]
     mesh = triangles(corner.reshape(-1, 3), np.arange(1200).reshape(-1, 3))
-    leaves = np.flatnonzero(mesh.right < 0)
-    held = np.concatenate([np.arange(mesh.first[leaf], mesh.last[leaf]) for leaf in leaves])
-    assert sorted(held.tolist()) == sorted(mesh.number.tolist()) == list(range(400))
+    full = np.isfinite(mesh.slab[:, 0])
+    assert sorted((-1 - mesh.child[full & (mesh.child < 0)]).tolist()) == list(range(len(mesh.number)))
+    assert sorted(mesh.child[full & (mesh.child >= 0)].tolist()) == list(range(1, len(mesh.child)))
+    assert sorted(mesh.number[mesh.number >= 0].tolist()) == list(range(400))
     direction = rng.normal(size=(300, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     origin, best = np.array([0.2, -0.1, 0.4]), np.full(300, np.inf)

@@ -18,7 +18,7 @@ import numpy as np
 
 from estimators.arrays import Bools, Floats
 from estimators.kernel import kernel
-from estimators.lidar.ray_cast import DEPTH, Triangles, first_hit
+from estimators.lidar.ray_cast import STACK, Triangles, first_hit
 from estimators.lidar.scan import Scan
 from estimators.lidar.shape import Shape
 
@@ -77,7 +77,7 @@ def _compare_into(
     stray: Bools,
 ) -> None:
     """Write squared sigmas (N,), which rays say something, and which returned from where none is met by them."""
-    stack, entries = np.empty(DEPTH, dtype=np.int64), np.empty(DEPTH)
+    stack, entries = np.empty(STACK, dtype=np.int64), np.empty(STACK)
     x, y, z = viewpoint[0], viewpoint[1], viewpoint[2]
     for i in range(len(direction)):
         dx, dy, dz = direction[i, 0], direction[i, 1], direction[i, 2]

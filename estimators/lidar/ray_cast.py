@@ -7,7 +7,9 @@ A ray o + s d meets the triangle (a, b, c) where, with e1 = b - a, e2 = c - a, h
 
 from either side. Triangles hang in a binary tree of boxes. A box is split between two of `BINS` slabs along one of its
 axes, where the areas of both halves, times the triangles in them, are least (MacDonald and Booth, "Heuristics for ray
-tracing using space subdivision", 1990): a ray meets few boxes, however uneven the mesh.
+tracing using space subdivision", 1990): a ray meets few boxes, however uneven the mesh. Then every other generation is
+left out, the largest boxes first: a ray is compared with four boxes at once, or four triangles
+(`estimators.lanes`).
 """
 
 from typing import NamedTuple
@@ -17,12 +19,16 @@ from numpy.typing import NDArray
 
 from estimators.arrays import Floats, Ints
 from estimators.kernel import kernel
+from estimators.lanes import LANES, alike, any_of, lanes_in, select
+from estimators.scratch import scratch
 
-LEAF = 4
+LEAF = LANES
 """Triangles in a box that is not split further."""
 BINS = 16
 DEPTH, HALVED = 64, 36
 """Boxes within boxes at most, and from which depth on a box is split in halves of equal number."""
+STACK = (LANES - 1) * DEPTH + 1
+"""Boxes at most that a ray has yet to enter."""
 
 
 class Triangles(NamedTuple):
@@ -30,19 +36,17 @@ class Triangles(NamedTuple):
 
     corner: (F, 3) [m] of the first corners, edge1, edge2: (F, 3) to the other two, normal: (F, 3) unit.
 
-    box: (N, 6) [m], low and high corners of the tree's boxes. first, last: (N,), a leaf's triangles. right: (N,), the
-    second child of a box (the first follows it), or -1 for a leaf. number: (F,), indices of the triangles in the order
-    of the leaves, and packed: (F, 9), their corners and edges in this order.
+    Four boxes hang together. slab: (M, 6, 4) [m], their low and high corners, infinitely far away where there are
+    fewer. child: (M, 4), what is in each: four boxes, or -1 less the number of four triangles. number: (L, 4), indices
+    of these, -1 where there are fewer, and packed: (L, 9, 4), their corners and edges.
     """
 
     corner: Floats
     edge1: Floats
     edge2: Floats
     normal: Floats
-    box: Floats
-    first: Ints
-    last: Ints
-    right: Ints
+    slab: Floats
+    child: Ints
     number: Ints
     packed: Floats
 
@@ -73,20 +77,81 @@ def triangles(vertex: Floats, face: NDArray[np.integer]) -> Triangles:
     order = _spread((corners.min(axis=1) + corners.max(axis=1)) / 2)
     a, b, c = (np.ascontiguousarray(corners[order, i]) for i in range(3))
     tree = grown(np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c))
-    packed = np.concatenate([a, b - a, c - a], axis=1)[tree[-1]]
-    return Triangles(a, b - a, c - a, np.ascontiguousarray(normal[order]), *tree, packed)
+    corners = np.concatenate([a, b - a, c - a], axis=1)
+    return Triangles(a, b - a, c - a, np.ascontiguousarray(normal[order]), *_folded(tree, corners))
 
 
 def grown(low: Floats, high: Floats) -> tuple[Floats, Ints, Ints, Ints, Ints]:
-    """Return the tree of things between corners (F, 3) and (F, 3): box, first, last, right, number of `Triangles`.
+    """Return the tree of things between corners (F, 3) and (F, 3); of no things, one box infinitely far away.
 
-    Of no things, it is one box infinitely far away.
+    box: (N, 6) [m], low and high corners. first, last: (N,), a leaf's things. right: (N,), the second child of a box
+    (the first follows it), or -1 for a leaf. number: (F,), indices of the things in the order of the leaves.
     """
     number = np.arange(len(low))
     most = 2 * len(low) + 1
     box, (first, last, right) = np.empty((most, 6)), np.zeros((3, most), dtype=np.int64)
     boxes = _grow_into(low, high, (low + high) / 2, number, box, first, last, right)
     return box[:boxes].copy(), first[:boxes].copy(), last[:boxes].copy(), right[:boxes].copy(), number
+
+
+def _folded(tree: tuple[Floats, Ints, Ints, Ints, Ints], corners: Floats) -> tuple[Floats, Ints, Ints, Floats]:
+    """Return slab, child, number and packed of `Triangles`, of a tree and corners and edges (F, 9)."""
+    boxes, leaves = len(tree[0]), int(np.count_nonzero(tree[3] < 0))
+    slab, child = np.empty((boxes, 6, LANES)), np.zeros((boxes, LANES), dtype=np.int64)
+    number, packed = np.full((leaves, LANES), -1), np.zeros((leaves, 9, LANES))
+    count = _fold_into(*tree, corners, slab, child, number, packed)
+    return slab[:count].copy(), child[:count].copy(), number, packed
+
+
+@kernel
+def _fold_into(
+    box: Floats,
+    first: Ints,
+    last: Ints,
+    right: Ints,
+    order: Ints,
+    corners: Floats,
+    slab: Floats,
+    child: Ints,
+    number: Ints,
+    packed: Floats,
+) -> int:
+    """Write the tree of four boxes each, and return how many fours of boxes there are."""
+    open_box, open_four = np.empty(STACK, dtype=np.int64), np.empty(STACK, dtype=np.int64)
+    open_box[0], open_four[0], top, fours, leaves = 0, 0, 1, 1, 0
+    own, side = np.empty(LANES, dtype=np.int64), np.empty(3)
+    while top > 0:
+        top -= 1
+        own[0], count, k = open_box[top], 1, open_four[top]
+        while count < LANES:
+            largest, most = -1, -1.0
+            for j in range(count):
+                for c in range(3):
+                    side[c] = box[own[j], 3 + c] - box[own[j], c]
+                area = side[0] * side[1] + side[1] * side[2] + side[2] * side[0]
+                if right[own[j]] >= 0 and area > most:
+                    largest, most = j, area
+            if largest < 0:
+                break
+            own[count], own[largest] = right[own[largest]], own[largest] + 1
+            count += 1
+        for j in range(LANES):
+            for c in range(6):
+                slab[k, c, j] = box[own[j], c] if j < count else np.inf
+            if j >= count:
+                continue
+            if right[own[j]] >= 0:
+                child[k, j], open_box[top], open_four[top] = fours, own[j], fours
+                fours, top = fours + 1, top + 1
+                continue
+            child[k, j] = -1 - leaves
+            for i in range(first[own[j]], last[own[j]]):
+                at = i - first[own[j]]
+                number[leaves, at] = order[i]
+                for c in range(9):
+                    packed[leaves, c, at] = corners[order[i], c]
+            leaves += 1
+    return fours
 
 
 def _spread(centre: Floats) -> Ints:
@@ -203,18 +268,6 @@ def cast(mesh: Triangles, origin: Floats, direction: Floats) -> Hits:
 
 
 @kernel
-def _entry(box: Floats, b: int, ox: float, oy: float, oz: float, ix: float, iy: float, iz: float) -> float:
-    """Return how far along the ray it enters box `b` [m]; inf where it passes by."""
-    one, two = (box[b, 0] - ox) * ix, (box[b, 3] - ox) * ix
-    near, far = max(0.0, min(one, two)), max(one, two)
-    one, two = (box[b, 1] - oy) * iy, (box[b, 4] - oy) * iy
-    near, far = max(near, min(one, two)), min(far, max(one, two))
-    one, two = (box[b, 2] - oz) * iz, (box[b, 5] - oz) * iz
-    near, far = max(near, min(one, two)), min(far, max(one, two))
-    return near if near <= far else np.inf
-
-
-@kernel
 def first_hit(
     mesh: Triangles,
     ox: float,
@@ -240,53 +293,59 @@ def first_hit(
         dy: likewise.
         dz: likewise.
         enough: a hit as near as this, and not the first of all, will do [m].
-        stack: of boxes, `DEPTH`.
-        entries: of the distances at which the ray enters them, `DEPTH`.
+        stack: of boxes, `STACK`.
+        entries: of the distances at which the ray enters them, `STACK`.
     """
-    box, right, packed = mesh.box, mesh.right, mesh.packed
+    slab, packed, found = lanes_in(mesh.slab), lanes_in(mesh.packed), scratch(ox, 1, LANES)
     ix = 1.0 / dx if dx != 0 else 1e300
     iy = 1.0 / dy if dy != 0 else 1e300
     iz = 1.0 / dz if dz != 0 else 1e300
     best, which, top = np.inf, -1, 1
-    stack[0], entries[0] = 0, _entry(box, 0, ox, oy, oz, ix, iy, iz)
+    stack[0], entries[0] = 0, 0.0
     while top > 0:
         top -= 1
         b = stack[top]
         if entries[top] >= best:
             continue
-        while b >= 0 and right[b] >= 0:
-            # The nearer child first: what it holds hides much of the other.
-            one, two = b + 1, right[b]
-            first = _entry(box, one, ox, oy, oz, ix, iy, iz)
-            second = _entry(box, two, ox, oy, oz, ix, iy, iz)
-            if second < first:
-                one, two, first, second = two, one, second, first
-            if second < best:
-                stack[top], entries[top] = two, second
-                top += 1
-            b = one if first < best else -1
-        if b < 0:
+        if b >= 0:
+            one, two = (slab[b, 0] - ox) * ix, (slab[b, 3] - ox) * ix
+            near, far = max(min(one, two), 0.0), max(one, two)
+            one, two = (slab[b, 1] - oy) * iy, (slab[b, 4] - oy) * iy
+            near, far = max(near, min(one, two)), min(far, max(one, two))
+            one, two = (slab[b, 2] - oz) * iz, (slab[b, 5] - oz) * iz
+            near, far = max(near, min(one, two)), min(far, max(one, two))
+            lanes_in(found)[0] = select(near <= far, near, alike(near, np.inf))
+            # The nearest is entered first: what it holds hides much of the others.
+            low = top
+            for j in range(LANES):
+                entry = found[0, j]
+                if entry < best:
+                    place = top
+                    while place > low and entries[place - 1] < entry:
+                        stack[place], entries[place] = stack[place - 1], entries[place - 1]
+                        place -= 1
+                    stack[place], entries[place] = mesh.child[b, j], entry
+                    top += 1
             continue
-        for i in range(mesh.first[b], mesh.last[b]):
-            ax, ay, az = packed[i, 3], packed[i, 4], packed[i, 5]
-            bx, by, bz = packed[i, 6], packed[i, 7], packed[i, 8]
-            hx, hy, hz = dy * bz - dz * by, dz * bx - dx * bz, dx * by - dy * bx
-            volume = ax * hx + ay * hy + az * hz
-            if volume == 0:
-                continue
-            sx, sy, sz = ox - packed[i, 0], oy - packed[i, 1], oz - packed[i, 2]
-            u = (sx * hx + sy * hy + sz * hz) / volume
-            if u < 0 or u > 1:
-                continue
-            fx, fy, fz = sy * az - sz * ay, sz * ax - sx * az, sx * ay - sy * ax
-            v = (dx * fx + dy * fy + dz * fz) / volume
-            if v < 0 or u + v > 1:
-                continue
-            s = (bx * fx + by * fy + bz * fz) / volume
-            if 0 < s < best:
-                best, which = s, mesh.number[i]
-        if best <= enough:
-            break
+        i = -1 - b
+        ax, ay, az = packed[i, 3], packed[i, 4], packed[i, 5]
+        bx, by, bz = packed[i, 6], packed[i, 7], packed[i, 8]
+        hx, hy, hz = dy * bz - dz * by, dz * bx - dx * bz, dx * by - dy * bx
+        volume = ax * hx + ay * hy + az * hz
+        sx, sy, sz = ox - packed[i, 0], oy - packed[i, 1], oz - packed[i, 2]
+        u = (sx * hx + sy * hy + sz * hz) / volume
+        fx, fy, fz = sy * az - sz * ay, sz * ax - sx * az, sx * ay - sy * ax
+        v = (dx * fx + dy * fy + dz * fz) / volume
+        s = (bx * fx + by * fy + bz * fz) / volume
+        # Of no area, or along the ray, u is no number.
+        inside = (u >= 0.0) & (u <= 1.0) & (v >= 0.0) & (u + v <= 1.0) & (s > 0.0) & (s < best)
+        if any_of(inside):
+            lanes_in(found)[0] = select(inside, s, alike(s, np.inf))
+            for j in range(LANES):
+                if found[0, j] < best:
+                    best, which = found[0, j], mesh.number[i, j]
+            if best <= enough:
+                break
     return best, which
 
 
@@ -301,7 +360,7 @@ def cast_into(mesh: Triangles, start: Floats, direction: Floats, distance: Float
         distance: receives distances (N,) [m], inf where nothing is hit.
         triangle: receives indices (N,), -1 there.
     """
-    stack, entries = np.empty(DEPTH, dtype=np.int64), np.empty(DEPTH)
+    stack, entries = np.empty(STACK, dtype=np.int64), np.empty(STACK)
     for i in range(len(direction)):
         ox, oy, oz = start[i, 0], start[i, 1], start[i, 2]
         dx, dy, dz = direction[i, 0], direction[i, 1], direction[i, 2]

@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
 from estimators.lidar.nearest import PointTree, point_tree
-from estimators.lidar.ray_cast import DEPTH, Triangles, cast, first_hit, triangles
+from estimators.lidar.ray_cast import STACK, Triangles, cast, first_hit, triangles
 
 POINTS = 4000
 VIEWS = 240
@@ -202,7 +202,7 @@ class Shape:
 
 @kernel
 def _visible_into(mesh: Triangles, point: Floats, normal: Floats, viewpoint: Floats, lift: float, out: Bools) -> None:
-    stack, entries = np.empty(DEPTH, dtype=np.int64), np.empty(DEPTH)
+    stack, entries = np.empty(STACK, dtype=np.int64), np.empty(STACK)
     for i in range(len(point)):
         x, y, z, nx, ny, nz = point[i, 0], point[i, 1], point[i, 2], normal[i, 0], normal[i, 1], normal[i, 2]
         dx, dy, dz = viewpoint[0] - x, viewpoint[1] - y, viewpoint[2] - z
@@ -217,7 +217,7 @@ def _visible_into(mesh: Triangles, point: Floats, normal: Floats, viewpoint: Flo
 
 @kernel
 def _ends_into(mesh: Triangles, edge: SharpEdges, viewpoint: Floats, lift: float, out: Bools) -> None:
-    stack, entries = np.empty(DEPTH, dtype=np.int64), np.empty(DEPTH)
+    stack, entries = np.empty(STACK, dtype=np.int64), np.empty(STACK)
     known, outward, one, two = edge.point, edge.outward, edge.one, edge.two
     for i in range(len(known)):
         first, second = 0.0, 0.0
