@@ -9,7 +9,7 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from estimators.lidar.matching import Matches, closest, linearised, unknown
 from estimators.lidar.nearest import nearest, nearest_into, point_tree, thinned
-from estimators.lidar.ray_cast import DEPTH, cast, triangles
+from estimators.lidar.ray_cast import STACK, cast, triangles
 from estimators.lidar.registration import register
 from estimators.lidar.scan import Returns, clusters, from_points
 from estimators.lidar.shape import Shape
@@ -29,7 +29,7 @@ def test_the_nearest_of_those_that_count(rng, flat):
     point[100:120] = point[100]
     counts = rng.random(500) < 0.4
     tree, kept = thinned(point_tree(point), counts), np.flatnonzero(counts)
-    stack, gaps = np.empty(DEPTH, dtype=np.int64), np.empty(DEPTH)
+    stack, gaps = np.empty(STACK, dtype=np.int64), np.empty(STACK)
     for place in 1.5 * rng.normal(size=(200, 3)):
         squared, index = np.empty(4), np.empty(4, dtype=np.int64)
         x, y, z = place
@@ -37,7 +37,7 @@ def test_the_nearest_of_those_that_count(rng, flat):
         right = cKDTree(point[kept]).query(place, k=4, distance_upper_bound=0.7)[0]
         assert found == np.count_nonzero(np.isfinite(right))
         assert np.sqrt(squared[:found]) == pytest.approx(right[:found])
-        number = tree.number[index[:found]]
+        number = tree.number.ravel()[index[:found]]
         assert np.linalg.norm(point[number] - place, axis=1) == pytest.approx(right[:found])
         assert counts[number].all()
 

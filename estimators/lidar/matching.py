@@ -10,8 +10,9 @@ import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
+from estimators.lanes import LANES
 from estimators.lidar.nearest import PointTree, nearest_into
-from estimators.lidar.ray_cast import DEPTH, Triangles, cast_into
+from estimators.lidar.ray_cast import STACK, Triangles, cast_into
 from estimators.lidar.scan import Returns
 from estimators.lidar.shape import Shape
 
@@ -99,7 +100,7 @@ def _closest_into(
     n: Floats,
     found: Bools,
 ) -> None:
-    work = np.empty(LISTED), np.empty(LISTED, dtype=np.int64), np.empty(DEPTH, dtype=np.int64), np.empty(DEPTH)
+    work = np.empty(LISTED), np.empty(LISTED, dtype=np.int64), np.empty(STACK, dtype=np.int64), np.empty(STACK)
     own, (squared, index, _, _) = np.empty(3), work
     for i in range(len(point)):
         for k in range(3):
@@ -109,17 +110,19 @@ def _closest_into(
         near = _near_into(tree, nearby, i, own[0], own[1], own[2], reach, work)
         best, which = np.inf, 0
         for j in range(near):
-            t, along = tree.number[index[j]], 0.0
+            leaf, lane = index[j] // LANES, index[j] % LANES
+            t, along = tree.number[leaf, lane], 0.0
             for k in range(3):
-                along += across[t, k] * (own[k] - tree.packed[index[j], k])
+                along += across[t, k] * (own[k] - tree.packed[leaf, k, lane])
             # A surface point stands for a disc around it: beside an edge, the nearest may be of the wrong face.
             lateral = max(np.sqrt(max(squared[j] - along**2, 0.0)) - spacing, 0.0)
             if along**2 + lateral**2 < best:
                 best, which = along**2 + lateral**2, index[j]
         found[i] = near > 0
         if found[i]:
+            leaf, lane = which // LANES, which % LANES
             for k in range(3):
-                m[i, k], n[i, k] = tree.packed[which, k], across[tree.number[which], k]
+                m[i, k], n[i, k] = tree.packed[leaf, k, lane], across[tree.number[leaf, lane], k]
         else:
             for k in range(3):
                 m[i, k], n[i, k] = 0.0, 0.0
@@ -148,7 +151,8 @@ def _near_into(
         found, furthest = 0, 0.0
         for j in range(count):
             s = known[i, j]
-            dx, dy, dz = packed[s, 0] - x, packed[s, 1] - y, packed[s, 2] - z
+            leaf, lane = s // LANES, s % LANES
+            dx, dy, dz = packed[leaf, 0, lane] - x, packed[leaf, 1, lane] - y, packed[leaf, 2, lane] - z
             d = dx * dx + dy * dy + dz * dz
             furthest = max(furthest, d)
             if d >= limit or (found == NEIGHBOURS and d >= squared[NEIGHBOURS - 1]):

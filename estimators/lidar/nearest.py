@@ -9,76 +9,61 @@ import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
-from estimators.lidar.ray_cast import DEPTH, grown
+from estimators.lanes import LANES, lanes_in
+from estimators.lidar.ray_cast import STACK, folded, grown
+from estimators.scratch import scratch
 
 
 class PointTree(NamedTuple):
     """Points in a tree, as triangles are in `estimators.lidar.ray_cast.Triangles`.
 
-    box: (N, 6) [m]. first, last, right: (N,). number: (n,), indices of the points in the order of the leaves, their
-    places in the tree; packed: (n, 3) [m], the points in this order.
+    slab: (M, 6, 4) [m]. child: (M, 4). number: (L, 4), indices of the points, -1 where there are fewer; packed: (L, 3,
+    4) [m], the points, infinitely far away there. A point's place in the tree is 4 l + j. size: how many there are.
     """
 
-    box: Floats
-    first: Ints
-    last: Ints
-    right: Ints
+    slab: Floats
+    child: Ints
     number: Ints
     packed: Floats
+    size: int
 
 
 def point_tree(point: Floats) -> PointTree:
     """Return the tree of points (n, 3) [m]."""
-    tree = grown(point, point)
-    return PointTree(*tree, np.ascontiguousarray(point[tree[-1]]))
+    return thinned(PointTree(*folded(grown(point, point), point), len(point)), np.ones(len(point), dtype=np.bool_))
 
 
 def thinned(tree: PointTree, counts: Bools) -> PointTree:
     """Return the tree of some of the points, those that count by their index (n,)."""
-    box, number, packed = np.empty_like(tree.box), np.empty_like(tree.number), np.empty_like(tree.packed)
-    first, last = tree.first.copy(), tree.last.copy()
-    kept = _thin_into(tree, counts, box, first, last, number, packed)
-    return PointTree(box, first, last, tree.right, number[:kept], packed[:kept])
+    slab, number, packed = np.empty_like(tree.slab), np.empty_like(tree.number), np.empty_like(tree.packed)
+    size = _thin_into(tree, counts, slab, number, packed)
+    return PointTree(slab, tree.child, number, packed, size)
 
 
 @kernel
-def _thin_into(
-    tree: PointTree, counts: Bools, box: Floats, first: Ints, last: Ints, number: Ints, packed: Floats
-) -> int:
+def _thin_into(tree: PointTree, counts: Bools, slab: Floats, number: Ints, packed: Floats) -> int:
     """Write the parts of the tree that change, and return how many points there are."""
-    kept = 0
-    for b in range(len(box)):
-        if tree.right[b] >= 0:
-            continue
-        first[b] = kept
-        for i in range(tree.first[b], tree.last[b]):
-            if counts[tree.number[i]]:
-                number[kept] = tree.number[i]
-                for k in range(3):
-                    packed[kept, k] = tree.packed[i, k]
-                kept += 1
-        last[b] = kept
-    # A box comes before those within it; an empty one is infinitely far away.
-    for b in range(len(box) - 1, -1, -1):
-        one, two = b + 1, tree.right[b]
-        for k in range(3):
-            low, high = np.inf, -np.inf
-            if two >= 0:
-                low, high = min(box[one, k], box[two, k]), max(box[one, 3 + k], box[two, 3 + k])
-            else:
-                for i in range(first[b], last[b]):
-                    low, high = min(low, packed[i, k]), max(high, packed[i, k])
-            box[b, k], box[b, 3 + k] = low, high
-    return kept
-
-
-@kernel
-def _squared_gap(box: Floats, b: int, x: float, y: float, z: float) -> float:
-    """Return the squared distance of a point from box `b`."""
-    dx = max(max(box[b, 0] - x, x - box[b, 3]), 0.0)
-    dy = max(max(box[b, 1] - y, y - box[b, 4]), 0.0)
-    dz = max(max(box[b, 2] - z, z - box[b, 5]), 0.0)
-    return float(dx * dx + dy * dy + dz * dz)
+    size = 0
+    for i in range(len(number)):
+        for j in range(LANES):
+            kept = tree.number[i, j] >= 0 and counts[tree.number[i, j]]
+            number[i, j] = tree.number[i, j] if kept else -1
+            size += 1 if kept else 0
+            for k in range(3):
+                packed[i, k, j] = tree.packed[i, k, j] if kept else np.inf
+    # Boxes come before those within them; an empty one is infinitely far away.
+    for b in range(len(slab) - 1, -1, -1):
+        for j in range(LANES):
+            child, there = tree.child[b, j], np.isfinite(tree.slab[b, 0, j])
+            for k in range(3):
+                low, high = np.inf, -np.inf
+                for m in range(LANES if there else 0):
+                    if child >= 0 and np.isfinite(slab[child, k, m]):
+                        low, high = min(low, slab[child, k, m]), max(high, slab[child, 3 + k, m])
+                    elif child < 0 and number[-1 - child, m] >= 0:
+                        low, high = min(low, packed[-1 - child, k, m]), max(high, packed[-1 - child, k, m])
+                slab[b, k, j], slab[b, 3 + k, j] = low, high if high > -np.inf else np.inf
+    return size
 
 
 @kernel
@@ -103,38 +88,45 @@ def nearest_into(
         within: squared distance, only nearer points [m^2].
         squared: receives squared distances (k,).
         index: receives their places in the tree (k,).
-        stack: of boxes, `ray_cast.DEPTH`.
-        gaps: of their squared distances, `ray_cast.DEPTH`.
+        stack: of boxes, `ray_cast.STACK`.
+        gaps: of their squared distances, `ray_cast.STACK`.
     """
-    box, right, packed = tree.box, tree.right, tree.packed
+    slab, packed, seen = lanes_in(tree.slab), lanes_in(tree.packed), scratch(x, 1, LANES)
     most, found, worst, top = len(squared), 0, within, 1
-    stack[0], gaps[0] = 0, _squared_gap(box, 0, x, y, z)
+    stack[0], gaps[0] = 0, 0.0
     while top > 0:
         top -= 1
         b = stack[top]
         if gaps[top] >= worst:
             continue
-        while b >= 0 and right[b] >= 0:
-            one, two = b + 1, right[b]
-            near, far = _squared_gap(box, one, x, y, z), _squared_gap(box, two, x, y, z)
-            if far < near:
-                one, two, near, far = two, one, far, near
-            if far < worst:
-                stack[top], gaps[top] = two, far
-                top += 1
-            b = one if near < worst else -1
-        if b < 0:
+        if b >= 0:
+            dx = max(max(slab[b, 0] - x, x - slab[b, 3]), 0.0)
+            dy = max(max(slab[b, 1] - y, y - slab[b, 4]), 0.0)
+            dz = max(max(slab[b, 2] - z, z - slab[b, 5]), 0.0)
+            lanes_in(seen)[0] = dx * dx + dy * dy + dz * dz
+            low = top
+            for j in range(LANES):
+                gap = seen[0, j]
+                if gap < worst:
+                    place = top
+                    while place > low and gaps[place - 1] < gap:
+                        stack[place], gaps[place] = stack[place - 1], gaps[place - 1]
+                        place -= 1
+                    stack[place], gaps[place] = tree.child[b, j], gap
+                    top += 1
             continue
-        for i in range(tree.first[b], tree.last[b]):
-            dx, dy, dz = packed[i, 0] - x, packed[i, 1] - y, packed[i, 2] - z
-            d = dx * dx + dy * dy + dz * dz
+        i = -1 - b
+        dx, dy, dz = packed[i, 0] - x, packed[i, 1] - y, packed[i, 2] - z
+        lanes_in(seen)[0] = dx * dx + dy * dy + dz * dz
+        for j in range(LANES):
+            d = seen[0, j]
             if d >= worst:
                 continue
             place = found if found < most else most - 1
             while place > 0 and squared[place - 1] > d:
                 squared[place], index[place] = squared[place - 1], index[place - 1]
                 place -= 1
-            squared[place], index[place] = d, i
+            squared[place], index[place] = d, LANES * i + j
             found = min(found + 1, most)
             if found == most:
                 worst = squared[most - 1]
@@ -159,8 +151,8 @@ def nearest(tree: PointTree, point: Floats, rotation: Floats, position: Floats, 
 @kernel
 def _nearest_of_each(tree: PointTree, point: Floats, reach: float, out: Ints) -> None:
     squared, index = np.empty(1), np.empty(1, dtype=np.int64)
-    stack, gaps = np.empty(DEPTH, dtype=np.int64), np.empty(DEPTH)
+    stack, gaps = np.empty(STACK, dtype=np.int64), np.empty(STACK)
     for i in range(len(point)):
         x, y, z = point[i, 0], point[i, 1], point[i, 2]
         found = nearest_into(tree, x, y, z, reach * reach, squared, index, stack, gaps)
-        out[i] = tree.number[index[0]] if found else -1
+        out[i] = tree.number[index[0] // LANES, index[0] % LANES] if found else -1

@@ -78,7 +78,7 @@ def triangles(vertex: Floats, face: NDArray[np.integer]) -> Triangles:
     a, b, c = (np.ascontiguousarray(corners[order, i]) for i in range(3))
     tree = grown(np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c))
     corners = np.concatenate([a, b - a, c - a], axis=1)
-    return Triangles(a, b - a, c - a, np.ascontiguousarray(normal[order]), *_folded(tree, corners))
+    return Triangles(a, b - a, c - a, np.ascontiguousarray(normal[order]), *folded(tree, corners))
 
 
 def grown(low: Floats, high: Floats) -> tuple[Floats, Ints, Ints, Ints, Ints]:
@@ -94,12 +94,17 @@ def grown(low: Floats, high: Floats) -> tuple[Floats, Ints, Ints, Ints, Ints]:
     return box[:boxes].copy(), first[:boxes].copy(), last[:boxes].copy(), right[:boxes].copy(), number
 
 
-def _folded(tree: tuple[Floats, Ints, Ints, Ints, Ints], corners: Floats) -> tuple[Floats, Ints, Ints, Floats]:
-    """Return slab, child, number and packed of `Triangles`, of a tree and corners and edges (F, 9)."""
+def folded(tree: tuple[Floats, Ints, Ints, Ints, Ints], row: Floats) -> tuple[Floats, Ints, Ints, Floats]:
+    """Return slab, child, number and packed of `Triangles`.
+
+    Args:
+        tree: of things, by `grown`.
+        row: (F, K), the numbers of each that are packed.
+    """
     boxes, leaves = len(tree[0]), int(np.count_nonzero(tree[3] < 0))
     slab, child = np.empty((boxes, 6, LANES)), np.zeros((boxes, LANES), dtype=np.int64)
-    number, packed = np.full((leaves, LANES), -1), np.zeros((leaves, 9, LANES))
-    count = _fold_into(*tree, corners, slab, child, number, packed)
+    number, packed = np.full((leaves, LANES), -1), np.zeros((leaves, row.shape[1], LANES))
+    count = _fold_into(*tree, row, slab, child, number, packed)
     return slab[:count].copy(), child[:count].copy(), number, packed
 
 
@@ -110,7 +115,7 @@ def _fold_into(
     last: Ints,
     right: Ints,
     order: Ints,
-    corners: Floats,
+    row: Floats,
     slab: Floats,
     child: Ints,
     number: Ints,
@@ -148,8 +153,8 @@ def _fold_into(
             for i in range(first[own[j]], last[own[j]]):
                 at = i - first[own[j]]
                 number[leaves, at] = order[i]
-                for c in range(9):
-                    packed[leaves, c, at] = corners[order[i], c]
+                for c in range(row.shape[1]):
+                    packed[leaves, c, at] = row[order[i], c]
             leaves += 1
     return fours
 

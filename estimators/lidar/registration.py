@@ -257,7 +257,7 @@ class Approach:
         if self._seen is None or _length(viewpoint - self._seen.viewpoint) > 0.05 * _length(viewpoint):
             self._seen, self._nearby = _visible(shape, *viewpoint.tolist()), unknown(len(returns.point))
         seen = self._seen
-        self._lost = len(seen.surface.number) < FEWEST_POINTS
+        self._lost = seen.surface.size < FEWEST_POINTS
         if self._lost:
             return np.inf, np.inf
         if self._polishing:
