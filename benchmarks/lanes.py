@@ -17,7 +17,7 @@ from harness import finish, interleaved, options, show
 from period import captured
 
 from estimators.lighthouse.dop import dilution
-from estimators.lighthouse.pnp import refine, refine_projections
+from estimators.lighthouse.pnp import refine, refine_projections, refine_with_dilution
 from estimators.lighthouse.projection import angle_weights, projections
 
 
@@ -56,10 +56,12 @@ def main() -> None:
     c = captured(chosen.craft)
     uv = projections(c.refine[0])
     weight = angle_weights(uv)
+    both = (*c.refine, c.dilution[7])
     candidates: dict[str, Callable[[], object]] = {
         "PnP, from angles": lambda: refine(*c.refine),
         "PnP, from projections": lambda: refine_projections(uv, weight, *c.refine[1:]),
         "dilution and slopes": lambda: dilution(*c.dilution),
+        "both, from one table": lambda: refine_with_dilution(*both),
     }
     if chosen.limit:
         candidates |= limits(chosen.limit, uv, c.refine[2], c.refine[3:5])
@@ -67,8 +69,12 @@ def main() -> None:
     per = {name: t.figures(chosen.craft) for name, t in times.items()}
 
     def ratio(name: str) -> float | None:
-        of = "limit: dilution" if "dilution" in name else "limit: 3 steps"
-        return per[name]["wall_minimum_s"] / per[of]["wall_minimum_s"] if of in per else None
+        if not chosen.limit:
+            return None
+        least = {of: per[of]["wall_minimum_s"] for of in ("limit: 3 steps", "limit: dilution")}
+        dilutes = "dilution" in name
+        of = sum(least.values()) if "both" in name else least["limit: dilution" if dilutes else "limit: 3 steps"]
+        return per[name]["wall_minimum_s"] / of
 
     show(
         f"{chosen.craft} craft, {c.refine[1].sum(axis=1).mean():.1f} photodiodes lit on average; per craft [us]",

@@ -1,4 +1,5 @@
-"""The filter: one prediction and one update of every craft, compiled and by filterpy, fed with the same poses.
+"""The filter: one prediction and one update of every craft, compiled and by filterpy, fed with the same poses; and
+compiled with four models of motion side by side, as the craft of `swarm1000` have it.
 
     python benchmarks/pose_filter.py [--craft 1000] [--repeats 7] [--out filter.json]
 
@@ -13,7 +14,9 @@ import numpy as np
 from harness import finish, interleaved, options, show
 from period import captured
 
+from estimators.filter.bank import FilterBank
 from estimators.filter.compiled import CompiledFilterBank
+from estimators.filter.compiled_interacting import CompiledInteractingBank
 from estimators.filter.filterpy_bank import PoseFilterBank
 
 STATE = ("rotation", "angular_rate", "position", "velocity", "covariance")
@@ -26,7 +29,15 @@ def main() -> None:
     solution, precision = c.estimate.pnp, c.estimate.dilution
     mask, noise = solution.solved, c.flight.sensors.lighthouse.settings.angle_noise_rad
     covariance = noise**2 * precision.covariance
-    banks = {"compiled": CompiledFilterBank(chosen.craft), "filterpy": PoseFilterBank(chosen.craft)}
+    flown = c.flight.computer.navigator.tracks.bank
+    assert isinstance(flown, CompiledInteractingBank)
+    grid, models = flown.grid, flown.mixtures.models
+    noises = list(zip(grid.acceleration, grid.angular_acceleration, strict=True))
+    banks: dict[str, FilterBank] = {
+        "compiled": CompiledFilterBank(chosen.craft),
+        "filterpy": PoseFilterBank(chosen.craft),
+        "compiled, four models": CompiledInteractingBank(noises, 1 / grid.livelier, 1 / grid.quieter, models),
+    }
     for bank in banks.values():
         bank.start(mask, solution.rotation, solution.position, covariance, (1.0, 0.5))
     root = np.linalg.cholesky(np.where(mask[:, None, None], covariance, np.eye(6)))
@@ -40,7 +51,7 @@ def main() -> None:
         bank.update_pose(mask, solution.rotation, c.truth.position + moved, covariance, precision.rate_coupling)
 
     times = interleaved({name: partial(step, name) for name in banks}, chosen.repeats)
-    one, other = banks.values()
+    one, other, _ = banks.values()
     difference = {
         name: float(
             np.max(np.abs(getattr(one, name) - getattr(other, name))[mask]) / np.max(np.abs(getattr(other, name)[mask]))

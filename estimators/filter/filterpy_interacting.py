@@ -30,10 +30,11 @@ from estimators.filter.interacting import (
     settle,
     shear_models,
 )
-from estimators.kernel import kernel
+from estimators.kernel import inlined, kernel
 from estimators.lanes import LANES, lanes_in
 from estimators.linear import cholesky_into, from_triangle, to_triangle
-from estimators.pivot import ARMS, PIVOT, turn_about
+from estimators.pivot import ARMS, turn_about
+from estimators.scratch import scratch
 from estimators.state import STATES, State
 
 BATCH = 8
@@ -116,9 +117,9 @@ class FilterpyInteractingBank(InteractingBank):
             given = given.rows(mask, self._state)
         mixtures, state, covariance = self._mixtures, self._state, self._columns
         if isinstance(given, Independent):
-            noise, pivot, square = given.variance, given.pivot, np.zeros(len(mask))
+            noise, square = given.variance, np.zeros(len(mask))
         else:
-            noise, pivot, square = given.r, np.empty((0, PIVOT)), given.square
+            noise, square = given.r, given.square
         terms = given.gate, given.freedoms, square
         for who, models, n in self._batches(mask, given.rows):
             f, stack = self._stacks[models]
@@ -131,7 +132,10 @@ class FilterpyInteractingBank(InteractingBank):
                 if not updated(f, y[b], h[b], r[b]) or not _fates(f.y, f.S, f.SI, n, stack.nis[b], stack.volume[b]):
                     return int(who[b])
                 x[b], p[b] = f.x, f.P
-            _take(who, terms, pivot, stack, mixtures, state, covariance, result)
+            if isinstance(given, Independent):
+                _take_about(who, terms, given.pivot, stack, mixtures, state, covariance, result)
+            else:
+                _take(who, terms, stack, mixtures, state, covariance, result)
         return -1
 
 
@@ -245,10 +249,44 @@ def _fates(y: Floats, s: Floats, inverse: Floats, n: int, nis: Floats, volume: F
     return True
 
 
+Terms = tuple[Floats, Ints, Floats]
+"""Gate, freedoms and square of `Given`."""
+
+
+@inlined
+def _let_in(
+    b: int, c: int, terms: Terms, stack: Stack, mixtures: Mixtures, error: Floats, result: UpdateResult
+) -> bool:
+    """Give craft c, in place b of the stack, its updated models and write their mean error (12,), if its rows are let
+    in; return whether they are.
+    """
+    gate, freedoms, square = terms
+    nis, volume = lanes_in(stack.nis)[b] + square[c], lanes_in(stack.volume)[b]
+    accepted = let_in(c, nis, volume, gate[freedoms[c]], mixtures, result)
+    if accepted:
+        _unstack_models(b, c, stack, mixtures)
+        centre(c, mixtures, error)
+    return accepted
+
+
 @kernel
 def _take(
+    who: Ints, terms: Terms, stack: Stack, mixtures: Mixtures, state: State, covariance: Floats, result: UpdateResult
+) -> None:
+    """Give craft `who` (B,) whose rows are let in their updated models, and their states the mean error."""
+    error, freedoms = scratch(0.0, STATES), terms[1]
+    for b in range(len(who)):
+        c = who[b]
+        if _let_in(b, c, terms, stack, mixtures, error, result):
+            correct(state.rotation[c], state.angular_rate[c], state.position[c], state.velocity[c], error)
+            combine(c, mixtures, covariance)
+            settle(c, freedoms[c], mixtures)
+
+
+@kernel
+def _take_about(
     who: Ints,
-    terms: tuple[Floats, Ints, Floats],
+    terms: Terms,
     pivot: Floats,
     stack: Stack,
     mixtures: Mixtures,
@@ -256,29 +294,13 @@ def _take(
     covariance: Floats,
     result: UpdateResult,
 ) -> None:
-    """Give craft `who` (B,) whose rows are let in their updated models, and their states the mean error.
-
-    terms: gate, freedoms and square of `Given`. pivot: (C, PIVOT), about which the bodies turn, or empty.
-    """
-    gate, freedoms, square = terms
-    error, arms = np.empty(STATES), np.empty(ARMS)
+    """`_take` where the bodies turn about points of their own, pivot (C, PIVOT). Apart: it takes long to compile."""
+    error, arms, freedoms = scratch(0.0, STATES), scratch(0.0, ARMS), terms[1]
     for b in range(len(who)):
         c = who[b]
-        nis, volume = lanes_in(stack.nis)[b] + square[c], lanes_in(stack.volume)[b]
-        if not let_in(c, nis, volume, gate[freedoms[c]], mixtures, result):
-            continue
-        _unstack_models(b, c, stack, mixtures)
-        centre(c, mixtures, error)
-        rotation, rate, position, velocity = (
-            state.rotation[c],
-            state.angular_rate[c],
-            state.position[c],
-            state.velocity[c],
-        )
-        if len(pivot) > 0:
-            turn_about(rotation, rate, position, velocity, error, pivot[c], arms)
+        if _let_in(b, c, terms, stack, mixtures, error, result):
+            rotation, rate = state.rotation[c], state.angular_rate[c]
+            turn_about(rotation, rate, state.position[c], state.velocity[c], error, pivot[c], arms)
             shear_models(c, arms, mixtures)
-        else:
-            correct(rotation, rate, position, velocity, error)
-        combine(c, mixtures, covariance)
-        settle(c, freedoms[c], mixtures)
+            combine(c, mixtures, covariance)
+            settle(c, freedoms[c], mixtures)
