@@ -170,13 +170,11 @@ class Command(NamedTuple):
         """Return the command of the craft in `mask` (C,), and zero for the others."""
         if mask.all():
             return self
-        inertia = self.inertia
         if not mask.any():
-            nothing = np.zeros((len(mask), 3))
-            return Command(nothing, nothing.copy(), None if inertia is None else np.full_like(inertia, np.nan))
+            return Command(np.zeros_like(self.acceleration), np.zeros_like(self.angular_acceleration))
         flat = np.reshape(mask, (-1, 1))
         linear, angular = (np.where(flat, part, 0.0) for part in (self.acceleration, self.angular_acceleration))
-        return Command(linear, angular, None if inertia is None else np.where(flat[:, None], inertia, np.nan))
+        return Command(linear, angular, None if self.inertia is None else np.where(flat[:, None], self.inertia, np.nan))
 
     def of(self, craft: Ints | slice) -> "Command":
         """Return a copy of the command of some craft, by their indices."""
