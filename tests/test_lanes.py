@@ -34,7 +34,7 @@ from estimators.lanes import (
     width,
     with_lane,
 )
-from estimators.lighthouse.dop import dilution, dilution_one, replace, unknown
+from estimators.lighthouse.dop import dilution, dilution_one, overwrite, unknown
 from estimators.lighthouse.pnp import (
     FEWEST_LIT,
     ITERATIONS_MAX,
@@ -327,17 +327,16 @@ def test_a_poses_precision_is_the_same_made_with_it_or_after_it_bit_for_bit() ->
     assert 20 <= np.count_nonzero(np.isfinite(after.pdop_m_per_rad)) < len(company.lit) - 5
 
 
-def test_precision_of_some_craft_is_replaced() -> None:
+def test_precision_of_some_craft_is_overwritten() -> None:
     company = Company()
     d, rho = company.truth, 0.1
     of = d.rotation, d.position, company.lit, company.point, *company.motion()
     all_of_them, mask = np.ones(len(company.lit), dtype=np.bool_), np.arange(len(company.lit)) % 3 == 0
-    whole, some = dilution(*of, rho, all_of_them), dilution(*of, rho, mask)
-    for mine, other in zip(replace(unknown(len(mask)), mask, whole), some, strict=True):
-        assert bits(mine) == bits(other)
-    for mine, other in zip(replace(whole, ~mask, None), some, strict=True):
-        assert bits(mine) == bits(other)
-    assert replace(whole, ~all_of_them, None) is whole
+    whole, some, none = dilution(*of, rho, all_of_them), dilution(*of, rho, mask), unknown(len(mask))
+    overwrite(none, mask, whole)
+    overwrite(whole, ~mask, None)
+    for part, ours, other in zip(some, none, whole, strict=True):
+        assert bits(part) == bits(ours) == bits(other)
 
 
 def test_a_cotangent_is_exact_to_four_units_in_the_last_place_and_the_same_of_lanes_and_of_a_number() -> None:

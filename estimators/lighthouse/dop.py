@@ -367,14 +367,12 @@ def unknown(craft: int) -> Dilution:
     return Dilution(matrices[0], factors[0], factors[1], matrices[1], factors[2], factors[3])
 
 
-def replace(known: Dilution, mask: Bools, other: Dilution | None) -> Dilution:
-    """Return the precision `known` with that of `other`, or NaN, for the craft of the mask (C,)."""
-    if not mask.any():
-        return known
-    parts = [part.copy() for part in known]
-    for part, new in zip(parts, other or known, strict=True):
-        part[mask] = np.nan if other is None else new[mask]
-    return Dilution._make(parts)
+def overwrite(known: Dilution, mask: Bools, other: Dilution | None) -> None:
+    """Put the precision of `other`, or NaN, in the place of that of the craft of the mask (C,)."""
+    who = np.flatnonzero(mask)
+    if len(who):
+        for k, part in enumerate(known):
+            part[who] = np.nan if other is None else other[k][who]
 
 
 def image_dilution(

@@ -16,7 +16,7 @@ from estimators import rotation as rot
 from estimators.arrays import Bools, Floats, Ints
 from estimators.filter.error_state import POSE, POSE_COLUMNS
 from estimators.kernel import kernel
-from estimators.lighthouse.dop import Dilution, dilution, replace, unknown
+from estimators.lighthouse.dop import Dilution, dilution, overwrite, unknown
 from estimators.lighthouse.integrity import AngleNoise, Sweeps, linearised
 from estimators.lighthouse.planar import Rows, Side, Spread, bends, is_flat, pose_rows, spread
 from estimators.lighthouse.pnp import PoseSolution, refine_with_dilution
@@ -166,7 +166,7 @@ class LighthouseFix:
             angular_rate=rates[0],
             velocity=rates[1],
         )
-        screened, made = self._solve(sweeps, known, visible, start, tracks)
+        screened, precision = self._solve(sweeps, known, visible, start, tracks)
         # Where the sweeps themselves go into the filter, precision is that at the prediction.
         unsolved = enough & active & ~known
         at = State(screened.solution.rotation, screened.solution.position, predicted.velocity, predicted.angular_rate)
@@ -187,7 +187,7 @@ class LighthouseFix:
                 self._rho,
                 again,
             )
-        precision = replace(made, again | ~screened.solution.solved, other)
+        overwrite(precision, again | ~screened.solution.solved, other)
         linear: Linear | None = None
         if s.integrity.false_photodiodes:
             used, solution = sweeps._replace(lit=screened.lit), screened.solution
