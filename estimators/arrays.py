@@ -17,12 +17,12 @@ LINE = 64
 
 
 def lined(*shape: int) -> Floats:
-    """Return an array that begins with a line of the cache and holds whatever was there.
+    """Return an array of zeros that begins with a line of the cache.
 
     NumPy's own begin a quarter of a line later where they are large, and every second vector in them lies across two
     lines, which takes as long as two.
     """
     size = prod(shape)
-    raw = np.empty(size + LINE // 8)
+    raw = np.zeros(size + LINE // 8)
     first = -raw.__array_interface__["data"][0] % LINE // 8
     return raw[first : first + size].reshape(shape)
