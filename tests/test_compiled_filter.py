@@ -144,6 +144,39 @@ def test_who_asks_for_a_covariance_between_prediction_and_update_changes_no_bit(
     assert refused > 20
 
 
+def test_a_craft_has_the_bits_alone_that_it_has_beside_others() -> None:
+    """Also where one of two side by side has just begun, so that its rates become known at once, or sees fewer rows."""
+    rng, craft = np.random.default_rng(9), 7
+    models = np.array([6, 2, 6, 4, 1, 6, 5])
+    noises = [(0.2 / 5**k, 0.2 / 5**k) for k in range(6)]
+    together = CompiledInteractingBank(noises, 30.0, 2.0, models, gate_probability=0.9)
+    alone = [CompiledInteractingBank(noises, 30.0, 2.0, models[[c]], gate_probability=0.9) for c in range(craft)]
+    rotation, position = rot.exp(rng.standard_normal((craft, 3))), rng.normal([0, 0, 5], 1, (craft, 3))
+    refused = 0
+    for period in range(40):
+        covariance, coupling = random_covariance(rng, craft), T / 4 * rng.uniform(-1, 1, (craft, 6, 6))
+        fresh: Bools = ~together.active if period == 30 else ~together.active & (rng.random(craft) < 0.1)
+        error = np.linalg.cholesky(covariance) @ rng.standard_normal((craft, 6, 1))
+        pose = rot.exp(error[:, :3, 0]) @ rotation, position + error[:, 3:, 0]
+        seen: Bools = together.active & (rng.random(craft) < 0.8)
+        h, count = rng.normal(size=(craft, 4, 12)), rng.integers(1, 5, craft)
+        r = np.tile(1e-2 * np.eye(4) + 1e-3, (craft, 1, 1))
+        for bank, who in [(together, np.arange(craft)), *((bank, np.array([c])) for c, bank in enumerate(alone))]:
+            bank.predict(T, bank.active)
+            if period % 7 < 5:
+                of = (pose[0][who], pose[1][who], covariance[who], coupling[who])
+                refused += int(np.count_nonzero(seen[who] & ~bank.update_pose(seen[who], *of).accepted))
+            else:
+                bank.update(seen[who], error[who, :4, 0], h[who], r[who], count[who])
+            bank.start(fresh[who], pose[0][who], pose[1][who], covariance[who], (10.0, 10.0))
+        for c, bank in enumerate(alone):
+            for name in STATE:
+                np.testing.assert_array_equal(getattr(together, name)[c], getattr(bank, name)[0], err_msg=name)
+            np.testing.assert_array_equal(together.probability[c], bank.probability[0])
+    assert together.active.all()
+    assert refused > 20
+
+
 def test_an_indefinite_covariance_is_refused_and_named() -> None:
     rng = np.random.default_rng(7)
     bank, mask = CompiledFilterBank(2), np.ones(2, dtype=np.bool_)

@@ -8,7 +8,7 @@ from convex_target import draw, sweep_offsets
 
 from estimators import lanes
 from estimators import rotation as rot
-from estimators.arrays import Bools, Floats
+from estimators.arrays import LINE, Bools, Floats, lined
 from estimators.exponential import exponential, logarithm
 from estimators.kernel import kernel
 from estimators.kernel_digest import KernelDigest
@@ -166,6 +166,15 @@ def test_fours_side_by_side() -> None:
     chosen = [np.where(positive[0], 1.0, a[:, 1:2]), np.where(positive[1], 2.0, 0.0)]
     np.testing.assert_array_equal(out[5], np.hstack(chosen)[:, :WIDE])
     np.testing.assert_array_equal(out[6], rows[0])
+
+
+def test_an_array_may_begin_with_a_line_of_the_cache() -> None:
+    for shape in ((3,), (5, 7, 4), (1000, 78, 4)):
+        array = lined(*shape)
+        assert array.shape == shape
+        assert array.flags.c_contiguous
+        assert array.ctypes.data % LINE == 0
+        assert not array.any()
 
 
 @kernel
