@@ -9,8 +9,9 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from estimators.lidar.matching import Matches, closest, linearised, unknown
 from estimators.lidar.nearest import nearest, nearest_into, point_tree, thinned
+from estimators.lidar.pose_search import CELLS, _ray_image
 from estimators.lidar.ray_cast import STACK, cast, triangles
-from estimators.lidar.registration import register
+from estimators.lidar.registration import Approach, register
 from estimators.lidar.scan import Returns, clusters, from_points
 from estimators.lidar.shape import Shape
 from estimators.rotation import exp
@@ -96,6 +97,30 @@ def test_matches_that_move_are_those_looked_up_anew(rng, step):
         for one, other in zip(followed, anew, strict=True):
             assert (one == other).all()
         width *= 0.9
+
+
+def test_an_approach_serves_with_edges_and_without(rng):
+    shape, turn = crooked(), exp(np.array([0.3, -0.5, 0.2]))
+    scan = scan_of(shape, turn, DISTANCE, rng)
+    start, edges = (exp(np.array([0.03, 0.02, -0.03])) @ turn, DISTANCE + 0.02), scan.edges(0.1 * shape.radius_m)
+    approach = Approach(scan.returns, shape, *start, 0.3)
+    for known, rough in ((edges, False), (None, True), (edges, True), (None, False)):
+        fit = approach.registered(known, rough=rough)
+        anew = register(scan.point, shape, *start, scan.noise_m, scan.jitter_rad, edges=known, rough=rough)
+        for one, other in zip(fit, anew, strict=True):
+            assert np.array_equal(one, other)
+
+
+@pytest.mark.parametrize("nearer", [1.0, 0.3])
+def test_each_cell_has_the_ray_that_is_nearest_to_it(rng, nearer):
+    scan = scan_of(crooked(), np.eye(3), DISTANCE, rng)
+    image = _ray_image(scan, nearer * scan.point.mean(axis=0), crooked())
+    middle = (np.arange(CELLS) + 0.5) / CELLS * 2 * image.half - image.half
+    look = np.stack([*np.meshgrid(middle, middle, indexing="ij"), np.ones((CELLS, CELLS))], axis=-1)
+    look /= np.linalg.norm(look, axis=-1, keepdims=True)
+    _, ray = cKDTree(scan.direction).query(look @ image.frame, distance_upper_bound=0.75 * scan.spacing_rad)
+    assert (image.ray == np.where(ray < len(scan.direction), ray, -1)).all()
+    assert (image.ray >= 0).any()
 
 
 @pytest.mark.parametrize("incidence_deg", [0.0, 40.0, 75.0])
