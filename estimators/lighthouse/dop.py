@@ -368,7 +368,13 @@ def unknown(craft: int) -> Dilution:
 
 
 def overwrite(known: Dilution, mask: Bools, other: Dilution | None) -> None:
-    """Put the precision of `other`, or NaN, in the place of that of the craft of the mask (C,)."""
+    """Put other values in the place of the precision of some craft.
+
+    Args:
+        known: of all craft, changed in place.
+        mask: (C,), craft whose precision is replaced.
+        other: of all craft; None: NaN.
+    """
     who = np.flatnonzero(mask)
     if len(who):
         for k, part in enumerate(known):

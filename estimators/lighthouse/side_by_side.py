@@ -155,7 +155,7 @@ def matrices_of(source: Floats, who: Ints, out: Floats) -> None:
 
 
 class Given(NamedTuple):
-    """What a table is made of, of C craft with K photodiodes, flat.
+    """The poses and angles of C craft with K photodiodes that a table is made of, flat.
 
     lit: (C, K). rotation: (C, 9), position: (C, 3) [m], of the poses. point: (C K, 3) [m]. offset: (C K, 2) [s].
     angular_rate, velocity: (C, 3) [rad/s], [m/s].
@@ -179,7 +179,16 @@ def given(
     angular_rate: Floats,
     velocity: Floats,
 ) -> Given:
-    """Return the same, checked; the arguments are those of `pnp.refine`, whose shapes follow from `lit`.
+    """Return poses and angles, checked against the shape of `lit`, and flat.
+
+    Args:
+        lit: (C, K), photodiodes whose angles count.
+        rotation: (C, 3, 3).
+        position: (C, 3) [m].
+        point_m: (C, K, 3) [m], body frame.
+        offset_s: (C, K, 2) [s], instants of the angles minus the epoch.
+        angular_rate: (C, 3) [rad/s].
+        velocity: (C, 3) [m/s].
 
     Raises:
         ValueError: a shape does not fit; the message names the argument.

@@ -168,26 +168,7 @@ class LighthouseFix:
         )
         screened, precision = self._solve(sweeps, known, visible, start, tracks)
         # Where the sweeps themselves go into the filter, precision is that at the prediction.
-        unsolved = enough & active & ~known
-        at = State(screened.solution.rotation, screened.solution.position, predicted.velocity, predicted.angular_rate)
-        searching = unsolved.any()
-        at = predicted.where(unsolved, at) if searching else at
-        # That of the poses is made with them; the screening may have solved some again, with fewer photodiodes.
-        again = screened.solution.solved & (screened.dropped != 0) | unsolved
-        other: Dilution | None = None
-        if again.any():
-            other = dilution(
-                at.rotation,
-                at.position,
-                np.where(unsolved[:, None], lit, screened.lit) if searching else screened.lit,
-                sweeps.point_m,
-                sweeps.offset_s,
-                sweeps.angular_rate,
-                sweeps.velocity,
-                self._rho,
-                again,
-            )
-        overwrite(precision, again | ~screened.solution.solved, other)
+        self._make_precise(precision, screened, sweeps, lit, enough & active & ~known, predicted)
         linear: Linear | None = None
         if s.integrity.false_photodiodes:
             used, solution = sweeps._replace(lit=screened.lit), screened.solution
@@ -197,6 +178,42 @@ class LighthouseFix:
         screened = screened._replace(solution=screened.solution._replace(rotation=rotation, position=position))
         fix = self._spread_out(self._fix(screened, precision), start.spread)._replace(rows=rows)
         return Light(visible, turned, screened, precision, linear), fix
+
+    def _make_precise(
+        self, precision: Dilution, screened: Screened, sweeps: Sweeps, lit: Bools, unsolved: Bools, predicted: State
+    ) -> None:
+        """Complete the precision of this period's poses, which was made as they were solved.
+
+        Args:
+            precision: of the poses; changed in place, NaN where there is none.
+            screened: the poses; some were solved again, with fewer photodiodes.
+            sweeps: what they were solved from.
+            lit: (C, K), all light.
+            unsolved: (C,), craft whose precision is that of all their light at the prediction.
+            predicted: the filters' predictions.
+        """
+        again = screened.solution.solved & (screened.dropped != 0) | unsolved
+        other: Dilution | None = None
+        if again.any():
+            at = screened.solution.rotation, screened.solution.position
+            used = screened.lit
+            if unsolved.any():
+                at = (
+                    np.where(unsolved[:, None, None], predicted.rotation, at[0]),
+                    np.where(unsolved[:, None], predicted.position, at[1]),
+                )
+                used = np.where(unsolved[:, None], lit, used)
+            other = dilution(
+                *at,
+                used,
+                sweeps.point_m,
+                sweeps.offset_s,
+                sweeps.angular_rate,
+                sweeps.velocity,
+                self._rho,
+                again,
+            )
+        overwrite(precision, again | ~screened.solution.solved, other)
 
     def levels(
         self, light: Light, taken: Taken, after: Filtered, sweep_fault: Floats, separated: Separated | None = None
