@@ -15,7 +15,7 @@ ORBIT = """| arrows at the lighthouse | to the Earth, along the flight, and to t
 """
 CROWD = """| colour of a craft | its position error: blue within 1 mm, teal 3 mm, green 10 mm, yellow 30 mm, orange \
 beyond; red: searching, dark orange: coasting, purple: ambiguous, grey: without sensors |
-| white label | the worst craft of the last second: the longest without tracking, or the largest error |
+| white label | the worst craft of the last two seconds: the longest without tracking, or the largest error |
 """
 RAYS = """| green ray, point | photodiode lit by the lighthouse |
 | red ray, point | photodiode in reach, but something stands in between |
