@@ -41,7 +41,7 @@ class Pushes:
             purpose: The purpose of the draws.
         """
         self._sigma = sigma.reshape(-1, 2, 1)
-        self.pushed: Bools = np.any(sigma, axis=1)
+        self.pushed: Bools = np.any(self._sigma, axis=(1, 2))
         self._who = np.flatnonzero(self.pushed)
         self._keys = keys_of(seed, purpose, [keys[craft] for craft in self._who.tolist()])
 
