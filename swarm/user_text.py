@@ -46,6 +46,8 @@ def user_path(text: str | Path, where: str = "") -> Path:
     opened = f"{where}: " if where else ""
     said = short(str(text))
     check_text(str(text), where or "path")
+    if not str(text):
+        raise SwarmError(f"{opened}an empty path names nothing; '.' is this folder")
     if "\0" in str(text):
         raise SwarmError(f"{opened}{said!r}: a path has no zero byte")
     try:

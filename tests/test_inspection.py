@@ -242,5 +242,5 @@ def test_ten_seconds_without_a_scan_and_tracked_again_by_the_first(tmp_path):
     assert sigma.max() < 0.2, "not by saying that nothing is known"
     assert (np.abs(moments - 3 * np.array([16.0, 26.0, 32.0]) / 74) < 3 * sigma).all()
     assert told["observed"] >= 3
-    words = " : ".join(f"{m:.2f} ± {s:.2f}" for m, s in zip(moments, sigma, strict=True))
+    words = " : ".join(f"{m:.3f} ± {s:.3f}" for m, s in zip(moments, sigma, strict=True))
     assert f"principal moments of inertia as {words}, {told['observed']} of 5" in inspections(lidar)[0].text

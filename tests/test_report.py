@@ -15,7 +15,7 @@ from rich.console import Console
 from estimators.kernel import Compilation
 from swarm.cli.progress import COMPILING, ProgressDisplay
 from swarm.report.findings import findings, meaning, warnings
-from swarm.report.run_table import print_report
+from swarm.report.run_table import ATTITUDE_ERROR, _cells, print_report
 from swarm.report.sections import smoothed
 from swarm.report.study_table import print_study
 from swarm.results.parquet import column, table_of
@@ -231,6 +231,21 @@ def test_what_single_craft_suffer_is_not_hidden_by_the_swarm() -> None:
     assert said[1].startswith("The filter refused 7 % of sharp's poses")
     assert said[2] == "Errors larger than the filter promises: sharp"
     assert warnings({"calm": craft["calm"]}) == []
+    one = dict(good, tracking_share=0.0, mean_visible=2.31, nees=None)
+    craft = {"calm": good, "one": one, "other": one | {"mean_visible": 1.0}}
+    assert [sentence for sentence, _ in warnings(craft)] == [
+        "one, other never had an estimate: a first pose takes 4 photodiodes lit in one period, and each of them saw 2.3 on "
+        "average at most"
+    ]
+
+
+def test_no_maximum_reads_as_less_than_its_rms_beside_one_that_is_far_larger() -> None:
+    rows: list[tuple[str, dict[str, Any]]] = [
+        ("calm", {"ekf_attitude_rms_deg": 0.034, "ekf_attitude_max_deg": 0.146}),
+        ("stray", {"ekf_attitude_rms_deg": 61.3, "ekf_attitude_max_deg": 169.2}),
+        ("none", {}),
+    ]
+    assert _cells(ATTITUDE_ERROR, [*rows]) == [" 0.034 /   0.15", "61.300 / 169.20", "–"]
 
 
 def test_few_samples_conclude_nothing() -> None:

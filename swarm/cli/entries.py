@@ -131,9 +131,11 @@ class ScenarioEntry(_Tables):
     def facts(self) -> dict[str, str]:
         """Craft, motions, sensors, faults, criteria, and the time that it takes."""
         data, single, swarm = self.data, self._single, self.data.get("swarm", {})
-        models = [table.get("model", "mockup") for table in [swarm] * bool(swarm) + single]
-        kinds = [table.get("motion", {}).get("kind", "hold") for table in [swarm, *single]]
-        lit = bool(swarm) or any(table.get("lighthouse", not table.get("passive")) for table in single)
+        # A table of none is only the manner in which single craft are flown.
+        many = [swarm] * bool(swarm.get("count"))
+        models = [table.get("model", "mockup") for table in [*many, *single]]
+        kinds = [table.get("motion", {}).get("kind", "hold") for table in [*many, *single]]
+        lit = bool(many) or any(table.get("lighthouse", not table.get("passive")) for table in single)
         sensors = ["lighthouse photodiodes"] * lit
         for name, key in (("stereo cameras", "ccd"), ("LiDAR", "lidar")):
             sensors += [name] * any(key in table for table in single)

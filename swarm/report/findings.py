@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+from swarm.onboard.settings import MIN_LIT
 from swarm.report.measured import measured
 
 Figures = Mapping[str, Any]
@@ -19,6 +20,8 @@ SINGLE_MUCH = 0.01
 """A larger share of periods by single sweeps than this is worth a line: figures of poses leave these periods out."""
 BIAS_SIGMAS = 4.0
 """A slope of the motion bias below so many of its sigmas is not worth a line: chance reaches it once in 16 000."""
+LEAST_HUNDREDTHS = 0.05
+"""Ratio from which on hundredths tell enough."""
 LEAST_DELTA_V = 1e-9
 """Delta-v that is worth a sentence [m/s]; below it a motor made good no more than rounding."""
 EXACT = 6.0
@@ -60,7 +63,9 @@ def findings(figures: Figures, effort: bool = True) -> list[Finding]:
     out.append(_single_sweeps(figures))
     position, attitude = figures.get("ekf_to_pnp_position_ratio"), figures.get("ekf_to_pnp_attitude_ratio")
     if position is not None and attitude is not None:
-        out.append(Finding(f"Filter error over raw PnP error: {position:.2f} in position, {attitude:.2f} in attitude"))
+        small = min(position, attitude) < LEAST_HUNDREDTHS
+        both = (f"{ratio:.2g}" if small else f"{ratio:.2f}" for ratio in (position, attitude))
+        out.append(Finding("Filter error over raw PnP error: {} in position, {} in attitude".format(*both)))
     out += _smoothed(figures)
     if effort and (delta_v := figures.get("delta_v_m_s") or 0.0) >= LEAST_DELTA_V:
         out.append(Finding(f"Delta-v: {delta_v:.3g} m/s per craft"))
@@ -229,7 +234,7 @@ def inspections(lidar: Mapping[str, Figures]) -> list[Finding]:
             text += f"; {f['outcomes'][most]} scans {most}: {NEVER_ACQUIRED.get(most, 'no pose was found')}"
         if inertia := f.get("inertia"):
             told = " : ".join(
-                f"{m:.2f} ± {m * s:.2f}" for m, s in zip(inertia["moments"], inertia["sigmas"], strict=True)
+                f"{m:.3f} ± {m * s:.3f}" for m, s in zip(inertia["moments"], inertia["sigmas"], strict=True)
             )
             text += f"; principal moments of inertia as {told}, {inertia['observed']} of 5 ratios observed"
         out.append(Finding(text))
@@ -240,6 +245,7 @@ def warnings(craft: Mapping[str, Figures]) -> list[Finding]:
     """Return what is wrong with single craft that the swarm's figures hide, and what to do about it."""
     craft = {name: f for name, f in craft.items() if f.get("navigates", True)}
     dark = [name for name, f in craft.items() if not (f["mean_visible"] or f.get("ccd") or f.get("observed"))]
+    few = [name for name, f in craft.items() if f.get("tracking_share") == 0 and 0 < (f["mean_visible"] or 0) < MIN_LIT]
     refused = {name: f["refused_share"] or 0.0 for name, f in craft.items() if f.get("refused_share")}
     # What is ambiguous is refused for another reason than the filter's noise.
     refused = {n: share for n, share in refused.items() if share > REFUSED_MUCH and not _ambiguous(n, craft[n])}
@@ -247,7 +253,14 @@ def warnings(craft: Mapping[str, Figures]) -> list[Finding]:
     out = []
     if dark:
         out.append(
-            f"{names(dark)} never saw light: outside the field or range, turned away, or every photodiode covered"
+            f"{names(dark)} never saw light: outside the field or range, turned away, every photodiode covered, or the "
+            "lighthouse dark"
+        )
+    if few:
+        out.append(
+            f"{names(few)} never had an estimate: a first pose takes {MIN_LIT} photodiodes lit in one period, and "
+            + ("it" if len(few) == 1 else "each of them")
+            + f" saw {max(craft[name]['mean_visible'] for name in few):.1f} on average at most"
         )
     if refused:
         worst = max(refused, key=lambda name: refused[name])

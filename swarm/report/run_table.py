@@ -245,12 +245,18 @@ def _table(rows: list[tuple[str, Figures]], columns: list[tuple[Column, list[str
 
 
 def _cells(column: Column, rows: list[tuple[str, Figures]]) -> list[str]:
-    """Return the texts of a column; the largest of each figure has three significant digits."""
+    """Return the texts of a column.
+
+    The largest of each figure has three significant digits, or so many up to two more that the smallest one has two.
+    """
     parts = []
     for value in column.values:
         numbers = [value(figures) for _, figures in rows]
-        largest = max((abs(v) for v in numbers if v is not None), default=0.0)
-        decimals = min(max(2 - math.floor(math.log10(largest)), 0), 5) if largest > 0 else 0
+        sizes = [abs(v) for v in numbers if v]
+        decimals = 0
+        if sizes:
+            least, most = (max(2 - math.floor(math.log10(size)), 0) for size in (max(sizes), min(sizes)))
+            decimals = min(max(least, min(most - 1, least + 2)), 5)
         texts = [NOTHING if v is None else f"{v:.{decimals}f}" for v in numbers]
         parts.append([text.rjust(max(map(len, texts))) for text in texts])
     joined = (column.between.join(cells) for cells in zip(*parts, strict=True))

@@ -6,6 +6,7 @@ from typing import Any
 
 from swarm.report.comparison.settings import Setting, is_replay
 from swarm.report.subject import Subject
+from swarm.results.files import HISTORY
 
 SAME_TIME = 0.01
 """Durations that differ by less than this share are one duration."""
@@ -96,7 +97,12 @@ def _smoothed(subjects: Sequence[Subject], labels: Sequence[str]) -> str:
 
     without = _those(subjects, labels, lambda one: not has(one))
     some = 0 < len(without) < len(labels)
-    return f"{_verb(without, 'is', 'are')} not smoothed; swarm smooth does it." if some else ""
+    if not some:
+        return ""
+    never = _those(subjects, labels, lambda one: not has(one) and not (one.run.folder / HISTORY).exists())
+    unkept = f" ({_verb(never, 'has', 'have')} no history of filters to be smoothed)" if never else ""
+    way = "; swarm smooth does it" if len(never) < len(without) else ""
+    return f"{_verb(without, 'is', 'are')} not smoothed{way}{unkept}."
 
 
 def _seeds(settings: Sequence[Setting]) -> str:
