@@ -208,7 +208,7 @@ def test_list_is_tables_on_a_terminal_that_fit_and_lose_no_word(
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("formation", ["Eight craft on a turning ring", "What a swarm looks like", "8: mockup", "30 s", "about 20 s"]),
+        ("formation", ["Eight craft on a turning ring", "What a swarm looks like", "8: mockup", "30 s", "about 10 s"]),
         ("docking", ["sensors   lighthouse photodiodes", "exit code 1 if one does not hold", "2: servicer, berth"]),
         ("inspect-satellite", ["LiDAR", "2: inspector, satellite"]),
         ("docking-dark", ["runs       30", "docking, 95 s each", "fault[0].at_s = [10.0, 27.0, 43.0], seed"]),

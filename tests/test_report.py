@@ -234,8 +234,8 @@ def test_what_single_craft_suffer_is_not_hidden_by_the_swarm() -> None:
     one = dict(good, tracking_share=0.0, mean_visible=2.31, nees=None)
     craft = {"calm": good, "one": one, "other": one | {"mean_visible": 1.0}}
     assert [sentence for sentence, _ in warnings(craft)] == [
-        "one, other never had an estimate: a first pose takes 4 photodiodes lit in one period, and each of them saw 2.3 on "
-        "average at most"
+        "one, other never had an estimate: a first pose takes 4 photodiodes lit in one period, and each of them saw "
+        "2.3 on average at most"
     ]
 
 

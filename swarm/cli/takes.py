@@ -14,7 +14,7 @@ RUN_S = 0.5
 """The same for a further run of a study."""
 MOST_FILTERPY = 16
 """Craft up to which filterpy filters, four models of motion each."""
-PERIOD_S, FILTERPY_S, CRAFT_S, STATION_S, CAMERAS_S, LIDAR_S = 1.7e-3, 0.95e-3, 28e-6, 20e-6, 1.5e-3, 4e-3
+PERIOD_S, FILTERPY_S, CRAFT_S, STATION_S, CAMERAS_S, LIDAR_S = 1.7e-3, 0.25e-3, 12e-6, 20e-6, 1.5e-3, 13e-3
 
 
 class Work(NamedTuple):
