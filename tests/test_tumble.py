@@ -23,17 +23,18 @@ def turned(rotation, rate, time_s):
     return rotation, rate
 
 
-def followed(rate_deg_s, scans, seed=0):
-    """A body that has been scanned so many times: its estimate, its attitude and its rate."""
+def followed(rate_deg_s, scans, seed=0, observers=1, period_s=PERIOD_S):
+    """A body that each observer has scanned so many times: its estimate, its attitude and its rate."""
     rng = np.random.default_rng(seed)
     rotation = rot.exp(rng.standard_normal(3))
     rate = rotation @ np.radians(rate_deg_s)
     covariance = SIGMA_RAD**2 * np.eye(3)
     known = Tumble(rot.exp(SIGMA_RAD * rng.standard_normal(3)) @ rotation, covariance, 0.3)
     for _ in range(scans):
-        rotation, rate = turned(rotation, rate, PERIOD_S)
-        known.predict(PERIOD_S)
-        assert known.update(rot.exp(SIGMA_RAD * rng.standard_normal(3)) @ rotation, covariance)
+        rotation, rate = turned(rotation, rate, period_s)
+        known.predict(period_s)
+        for _ in range(observers):
+            assert known.update(rot.exp(SIGMA_RAD * rng.standard_normal(3)) @ rotation, covariance)
     return known, rotation, rate
 
 
@@ -55,6 +56,15 @@ def test_ten_seconds_in_the_dark_are_within_three_sigma():
     assert rot.angle_between(steady, rotation) > 4 * np.linalg.norm(off)
     assert not known.update(rot.exp(np.array([0.0, 0.0, 0.3])) @ rotation, SIGMA_RAD**2 * np.eye(3))
     assert known.update(rotation, SIGMA_RAD**2 * np.eye(3))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_several_observers_know_no_sooner_what_only_time_tells(seed):
+    """Three of them have 240 attitudes after 8 s, and a third of a turn: all must be filtered again long after it."""
+    known, _, _ = followed([3.0, -2.0, 4.0], 250, seed, observers=3, period_s=0.1)
+    found, true = known.inertia(), 3 * np.sort(MOMENTS) / MOMENTS.sum()
+    assert np.all(np.abs(found.moments - true) < 3 * found.sigma * true)
+    assert np.all(found.sigma < 0.35), "not by saying that nothing is known"
 
 
 def test_a_turn_about_a_principal_axis_does_not_tell_all_ratios():

@@ -40,7 +40,9 @@ RATE_WALK_RAD_S = np.radians(0.002)
 STEP_S, STEP_RAD = 0.1, 0.05
 """Longest step, in time and in turn."""
 AGAIN_AT = (15, 30, 60, 120, 240)
-"""Numbers of attitudes at which all are filtered again; at the last, for the last time."""
+"""Numbers of instants with an attitude at which all are filtered again; at the last, for the last time.
+
+Several attitudes of one instant tell no more of the motion than one that is as much better."""
 AGAIN = 2
 """Times that they are, then."""
 GATE = 0.99999
@@ -121,6 +123,7 @@ class Tumble:
         self._gate = float(gates(GATE, 3)[3])
         self._first: tuple[Floats, Floats] | None = self.rotation, self.covariance.copy()
         self._seen: list[_Seen] = []
+        self._instants = 0
         self._since_s = 0.0
 
     def predict(self, dt: float) -> None:
@@ -147,12 +150,14 @@ class Tumble:
         self.covariance = taken.covariance
         self._since_s = 0.0
         self._seen.append(seen)
-        if len(self._seen) in AGAIN_AT:
-            for _ in range(AGAIN):
-                self._again()
-        if len(self._seen) == AGAIN_AT[-1]:
-            self._seen = self._seen[:0]
-            self._first = None
+        if seen.dt > 0:
+            self._instants += 1
+            if self._instants in AGAIN_AT:
+                for _ in range(AGAIN):
+                    self._again()
+            if self._instants == AGAIN_AT[-1]:
+                self._seen = self._seen[:0]
+                self._first = None
         return True
 
     def _correct(self, x: Floats) -> None:
@@ -190,6 +195,8 @@ class Tumble:
         tensor, inverse = tensors((ratio + _CHANGES)[:many])
         whole = np.eye(6 + PARTS)
         covariance = whole if covariance is None else covariance
+        if dt == 0:
+            return rotation, rate, covariance, whole
         number = max(1, int(np.ceil(abs(dt) * max(1 / STEP_S, float(np.linalg.norm(rate)) / STEP_RAD))))
         dt /= number
         walk = self._walk**2 * np.kron(np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]]), np.eye(3))
