@@ -10,7 +10,7 @@ import numpy as np
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import kernel
 from estimators.lanes import LANES, lanes_in
-from estimators.lidar.ray_cast import STACK, folded, grown
+from estimators.lidar.ray_cast import STACK, folded, grown, put_nearest_last
 from estimators.scratch import scratch
 
 
@@ -104,16 +104,7 @@ def nearest_into(
             dy = max(max(slab[b, 1] - y, y - slab[b, 4]), 0.0)
             dz = max(max(slab[b, 2] - z, z - slab[b, 5]), 0.0)
             lanes_in(seen)[0] = dx * dx + dy * dy + dz * dz
-            low = top
-            for j in range(LANES):
-                gap = seen[0, j]
-                if gap < worst:
-                    place = top
-                    while place > low and gaps[place - 1] < gap:
-                        stack[place], gaps[place] = stack[place - 1], gaps[place - 1]
-                        place -= 1
-                    stack[place], gaps[place] = tree.child[b, j], gap
-                    top += 1
+            top = put_nearest_last(seen, worst, tree.child, b, stack, gaps, top)
             continue
         i = -1 - b
         dx, dy, dz = packed[i, 0] - x, packed[i, 1] - y, packed[i, 2] - z

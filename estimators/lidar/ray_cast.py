@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.arrays import Floats, Ints
-from estimators.kernel import kernel
+from estimators.kernel import inlined, kernel
 from estimators.lanes import LANES, alike, any_of, lanes_in, select
 from estimators.scratch import scratch
 
@@ -272,6 +272,36 @@ def cast(mesh: Triangles, origin: Floats, direction: Floats) -> Hits:
     return Hits(distance, triangle)
 
 
+@inlined
+def put_nearest_last(
+    found: Floats, within: float, child: Ints, b: int, stack: Ints, distances: Floats, top: int
+) -> int:
+    """Put the boxes in a box that are near enough on a stack, the nearest on top; return its new height.
+
+    The nearest is entered first: what it holds leaves out much of the others.
+
+    Args:
+        found: (1, LANES), distances of the boxes.
+        within: only nearer boxes count.
+        child: (B, LANES), boxes in each box.
+        b: the box.
+        stack: boxes to be entered, changed in place.
+        distances: of these, likewise.
+        top: height of the stack.
+    """
+    low = top
+    for j in range(LANES):
+        distance = found[0, j]
+        if distance < within:
+            place = top
+            while place > low and distances[place - 1] < distance:
+                stack[place], distances[place] = stack[place - 1], distances[place - 1]
+                place -= 1
+            stack[place], distances[place] = child[b, j], distance
+            top += 1
+    return top
+
+
 @kernel
 def first_hit(
     mesh: Triangles,
@@ -320,17 +350,7 @@ def first_hit(
             one, two = (slab[b, 2] - oz) * iz, (slab[b, 5] - oz) * iz
             near, far = max(near, min(one, two)), min(far, max(one, two))
             lanes_in(found)[0] = select(near <= far, near, alike(near, np.inf))
-            # The nearest is entered first: what it holds hides much of the others.
-            low = top
-            for j in range(LANES):
-                entry = found[0, j]
-                if entry < best:
-                    place = top
-                    while place > low and entries[place - 1] < entry:
-                        stack[place], entries[place] = stack[place - 1], entries[place - 1]
-                        place -= 1
-                    stack[place], entries[place] = mesh.child[b, j], entry
-                    top += 1
+            top = put_nearest_last(found, best, mesh.child, b, stack, entries, top)
             continue
         i = -1 - b
         ax, ay, az = packed[i, 3], packed[i, 4], packed[i, 5]
