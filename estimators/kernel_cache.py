@@ -30,6 +30,7 @@ from estimators.kernel_compiler import SOURCE as COMPILER
 from estimators.kernel_compiler import part_from_cache
 from estimators.kernel_digest import KernelDigest
 from estimators.kernel_elements import SOURCE
+from estimators.kernel_fusion import SOURCE as FUSION
 
 KEPT_FOR_S = 90 * 86400.0
 """Files that no process has loaded for so long are removed when a new one is written, s."""
@@ -105,7 +106,7 @@ class KernelCache(NumbaCache):
 
     @property
     def _version(self) -> tuple[Any, ...]:
-        return numba.__version__, sys.version_info[:2], SOURCE, COMPILER, self._digest
+        return numba.__version__, sys.version_info[:2], SOURCE, COMPILER, FUSION, self._digest
 
     def _key(self, sig: Any, codegen: Any) -> tuple[Any, ...]:
         return (sig, self._form, codegen.magic_tuple(), *self._version)

@@ -45,6 +45,7 @@ from numba.core.untyped_passes import (
     TranslateByteCode,
 )
 
+from estimators.kernel_fusion import FuseProducts
 from estimators.lanes import fours_in, lanes_in, wide_in
 from estimators.scratch import scratch
 
@@ -245,7 +246,7 @@ def _makes_arrays(state: Any) -> bool:
 
 _BEFORE: tuple[Any, ...] = (
     *(TranslateByteCode, FixupArgs, IRProcessing, RewriteSemanticConstants, DeadBranchPrune, GenericRewrites),
-    *(ReconstructSSA, DeadBranchPrune, NopythonTypeInference, PreLowerStripPhis),
+    *(ReconstructSSA, DeadBranchPrune, NopythonTypeInference, FuseProducts, PreLowerStripPhis),
     *(NoPythonSupportedFeatureValidation, IRLegalization, AnnotateTypes),
 )
-"""Numba's passes before the lowering, those that a kernel needs."""
+"""Numba's passes before the lowering, those that a kernel needs, and one of ours."""

@@ -2,7 +2,8 @@
 
 A kernel that is written with operators, `select` and the functions here takes a number, or the numbers of several craft
 at once: lane by lane the same operations in the same order, so that the bits are those of as many calls with numbers.
-Nothing is fused or reassociated. On a processor without AVX, LLVM makes two operations with two lanes of each.
+Nothing is reassociated, and what is fused follows from the source (`estimators.kernel_fusion`). On a processor without
+AVX, LLVM makes two operations with two lanes of each.
 
 There are LANES, four, for what comes in fours, and wide ones, `WIDE` of them, for what comes in any number: eight on a
 processor with AVX-512, else four. Wide lanes hold FOURS fours side by side.
@@ -174,6 +175,11 @@ def _define(function: Any, *cases: tuple[Any, tuple[Any, ...], _Make], wide: boo
     infer_global(function, types.Function(Typed))
     for _, wanted, make in cases:
         lower_builtin(function, *wanted)(lambda context, builder, sig, args, make=make: make(builder, *args))
+
+
+def is_lanes(kind: Any) -> bool:
+    """Return whether a type of numba's is one of lanes."""
+    return isinstance(kind, _Lanes)
 
 
 def _is_vector(kind: Any) -> bool:

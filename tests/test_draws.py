@@ -40,7 +40,8 @@ def test_two_numbers_are_all_bits_of_a_name() -> None:
 
 @pytest.mark.parametrize("share", [2.0**-53, 1e-12, 1e-5, 0.07, 0.0750001, 0.3, 0.5, 0.7, 0.9249999, 0.93, 1 - 1e-9])
 def test_quantiles_are_those_of_pythons_own(share: float) -> None:
-    assert normal_quantile(share) == pytest.approx(NormalDist().inv_cdf(share), rel=3e-16, abs=1e-300)
+    # Python's rounds every product of its polynomials, ours one with each sum.
+    assert normal_quantile(share) == pytest.approx(NormalDist().inv_cdf(share), rel=5e-16, abs=1e-300)
     # Against another algorithm: SciPy's inverse.
     assert normal_quantile(share) == pytest.approx(norm.ppf(share), rel=1e-12, abs=1e-300)
 
