@@ -1,8 +1,7 @@
-"""Small symmetric positive definite systems by Cholesky, as kernels: A = L L^T.
+"""Small symmetric positive definite systems, as kernels: by Cholesky, A = L L^T, and without roots.
 
 A normal matrix that is not positive definite means that the geometry does not determine the answer: the kernels say
-so with False. `cholesky_into`, `invert_factor_into` and `solve_spd` take matrices of numbers, or of lanes, and then
-return a mask.
+so with False. `solve_spd` and `invert_symmetric` take matrices of numbers, or of lanes, and then return a mask.
 """
 
 import numpy as np
@@ -37,40 +36,37 @@ def cholesky_into(a: Floats, out: Floats) -> bool:
     return regular
 
 
-@kernel
-def solve_spd(a: Floats, lower: Floats, b: Floats) -> bool:
-    """Solve A x = b in place; return False, with `b` spoilt, where A is singular.
+@inlined
+def solve_spd(a: Floats, factor: Floats, b: Floats) -> bool:
+    """Solve A x = b in place, of numbers or of lanes; return False, with `b` spoilt, where A is singular.
 
-    As `cholesky_into` and `solve_cholesky`, with the reciprocals of the pivots on L's diagonal: a division takes as
-    long as a dozen products.
+    A = L D L^T with ones on L's diagonal: no root, and one division a pivot, which takes as long as a dozen products.
 
     Args:
         a: (n, n), of which only the lower triangle is read.
-        lower: (n, n), workspace.
+        factor: (n, n), workspace: L D below the diagonal, D^-1 on it, L^T above it.
         b: (n,), becomes x.
     """
     n, regular = a.shape[0], True
     for j in range(n):
-        pivot = a[j, j]
+        pivot, value = a[j, j], b[j]
         for k in range(j):
-            pivot -= lower[j, k] * lower[j, k]
+            pivot -= factor[j, k] * factor[k, j]
+            value -= factor[k, j] * b[k]
         regular = regular & (pivot > SINGULAR * a[j, j])
-        over = 1 / np.sqrt(pivot)
-        lower[j, j] = over
-        value = b[j]
-        for k in range(j):
-            value -= lower[j, k] * b[k]
-        b[j] = value * over
+        b[j] = value
+        over = 1 / pivot
+        factor[j, j] = over
         for i in range(j + 1, n):
             s = a[i, j]
             for k in range(j):
-                s -= lower[i, k] * lower[j, k]
-            lower[i, j] = s * over
+                s -= factor[i, k] * factor[k, j]
+            factor[i, j], factor[j, i] = s, s * over
     for i in range(n - 1, -1, -1):
-        s = b[i]
+        s = b[i] * factor[i, i]
         for k in range(i + 1, n):
-            s -= lower[k, i] * b[k]
-        b[i] = s * lower[i, i]
+            s -= factor[i, k] * b[k]
+        b[i] = s
     return regular
 
 
@@ -119,6 +115,45 @@ def invert_factor_into(lower: Floats, out: Floats) -> None:
             for k in range(i, n):
                 s += lower[k, i] * lower[k, j]
             out[i, j] = out[j, i] = s
+
+
+@inlined
+def invert_symmetric(a: Floats, row: Floats, out: Floats) -> bool:
+    """Write the inverse of `a` (n, n), of numbers or of lanes, into `out` (n, n); return False, with `out` spoilt,
+    where it is singular.
+
+    A pivot after the other is swept, as by `sweep_out`, in the lower triangle, which ends as that of -A^-1: no root,
+    and one division a pivot.
+
+    Args:
+        a: (n, n), of which only the lower triangle is read.
+        row: (n,), workspace.
+        out: receives it, symmetric to the bit.
+    """
+    n, regular = len(row), True
+    for i in range(n):
+        for j in range(i + 1):
+            out[i, j] = a[i, j]
+    for k in range(n):
+        regular = regular & (out[k, k] > SINGULAR * a[k, k])
+        over = 1 / out[k, k]
+        for j in range(k):
+            row[j] = out[k, j]
+        for j in range(k, n):
+            row[j] = out[j, k]
+        for i in range(n):
+            factor = row[i] * over
+            for j in range(i + 1):
+                out[i, j] -= factor * row[j]
+        for j in range(k):
+            out[k, j] = row[j] * over
+        for i in range(k + 1, n):
+            out[i, k] = row[i] * over
+        out[k, k] = -over
+    for i in range(n):
+        for j in range(i + 1):
+            out[i, j] = out[j, i] = -out[i, j]
+    return regular
 
 
 @kernel

@@ -64,9 +64,10 @@ def test_rows_by_finite_differences() -> None:
     numeric = np.stack([(seen(step * e) - seen(-step * e)) / (2 * step) for e in np.eye(6)], axis=-1)
     for c, i, fan in np.ndindex(20, 12, 2):
         table, place = scene.table(c)
-        value, z, r0, r1, r2, g, gz = project(table, 12 * fan + i, d.rotation[c], float(place[fan]), float(place[2]))
-        row = np.array([r0, r1, r2, 0.0, 0.0, gz])
-        row[3 + fan] = g
+        value, z, over, *turned = project(table, 12 * fan + i, d.rotation[c], float(place[fan]), float(place[2]))
+        row = over * np.array([*turned, 0.0, 0.0, -value])
+        row[3 + fan] = over
+        assert over == 1 / z
         assert value == pytest.approx(projections(scene.theta)[c, i, fan], abs=1e-14)
         assert z > 0
         # Central differences at h = 1e-6: rounding 1e-16 (u up to 2) / h = 2e-10, truncation h^2 / z^3 = 1e-12.

@@ -84,16 +84,15 @@ def _linearise(
         for fan in range(2):
             row[:] = 0.0
             for i in range(fan * count[c], (fan + 1) * count[c]):
-                value, z, r0, r1, r2, g, gz = project(table[c], i, rotation[c], position[c, fan], position[c, 2])
+                value, z, over, r0, r1, r2 = project(table[c], i, rotation[c], position[c, fan], position[c, 2])
                 if not z > 0:
                     return np.inf
-                weight = np.sqrt(table[c, i, WEIGHT])
-                residual = weight * (value - table[c, i, VALUE]) - shared[fan]
+                residual = table[c, i, WEIGHT] * (value - table[c, i, VALUE]) - shared[fan]
+                g = table[c, i, WEIGHT] * over
                 cost += residual * residual
                 corner[fan] += 1.0
                 slope[fan] -= residual
-                row[0], row[1], row[2] = weight * r0, weight * r1, weight * r2
-                row[3 + fan], row[5] = weight * g, weight * gz
+                row[0], row[1], row[2], row[3 + fan], row[5] = g * r0, g * r1, g * r2, g, -g * value
                 for a in range(6):
                     gradient[c, a] += row[a] * residual
                     border[c, a, fan] -= row[a]

@@ -31,7 +31,15 @@ import numpy as np
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import inlined, kernel
 from estimators.lanes import LANES, WIDE, all_of, lane, select, wide_in
-from estimators.lighthouse.projection import TAU, WEIGHT, checked, checked_lit, project, table_spans_plane
+from estimators.lighthouse.projection import (
+    TAU,
+    WEIGHT,
+    checked,
+    checked_lit,
+    project_all,
+    table_spans_plane,
+    turned_by,
+)
 from estimators.lighthouse.side_by_side import (
     Given,
     Room,
@@ -44,7 +52,7 @@ from estimators.lighthouse.side_by_side import (
     taken,
 )
 from estimators.lighthouse.slope import worst_slopes
-from estimators.linear import cholesky_into, invert_factor_into
+from estimators.linear import invert_symmetric
 from estimators.scratch import scratch
 
 
@@ -67,45 +75,38 @@ class Dilution(NamedTuple):
 
 
 @kernel
-def _sums_into(
-    table: Floats,
-    n: int,
-    rotation: Floats,
-    position: Floats,
-    angles: bool,
-    normal: Floats,
-    moved: Floats,
-    fan_sum: Floats,
-    rows: Floats,
-) -> bool:
+def rows_into(table: Floats, n: int, rotation: Floats, position: Floats, angles: bool, rows: Floats) -> bool:
+    """Write the rows of J (2 n, ROW) of one craft at a pose, of numbers or of lanes; False where a photodiode is behind.
+
+    angles: of equal noise; else the table's weights stand for (13), which otherwise are 1, or 0 of rows that do not
+    count.
+    """
+    front = project_all(table, n, rotation, position, rows)
+    for i in range(2 * n):
+        g, value = table[i, WEIGHT] * rows[i, 3], rows[i, 4]
+        if angles:
+            g = g / (1 + value * value)
+        r0, r1, r2 = turned_by(table, i, rows[i, 0], rows[i, 1], rows[i, 2], value)
+        rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3], rows[i, 4] = g * r0, g * r1, g * r2, g, -value * g
+    return front
+
+
+@kernel
+def _sums_into(table: Floats, rows: Floats, n: int, normal: Floats, moved: Floats, fan_sum: Floats) -> None:
     """Write the lower triangles of J^T J and sum tau J^T J (6, 6), and the fans' sums of rows (2, 6), of one craft, of
     numbers or of lanes.
 
-    rows (2, 5, K): the rows themselves, without the derivative by the other fan's coordinate.
-
-    angles: of equal noise; else the table's weights stand for (13), which otherwise are 1, or 0 of rows that do not
-    count. False where a photodiode is behind. A row has no derivative by the other fan's coordinate: it is not added
-    up. Columns 0 to 2 are the attitude, p the fan's own coordinate, z the third one; sums named n belong to J^T J, m to
-    the moved ones, s to the fan's rows.
+    A row has no derivative by the other fan's coordinate: it is not added up. Columns 0 to 2 are the attitude, p the
+    fan's own coordinate, z the third one; sums named n belong to J^T J, m to the moved ones, s to the fan's rows.
     """
     # In registers, not in the matrices: a sum in memory waits for the one before.
     n00 = n10 = n11 = n20 = n21 = n22 = nz0 = nz1 = nz2 = nzz = 0.0
     m00 = m10 = m11 = m20 = m21 = m22 = mz0 = mz1 = mz2 = mzz = 0.0
-    front = True
     for fan in range(2):
         s0 = s1 = s2 = sp = sz = 0.0
         np0 = np1 = np2 = npp = nzp = mp0 = mp1 = mp2 = mpp = mzp = 0.0
         for i in range(fan * n, fan * n + n):
-            value, ahead, r0, r1, r2, g, gz = project(table, i, rotation, position[fan], position[2])
-            front = front & (ahead > 0)
-            slope = table[i, WEIGHT]
-            if angles:
-                slope = slope * (-1 / (1 + value * value))
-            a0, a1, a2, ap, az = slope * r0, slope * r1, slope * r2, slope * g, slope * gz
-            tau = table[i, TAU]
-            k = i - fan * n
-            rows[fan, 0, k], rows[fan, 1, k], rows[fan, 2, k], rows[fan, 3, k], rows[fan, 4, k] = a0, a1, a2, ap, az
-            t0, t1, t2, tp, tz = tau * a0, tau * a1, tau * a2, tau * ap, tau * az
+            a0, a1, a2, ap, az = rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3], rows[i, 4]
             s0, s1, s2, sp, sz = s0 + a0, s1 + a1, s2 + a2, sp + ap, sz + az
             n00 += a0 * a0
             n10 += a1 * a0
@@ -122,6 +123,9 @@ def _sums_into(
             nz2 += az * a2
             nzp += az * ap
             nzz += az * az
+        for i in range(fan * n, fan * n + n):
+            tau, a0, a1, a2, ap, az = table[i, TAU], rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3], rows[i, 4]
+            t0, t1, t2, tp, tz = tau * a0, tau * a1, tau * a2, tau * ap, tau * az
             m00 += t0 * a0
             m10 += t1 * a0
             m11 += t1 * a1
@@ -153,19 +157,15 @@ def _sums_into(
     moved[2, 0], moved[2, 1], moved[2, 2] = m20, m21, m22
     moved[4, 3] = 0.0
     moved[5, 0], moved[5, 1], moved[5, 2], moved[5, 5] = mz0, mz1, mz2, mzz
-    return front
 
 
 @kernel
 def dilution_one(
     table: Floats,
+    rows: Floats,
     n: int,
     number: float,
-    rotation: Floats,
-    position: Floats,
-    angles: bool,
     rho: float,
-    rows: Floats,
     covariance: Floats,
     coupling: Floats,
 ) -> tuple[bool, float, float]:
@@ -173,21 +173,17 @@ def dilution_one(
 
     Args:
         table: (., COLUMNS), angles.
+        rows: (2 n, ROW), of J.
         n: rows of each fan.
-        number: number of photodiodes; rows after them have weight zero.
-        rotation: (3, 3).
-        position: (3,) [m].
-        angles: of equal noise, as in `_sums_into`.
+        number: number of photodiodes; rows after them are zero.
         rho: of (19).
-        rows: scratch (2, 5, K).
         covariance: (6, 6), receives H.
         coupling: (6, 6), receives B.
     """
-    normal, moved, lower = scratch(table, 6, 6), scratch(table, 6, 6), scratch(table, 6, 6)
-    inverse, fan_sum, spread = scratch(table, 6, 6), scratch(table, 2, 6), scratch(table, 2, 6)
-    determined = _sums_into(table, n, rotation, position, angles, normal, moved, fan_sum, rows)
-    determined = determined & cholesky_into(normal, lower)
-    invert_factor_into(lower, inverse)
+    normal, moved, inverse = scratch(table, 6, 6), scratch(table, 6, 6), scratch(table, 6, 6)
+    fan_sum, spread = scratch(table, 2, 6), scratch(table, 2, 6)
+    _sums_into(table, rows, n, normal, moved, fan_sum)
+    determined = invert_symmetric(normal, scratch(table, 6), inverse)
     for a in range(6):
         for b in range(a):
             moved[b, a] = moved[a, b]
@@ -213,13 +209,12 @@ class Places(NamedTuple):
     """Places for the precision of C craft.
 
     covariance, coupling: (C, 9, 4), the numbers of H and B. factors: (4, C), ADOP [deg/rad], PDOP [m/rad] and the two
-    slopes [rad/rad], [m/rad]. rows: (2, 5, K, WIDE), workspace.
+    slopes [rad/rad], [m/rad].
     """
 
     covariance: Floats
     coupling: Floats
     factors: Floats
-    rows: Floats
 
     def found(self) -> Dilution:
         """Return what has been written."""
@@ -229,43 +224,30 @@ class Places(NamedTuple):
         return Dilution(covariance, adop, pdop, coupling, np.rad2deg(turned), moved)
 
 
-def places_for(craft: int, photodiodes: int) -> Places:
-    """Return places for so many craft and photodiodes."""
+def places_for(craft: int) -> Places:
+    """Return places for so many craft."""
     matrices = np.empty((2, craft, 9, LANES))
-    return Places(matrices[0], matrices[1], np.empty((4, craft)), np.empty((2, 5, photodiodes, WIDE)))
+    return Places(matrices[0], matrices[1], np.empty((4, craft)))
 
 
 @inlined
 def precision_into(
-    who: Ints,
-    table: Floats,
-    n: int,
-    number: float,
-    rotation: Floats,
-    position: Floats,
-    angles: bool,
-    rho: float,
-    among: bool,
-    places: Places,
+    who: Ints, table: Floats, rows: Floats, n: int, number: float, rho: float, among: bool, places: Places
 ) -> None:
     """Write the precision of craft side by side, NaN where the pose is not determined.
 
     Args:
         who: (WIDE,), the craft; one that is there twice has the same in both lanes.
-        table: (., COLUMNS), angles, with their weights.
+        table: (., COLUMNS), angles.
+        rows: (2 n, ROW), of J.
         n: rows of each fan.
         number: number of photodiodes.
-        rotation: (3, 3).
-        position: (3,) [m].
-        angles: of equal noise, as in `_sums_into`.
         rho: of (19).
         among: the lanes of craft that have a pose.
         places: receives it.
     """
     both = scratch(table, 2, 6, 6)
-    determined, turned, moved = dilution_one(
-        table, n, number, rotation, position, angles, rho, wide_in(places.rows), both[0], both[1]
-    )
+    determined, turned, moved = dilution_one(table, rows, n, number, rho, both[0], both[1])
     determined = determined & among
     h = both[0]
     adop, pdop = np.sqrt(h[0, 0] + h[1, 1] + h[2, 2]), np.sqrt(h[3, 3] + h[4, 4] + h[5, 5])
@@ -301,7 +283,7 @@ def _dilution_all(of: Given, weight: Floats, rho: float, mask: Bools, room: Room
     weight: (C K, 2), inverse noise of each projection, or empty where the angles have equal noise.
     """
     many, count, order, table = in_order(of.lit, mask, 1, room), room.counts, room.order, wide_in(room.table)
-    turn, place, angles = scratch(table, 3, 3), scratch(table, 3), weight.size == 0
+    turn, place, rows, angles = scratch(table, 3, 3), scratch(table, 3), wide_in(room.rows), weight.size == 0
     for c in range(len(mask)):
         if not mask[c] or count[c, 0] == 0:
             no_precision(c, places)
@@ -310,7 +292,8 @@ def _dilution_all(of: Given, weight: Floats, rho: float, mask: Bools, room: Room
         n, number = count[who[WIDE - 1], 0], taken(table[0, 0], count, who, 0)
         gather_craft(who, n, of, room, turn, place)
         gather_weights_lanes(room.seen, n, number, angles, weight, table)
-        precision_into(who, table, n, number, turn, place, angles, rho, table_spans_plane(table, n), places)
+        among = table_spans_plane(table, n) & rows_into(table, n, turn, place, angles, rows)
+        precision_into(who, table, rows, n, number, rho, among, places)
 
 
 def factors(covariance: Floats) -> tuple[Floats, Floats]:
@@ -427,7 +410,7 @@ def _checked_dilution(
     if mask.shape != (craft,):
         raise ValueError(f"mask has shape {mask.shape}, expected {(craft,)}")
     offset_s, angular_rate, velocity = motion
-    places = places_for(craft, photodiodes)
+    places = places_for(craft)
     _dilution_all(
         given(lit, rotation, position, point_m, offset_s, angular_rate, velocity),
         np.empty((0, 2)) if weight is None else checked("weight", weight, (craft, photodiodes, 2)).reshape(-1, 2),

@@ -144,9 +144,10 @@ def _rows_all(
             for k in range(lit.shape[1]):
                 if not lit[c, k]:
                     continue
-                value, _, r0, r1, r2, g, gz = project(table, i, rotation[c], position[c, fan], position[c, 2])
+                value, _, over, r0, r1, r2 = project(table, i, rotation[c], position[c, fan], position[c, 2])
                 row, w = jacobian[c, fan, k], weight[c, k, fan]
-                row[0], row[1], row[2], row[3 + fan], row[5] = w * r0, w * r1, w * r2, w * g, w * gz
+                g = w * over
+                row[0], row[1], row[2], row[3 + fan], row[5] = g * r0, g * r1, g * r2, g, -g * value
                 residual[c, fan, k] = w * (value - uv[c, k, fan])
                 instant[c, fan, k] = table[i, TAU]
                 i += 1

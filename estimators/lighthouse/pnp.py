@@ -44,15 +44,16 @@ from estimators.lighthouse.projection import (
     checked,
     checked_lit,
     project,
+    project_all,
     projections,
     table_spans_plane,
+    turned_by,
 )
 from estimators.lighthouse.side_by_side import (
     Given,
     Room,
     gather_craft,
     gather_measured_lanes,
-    gather_weights_lanes,
     given,
     in_order,
     room_for,
@@ -86,77 +87,57 @@ class PoseSolution(NamedTuple):
     cost: Floats
 
 
-_NOWHERE = places_for(0, 0)
+_NOWHERE = places_for(0)
 """Places for no precision."""
 GRADIENT, SCALE = 6, 7
 """Rows below the matrix, in what a Newton step needs (8, 6): J^T W^2 f, and the diagonal of J^T W^2 J."""
 
 
 @kernel
-def _evaluate(table: Floats, n: int, rotation: Floats, position: Floats, out: Floats) -> float:
+def _evaluate(table: Floats, n: int, rotation: Floats, position: Floats, rows: Floats, out: Floats) -> float:
     """Return F of (6), or inf if a photodiode is behind; write `out` (8, 6): the lower triangle of a matrix,
     and two rows. Of numbers or of lanes.
 
-    The matrix is J^T W^2 J of (11, 12). A row of J has no derivative by the other fan's coordinate: what is zero is not
-    added up.
+    The matrix is J^T W^2 J of (11, 12). A row of W J, one of `rows` (2 n, ROW), has no derivative by the other fan's
+    coordinate: what is zero is not added up.
     """
-    for k in range(8):
-        for m in range(6):
-            out[k, m] = 0.0
-    cost, front = 0.0, True
+    cost, front = 0.0, project_all(table, n, rotation, position, rows)
+    m00 = m10 = m11 = m20 = m21 = m22 = mz0 = mz1 = mz2 = mzz = b0 = b1 = b2 = bz = 0.0
     for fan in range(2):
-        m00 = m10 = m11 = m20 = m21 = m22 = 0.0
-        across0 = across1 = across2 = ahead0 = ahead1 = ahead2 = 0.0
-        across_across = across_ahead = ahead_ahead = 0.0
-        b0 = b1 = b2 = b_across = b_ahead = 0.0
-        for row in range(fan * n, fan * n + n):
-            value, ahead, r0, r1, r2, g, gz = project(table, row, rotation, position[fan], position[2])
-            front = front & (ahead > 0)
-            w = table[row, WEIGHT]
-            f = value - table[row, VALUE]
-            w0, w1, w2, wg, wz, wf = w * r0, w * r1, w * r2, w * g, w * gz, w * f
-            cost += wf * f
-            m00 += w0 * r0
-            m10 += w1 * r0
-            m11 += w1 * r1
-            m20 += w2 * r0
-            m21 += w2 * r1
-            m22 += w2 * r2
-            across0 += w0 * g
-            across1 += w1 * g
-            across2 += w2 * g
-            ahead0 += w0 * gz
-            ahead1 += w1 * gz
-            ahead2 += w2 * gz
-            across_across += wg * g
-            across_ahead += wg * gz
-            ahead_ahead += wz * gz
-            b0 += wf * r0
-            b1 += wf * r1
-            b2 += wf * r2
-            b_across += wf * g
-            b_ahead += wf * gz
-        a = 3 + fan
-        out[0, 0] += m00
-        out[1, 0] += m10
-        out[1, 1] += m11
-        out[2, 0] += m20
-        out[2, 1] += m21
-        out[2, 2] += m22
-        out[a, 0] += across0
-        out[a, 1] += across1
-        out[a, 2] += across2
-        out[a, a] += across_across
-        out[5, 0] += ahead0
-        out[5, 1] += ahead1
-        out[5, 2] += ahead2
-        out[5, a] += across_ahead
-        out[5, 5] += ahead_ahead
-        out[GRADIENT, 0] += b0
-        out[GRADIENT, 1] += b1
-        out[GRADIENT, 2] += b2
-        out[GRADIENT, a] += b_across
-        out[GRADIENT, 5] += b_ahead
+        mp0 = mp1 = mp2 = mpp = mzp = bp = 0.0
+        for i in range(fan * n, fan * n + n):
+            w, over, value = table[i, WEIGHT], rows[i, 3], rows[i, 4]
+            r0, r1, r2 = turned_by(table, i, rows[i, 0], rows[i, 1], rows[i, 2], value)
+            f, ap = w * (value - table[i, VALUE]), w * over
+            a0, a1, a2, az = ap * r0, ap * r1, ap * r2, -value * ap
+            rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3], rows[i, 4] = a0, a1, a2, ap, az
+            cost += f * f
+            m00 += a0 * a0
+            m10 += a1 * a0
+            m11 += a1 * a1
+            m20 += a2 * a0
+            m21 += a2 * a1
+            m22 += a2 * a2
+            mp0 += ap * a0
+            mp1 += ap * a1
+            mp2 += ap * a2
+            mpp += ap * ap
+            mz0 += az * a0
+            mz1 += az * a1
+            mz2 += az * a2
+            mzp += az * ap
+            mzz += az * az
+            b0 += f * a0
+            b1 += f * a1
+            b2 += f * a2
+            bp += f * ap
+            bz += f * az
+        p = 3 + fan
+        out[p, 0], out[p, 1], out[p, 2], out[p, p] = mp0, mp1, mp2, mpp
+        out[5, p], out[GRADIENT, p] = mzp, bp
+    out[0, 0], out[1, 0], out[1, 1], out[2, 0], out[2, 1], out[2, 2] = m00, m10, m11, m20, m21, m22
+    out[4, 3], out[5, 0], out[5, 1], out[5, 2], out[5, 5] = 0.0, mz0, mz1, mz2, mzz
+    out[GRADIENT, 0], out[GRADIENT, 1], out[GRADIENT, 2], out[GRADIENT, 5] = b0, b1, b2, bz
     for k in range(6):
         out[SCALE, k] = out[k, k]
     return select(front, cost, np.inf)
@@ -168,8 +149,8 @@ def _add_curvatures(table: Floats, n: int, rotation: Floats, position: Floats, m
     for fan in range(2):
         for row in range(fan * n, fan * n + n):
             pose = rotation, position[fan], position[2]
-            residual = project(table, row, *pose)[0] - table[row, VALUE]
-            add_curvature(table, row, fan, *pose, select(mask, table[row, WEIGHT] * residual, 0.0), out)
+            residual, w = project(table, row, *pose)[0] - table[row, VALUE], table[row, WEIGHT]
+            add_curvature(table, row, fan, *pose, select(mask, w * w * residual, 0.0), out)
 
 
 @kernel
@@ -183,7 +164,7 @@ def _take(mask: bool, next_rotation: Floats, next_position: Floats, rotation: Fl
 
 @kernel
 def refine_one(
-    table: Floats, n: int, rotation: Floats, position: Floats, open_: bool, iterations_max: int
+    table: Floats, n: int, rotation: Floats, position: Floats, rows: Floats, open_: bool, iterations_max: int
 ) -> tuple[bool, float, float]:
     """Levenberg-Marquardt from `rotation` (3, 3), `position` (3,), overwritten; (converged, linear solves, F). Of
     numbers, or of lanes: a lane that has come to an end stays as it is.
@@ -198,13 +179,15 @@ def refine_one(
         n: rows of each fan.
         rotation: (3, 3), the start.
         position: (3,) [m], the start.
+        rows: (2 n, ROW), receives W J at the pose from which the last step leads to the answer.
         open_: whether there is a pose to solve.
         iterations_max: linear solves at most.
     """
-    sums, damped, lower = scratch(table, 2, 8, 6), scratch(table, 6, 6), scratch(table, 6, 6)
+    sums, damped, factor = scratch(table, 2, 8, 6), scratch(table, 6, 6), scratch(table, 6, 6)
     step, turned = scratch(table, 6), scratch(table, 3, 3)
     next_rotation, next_position = scratch(table, 3, 3), scratch(table, 3)
-    cost = _evaluate(table, n, rotation, position, sums[0])
+    end_rotation, end_position = scratch(table, 3, 3), scratch(table, 3)
+    cost = _evaluate(table, n, rotation, position, rows, sums[0])
     open_ = open_ & (cost < np.inf)
     at, damping, turn_before, way_before, curved = 0, 0.0, 0.0, 0.0, open_ & opposite(open_)
     solves = select(open_, iterations_max, 0)
@@ -218,7 +201,7 @@ def refine_one(
                 damped[a, b] = here[a, b]
             damped[a, a] += damping * here[SCALE, a]
             step[a] = -here[GRADIENT, a]
-        regular = open_ & solve_spd(damped, lower, step)
+        regular = open_ & solve_spd(damped, factor, step)
         exp_into(step[:3], turned)
         multiply_into(turned, rotation, next_rotation)
         for k in range(3):
@@ -227,7 +210,7 @@ def refine_one(
         way = step[3] * step[3] + step[4] * step[4] + step[5] * step[5]
         last = regular & lm.ends(turn, turn_before) & lm.ends(way, way_before) & (damping < lm.FIRST_DAMPING)
         if any_of(last):
-            _take(last, next_rotation, next_position, rotation, position)
+            _take(last, next_rotation, next_position, end_rotation, end_position)
             # To second order in the step F changes by the product of gradient and step.
             after = cost
             for a in range(6):
@@ -237,7 +220,9 @@ def refine_one(
             if not any_of(open_):
                 break
             regular = regular & open_
-        next_cost = _evaluate(table, n, next_rotation, next_position, there)
+        if not all_of(open_):  # whose rows are to stay
+            _take(opposite(open_), rotation, position, next_rotation, next_position)
+        next_cost = _evaluate(table, n, next_rotation, next_position, rows, there)
         bent = regular & curved & (next_cost < np.inf)
         if any_of(bent):
             _add_curvatures(table, n, next_rotation, next_position, bent, there)
@@ -260,6 +245,7 @@ def refine_one(
         if any_of(bends):
             _add_curvatures(table, n, rotation, position, bends, sums[at])
             curved = curved | bends
+    _take(converged, end_rotation, end_position, rotation, position)
     return converged, solves, cost
 
 
@@ -284,7 +270,7 @@ def _refine_all(
     """
     wanted = places.factors.shape[1] > 0
     many, count, order, table = in_order(of.lit, solved, FEWEST_LIT, room), room.counts, room.order, wide_in(room.table)
-    turn, place = scratch(table, 3, 3), scratch(table, 3)
+    turn, place, rows = scratch(table, 3, 3), scratch(table, 3), wide_in(room.rows)
     for c in range(len(solved)):
         solved[c], iterations[c], cost[c], residual[c] = False, 0, np.nan, np.nan
     for first in range(0, many, WIDE):
@@ -293,10 +279,9 @@ def _refine_all(
         gather_craft(who, n, of, room, turn, place)
         finite = gather_measured_lanes(room.seen, n, number, uv, weight, table)
         open_ = finite & table_spans_plane(table, n)
-        converged, solves, squares = refine_one(table, n, turn, place, open_, iterations_max)
+        converged, solves, squares = refine_one(table, n, turn, place, rows, open_, iterations_max)
         if wanted:
-            gather_weights_lanes(room.seen, n, number, True, weight, table)
-            precision_into(who, table, n, number, turn, place, True, rho, converged, places)
+            precision_into(who, table, rows, n, number, rho, converged, places)
         for i in range(WIDE):
             c = who[i]
             solved[c], iterations[c] = lane(converged, i), int(lane(solves, i))
@@ -427,7 +412,10 @@ def refine_with_dilution(
     velocity: Floats,
     rotor_correlation: float,
 ) -> tuple[PoseSolution, Dilution]:
-    """Return `refine` and the `dop.dilution` of its poses, from one table of angles; NaN where there is no pose.
+    """Return `refine` and the `dop.dilution` of its poses; NaN where there is no pose.
+
+    The precision is of the rows that the last step was solved with: at a pose that this step, below 1e-6 rad and m from
+    a warm start, leads to the answer, and with (13) at the measured angles, as in (7).
 
     Args:
         theta: as in `refine`.
@@ -443,7 +431,7 @@ def refine_with_dilution(
     Raises:
         ValueError: as `refine` and `dop.dilution`.
     """
-    places = places_for(*checked_lit(lit).shape)
+    places = places_for(len(checked_lit(lit)))
     start, motion, rho = (
         (rotation, position),
         (offset_s, angular_rate, velocity),

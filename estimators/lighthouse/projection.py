@@ -100,8 +100,11 @@ def angle_weights(uv: Floats) -> Floats:
 TAU, VALUE, WEIGHT, COLUMNS = 11, 12, 13, 14
 """Columns of a table of angles, a row for each: 0 the photodiode's place (3); the rows of Exp([w]x tau) that the
 projection uses, 3 the fan's own (3) and 6 the third (3); v tau, 9 along the fan's coordinate and 10 along z; tau; and
-what PnP adds, the measured value and its squared weight.
+what PnP adds, the measured value and its weight, one over its noise.
 """
+
+ROW = 5
+"""Numbers of an angle's row of a Jacobian: derivatives by the attitude, by the fan's own coordinate and by z."""
 
 
 @kernel
@@ -161,7 +164,7 @@ def gather_measured(
     velocity: Floats,
     out: Floats,
 ) -> int:
-    """Do as `gather`, with the value and the squared weight of each angle; return 0 where one of them is not finite.
+    """Do as `gather`, with the value and the weight of each angle; return 0 where one of them is not finite.
 
     Args:
         uv: (K, 2), values.
@@ -181,20 +184,59 @@ def gather_measured(
                 if not np.isfinite(weight[k, fan] * uv[k, fan]):
                     return 0
                 out[fan * n + i, VALUE] = uv[k, fan]
-                out[fan * n + i, WEIGHT] = weight[k, fan] * weight[k, fan]
+                out[fan * n + i, WEIGHT] = weight[k, fan]
             i += 1
     return n
+
+
+@inlined
+def _arm(table: Floats, row: int, rotation: Floats) -> tuple[float, float, float]:
+    """Return r = R w_p, from the craft's origin to the photodiode of an angle at the epoch [m]."""
+    a, b, c = table[row, 0], table[row, 1], table[row, 2]
+    return (
+        rotation[0, 0] * a + rotation[0, 1] * b + rotation[0, 2] * c,
+        rotation[1, 0] * a + rotation[1, 1] * b + rotation[1, 2] * c,
+        rotation[2, 0] * a + rotation[2, 1] * b + rotation[2, 2] * c,
+    )
+
+
+@inlined
+def _moved(table: Floats, row: int, arm: Row, place: float, depth: float) -> tuple[float, float]:
+    """Return the fan's own coordinate of a photodiode at the instant of an angle, and its z [m]."""
+    x, y, z = arm
+    return (
+        place + table[row, 9] + table[row, 3] * x + table[row, 4] * y + table[row, 5] * z,
+        depth + table[row, 10] + table[row, 6] * x + table[row, 7] * y + table[row, 8] * z,
+    )
+
+
+@inlined
+def turned_by(table: Floats, row: int, x: float, y: float, z: float, value: float) -> tuple[float, float, float]:
+    """Return the derivatives (10)(8) of an angle's projection by the attitude, times z.
+
+    With the arm r = R w_p at the epoch, turn = Exp([w]x tau), and the gradient g of the projection (10), g^T dp/dd =
+    -g^T turn [r]x = (r x (turn^T g))^T. Of g itself, the derivatives by position, 1/z is that by the fan's coordinate,
+    and -(x/z) / z that by z.
+
+    Args:
+        table: (., COLUMNS), of `gather`.
+        row: the angle's.
+        x: of the arm [m].
+        y: of the arm [m].
+        z: of the arm [m].
+        value: the projection.
+    """
+    g0 = table[row, 3] - value * table[row, 6]
+    g1 = table[row, 4] - value * table[row, 7]
+    g2 = table[row, 5] - value * table[row, 8]
+    return y * g2 - z * g1, z * g0 - x * g2, x * g1 - y * g0
 
 
 @kernel
 def project(
     table: Floats, row: int, rotation: Floats, place: float, depth: float
-) -> tuple[float, float, float, float, float, float, float]:
-    """Return x/z or y/z of an angle of a table, its z [m], and its derivatives (10)(8) that are not zero.
-
-    With the arm r = R w_p at the epoch, turn = Exp([w]x tau), and the gradient g of the projection (10), g^T dp/dd =
-    -g^T turn [r]x = (r x (turn^T g))^T. The derivatives are three by attitude, one by the fan's coordinate and one by
-    z.
+) -> tuple[float, float, float, float, float, float]:
+    """Return x/z or y/z of an angle of a table, its z [m], 1/z, and its derivatives of `turned_by`.
 
     Args:
         table: (., COLUMNS), of `gather`.
@@ -203,18 +245,39 @@ def project(
         place: the fan's coordinate of t [m].
         depth: the third coordinate of t [m].
     """
-    a, b, c = table[row, 0], table[row, 1], table[row, 2]
-    x = rotation[0, 0] * a + rotation[0, 1] * b + rotation[0, 2] * c
-    y = rotation[1, 0] * a + rotation[1, 1] * b + rotation[1, 2] * c
-    z = rotation[2, 0] * a + rotation[2, 1] * b + rotation[2, 2] * c
-    across = table[row, 3] * x + table[row, 4] * y + table[row, 5] * z + table[row, 9] + place
-    ahead = table[row, 6] * x + table[row, 7] * y + table[row, 8] * z + table[row, 10] + depth
-    g = 1 / ahead
-    value = across * g
-    a0 = g * (table[row, 3] - value * table[row, 6])
-    a1 = g * (table[row, 4] - value * table[row, 7])
-    a2 = g * (table[row, 5] - value * table[row, 8])
-    return value, ahead, y * a2 - z * a1, z * a0 - x * a2, x * a1 - y * a0, g, -value * g
+    x, y, z = _arm(table, row, rotation)
+    across, ahead = _moved(table, row, (x, y, z), place, depth)
+    over = 1 / ahead
+    r0, r1, r2 = turned_by(table, row, x, y, z, across * over)
+    return across * over, ahead, over, r0, r1, r2
+
+
+@kernel
+def project_all(table: Floats, n: int, rotation: Floats, position: Floats, out: Floats) -> bool:
+    """Write the arm of every angle of a table, its 1/z and its x/z or y/z; return whether all are in front of the
+    lighthouse. Of numbers or of lanes.
+
+    A loop of its own, with one division for both fans: where sums follow at once, they wait for it.
+
+    Args:
+        table: (2 n, COLUMNS), of `gather`.
+        n: rows of each fan.
+        rotation: (3, 3), R.
+        position: (3,), t [m].
+        out: (2 n, 5), receives them.
+    """
+    front = True
+    for i in range(n):
+        k = n + i
+        x, y, z = _arm(table, i, rotation)
+        across, ahead = _moved(table, i, (x, y, z), position[0], position[2])
+        above, before = _moved(table, k, (x, y, z), position[1], position[2])
+        front = front & (ahead > 0) & (before > 0)
+        over = 1 / (ahead * before)
+        over_x, over_y = before * over, ahead * over
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4] = x, y, z, over_x, across * over_x
+        out[k, 0], out[k, 1], out[k, 2], out[k, 3], out[k, 4] = x, y, z, over_y, above * over_y
+    return front
 
 
 @kernel
@@ -237,16 +300,11 @@ def add_curvature(
         scale: the factor.
         normal: (6, 6), to which it is added.
     """
-    a, b, c = table[row, 0], table[row, 1], table[row, 2]
     # Tuples, not arrays: nothing is allocated for each angle.
-    arm = (
-        rotation[0, 0] * a + rotation[0, 1] * b + rotation[0, 2] * c,
-        rotation[1, 0] * a + rotation[1, 1] * b + rotation[1, 2] * c,
-        rotation[2, 0] * a + rotation[2, 1] * b + rotation[2, 2] * c,
-    )
-    value, _, r0, r1, r2, g, gz = project(table, row, rotation, place, depth)
+    arm = _arm(table, row, rotation)
+    value, _, g, r0, r1, r2 = project(table, row, rotation, place, depth)
     zero = g - g  # of the type of the others
-    first = (r0, r1, r2, g if fan == 0 else zero, g if fan == 1 else zero, gz)
+    first = (g * r0, g * r1, g * r2, g if fan == 0 else zero, g if fan == 1 else zero, -value * g)
     x, y, z = table[row, 6], table[row, 7], table[row, 8]
     ahead = (arm[1] * z - arm[2] * y, arm[2] * x - arm[0] * z, arm[0] * y - arm[1] * x, zero, zero, zero + 1)
     pull = ((table[row, 3] - value * x) * g, (table[row, 4] - value * y) * g, (table[row, 5] - value * z) * g)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.arrays import Bools, Floats, Ints
+from estimators.arrays import Bools, Floats, Ints, lined
 from estimators.kernel import inlined, kernel
 from estimators.lanes import (
     FOURS,
@@ -26,7 +26,7 @@ from estimators.lanes import (
     width,
     with_lane,
 )
-from estimators.lighthouse.projection import COLUMNS, VALUE, WEIGHT, checked, write_motion
+from estimators.lighthouse.projection import COLUMNS, ROW, VALUE, WEIGHT, checked, write_motion
 from estimators.rotation import exp_rows
 from estimators.scratch import scratch
 
@@ -38,7 +38,7 @@ class Room(NamedTuple):
 
     counts: (C, 1), number of each craft's lit photodiodes. order: (C + WIDE,), the craft in their order, the last one
     once more for every lane that is left over. begin: (K + 2,), where the craft of so many begin. seen: (K, L), of
-    `seen_by`. table: (2 K, COLUMNS, WIDE), numbers.
+    `seen_by`. table: (2 K, COLUMNS, WIDE), numbers. rows: (2 K, ROW, WIDE), numbers: a Jacobian.
     """
 
     counts: Ints
@@ -46,13 +46,15 @@ class Room(NamedTuple):
     begin: Ints
     seen: Places
     table: Floats
+    rows: Floats
 
 
 def room_for(craft: int, photodiodes: int) -> Room:
     """Return places for so many craft and photodiodes."""
     count, order, begin = (np.empty(n, dtype=np.int64) for n in ((craft, 1), craft + WIDE, photodiodes + 2))
-    seen, table = np.empty((photodiodes, WIDE), dtype=np.uint64), np.empty((2 * photodiodes, COLUMNS, WIDE))
-    return Room(count, order, begin, seen, table)
+    seen = np.empty((photodiodes, WIDE), dtype=np.uint64)
+    table, rows = (lined(2 * photodiodes, columns, WIDE) for columns in (COLUMNS, ROW))
+    return Room(count, order, begin, seen, table, rows)
 
 
 @kernel
@@ -286,7 +288,7 @@ def gather_lanes(
 
 @kernel
 def gather_measured_lanes(seen: Places, n: int, number: float, uv: Floats, weight: Floats, out: Floats) -> bool:
-    """Write the value and the squared weight of each angle into a table; return where all of them are finite.
+    """Write the value and the weight of each angle into a table; return where all of them are finite.
 
     Args:
         seen: of `seen_by`.
@@ -306,7 +308,7 @@ def gather_measured_lanes(seen: Places, n: int, number: float, uv: Floats, weigh
                 w = taken(number, weight, places, fan)
             finite = finite & (abs(w * value) < np.inf)
             out[fan * n + row, VALUE] = value
-            out[fan * n + row, WEIGHT] = select(number > row, w * w, 0.0)
+            out[fan * n + row, WEIGHT] = select(number > row, w, 0.0)
     return finite
 
 

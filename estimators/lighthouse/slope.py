@@ -30,9 +30,9 @@ SHOWN = 1e-8
 def _greater_eigenvalue(
     a: float, b: float, c: float, over: float, x0: float, x1: float, x2: float, y0: float, y1: float, y2: float
 ) -> float:
-    """Return that of [[a, b], [b, c]]^-1 [[x.x, x.y], [x.y, y.y]]; over: one over the determinant of the first."""
+    """Return that of [[a, -b], [-b, c]]^-1 [[x.x, x.y], [x.y, y.y]]; over: one over the determinant of the first."""
     xx, xy, yy = x0 * x0 + x1 * x1 + x2 * x2, x0 * y0 + x1 * y1 + x2 * y2, y0 * y0 + y1 * y1 + y2 * y2
-    half = 0.5 * (c * xx - 2 * b * xy + a * yy) * over
+    half = (c * xx + (b + b) * xy + a * yy) * (0.5 * over)
     greater: float = half + np.sqrt(max(half * half - (xx * yy - xy * xy) * over, 0.0))
     return greater
 
@@ -46,7 +46,7 @@ def worst_slopes(
     Of numbers or of lanes.
 
     Args:
-        rows: (2, 5, K), derivatives of each fan's angles by the attitude, the fan's own coordinate and z.
+        rows: (2 n, ROW), of J.
         n: number of rows of each fan.
         number: number of photodiodes: rows after them are zero.
         inverse: (6, 6), N^-1.
@@ -57,10 +57,10 @@ def worst_slopes(
     s, t = fan_sum, spread
     # U^T U, and W = ((1 - rho) / rho I + U^T U)^-1 written so that rho may be zero.
     u00, u01, u11 = number, 0.0, number
-    for a in range(6):
-        u00 -= s[0, a] * t[0, a]
-        u01 -= s[0, a] * t[1, a]
-        u11 -= s[1, a] * t[1, a]
+    for m in range(6):
+        u00 -= s[0, m] * t[0, m]
+        u01 -= s[0, m] * t[1, m]
+        u11 -= s[1, m] * t[1, m]
     d00, d01, d11 = 1 - rho + rho * u00, rho * u01, 1 - rho + rho * u11
     scale = rho / (d00 * d11 - d01 * d01)
     w00, w01, w11 = scale * d11, -scale * d01, scale * d00
@@ -70,12 +70,13 @@ def worst_slopes(
     i13, i14, i15, i22 = inverse[1, 3], inverse[1, 4], inverse[1, 5], inverse[2, 2]
     i23, i24, i25, i33 = inverse[2, 3], inverse[2, 4], inverse[2, 5], inverse[3, 3]
     i34, i35, i44, i45, i55 = inverse[3, 4], inverse[3, 5], inverse[4, 4], inverse[4, 5], inverse[5, 5]
-    t00, t01, t02, t03, t05 = t[0, 0], t[0, 1], t[0, 2], t[0, 3], t[0, 5]
-    t04, t10, t11, t12, t13 = t[0, 4], t[1, 0], t[1, 1], t[1, 2], t[1, 3]
-    t14, t15, attitude, position = t[1, 4], t[1, 5], 0.0, 0.0
+    t00, t01, t02, t03, t04, t05 = -t[0, 0], -t[0, 1], -t[0, 2], -t[0, 3], -t[0, 4], -t[0, 5]
+    t10, t11, t12, t13, t14, t15 = -t[1, 0], -t[1, 1], -t[1, 2], -t[1, 3], -t[1, 4], -t[1, 5]
+    attitude, position = 0.0, 0.0
     for k in range(n):
-        x0, x1, x2, x3, x5 = rows[0, 0, k], rows[0, 1, k], rows[0, 2, k], rows[0, 3, k], rows[0, 4, k]
-        y0, y1, y2, y4, y5 = rows[1, 0, k], rows[1, 1, k], rows[1, 2, k], rows[1, 3, k], rows[1, 4, k]
+        i = n + k
+        x0, x1, x2, x3, x5 = rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3], rows[k, 4]
+        y0, y1, y2, y4, y5 = rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3], rows[i, 4]
         # N^-1 times the rows.
         p0 = i00 * x0 + i01 * x1 + i02 * x2 + i03 * x3 + i05 * x5
         p1 = i01 * x0 + i11 * x1 + i12 * x2 + i13 * x3 + i15 * x5
@@ -90,24 +91,19 @@ def worst_slopes(
         q4 = i04 * y0 + i14 * y1 + i24 * y2 + i44 * y4 + i45 * y5
         q5 = i05 * y0 + i15 * y1 + i25 * y2 + i45 * y4 + i55 * y5
         # The photodiode's rows of U: less x^T N^-1 s.
-        ux0 = 1 - (x0 * t00 + x1 * t01 + x2 * t02 + x3 * t03 + x5 * t05)
-        ux1 = -(x0 * t10 + x1 * t11 + x2 * t12 + x3 * t13 + x5 * t15)
-        uy0 = -(y0 * t00 + y1 * t01 + y2 * t02 + y4 * t04 + y5 * t05)
-        uy1 = 1 - (y0 * t10 + y1 * t11 + y2 * t12 + y4 * t14 + y5 * t15)
-        # A_k
-        axx = 1 - (x0 * p0 + x1 * p1 + x2 * p2 + x3 * p3 + x5 * p5)
-        axx -= w00 * ux0 * ux0 + 2 * w01 * ux0 * ux1 + w11 * ux1 * ux1
-        axy = -(x0 * q0 + x1 * q1 + x2 * q2 + x3 * q3 + x5 * q5)
-        axy -= w00 * ux0 * uy0 + w01 * (ux0 * uy1 + ux1 * uy0) + w11 * ux1 * uy1
-        ayy = 1 - (y0 * q0 + y1 * q1 + y2 * q2 + y4 * q4 + y5 * q5)
-        ayy -= w00 * uy0 * uy0 + 2 * w01 * uy0 * uy1 + w11 * uy1 * uy1
-        determinant = axx * ayy - axy * axy
-        over = select(determinant > SHOWN, 1 / determinant, np.inf)
-        turned = _greater_eigenvalue(axx, axy, ayy, over, p0, p1, p2, q0, q1, q2)
-        moved = _greater_eigenvalue(axx, axy, ayy, over, p3, p4, p5, q3, q4, q5)
-        # Infinity less infinity: as infinite as either.
-        turned, moved = select(turned == turned, turned, np.inf), select(moved == moved, moved, np.inf)
-        own = number > k
-        attitude = max(attitude, select(own, turned, 0.0))
-        position = max(position, select(own, moved, 0.0))
+        ux0 = 1 + x0 * t00 + x1 * t01 + x2 * t02 + x3 * t03 + x5 * t05
+        ux1 = x0 * t10 + x1 * t11 + x2 * t12 + x3 * t13 + x5 * t15
+        uy0 = y0 * t00 + y1 * t01 + y2 * t02 + y4 * t04 + y5 * t05
+        uy1 = 1 + y0 * t10 + y1 * t11 + y2 * t12 + y4 * t14 + y5 * t15
+        wx0, wx1, wy0, wy1 = w00 * ux0 + w01 * ux1, w01 * ux0 + w11 * ux1, w00 * uy0 + w01 * uy1, w01 * uy0 + w11 * uy1
+        # A_k, the elements beside its diagonal with the opposite sign.
+        a = 1 - x0 * p0 - x1 * p1 - x2 * p2 - x3 * p3 - x5 * p5 - ux0 * wx0 - ux1 * wx1
+        b = x0 * q0 + x1 * q1 + x2 * q2 + x3 * q3 + x5 * q5 + ux0 * wy0 + ux1 * wy1
+        c = 1 - y0 * q0 - y1 * q1 - y2 * q2 - y4 * q4 - y5 * q5 - uy0 * wy0 - uy1 * wy1
+        determinant = a * c - b * b
+        over, shown, own = 1 / determinant, determinant > SHOWN, number > k
+        turned = _greater_eigenvalue(a, b, c, over, p0, p1, p2, q0, q1, q2)
+        moved = _greater_eigenvalue(a, b, c, over, p3, p4, p5, q3, q4, q5)
+        attitude = max(attitude, select(own, select(shown, turned, np.inf), 0.0))
+        position = max(position, select(own, select(shown, moved, np.inf), 0.0))
     return np.sqrt(attitude), np.sqrt(position)
