@@ -341,7 +341,7 @@ def test_a_poses_precision_is_that_of_the_rows_of_its_last_step_whoever_is_besid
         np.testing.assert_array_equal(mine, other)
     assert 20 <= np.count_nonzero(alone.solved) < len(company.lit) - 5
     np.testing.assert_array_equal(np.isfinite(precision.pdop_m_per_rad), alone.solved)
-    for c in np.flatnonzero(alone.solved):
+    for c in np.flatnonzero(alone.solved).tolist():
         table, n = company.table(c)
         rows, out = np.empty((24, ROW)), np.empty((2, 6, 6))
         rotation, position = company.rotation[c].copy(), company.position[c].copy()

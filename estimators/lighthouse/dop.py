@@ -76,7 +76,7 @@ class Dilution(NamedTuple):
 
 @kernel
 def rows_into(table: Floats, n: int, rotation: Floats, position: Floats, angles: bool, rows: Floats) -> bool:
-    """Write the rows of J (2 n, ROW) of one craft at a pose, of numbers or of lanes; False where a photodiode is behind.
+    """Write the rows of J (2 n, ROW) at a pose, of numbers or of lanes; return False where a photodiode is behind.
 
     angles: of equal noise; else the table's weights stand for (13), which otherwise are 1, or 0 of rows that do not
     count.
