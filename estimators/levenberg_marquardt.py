@@ -21,20 +21,29 @@ STEP_SMALL = 1e-7
 """A search has converged where it has less than this to go in attitude [rad] and in position [m]."""
 
 
+RISE = 8.0
+"""Times that the next step may shrink less than the last one did: what shrinks fast is gone first."""
+
+
 @kernel
-def ends(square: float, before: float) -> bool:
+def ends(turn: float, way: float, turn_before: float, way_before: float) -> bool:
     """Return whether a step leaves less than `STEP_SMALL` to go, of numbers or of lanes.
 
-    Near the minimum every step of Gauss-Newton is shorter than the one before by the same factor, about that by which
-    residuals are smaller than what they are measured on. The search ends if the step is small, or if the next one would
-    be.
+    Near the minimum every step of Gauss-Newton is shorter than the one before by about that factor by which residuals
+    are smaller than what they are measured on; the slower one of attitude and position tells it of both. The search
+    ends if the step is small, or if the next one would be, though it shrinks `RISE` times less. Squared lengths of
+    steps:
 
     Args:
-        square: of the step's length.
-        before: that of the step before it, zero if there is none to compare with: a damped one shrinks by damping.
+        turn: by attitude [rad^2].
+        way: by position [m^2].
+        turn_before: of the step before, zero if there is none to compare with: a damped one shrinks by damping.
+        way_before: likewise.
     """
-    falls = 16 * square < before
-    out: bool = (square < STEP_SMALL**2) | (falls & (square * square < STEP_SMALL**2 * before))
+    small, most = STEP_SMALL**2, RISE**2 * max(turn, way)
+    out: bool = ((turn < small) & (way < small)) | (
+        (turn * most < small * turn_before) & (way * most < small * way_before)
+    )
     return out
 
 

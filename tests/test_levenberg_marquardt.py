@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimators.levenberg_marquardt import FIRST_DAMPING, STEP_SMALL, ends, judged, raised
+from estimators.levenberg_marquardt import FIRST_DAMPING, RISE, STEP_SMALL, ends, judged, raised
 
 
 def test_damping_rises_from_nothing_and_tenfold() -> None:
@@ -28,19 +28,25 @@ def test_a_gain_below_rounding_is_accepted() -> None:
 
 def test_a_small_step_ends_and_so_does_one_whose_next_would_be_small() -> None:
     small = STEP_SMALL**2
-    assert ends(0.99 * small, 0.0)
-    assert not ends(1.01 * small, 0.0), "nothing to compare with"
-    # Steps that shrink to a hundredth: the third is 2e-7, the fourth would be 2e-9.
-    assert ends((2e-7) ** 2, (2e-5) ** 2)
-    assert not ends((2e-5) ** 2, (2e-3) ** 2)
-    # Ones that shrink to a half go on for as long again.
-    assert not ends((1.5e-7) ** 2, (3e-7) ** 2)
-    assert not ends(np.nan, 1.0)
+    assert ends(0.99 * small, 0.99 * small, 0.0, 0.0)
+    for turn, way in ((1.01, 0.5), (0.5, 1.01)):
+        assert not ends(turn * small, way * small, 0.0, 0.0), "nothing to compare with"
+    # Steps that shrink to a thousandth: the next would be 1e-9, or 8e-9 if it shrank eight times less.
+    assert ends((1e-6) ** 2, (1e-6) ** 2, (1e-3) ** 2, (1e-3) ** 2)
+    assert not ends((2e-5) ** 2, (2e-5) ** 2, (2e-3) ** 2, (2e-3) ** 2)
+    # The slower one tells the rate of both: the attitude shrinks to a tenth only, and position will follow it.
+    assert not ends((1e-7) ** 2, (1e-6) ** 2, (1e-6) ** 2, (1e-3) ** 2)
+    assert not ends((1e-6) ** 2, (1e-7) ** 2, (1e-3) ** 2, (1e-6) ** 2)
+    # Ones that shrink to a half go on until they are small.
+    assert not ends((1.5e-7) ** 2, (1.5e-7) ** 2, (3e-7) ** 2, (3e-7) ** 2)
+    for odd in ((np.nan, 1.0, 1.0, 1.0), (1.0, np.nan, 1.0, 1.0)):
+        assert not ends(*odd)
 
 
 def test_what_is_left_after_the_end_is_below_the_bound() -> None:
     for rate in (1e-4, 1e-2, 0.1, 0.24):
         before, step = 0.0, 1e-2
-        while not ends(step**2, before**2):
+        while not ends(step**2, step**2, before**2, before**2):
             before, step = step, rate * step
-        assert rate * step / (1 - rate) < STEP_SMALL * 4 / 3
+        slower = min(RISE * rate, 0.5)
+        assert slower * step / (1 - slower) < 1.5 * STEP_SMALL

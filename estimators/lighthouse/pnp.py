@@ -208,7 +208,7 @@ def refine_one(
             next_position[k] = position[k] + step[3 + k]
         turn = step[0] * step[0] + step[1] * step[1] + step[2] * step[2]
         way = step[3] * step[3] + step[4] * step[4] + step[5] * step[5]
-        last = regular & lm.ends(turn, turn_before) & lm.ends(way, way_before) & (damping < lm.FIRST_DAMPING)
+        last = regular & lm.ends(turn, way, turn_before, way_before) & (damping < lm.FIRST_DAMPING)
         if any_of(last):
             _take(last, next_rotation, next_position, end_rotation, end_position)
             # To second order in the step F changes by the product of gradient and step.
@@ -227,9 +227,8 @@ def refine_one(
         if any_of(bent):
             _add_curvatures(table, n, next_rotation, next_position, bent, there)
         accepted = regular & lm.lowered(cost, next_cost)
-        if iteration > 1:  # the first step is as long as the start is bad: it tells no rate
-            plain = accepted & opposite(damping > 0)
-            turn_before, way_before = select(plain, turn, 0.0), select(plain, way, 0.0)
+        plain = accepted & opposite(damping > 0)
+        turn_before, way_before = select(plain, turn, 0.0), select(plain, way, 0.0)
         damping = select(accepted, lm.fallen(damping), select(open_, lm.raised(damping), damping))
         cost = select(accepted, next_cost, cost)
         _take(accepted, next_rotation, next_position, rotation, position)
