@@ -34,7 +34,7 @@ from estimators.lanes import (
     width,
     with_lane,
 )
-from estimators.lighthouse.dop import dilution, dilution_one, overwrite, rows_into, unknown
+from estimators.lighthouse.dop import dilution, dilution_one, overwrite, rows_at, unknown
 from estimators.lighthouse.pnp import (
     FEWEST_LIT,
     ITERATIONS_MAX,
@@ -45,7 +45,6 @@ from estimators.lighthouse.pnp import (
 )
 from estimators.lighthouse.projection import (
     COLUMNS,
-    ROW,
     VALUE,
     WEIGHT,
     angle_weights,
@@ -290,10 +289,10 @@ def test_poses_side_by_side_are_those_of_one_alone_bit_for_bit() -> None:
     for c in range(len(company.lit)):
         table, n = company.table(c)
         rotation, position = company.rotation[c].copy(), company.position[c].copy()
-        angles, rows = table[: 2 * n], np.empty((24, ROW))
+        angles = table[: 2 * n]
         sound = n >= FEWEST_LIT and bool(np.isfinite(angles[:, VALUE] * angles[:, WEIGHT]).all())
         sound = sound and table_spans_plane(table, n)
-        found = refine_one(table, n, rotation, position, rows, sound, ITERATIONS_MAX) if n else (False, 0, 0)
+        found = refine_one(table, n, rotation, position, sound, ITERATIONS_MAX) if n else (False, 0, 0)
         assert (solution.solved[c], solution.iterations[c]) == found[:2], c
         if solution.solved[c]:
             hard += solution.iterations[c] > 5
@@ -316,10 +315,10 @@ def test_dilutions_side_by_side_are_those_of_one_alone_bit_for_bit() -> None:
     for c in range(len(company.lit)):
         table, n = company.table(c)
         table[:, WEIGHT] = 1
-        out, rows = np.empty((2, 6, 6)), np.empty((24, ROW))
-        alone = mask[c] and n > 0 and rows_into(table, n, rotation[c], position[c], True, rows)
+        out = np.empty((2, 6, 6))
+        alone = mask[c] and n > 0 and rows_at(table, n, rotation[c], position[c], True)
         if alone:
-            found = dilution_one(table, rows, n, float(n), rho, out[0], out[1])
+            found = dilution_one(table, n, float(n), rho, out[0], out[1])
             alone = found[0] and table_spans_plane(table, n)
         assert alone == np.isfinite(ours.pdop_m_per_rad[c]), c
         if alone:
@@ -343,11 +342,11 @@ def test_a_poses_precision_is_that_of_the_rows_of_its_last_step_whoever_is_besid
     np.testing.assert_array_equal(np.isfinite(precision.pdop_m_per_rad), alone.solved)
     for c in np.flatnonzero(alone.solved).tolist():
         table, n = company.table(c)
-        rows, out = np.empty((24, ROW)), np.empty((2, 6, 6))
+        out = np.empty((2, 6, 6))
         rotation, position = company.rotation[c].copy(), company.position[c].copy()
-        assert refine_one(table, n, rotation, position, rows, True, ITERATIONS_MAX)[0]
+        assert refine_one(table, n, rotation, position, True, ITERATIONS_MAX)[0]
         assert bits(alone.position[c]) == bits(position), c
-        _, turned, moved = dilution_one(table, rows, n, float(n), rho, out[0], out[1])
+        _, turned, moved = dilution_one(table, n, float(n), rho, out[0], out[1])
         assert bits(precision.covariance[c]) == bits(out[0]), c
         assert bits(precision.rate_coupling[c]) == bits(out[1]), c
         assert precision.attitude_slope_deg_per_rad[c] == np.rad2deg(turned), c

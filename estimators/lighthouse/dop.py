@@ -30,15 +30,17 @@ import numpy as np
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import inlined, kernel
-from estimators.lanes import LANES, WIDE, all_of, lane, select, wide_in
+from estimators.lanes import LANES, WIDE, all_of, select, wide_in
 from estimators.lighthouse.projection import (
     TAU,
     WEIGHT,
     checked,
     checked_lit,
     project_all,
+    row_of,
     table_spans_plane,
     turned_by,
+    write_row,
 )
 from estimators.lighthouse.side_by_side import (
     Given,
@@ -48,12 +50,16 @@ from estimators.lighthouse.side_by_side import (
     given,
     in_order,
     room_for,
+    scatter_four,
     scatter_matrices,
     taken,
 )
 from estimators.lighthouse.slope import worst_slopes
 from estimators.linear import invert_symmetric
 from estimators.scratch import scratch
+
+DEGREES = 180 / np.pi
+"""Of a radian."""
 
 
 class Dilution(NamedTuple):
@@ -75,24 +81,25 @@ class Dilution(NamedTuple):
 
 
 @kernel
-def rows_into(table: Floats, n: int, rotation: Floats, position: Floats, angles: bool, rows: Floats) -> bool:
-    """Write the rows of J (2 n, ROW) at a pose, of numbers or of lanes; return False where a photodiode is behind.
+def rows_at(table: Floats, n: int, rotation: Floats, position: Floats, angles: bool) -> bool:
+    """Write J at a pose into the table, of numbers or of lanes; return False where a photodiode is behind.
 
     angles: of equal noise; else the table's weights stand for (13), which otherwise are 1, or 0 of rows that do not
     count.
     """
-    front = project_all(table, n, rotation, position, rows)
+    front = project_all(table, n, rotation, position)
     for i in range(2 * n):
-        g, value = table[i, WEIGHT] * rows[i, 3], rows[i, 4]
+        x, y, z, over, value = row_of(table, i)
+        r0, r1, r2 = turned_by(table, i, x, y, z, value)
+        g = table[i, WEIGHT] * over
         if angles:
             g = g / (1 + value * value)
-        r0, r1, r2 = turned_by(table, i, rows[i, 0], rows[i, 1], rows[i, 2], value)
-        rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3], rows[i, 4] = g * r0, g * r1, g * r2, g, -value * g
+        write_row(table, i, g * r0, g * r1, g * r2, g, -value * g)
     return front
 
 
 @kernel
-def _sums_into(table: Floats, rows: Floats, n: int, normal: Floats, moved: Floats, fan_sum: Floats) -> None:
+def _sums_into(table: Floats, n: int, normal: Floats, moved: Floats, fan_sum: Floats) -> None:
     """Write the lower triangles of J^T J and sum tau J^T J (6, 6), and the fans' sums of rows (2, 6), of one craft, of
     numbers or of lanes.
 
@@ -106,7 +113,7 @@ def _sums_into(table: Floats, rows: Floats, n: int, normal: Floats, moved: Float
         s0 = s1 = s2 = sp = sz = 0.0
         np0 = np1 = np2 = npp = nzp = mp0 = mp1 = mp2 = mpp = mzp = 0.0
         for i in range(fan * n, fan * n + n):
-            a0, a1, a2, ap, az = rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3], rows[i, 4]
+            a0, a1, a2, ap, az = row_of(table, i)
             s0, s1, s2, sp, sz = s0 + a0, s1 + a1, s2 + a2, sp + ap, sz + az
             n00 += a0 * a0
             n10 += a1 * a0
@@ -124,7 +131,8 @@ def _sums_into(table: Floats, rows: Floats, n: int, normal: Floats, moved: Float
             nzp += az * ap
             nzz += az * az
         for i in range(fan * n, fan * n + n):
-            tau, a0, a1, a2, ap, az = table[i, TAU], rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3], rows[i, 4]
+            a0, a1, a2, ap, az = row_of(table, i)
+            tau = table[i, TAU]
             t0, t1, t2, tp, tz = tau * a0, tau * a1, tau * a2, tau * ap, tau * az
             m00 += t0 * a0
             m10 += t1 * a0
@@ -162,7 +170,6 @@ def _sums_into(table: Floats, rows: Floats, n: int, normal: Floats, moved: Float
 @kernel
 def dilution_one(
     table: Floats,
-    rows: Floats,
     n: int,
     number: float,
     rho: float,
@@ -172,8 +179,7 @@ def dilution_one(
     """Compute (13) to (18) of one craft, of numbers or of lanes; return whether the pose is determined, and the slopes.
 
     Args:
-        table: (., COLUMNS), angles.
-        rows: (2 n, ROW), of J.
+        table: (., COLUMNS), angles, with J.
         n: rows of each fan.
         number: number of photodiodes; rows after them are zero.
         rho: of (19).
@@ -182,7 +188,7 @@ def dilution_one(
     """
     normal, moved, inverse = scratch(table, 6, 6), scratch(table, 6, 6), scratch(table, 6, 6)
     fan_sum, spread = scratch(table, 2, 6), scratch(table, 2, 6)
-    _sums_into(table, rows, n, normal, moved, fan_sum)
+    _sums_into(table, n, normal, moved, fan_sum)
     determined = invert_symmetric(normal, scratch(table, 6), inverse)
     for a in range(6):
         for b in range(a):
@@ -201,15 +207,15 @@ def dilution_one(
             for k in range(6):
                 value += inverse[a, k] * moved[k, b]
             coupling[a, b] = value
-    attitude_slope, position_slope = worst_slopes(rows, n, number, inverse, fan_sum, spread, rho)
+    attitude_slope, position_slope = worst_slopes(table, n, number, inverse, fan_sum, spread, rho)
     return determined, attitude_slope, position_slope
 
 
 class Places(NamedTuple):
     """Places for the precision of C craft.
 
-    covariance, coupling: (C, 9, 4), the numbers of H and B. factors: (4, C), ADOP [deg/rad], PDOP [m/rad] and the two
-    slopes [rad/rad], [m/rad].
+    covariance, coupling: (C, 9, 4), the numbers of H and B. factors: (C, 1, 4), ADOP [deg/rad], PDOP [m/rad] and the
+    two slopes [deg/rad], [m/rad].
     """
 
     covariance: Floats
@@ -218,50 +224,46 @@ class Places(NamedTuple):
 
     def found(self) -> Dilution:
         """Return what has been written."""
-        craft = self.factors.shape[1]
-        adop, pdop, turned, moved = self.factors
+        craft = len(self.factors)
+        adop, pdop, turned, moved = np.ascontiguousarray(self.factors[:, 0].T)
         covariance, coupling = (part.reshape(craft, 6, 6) for part in self[:2])
-        return Dilution(covariance, adop, pdop, coupling, np.rad2deg(turned), moved)
+        return Dilution(covariance, adop, pdop, coupling, turned, moved)
 
 
 def places_for(craft: int) -> Places:
     """Return places for so many craft."""
     matrices = np.empty((2, craft, 9, LANES))
-    return Places(matrices[0], matrices[1], np.empty((4, craft)))
+    return Places(matrices[0], matrices[1], np.empty((craft, 1, LANES)))
 
 
 @inlined
-def precision_into(
-    who: Ints, table: Floats, rows: Floats, n: int, number: float, rho: float, among: bool, places: Places
-) -> None:
+def precision_into(who: Ints, table: Floats, n: int, number: float, rho: float, among: bool, places: Places) -> None:
     """Write the precision of craft side by side, NaN where the pose is not determined.
 
     Args:
         who: (WIDE,), the craft; one that is there twice has the same in both lanes.
-        table: (., COLUMNS), angles.
-        rows: (2 n, ROW), of J.
+        table: (., COLUMNS), angles, with J.
         n: rows of each fan.
         number: number of photodiodes.
         rho: of (19).
         among: the lanes of craft that have a pose.
         places: receives it.
     """
-    both = scratch(table, 2, 6, 6)
-    determined, turned, moved = dilution_one(table, rows, n, number, rho, both[0], both[1])
+    both, factors = scratch(table, 2, 6, 6), scratch(table, 4)
+    determined, turned, moved = dilution_one(table, n, number, rho, both[0], both[1])
     determined = determined & among
     h = both[0]
-    adop, pdop = np.sqrt(h[0, 0] + h[1, 1] + h[2, 2]), np.sqrt(h[3, 3] + h[4, 4] + h[5, 5])
-    for i in range(WIDE):
-        c, known = who[i], lane(determined, i)
-        places.factors[0, c] = np.rad2deg(lane(adop, i)) if known else np.nan
-        places.factors[1, c] = lane(pdop, i) if known else np.nan
-        places.factors[2, c] = lane(turned, i) if known else np.nan
-        places.factors[3, c] = lane(moved, i) if known else np.nan
+    factors[0] = DEGREES * np.sqrt(h[0, 0] + h[1, 1] + h[2, 2])
+    factors[1] = np.sqrt(h[3, 3] + h[4, 4] + h[5, 5])
+    factors[2], factors[3] = DEGREES * turned, moved
     if not all_of(determined):
+        for k in range(4):
+            factors[k] = select(determined, factors[k], np.nan)
         for a in range(6):
             for b in range(6):
                 both[0, a, b] = select(determined, both[0, a, b], np.nan)
                 both[1, a, b] = select(determined, both[1, a, b], np.nan)
+    scatter_four(factors, who, 0, places.factors)
     scatter_matrices(both[0], who, places.covariance)
     scatter_matrices(both[1], who, places.coupling)
 
@@ -269,10 +271,9 @@ def precision_into(
 @kernel
 def no_precision(c: int, places: Places) -> None:
     """Write NaN for craft c."""
-    for k in range(4):
-        places.factors[k, c] = np.nan
-    for k in range(9):
-        for i in range(LANES):
+    for i in range(LANES):
+        places.factors[c, 0, i] = np.nan
+        for k in range(9):
             places.covariance[c, k, i] = places.coupling[c, k, i] = np.nan
 
 
@@ -283,7 +284,7 @@ def _dilution_all(of: Given, weight: Floats, rho: float, mask: Bools, room: Room
     weight: (C K, 2), inverse noise of each projection, or empty where the angles have equal noise.
     """
     many, count, order, table = in_order(of.lit, mask, 1, room), room.counts, room.order, wide_in(room.table)
-    turn, place, rows, angles = scratch(table, 3, 3), scratch(table, 3), wide_in(room.rows), weight.size == 0
+    turn, place, angles = scratch(table, 3, 3), scratch(table, 3), weight.size == 0
     for c in range(len(mask)):
         if not mask[c] or count[c, 0] == 0:
             no_precision(c, places)
@@ -292,8 +293,8 @@ def _dilution_all(of: Given, weight: Floats, rho: float, mask: Bools, room: Room
         n, number = count[who[WIDE - 1], 0], taken(table[0, 0], count, who, 0)
         gather_craft(who, n, of, room, turn, place)
         gather_weights_lanes(room.seen, n, number, angles, weight, table)
-        among = table_spans_plane(table, n) & rows_into(table, n, turn, place, angles, rows)
-        precision_into(who, table, rows, n, number, rho, among, places)
+        among = table_spans_plane(table, n) & rows_at(table, n, turn, place, angles)
+        precision_into(who, table, n, number, rho, among, places)
 
 
 def factors(covariance: Floats) -> tuple[Floats, Floats]:

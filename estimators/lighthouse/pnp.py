@@ -46,8 +46,10 @@ from estimators.lighthouse.projection import (
     project,
     project_all,
     projections,
+    row_of,
     table_spans_plane,
     turned_by,
+    write_row,
 )
 from estimators.lighthouse.side_by_side import (
     Given,
@@ -94,23 +96,24 @@ GRADIENT, SCALE = 6, 7
 
 
 @kernel
-def _evaluate(table: Floats, n: int, rotation: Floats, position: Floats, rows: Floats, out: Floats) -> float:
-    """Return F of (6), or inf if a photodiode is behind; write `out` (8, 6): the lower triangle of a matrix,
-    and two rows. Of numbers or of lanes.
+def _evaluate(table: Floats, n: int, rotation: Floats, position: Floats, out: Floats) -> float:
+    """Return F of (6), or inf if a photodiode is behind; write W J into the table, and `out` (8, 6): the lower triangle
+    of a matrix, and two rows. Of numbers or of lanes.
 
-    The matrix is J^T W^2 J of (11, 12). A row of W J, one of `rows` (2 n, ROW), has no derivative by the other fan's
-    coordinate: what is zero is not added up.
+    The matrix is J^T W^2 J of (11, 12). A row of W J has no derivative by the other fan's coordinate: what is zero is
+    not added up.
     """
-    cost, front = 0.0, project_all(table, n, rotation, position, rows)
+    cost, front = 0.0, project_all(table, n, rotation, position)
     m00 = m10 = m11 = m20 = m21 = m22 = mz0 = mz1 = mz2 = mzz = b0 = b1 = b2 = bz = 0.0
     for fan in range(2):
         mp0 = mp1 = mp2 = mpp = mzp = bp = 0.0
         for i in range(fan * n, fan * n + n):
-            w, over, value = table[i, WEIGHT], rows[i, 3], rows[i, 4]
-            r0, r1, r2 = turned_by(table, i, rows[i, 0], rows[i, 1], rows[i, 2], value)
+            x, y, z, over, value = row_of(table, i)
+            r0, r1, r2 = turned_by(table, i, x, y, z, value)
+            w = table[i, WEIGHT]
             f, ap = w * (value - table[i, VALUE]), w * over
             a0, a1, a2, az = ap * r0, ap * r1, ap * r2, -value * ap
-            rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3], rows[i, 4] = a0, a1, a2, ap, az
+            write_row(table, i, a0, a1, a2, ap, az)
             cost += f * f
             m00 += a0 * a0
             m10 += a1 * a0
@@ -164,7 +167,7 @@ def _take(mask: bool, next_rotation: Floats, next_position: Floats, rotation: Fl
 
 @kernel
 def refine_one(
-    table: Floats, n: int, rotation: Floats, position: Floats, rows: Floats, open_: bool, iterations_max: int
+    table: Floats, n: int, rotation: Floats, position: Floats, open_: bool, iterations_max: int
 ) -> tuple[bool, float, float]:
     """Levenberg-Marquardt from `rotation` (3, 3), `position` (3,), overwritten; (converged, linear solves, F). Of
     numbers, or of lanes: a lane that has come to an end stays as it is.
@@ -175,11 +178,10 @@ def refine_one(
     takes hundreds of steps. The search ends where `levenberg_marquardt.ends` says so of attitude and position.
 
     Args:
-        table: (., COLUMNS), angles.
+        table: (., COLUMNS), angles; receives W J at the pose from which the last step leads to the answer.
         n: rows of each fan.
         rotation: (3, 3), the start.
         position: (3,) [m], the start.
-        rows: (2 n, ROW), receives W J at the pose from which the last step leads to the answer.
         open_: whether there is a pose to solve.
         iterations_max: linear solves at most.
     """
@@ -187,7 +189,7 @@ def refine_one(
     step, turned = scratch(table, 6), scratch(table, 3, 3)
     next_rotation, next_position = scratch(table, 3, 3), scratch(table, 3)
     end_rotation, end_position = scratch(table, 3, 3), scratch(table, 3)
-    cost = _evaluate(table, n, rotation, position, rows, sums[0])
+    cost = _evaluate(table, n, rotation, position, sums[0])
     open_ = open_ & (cost < np.inf)
     at, damping, turn_before, way_before, curved = 0, 0.0, 0.0, 0.0, open_ & opposite(open_)
     solves = select(open_, iterations_max, 0)
@@ -222,7 +224,7 @@ def refine_one(
             regular = regular & open_
         if not all_of(open_):  # whose rows are to stay
             _take(opposite(open_), rotation, position, next_rotation, next_position)
-        next_cost = _evaluate(table, n, next_rotation, next_position, rows, there)
+        next_cost = _evaluate(table, n, next_rotation, next_position, there)
         bent = regular & curved & (next_cost < np.inf)
         if any_of(bent):
             _add_curvatures(table, n, next_rotation, next_position, bent, there)
@@ -267,9 +269,9 @@ def _refine_all(
     uv, weight: (C K, 2); weight empty: as in `gather_measured_lanes`. rho: of (19). places: receive the precision of
     the answers, unless they are for no craft.
     """
-    wanted = places.factors.shape[1] > 0
+    wanted = len(places.factors) > 0
     many, count, order, table = in_order(of.lit, solved, FEWEST_LIT, room), room.counts, room.order, wide_in(room.table)
-    turn, place, rows = scratch(table, 3, 3), scratch(table, 3), wide_in(room.rows)
+    turn, place, found, answer = scratch(table, 3, 3), scratch(table, 3), room.answer, wide_in(room.answer)
     for c in range(len(solved)):
         solved[c], iterations[c], cost[c], residual[c] = False, 0, np.nan, np.nan
     for first in range(0, many, WIDE):
@@ -278,19 +280,23 @@ def _refine_all(
         gather_craft(who, n, of, room, turn, place)
         finite = gather_measured_lanes(room.seen, n, number, uv, weight, table)
         open_ = finite & table_spans_plane(table, n)
-        converged, solves, squares = refine_one(table, n, turn, place, rows, open_, iterations_max)
+        converged, solves, squares = refine_one(table, n, turn, place, open_, iterations_max)
         if wanted:
-            precision_into(who, table, rows, n, number, rho, converged, places)
+            precision_into(who, table, n, number, rho, converged, places)
+        answer[0], answer[1], answer[2] = solves, squares, np.sqrt(squares / (2 * number))
+        for k in range(3):
+            answer[3 + k] = place[k]
+            for m in range(3):
+                answer[6 + 3 * k + m] = turn[k, m]
         for i in range(WIDE):
             c = who[i]
-            solved[c], iterations[c] = lane(converged, i), int(lane(solves, i))
+            solved[c], iterations[c] = lane(converged, i), int(found[0, i])
             if solved[c]:
-                cost[c] = lane(squares, i)
-                residual[c] = np.sqrt(cost[c] / (2 * count[c, 0]))
+                cost[c], residual[c] = found[1, i], found[2, i]
                 for k in range(3):
-                    of.position[c, k] = lane(place[k], i)
-                    for m in range(3):
-                        of.rotation[c, 3 * k + m] = lane(turn[k, m], i)
+                    of.position[c, k] = found[3 + k, i]
+                for k in range(9):
+                    of.rotation[c, k] = found[6 + k, i]
     for c in range(len(solved)):
         if not solved[c]:
             if wanted:
@@ -413,7 +419,7 @@ def refine_with_dilution(
 ) -> tuple[PoseSolution, Dilution]:
     """Return `refine` and the `dop.dilution` of its poses; NaN where there is no pose.
 
-    The precision is of the rows that the last step was solved with: at a pose that this step, below 1e-6 rad and m from
+    The precision is of the rows that the last step was solved with: at a pose that this step, below 1e-5 rad and m from
     a warm start, leads to the answer, and with (13) at the measured angles, as in (7).
 
     Args:

@@ -97,14 +97,12 @@ def angle_weights(uv: Floats) -> Floats:
     return out
 
 
-TAU, VALUE, WEIGHT, COLUMNS = 11, 12, 13, 14
+TAU, VALUE, WEIGHT, ROW, COLUMNS = 11, 12, 13, 14, 19
 """Columns of a table of angles, a row for each: 0 the photodiode's place (3); the rows of Exp([w]x tau) that the
 projection uses, 3 the fan's own (3) and 6 the third (3); v tau, 9 along the fan's coordinate and 10 along z; tau; and
-what PnP adds, the measured value and its weight, one over its noise.
+what PnP adds, the measured value and its weight, one over its noise; last its row of the Jacobian, the derivatives by
+the attitude, 17 by the fan's own coordinate and 18 by z, weighted.
 """
-
-ROW = 5
-"""Numbers of an angle's row of a Jacobian: derivatives by the attitude, by the fan's own coordinate and by z."""
 
 
 @kernel
@@ -253,18 +251,17 @@ def project(
 
 
 @kernel
-def project_all(table: Floats, n: int, rotation: Floats, position: Floats, out: Floats) -> bool:
-    """Write the arm of every angle of a table, its 1/z and its x/z or y/z; return whether all are in front of the
-    lighthouse. Of numbers or of lanes.
+def project_all(table: Floats, n: int, rotation: Floats, position: Floats) -> bool:
+    """Write the arm of every angle, its 1/z and its x/z or y/z to the places of its row of the Jacobian; return whether
+    all are in front of the lighthouse. Of numbers or of lanes.
 
     A loop of its own, with one division for both fans: where sums follow at once, they wait for it.
 
     Args:
-        table: (2 n, COLUMNS), of `gather`.
+        table: (2 n, COLUMNS), of `gather`; receives them.
         n: rows of each fan.
         rotation: (3, 3), R.
         position: (3,), t [m].
-        out: (2 n, 5), receives them.
     """
     front = True
     for i in range(n):
@@ -275,9 +272,31 @@ def project_all(table: Floats, n: int, rotation: Floats, position: Floats, out: 
         front = front & (ahead > 0) & (before > 0)
         over = 1 / (ahead * before)
         over_x, over_y = before * over, ahead * over
-        out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4] = x, y, z, over_x, across * over_x
-        out[k, 0], out[k, 1], out[k, 2], out[k, 3], out[k, 4] = x, y, z, over_y, above * over_y
+        write_row(table, i, x, y, z, over_x, across * over_x)
+        write_row(table, k, x, y, z, over_y, above * over_y)
     return front
+
+
+@inlined
+def write_row(table: Floats, i: int, a: float, b: float, c: float, d: float, e: float) -> None:
+    """Write an angle's row of the Jacobian.
+
+    Args:
+        table: (., COLUMNS).
+        i: the angle's.
+        a: the first number.
+        b: the second.
+        c: the third.
+        d: the fourth.
+        e: the fifth.
+    """
+    table[i, ROW], table[i, ROW + 1], table[i, ROW + 2], table[i, ROW + 3], table[i, ROW + 4] = a, b, c, d, e
+
+
+@inlined
+def row_of(table: Floats, i: int) -> tuple[float, float, float, float, float]:
+    """Return an angle's row of the Jacobian, the five numbers of `write_row`."""
+    return table[i, ROW], table[i, ROW + 1], table[i, ROW + 2], table[i, ROW + 3], table[i, ROW + 4]
 
 
 @kernel

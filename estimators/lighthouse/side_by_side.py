@@ -26,7 +26,7 @@ from estimators.lanes import (
     width,
     with_lane,
 )
-from estimators.lighthouse.projection import COLUMNS, ROW, VALUE, WEIGHT, checked, write_motion
+from estimators.lighthouse.projection import COLUMNS, VALUE, WEIGHT, checked, write_motion
 from estimators.rotation import exp_rows
 from estimators.scratch import scratch
 
@@ -38,7 +38,7 @@ class Room(NamedTuple):
 
     counts: (C, 1), number of each craft's lit photodiodes. order: (C + WIDE,), the craft in their order, the last one
     once more for every lane that is left over. begin: (K + 2,), where the craft of so many begin. seen: (K, L), of
-    `seen_by`. table: (2 K, COLUMNS, WIDE), numbers. rows: (2 K, ROW, WIDE), numbers: a Jacobian.
+    `seen_by`. table: (2 K, COLUMNS, WIDE), numbers. answer: (15, WIDE), numbers of each craft's answer.
     """
 
     counts: Ints
@@ -46,15 +46,14 @@ class Room(NamedTuple):
     begin: Ints
     seen: Places
     table: Floats
-    rows: Floats
+    answer: Floats
 
 
 def room_for(craft: int, photodiodes: int) -> Room:
     """Return places for so many craft and photodiodes."""
     count, order, begin = (np.empty(n, dtype=np.int64) for n in ((craft, 1), craft + WIDE, photodiodes + 2))
-    seen = np.empty((photodiodes, WIDE), dtype=np.uint64)
-    table, rows = (lined(2 * photodiodes, columns, WIDE) for columns in (COLUMNS, ROW))
-    return Room(count, order, begin, seen, table, rows)
+    seen, table = np.empty((photodiodes, WIDE), dtype=np.uint64), lined(2 * photodiodes, COLUMNS, WIDE)
+    return Room(count, order, begin, seen, table, np.empty((15, WIDE)))
 
 
 @kernel
@@ -230,6 +229,24 @@ def gather_craft(who: Ints, n: int, of: Given, room: Room, turn: Floats, place: 
 
 
 @inlined
+def scatter_four(numbers: Floats, who: Ints, at: int, out: Floats) -> None:
+    """Write four numbers of some craft, in lanes, to their places.
+
+    Args:
+        numbers: (4,), wide lanes.
+        who: (L,), craft; those that are there twice have the same.
+        at: the place.
+        out: (C, m, 4), receives them at (., at).
+    """
+    places, four = lanes_in(out), scratch(numbers, LANES)
+    parts = fours_in(four)
+    four[0], four[1], four[2], four[3] = transposed(numbers[0], numbers[1], numbers[2], numbers[3])
+    for i in range(LANES):
+        for side in range(FOURS):
+            places[who[LANES * side + i], at] = parts[i, side]
+
+
+@inlined
 def scatter_matrices(matrix: Floats, who: Ints, out: Floats) -> None:
     """Write matrices of some craft, in lanes, to their places.
 
@@ -238,18 +255,9 @@ def scatter_matrices(matrix: Floats, who: Ints, out: Floats) -> None:
         who: (L,), craft; those that are there twice have the same.
         out: (C, 9, 4), receives their numbers.
     """
-    places, four = lanes_in(out), scratch(matrix, LANES)
-    parts = fours_in(four)
-    for first in range(0, 36, LANES):
-        four[0], four[1], four[2], four[3] = transposed(
-            matrix[first // 6, first % 6],
-            matrix[(first + 1) // 6, (first + 1) % 6],
-            matrix[(first + 2) // 6, (first + 2) % 6],
-            matrix[(first + 3) // 6, (first + 3) % 6],
-        )
-        for i in range(LANES):
-            for side in range(FOURS):
-                places[who[LANES * side + i], first // LANES] = parts[i, side]
+    numbers = matrix.reshape(36)
+    for k in range(9):
+        scatter_four(numbers[LANES * k : LANES * k + LANES], who, k, out)
 
 
 @kernel
@@ -301,14 +309,16 @@ def gather_measured_lanes(seen: Places, n: int, number: float, uv: Floats, weigh
     finite = True
     for row in range(n):
         places = seen[row]
-        for fan in range(2):
-            value = taken(number, uv, places, fan)
-            w = 1 / (1 + value * value)
-            if weight.size > 0:
-                w = taken(number, weight, places, fan)
-            finite = finite & (abs(w * value) < np.inf)
-            out[fan * n + row, VALUE] = value
-            out[fan * n + row, WEIGHT] = select(number > row, w, 0.0)
+        u, v = taken(number, uv, places, 0), taken(number, uv, places, 1)
+        wider, higher = 1 + u * u, 1 + v * v
+        over = 1 / (wider * higher)
+        w_u, w_v = higher * over, wider * over
+        if weight.size > 0:
+            w_u, w_v = taken(number, weight, places, 0), taken(number, weight, places, 1)
+        finite = finite & (abs(w_u * u) < np.inf) & (abs(w_v * v) < np.inf)
+        own = number > row
+        out[row, VALUE], out[n + row, VALUE] = u, v
+        out[row, WEIGHT], out[n + row, WEIGHT] = select(own, w_u, 0.0), select(own, w_v, 0.0)
     return finite
 
 

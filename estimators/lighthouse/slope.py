@@ -21,6 +21,7 @@ import numpy as np
 from estimators.arrays import Floats
 from estimators.kernel import kernel
 from estimators.lanes import select
+from estimators.lighthouse.projection import row_of
 
 SHOWN = 1e-8
 """A fault of which the residuals show less than this share, against rounding, they do not show at all."""
@@ -39,14 +40,14 @@ def _greater_eigenvalue(
 
 @kernel
 def worst_slopes(
-    rows: Floats, n: int, number: float, inverse: Floats, fan_sum: Floats, spread: Floats, rho: float
+    table: Floats, n: int, number: float, inverse: Floats, fan_sum: Floats, spread: Floats, rho: float
 ) -> tuple[float, float]:
     """Return the slopes of attitude [rad/rad] and position [m/rad]; infinite where a photodiode's fault shows nowhere.
 
     Of numbers or of lanes.
 
     Args:
-        rows: (2 n, ROW), of J.
+        table: (2 n, COLUMNS), angles, with J.
         n: number of rows of each fan.
         number: number of photodiodes: rows after them are zero.
         inverse: (6, 6), N^-1.
@@ -74,9 +75,8 @@ def worst_slopes(
     t10, t11, t12, t13, t14, t15 = -t[1, 0], -t[1, 1], -t[1, 2], -t[1, 3], -t[1, 4], -t[1, 5]
     attitude, position = 0.0, 0.0
     for k in range(n):
-        i = n + k
-        x0, x1, x2, x3, x5 = rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3], rows[k, 4]
-        y0, y1, y2, y4, y5 = rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3], rows[i, 4]
+        x0, x1, x2, x3, x5 = row_of(table, k)
+        y0, y1, y2, y4, y5 = row_of(table, n + k)
         # N^-1 times the rows.
         p0 = i00 * x0 + i01 * x1 + i02 * x2 + i03 * x3 + i05 * x5
         p1 = i01 * x0 + i11 * x1 + i12 * x2 + i13 * x3 + i15 * x5
