@@ -47,7 +47,6 @@ from estimators.lighthouse.projection import (
     COLUMNS,
     VALUE,
     WEIGHT,
-    angle_weights,
     gather,
     projections,
     table_spans_plane,
@@ -329,28 +328,21 @@ def test_dilutions_side_by_side_are_those_of_one_alone_bit_for_bit() -> None:
     assert 20 <= np.count_nonzero(np.isfinite(ours.pdop_m_per_rad)) < len(company.lit) - 5
 
 
-def test_a_poses_precision_is_that_of_the_rows_of_its_last_step_whoever_is_beside_it() -> None:
+def test_a_pose_and_its_precision_are_the_same_whoever_is_beside_it_bit_for_bit() -> None:
+    # Beside others that take more steps, or damped ones: a craft that has ended keeps the rows of its last step.
     company, rho = Company(), 0.1
-    given = np.arctan2(1, company.uv), company.lit, company.point, company.rotation, company.position
-    solution, precision = refine_with_dilution(*given, *company.motion(), rho)
-    company.uv = projections(given[0])
-    company.weight = angle_weights(company.uv)
-    alone = refine(*given, *company.motion())
-    for mine, other in zip(solution, alone, strict=True):
+    given = np.arctan2(1, company.uv), company.lit, company.point, company.rotation, company.position, *company.motion()
+    solution, precision = refine_with_dilution(*given, rho)
+    for mine, other in zip(solution, refine(*given), strict=True):
         np.testing.assert_array_equal(mine, other)
-    assert 20 <= np.count_nonzero(alone.solved) < len(company.lit) - 5
-    np.testing.assert_array_equal(np.isfinite(precision.pdop_m_per_rad), alone.solved)
-    for c in np.flatnonzero(alone.solved).tolist():
-        table, n = company.table(c)
-        out = np.empty((2, 6, 6))
-        rotation, position = company.rotation[c].copy(), company.position[c].copy()
-        assert refine_one(table, n, rotation, position, True, ITERATIONS_MAX)[0]
-        assert bits(alone.position[c]) == bits(position), c
-        _, turned, moved = dilution_one(table, n, float(n), rho, out[0], out[1])
-        assert bits(precision.covariance[c]) == bits(out[0]), c
-        assert bits(precision.rate_coupling[c]) == bits(out[1]), c
-        assert precision.attitude_slope_deg_per_rad[c] == np.rad2deg(turned), c
-        assert precision.position_slope_m_per_rad[c] == moved, c
+    assert 20 <= np.count_nonzero(solution.solved) < len(company.lit) - 5
+    assert len(set(solution.iterations[solution.solved].tolist())) > 3
+    np.testing.assert_array_equal(np.isfinite(precision.pdop_m_per_rad), solution.solved)
+    for c in range(len(company.lit)):
+        alone = refine_with_dilution(*(part[c : c + 1] for part in given), rho)
+        for together, one in zip((solution, precision), alone, strict=True):
+            for mine, other in zip(together, one, strict=True):
+                assert bits(mine[c : c + 1]) == bits(other), c
 
 
 def test_a_poses_precision_made_with_it_is_nearly_that_at_the_pose() -> None:
