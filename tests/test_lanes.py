@@ -339,10 +339,10 @@ def test_a_pose_and_its_precision_are_the_same_whoever_is_beside_it_bit_for_bit(
     assert len(set(solution.iterations[solution.solved].tolist())) > 3
     np.testing.assert_array_equal(np.isfinite(precision.pdop_m_per_rad), solution.solved)
     for c in range(len(company.lit)):
-        alone = refine_with_dilution(*(part[c : c + 1] for part in given), rho)
-        for together, one in zip((solution, precision), alone, strict=True):
-            for mine, other in zip(together, one, strict=True):
-                assert bits(mine[c : c + 1]) == bits(other), c
+        only: Any = [part[c : c + 1] for part in given]
+        alone = refine_with_dilution(*only, rho)
+        for mine, other in zip((*solution, *precision), (*alone[0], *alone[1]), strict=True):
+            assert bits(np.asarray(mine[c : c + 1], dtype=np.float64)) == bits(np.asarray(other, dtype=np.float64)), c
 
 
 def test_a_poses_precision_made_with_it_is_nearly_that_at_the_pose() -> None:

@@ -7,6 +7,7 @@ from estimators.arrays import Floats
 from estimators.linear import (
     cholesky_into,
     invert_spd_into,
+    invert_symmetric,
     solve_cholesky,
     solve_spd,
     sweep_out,
@@ -84,6 +85,16 @@ def test_solve_spd_is_numpy_and_says_where_there_is_no_solution(n: int) -> None:
         np.testing.assert_allclose(x, np.linalg.solve(a, b), atol=1e-7)
         np.testing.assert_allclose(a @ x, b, atol=1e-10)
     assert not solve_spd(np.ones((n + 1, n + 1)), np.empty((n + 1, n + 1)), np.ones(n + 1))
+
+
+@pytest.mark.parametrize("n", SIZES)
+def test_the_inverse_of_a_symmetric_matrix_is_symmetric_and_says_where_there_is_none(n: int) -> None:
+    for seed in range(20):
+        a, row, out = positive_definite(n, 1e4, seed), np.empty(n), np.full((n, n), np.nan)
+        assert invert_symmetric(np.where(np.tri(n) > 0, a, np.nan), row, out)
+        np.testing.assert_array_equal(out, out.T)
+        np.testing.assert_allclose(out, np.linalg.inv(a), atol=1e-7)
+    assert not invert_symmetric(np.ones((n + 1, n + 1)), np.empty(n + 1), np.empty((n + 1, n + 1)))
 
 
 def test_a_matrix_is_inverted_in_its_place() -> None:
