@@ -108,58 +108,74 @@ def advance(
     dt: float,
     acceleration: float,
     angular_acceleration: float,
+    pf: Floats,
 ) -> None:
     """Move a covariance P, of numbers or of lanes, on by one step, in place.
 
     Args:
-        p: (12, 12), of which what is beyond the diagonal is read in the first six rows and columns only.
+        p: (12, 12), the lower triangle.
         turn: (3, 3), E.
         dt_jacobian: (3, 3), D.
         dt: the step [s].
         acceleration: sigma [m/s^2] of the process noise, as in `process_noise_into`.
         angular_acceleration: likewise [rad/s^2].
+        pf: (12, 3), workspace.
     """
-    fp = scratch(p, 3, STATES)
-    # The first rows of F P; the others are rows of P, but for those of the position, which are summed where they count.
+    # The first columns of P F^T; the others are columns of P, but for the position's, which are summed where they count.
     for i in range(3):
         e0, e1, e2 = turn[i, 0], turn[i, 1], turn[i, 2]
         d0, d1, d2 = dt_jacobian[i, 0], dt_jacobian[i, 1], dt_jacobian[i, 2]
-        for j in range(6):
-            fp[i, j] = e0 * p[0, j] + e1 * p[1, j] + e2 * p[2, j] + (d0 * p[3, j] + d1 * p[4, j] + d2 * p[5, j])
+        for j in range(3):
+            value = e0 * p[j, 0] + e1 * p[max(j, 1), min(j, 1)] + e2 * p[2, j]
+            pf[j, i] = value + (d0 * p[3, j] + d1 * p[4, j] + d2 * p[5, j])
+        for j in range(3, 6):
+            value = e0 * p[j, 0] + e1 * p[j, 1] + e2 * p[j, 2]
+            pf[j, i] = value + (d0 * p[j, 3] + d1 * p[max(j, 4), min(j, 4)] + d2 * p[5, j])
         for j in range(6, STATES):
-            fp[i, j] = e0 * p[j, 0] + e1 * p[j, 1] + e2 * p[j, 2] + (d0 * p[j, 3] + d1 * p[j, 4] + d2 * p[j, 5])
-    # F (F P)^T: what is of the position's rows, and not yet moved, first.
+            value = e0 * p[j, 0] + e1 * p[j, 1] + e2 * p[j, 2]
+            pf[j, i] = value + (d0 * p[j, 3] + d1 * p[j, 4] + d2 * p[j, 5])
+    # F (P F^T): what is of the position's rows, and not yet moved, first.
     for i in range(3):
         for j in range(i + 1):
             far, near = p[6 + i, 6 + j] + dt * p[9 + j, 6 + i], p[9 + i, 6 + j] + dt * p[9 + i, 9 + j]
-            p[6 + i, 6 + j] = p[6 + j, 6 + i] = far + dt * near
+            p[6 + i, 6 + j] = far + dt * near
         for j in range(3):
-            p[6 + i, 3 + j] = p[3 + j, 6 + i] = p[6 + i, 3 + j] + dt * p[9 + i, 3 + j]
+            p[6 + i, 3 + j] = p[6 + i, 3 + j] + dt * p[9 + i, 3 + j]
     for i in range(3):
         for j in range(3):
-            p[9 + i, 6 + j] = p[6 + j, 9 + i] = p[9 + i, 6 + j] + dt * p[9 + max(i, j), 9 + min(i, j)]
+            p[9 + i, 6 + j] = p[9 + i, 6 + j] + dt * p[9 + max(i, j), 9 + min(i, j)]
     for i in range(3):
         e0, e1, e2 = turn[i, 0], turn[i, 1], turn[i, 2]
         d0, d1, d2 = dt_jacobian[i, 0], dt_jacobian[i, 1], dt_jacobian[i, 2]
         for j in range(i + 1):
-            value = e0 * fp[j, 0] + e1 * fp[j, 1] + e2 * fp[j, 2] + (d0 * fp[j, 3] + d1 * fp[j, 4] + d2 * fp[j, 5])
-            p[i, j] = p[j, i] = value
+            value = e0 * pf[0, j] + e1 * pf[1, j] + e2 * pf[2, j]
+            p[i, j] = value + (d0 * pf[3, j] + d1 * pf[4, j] + d2 * pf[5, j])
         for j in range(3):
-            p[3 + i, j] = p[j, 3 + i] = fp[j, 3 + i]
-            p[6 + i, j] = p[j, 6 + i] = fp[j, 6 + i] + dt * fp[j, 9 + i]
-            p[9 + i, j] = p[j, 9 + i] = fp[j, 9 + i]
-            # What stays becomes as symmetric as the rest.
-            p[3 + j, 9 + i] = p[9 + i, 3 + j]
-        for j in range(i):
-            p[3 + j, 3 + i], p[9 + j, 9 + i] = p[3 + i, 3 + j], p[9 + i, 9 + j]
+            p[3 + i, j] = pf[3 + i, j]
+            p[6 + i, j] = pf[6 + i, j] + dt * pf[9 + i, j]
+            p[9 + i, j] = pf[9 + i, j]
     for first, sigma in ((0, angular_acceleration), (6, acceleration)):
         place, both, rate = sigma * dt * dt / 2, sigma * sigma * dt * dt * dt / 2, sigma * dt
         place, rate = place * place, rate * rate
         for i in range(first, first + 3):
             p[i, i] += place
-            p[i, i + 3] += both
-            p[i + 3, i] = p[i, i + 3]
+            p[i + 3, i] += both
             p[i + 3, i + 3] += rate
+
+
+@inlined
+def _row_into(p: Floats, i: int, row: Floats) -> None:
+    """Write row i of a covariance (12, 12) whose lower triangle is given, of numbers or of lanes, to `row` (12,)."""
+    for j in range(STATES):
+        row[j] = p[max(i, j), min(i, j)]
+
+
+@inlined
+def _mirror(p: Floats) -> None:
+    """Complete a covariance (12, 12) whose lower triangle is given."""
+    for i in range(STATES):
+        for j in range(i):
+            p[j, i] = p[i, j]
 
 
 @kernel
@@ -187,11 +203,12 @@ def _predict_all(
     covariance: Floats,
 ) -> None:
     """Move the craft of the mask on by step (C,) [s]; sigmas [m/s^2], [rad/s^2] as in `process_noise_into`."""
-    turn, jacobian = scratch(0.0, 3, 3), scratch(0.0, 3, 3)
+    turn, jacobian, pf = scratch(0.0, 3, 3), scratch(0.0, 3, 3), scratch(0.0, STATES, 3)
     for c in range(len(mask)):
         if mask[c]:
             step_into(state.angular_rate[c], step[c], turn, jacobian)
-            advance(covariance[c], turn, jacobian, step[c], acceleration, angular_acceleration)
+            advance(covariance[c], turn, jacobian, step[c], acceleration, angular_acceleration, pf)
+            _mirror(covariance[c])
             move_on(state, c, turn, step[c])
 
 
@@ -287,7 +304,7 @@ def weigh_rows(p: Floats, y: Floats, h: Floats, r: Floats, n: int, work: Work, x
     definite, NIS, and the root of det S. Z and z stay in `work`, for `take_rows`.
 
     Args:
-        p: (12, 12), P.
+        p: (12, 12), P, the lower triangle.
         y: (m,), innovations of x = 0.
         h: (m, 12), H.
         r: (m, m), R, of which the lower triangle is read.
@@ -295,11 +312,13 @@ def weigh_rows(p: Floats, y: Floats, h: Floats, r: Floats, n: int, work: Work, x
         work: places.
         x: (12,).
     """
-    z, g, s = work.y, work.g, work.s
+    z, g, s, row = work.y, work.g, work.s, scratch(p, STATES)
+    for i in range(STATES):
+        _row_into(p, i, row)
+        for a in range(n):
+            g[a, i] = _row_times(h[a], row)
     for a in range(n):
         z[a] = y[a] - _row_times(h[a], x)
-        for i in range(STATES):
-            g[a, i] = _row_times(h[a], p[i])
         for d in range(a + 1):
             s[a, d] = r[a, d] + _row_times(h[d], g[a])
     return _standardise(n, work)
@@ -310,19 +329,20 @@ def weigh_pose(p: Floats, y: Floats, h: Floats, r: Floats, work: Work, x: Floats
     """`weigh_rows` for a solved pose, H = [I B], whose rows pick a column of the pose each.
 
     Args:
-        p: (12, 12), P.
+        p: (12, 12), P, the lower triangle.
         y: (6,), innovations of x = 0.
         h: (6, 12), H.
         r: (6, 6), R, of which the lower triangle is read.
         work: places.
         x: (12,).
     """
-    z, g, s = work.y, work.g, work.s
+    z, g, s, row = work.y, work.g, work.s, scratch(p, STATES)
     for a in range(POSE):
         z[a] = y[a] - _pose_row_times(h, a, x)
     for i in range(STATES):
+        _row_into(p, i, row)
         for a in range(POSE):
-            g[a, i] = _pose_row_times(h, a, p[i])
+            g[a, i] = _pose_row_times(h, a, row)
     for a in range(POSE):
         for d in range(a + 1):
             s[a, d] = r[a, d] + _pose_row_times(h, d, g[a])
@@ -372,7 +392,7 @@ def take_rows(p: Floats, h: Floats, r: Floats, n: int, work: Work, x: Floats) ->
     """Take n rows that have been weighed into an error estimate x of covariance P, of numbers or of lanes, in place.
 
     Args:
-        p: (12, 12), P.
+        p: (12, 12), P, the lower triangle.
         h: (m, 12), H.
         r: (m, m), R, of which the lower triangle is read.
         n: number of rows that are used.
@@ -389,11 +409,11 @@ def take_rows(p: Floats, h: Floats, r: Floats, n: int, work: Work, x: Floats) ->
     shrunk = _shrunk(p, left)
     if any_of(shrunk):
         for i in range(STATES):
-            for j in range(STATES):
-                before[i, j] = p[i, j]
+            for j in range(i + 1):
+                before[i, j] = before[j, i] = p[i, j]
     # Two rows and two columns at once: an element of Z serves twice.
     for i in range(0, STATES, 2):
-        for j in range(0, i + 1, 2):
+        for j in range(0, i, 2):
             one, two, three, four = p[i, j], p[i, j + 1], p[i + 1, j], p[i + 1, j + 1]
             for a in range(n):
                 left0, left1, right0, right1 = g[a, i], g[a, i + 1], g[a, j], g[a, j + 1]
@@ -402,7 +422,10 @@ def take_rows(p: Floats, h: Floats, r: Floats, n: int, work: Work, x: Floats) ->
                 three -= left1 * right0
                 four -= left1 * right1
             p[i, j], p[i, j + 1], p[i + 1, j], p[i + 1, j + 1] = one, two, three, four
-            p[j, i], p[j + 1, i], p[j, i + 1], p[j + 1, i + 1] = one, two, three, four
+        value = p[i + 1, i]
+        for a in range(n):
+            value -= g[a, i + 1] * g[a, i]
+        p[i, i], p[i + 1, i], p[i + 1, i + 1] = left[i], value, left[i + 1]
     if any_of(shrunk):
         for a in range(n - 1, -1, -1):  # K^T = L^-T Z
             for k in range(a + 1, n):
@@ -413,7 +436,7 @@ def take_rows(p: Floats, h: Floats, r: Floats, n: int, work: Work, x: Floats) ->
                 g[a, i] *= work.pivot[a]
         _joseph(before, g, h, r, n)
         for i in range(STATES):
-            for j in range(STATES):
+            for j in range(i + 1):
                 p[i, j] = select(shrunk, before[i, j], p[i, j])
 
 
@@ -518,6 +541,7 @@ def _update_rows(mask: Bools, given: Given, work: Work, state: State, covariance
             return c
         if _let_in(c, squared + given.square[c], volume, given.gate[given.freedoms[c]], result):
             take_rows(p, h, r, n, work, x)
+            _mirror(p)
             correct(state.rotation[c], state.angular_rate[c], state.position[c], state.velocity[c], x)
     return -1
 
@@ -539,6 +563,7 @@ def _update_poses(mask: Bools, poses: Poses, state: State, covariance: Floats, r
             return c
         if _let_in(c, squared, volume, poses.gate[POSE], result):
             take_rows(p, h, r, POSE, work, x)
+            _mirror(p)
             correct(state.rotation[c], state.angular_rate[c], state.position[c], state.velocity[c], x)
     return -1
 

@@ -77,11 +77,12 @@ class Motion(NamedTuple):
 class Sides(NamedTuple):
     """Places, in wide lanes, for the models of craft side by side, and for a measurement by up to m rows.
 
-    x: (12,). p: (12, 12). h: (m, 12). r: (m, m). work: with the innovations y.
+    x: (12,). p: (12, 12). columns: (12, 3). h: (m, 12). r: (m, m). work: with the innovations y.
     """
 
     x: Floats
     p: Floats
+    columns: Floats
     h: Floats
     r: Floats
     work: Work
@@ -162,7 +163,9 @@ def _due(c: int, motion: Motion, grid: Grid, mixtures: Mixtures) -> float:
 
 
 @inlined
-def _predicted_into(one: int, other: int, motion: Motion, grid: Grid, mixtures: Mixtures, x: Floats, p: Floats) -> bool:
+def _predicted_into(
+    one: int, other: int, motion: Motion, grid: Grid, mixtures: Mixtures, x: Floats, p: Floats, columns: Floats
+) -> bool:
     """Write means and covariances of the models of two craft, predicted; return whether they have changed.
 
     Models that do not wait for a prediction are moved on by a step of zero, which leaves them as they are.
@@ -174,7 +177,8 @@ def _predicted_into(one: int, other: int, motion: Motion, grid: Grid, mixtures: 
         grid: the models.
         mixtures: models of all craft.
         x: (12,), wide lanes, receives the means.
-        p: (12, 12), wide lanes, receives P.
+        p: (12, 12), wide lanes, whose lower triangle receives P.
+        columns: (12, 3), wide lanes, workspace.
     """
     means, covariances, window = lanes_in(mixtures.mean), lanes_in(mixtures.covariance), mixtures.window
     dt = beside(_due(one, motion, grid, mixtures), _due(other, motion, grid, mixtures))
@@ -185,9 +189,6 @@ def _predicted_into(one: int, other: int, motion: Motion, grid: Grid, mixtures: 
         for j in range(i + 1):
             p[i, j] = beside(covariances[one, k], covariances[other, k])
             k += np.uint64(1)
-    for i in range(6):
-        for j in range(i):
-            p[j, i] = p[i, j]
     rate, moved, turn, jacobian = scratch(x, 3), scratch(x, 3), scratch(x, 3, 3), scratch(x, 3, 3)
     for i in range(3):
         rate[i] = beside(motion.angular_rate[one, i], motion.angular_rate[other, i])
@@ -200,7 +201,7 @@ def _predicted_into(one: int, other: int, motion: Motion, grid: Grid, mixtures: 
         x[6 + i] += dt * x[9 + i]
     linear = beside(_noise(grid.acceleration, window[one]), _noise(grid.acceleration, window[other]))
     angular = beside(_noise(grid.angular_acceleration, window[one]), _noise(grid.angular_acceleration, window[other]))
-    advance(p, turn, jacobian, dt, linear, angular)
+    advance(p, turn, jacobian, dt, linear, angular, columns)
     return any_of(dt > 0)
 
 
@@ -230,10 +231,10 @@ def _keep(c: int, side: int, x: Floats, p: Floats, mixtures: Mixtures) -> None:
 def _predict_models(who: Ints, motion: Motion, grid: Grid, mixtures: Mixtures) -> None:
     """Make the motion of the models of craft `who` (n,)."""
     wide = beside(0.0, 0.0)
-    x, p = scratch(wide, STATES), scratch(wide, STATES, STATES)
+    x, p, columns = scratch(wide, STATES), scratch(wide, STATES, STATES), scratch(wide, STATES, COLUMNS)
     for first in range(0, len(who), FOURS):
         craft = who[first : first + FOURS]
-        if _predicted_into(craft[0], craft[len(craft) - 1], motion, grid, mixtures, x, p):
+        if _predicted_into(craft[0], craft[len(craft) - 1], motion, grid, mixtures, x, p, columns):
             for side in range(len(craft)):
                 _keep(craft[side], side, x, p, mixtures)
 
@@ -258,7 +259,8 @@ def _update_rows(
     """
     wide = beside(0.0, 0.0)
     work = Work(wide_in(places.y), wide_in(places.g), wide_in(places.s), wide_in(places.pivot))
-    sides = Sides(scratch(wide, STATES), scratch(wide, STATES, STATES), wide_in(h), wide_in(r), work)
+    own = scratch(wide, STATES), scratch(wide, STATES, STATES), scratch(wide, STATES, COLUMNS)
+    sides = Sides(own[0], own[1], own[2], wide_in(h), wide_in(r), work)
     for first in range(0, len(who), FOURS):
         craft = who[first : first + FOURS]
         one, other = craft[0], craft[len(craft) - 1]
@@ -270,7 +272,7 @@ def _update_rows(
                 sides.h[a, i] = beside(given.h[one, a, i], given.h[other, a, i])
             for d in range(a + 1):
                 sides.r[a, d] = beside(given.r[one, a, d], given.r[other, a, d])
-        moved = _predicted_into(one, other, motion, grid, mixtures, sides.x, sides.p)
+        moved = _predicted_into(one, other, motion, grid, mixtures, sides.x, sides.p, sides.columns)
         weights = weigh_rows(sides.p, work.y, sides.h, sides.r, n, work, sides.x)
         terms = given.gate, given.freedoms, given.square
         indefinite = _absorb(craft, n, moved, weights, terms, sides, mixtures, state, covariance, result)
@@ -294,7 +296,8 @@ def _update_poses(
     wide = beside(0.0, 0.0)
     work = Work(scratch(wide, POSE), scratch(wide, POSE, STATES), scratch(wide, POSE, POSE), scratch(wide, POSE))
     h, r, y = scratch(wide, POSE, STATES), scratch(wide, POSE, POSE), scratch(0.0, FOURS, POSE)
-    sides = Sides(scratch(wide, STATES), scratch(wide, STATES, STATES), h, r, work)
+    own = scratch(wide, STATES), scratch(wide, STATES, STATES), scratch(wide, STATES, COLUMNS)
+    sides = Sides(own[0], own[1], own[2], h, r, work)
     for a in range(POSE):
         for i in range(STATES):
             h[a, i] = 1.0 if i == a + a // 3 * 3 else 0.0
@@ -312,7 +315,7 @@ def _update_poses(
                 h[a, 9 + j] = beside(poses.coupling[one, a, 3 + j], poses.coupling[other, a, 3 + j])
             for d in range(a + 1):
                 r[a, d] = beside(poses.covariance[one, a, d], poses.covariance[other, a, d])
-        moved = _predicted_into(one, other, motion, grid, mixtures, sides.x, sides.p)
+        moved = _predicted_into(one, other, motion, grid, mixtures, sides.x, sides.p, sides.columns)
         weights = weigh_pose(sides.p, work.y, h, r, work, sides.x)
         terms = poses.gate, poses.freedoms, poses.square
         indefinite = _absorb(craft, POSE, moved, weights, terms, sides, mixtures, state, covariance, result)
@@ -372,7 +375,7 @@ def _absorb(
     if not any_of(accepted):
         return indefinite
     take_rows(sides.p, sides.h, sides.r, n, sides.work, sides.x)
-    mean, columns, error = scratch(0.0, COLUMNS, WIDE), scratch(share, STATES, COLUMNS), scratch(0.0, STATES)
+    mean, columns, error = scratch(0.0, COLUMNS, WIDE), sides.columns, scratch(0.0, STATES)
     centred(share, sides.x, wide_in(mean))
     combined_into(share, sides.x, sides.p, columns)
     for side in range(len(craft)):

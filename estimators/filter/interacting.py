@@ -375,9 +375,9 @@ def combined_into(share: float, x: Floats, p: Floats, out: Floats) -> None:
         for b in range(0, a + 1, LANES):
             one, two, three, four = transposed(
                 share * (p[a, b] + x[a] * x[b]),
-                share * (p[a, b + 1] + x[a] * x[b + 1]),
-                share * (p[a, b + 2] + x[a] * x[b + 2]),
-                share * (p[a, b + 3] + x[a] * x[b + 3]),
+                share * (p[max(a, b + 1), min(a, b + 1)] + x[a] * x[b + 1]),
+                share * (p[max(a, b + 2), min(a, b + 2)] + x[a] * x[b + 2]),
+                share * (p[max(a, b + 3), min(a, b + 3)] + x[a] * x[b + 3]),
             )
             out[a, b // LANES] = (one + two) + (three + four)
     for a in range(LANES, STATES, LANES):
