@@ -153,6 +153,7 @@ def mixture(rng: np.random.Generator, window: int, probability: list[float]) -> 
         since_s=np.zeros(1),
         mixed=np.zeros((1, LANES, LANES)),
         moved=np.zeros((1, LANES, LANES)),
+        mingled=np.zeros(1, dtype=np.bool_),
     )
 
 

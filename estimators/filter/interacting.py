@@ -73,7 +73,8 @@ class Mixtures(NamedTuple):
     row by row: half of what a processor has to fetch. told: (C,), whether the last update told the models apart.
     since_s: (C,), time since the models were mixed, as far as updates told them apart [s]. mixed, moved: (C, L, L), for
     a smoother: what each model (row) was made of since the update before, by mixing and by the last move of the window;
-    `moved` is zero where the models have begun anew.
+    `moved` is zero where the models have begun anew. mingled: (C,), whether either says more than that
+    each model was made of itself.
     """
 
     window: Ints
@@ -85,6 +86,7 @@ class Mixtures(NamedTuple):
     since_s: Floats
     mixed: Floats
     moved: Floats
+    mingled: Bools
 
 
 class InteractingBank(FilterBank):
@@ -116,6 +118,8 @@ class InteractingBank(FilterBank):
         )
         craft = len(models)
         self._moved_on = np.zeros(craft, dtype=np.bool_)
+        self._p = lined(craft, STATES, STATES)
+        self._p.fill(np.nan)
         self._columns = self._p.reshape(craft, STATES, COLUMNS, LANES)
         self.grid = Grid(linear, angular, 1 / manoeuvre_s, 1 / quiet_s)
         self._mixtures = Mixtures(
@@ -128,6 +132,7 @@ class InteractingBank(FilterBank):
             since_s=np.zeros(craft),
             mixed=np.zeros((craft, LANES, LANES)),
             moved=np.zeros((craft, LANES, LANES)),
+            mingled=np.ones(craft, dtype=np.bool_),
         )
 
     def _covariance(self, mask: Bools) -> Floats:
@@ -243,6 +248,7 @@ def _begin_all(mask: Bools, covariance: Floats, mixtures: Mixtures) -> None:
         if not mask[c]:
             continue
         mixtures.window[c], mixtures.told[c], mixtures.since_s[c] = 0, False, 0.0
+        mixtures.mingled[c] = True
         several = min(LANES, mixtures.models[c])
         for at in range(LANES):
             for k in range(LANES):
@@ -284,9 +290,11 @@ def mix_if_due(c: int, dt: float, grid: Grid, mixtures: Mixtures) -> None:
         grid: the models.
         mixtures: models of all craft, changed in place.
     """
-    mixed, moved, zero = lanes_in(mixtures.mixed)[c], lanes_in(mixtures.moved)[c], pack(0.0, 0.0, 0.0, 0.0)
-    for j in range(LANES):
-        mixed[j] = moved[j] = with_lane(zero, j, 1.0)
+    if mixtures.mingled[c]:
+        mixed, moved, zero = lanes_in(mixtures.mixed)[c], lanes_in(mixtures.moved)[c], pack(0.0, 0.0, 0.0, 0.0)
+        for j in range(LANES):
+            mixed[j] = moved[j] = with_lane(zero, j, 1.0)
+        mixtures.mingled[c] = False
     if mixtures.told[c]:
         mixtures.told[c] = False
         mixtures.since_s[c] += dt
@@ -327,6 +335,7 @@ def _mix(c: int, dt: float, grid: Grid, mixtures: Mixtures) -> None:
     for j in range(LANES):
         for i in range(LANES):
             mixtures.mixed[c, j, i] = weight[j, i]
+    mixtures.mingled[c] = True
     share = (
         pack(weight[0, 0], weight[1, 0], weight[2, 0], weight[3, 0]),
         pack(weight[0, 1], weight[1, 1], weight[2, 1], weight[3, 1]),
@@ -522,7 +531,7 @@ def _move_window(c: int, mixtures: Mixtures) -> None:
         newcomer, window = model + 1, window + 1
     else:
         return
-    mixtures.window[c] = window
+    mixtures.window[c], mixtures.mingled[c] = window, True
     at, total = newcomer % LANES, 0.0
     own[at] = 0.0
     for k in range(LANES):
