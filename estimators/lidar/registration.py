@@ -220,6 +220,11 @@ class Approach:
         while not self._lost and not self._polishing and self._number < ROUGH_ITERATIONS:
             self._step(None)
 
+    @property
+    def pose(self) -> tuple[Floats, Floats]:
+        """The rotation (3, 3) and position (3,) [m] at which it ends."""
+        return self._rotation, self._position
+
     def registered(self, edges: Edges | None = None, *, rough: bool = False) -> Registration:
         """Return the registration, as `register`, and stay as it is.
 

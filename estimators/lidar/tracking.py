@@ -26,6 +26,8 @@ from estimators.lidar.registration import JUMP, Approach, Registration, shifted
 from estimators.lidar.scan import Edges, Scan, checked
 from estimators.lidar.shape import Shape
 
+Pose = tuple[Floats, Floats]
+"""Rotation (3, 3) and position (3,) [m]."""
 AROUND = rot.exp(np.concatenate([np.radians(angle) * axes for angle in (10, 20) for axes in (np.eye(3), -np.eye(3))]))
 """Turns of the prediction that are tried where it leads to no agreement."""
 TRIED = 3
@@ -37,8 +39,8 @@ HALF = 0.5
 APART_RAD = 0.025
 """Turn, or shift against the radius, below which a profile does not take the place of a registration."""
 SAME, HOPEFUL = 0.01, 2.0
-"""Turn [rad], or shift against the radius, below which rough registrations have come to one pose; cost of such a one,
-against the best's, up to which it may yet become better.
+"""Turn [rad], or shift against the radius, below which starts or rough registrations are one pose; cost of such a
+registration, against the best's, up to which it may yet become better.
 """
 BETTER = 25.0
 """Squared sigmas by which ranges must fit better without edges than with them, for these to be false: six parameters
@@ -141,8 +143,11 @@ def _tracked(scan: Scan, shape: Shape, rotation: Floats, position: Floats, s: Tr
     if not seen.overlap >= (s.overlap_certain if walked else s.overlap_sure):
         # Perhaps a neighbouring minimum, or edges that are matched with others: whatever explains the rays best wins.
         near = search(part, shape, AROUND @ rotation)
-        starts = zip(near.rotation[:TRIED], near.position[:TRIED], strict=True)
-        approaches = [first, *(Approach(returns, shape, *start, reach_m) for start in starts)]
+        approaches = [first]
+        for start in zip(near.rotation[:TRIED], near.position[:TRIED], strict=True):
+            # From where one has come to, another leads nowhere else.
+            if not any(_same(start, each.pose, shape) for each in approaches):
+                approaches.append(Approach(returns, shape, *start, reach_m))
         for turn, place, known in _elsewhere(part, shape, approaches, edges, fit, seen.cost):
             other = Approach(returns, shape, turn, place, reach_m).registered(known)
             agrees = agreement(part, shape, other.rotation, other.position)
@@ -182,18 +187,19 @@ def _elsewhere(
         met = [(fit.rotation, fit.position)] if known else []
         for approach in approaches:
             other = approach.registered(known, rough=True)
-            if any(_same(other, *pose, shape) for pose in met):
+            pose = other.rotation, other.position
+            if any(_same(pose, each, shape) for each in met):
                 continue
-            met.append((other.rotation, other.position))
-            if agreement(scan, shape, other.rotation, other.position).cost < HOPEFUL * cost:
-                out.append((other.rotation, other.position, known))
+            met.append(pose)
+            if agreement(scan, shape, *pose).cost < HOPEFUL * cost:
+                out.append((*pose, known))
     return out
 
 
-def _same(fit: Registration, rotation: Floats, position: Floats, shape: Shape) -> bool:
-    """Return whether a rough registration has come to a pose."""
-    turned = float(rot.angle_between(fit.rotation, rotation))
-    return turned < SAME and float(np.linalg.norm(fit.position - position)) < SAME * shape.radius_m
+def _same(one: Pose, other: Pose, shape: Shape) -> bool:
+    """Return whether two poses are nearer to each other than rough registrations of one minimum are."""
+    turned = float(rot.angle_between(one[0], other[0]))
+    return turned < SAME and float(np.linalg.norm(one[1] - other[1])) < SAME * shape.radius_m
 
 
 def _apart(better: Profiled, fit: Registration, shape: Shape) -> bool:
