@@ -44,6 +44,7 @@ from estimators.lidar.scan import Edges, Returns
 from estimators.lidar.shape import Shape
 from estimators.lidar.silhouette import matched, propagated
 from estimators.lidar.symmetry import FREE_RAD, symmetry
+from estimators.linear import cholesky_into, solve_spd
 from estimators.rotation import exp_into, multiply_into
 
 FEWEST_POINTS = 12
@@ -236,12 +237,13 @@ class Approach:
 
     def _registered(self, edges: Edges | None, rough: bool) -> Registration:
         shape, converged = self._shape, False
-        iterations, step_rad, step_m = _limits(shape, rough)
+        finish = edges is not None and not rough
+        iterations, step_rad, step_m = _limits(shape, rough or finish)
         while not self._lost and not converged and self._number < iterations:
             polishing = self._polishing
             turned, moved = self._step(edges)
             converged = polishing and turned < step_rad and moved < step_m
-        if edges is not None and self._polishing and not rough and not self._lost:
+        if edges is not None and finish and self._polishing and not self._lost:
             self._finish(edges)
         if self._lost:
             return failed(self._rotation, self._position)
@@ -471,6 +473,8 @@ def _solve_into(
         for c in range(6):
             firm = max(firm, abs(pinned[r, c]))
             scaled[r, c] = normal[r, c] * unit[r] * unit[c]
+    if _solve_firm(scaled, right, pinned, unit, MANY if fewest > 0 else 0.0, step):
+        return
     eigen_into(scaled, vector)
     if fewest > 0:
         _leave_out_few(scaled, vector, weight, jacobian, unit, fewest)
@@ -491,6 +495,33 @@ def _solve_into(
             along += vector[r, k] * unit[r] * right[r]
         for r in range(6):
             step[r] += unit[r] * vector[r, k] * along / scaled[k, k]
+
+
+@kernel
+def _solve_firm(scaled: Floats, right: Floats, pinned: Floats, unit: Floats, many: float, step: Floats) -> bool:
+    """Write the step (6,) if every direction is determined, and none weaker than `many` of the strongest.
+
+    The eigenvalues are all above a number where the matrix less that number is positive definite; none is above the
+    root of the elements' squares. Only where that says too little are the eigenvalues themselves asked for.
+    """
+    less, lower, squares = np.empty((6, 6)), np.empty((6, 6)), 0.0
+    for r in range(6):
+        for c in range(6):
+            squares += scaled[r, c] ** 2
+    for r in range(6):
+        for c in range(6):
+            less[r, c] = scaled[r, c]
+        less[r, r] -= max(1.0, many * np.sqrt(squares))
+    if not cholesky_into(less, lower):
+        return False
+    for r in range(6):
+        step[r] = unit[r] * right[r]
+        for c in range(6):
+            less[r, c] = scaled[r, c] + pinned[r, c] * unit[r] * unit[c]
+    solve_spd(less, lower, step)
+    for r in range(6):
+        step[r] *= unit[r]
+    return True
 
 
 @kernel
