@@ -168,6 +168,14 @@ def _near_into(
         if count == LISTED:
             # As many are no further away than these.
             limit = min(limit, furthest * (1 + 1e-9))
+    elif i > 0 and nearby.many[i - 1] == LISTED:
+        # Nor are they further away than those of its neighbour on the line.
+        furthest = 0.0
+        for j in range(LISTED):
+            leaf, lane = known[i - 1, j] // LANES, known[i - 1, j] % LANES
+            dx, dy, dz = packed[leaf, 0, lane] - x, packed[leaf, 1, lane] - y, packed[leaf, 2, lane] - z
+            furthest = max(furthest, dx * dx + dy * dy + dz * dz)
+        limit = min(limit, furthest * (1 + 1e-9))
     count = nearest_into(tree, x, y, z, limit, squared, index, stack, gaps)
     nearby.place[i, 0], nearby.place[i, 1], nearby.place[i, 2], nearby.many[i] = x, y, z, count
     nearby.reach[i] = np.sqrt(squared[LISTED - 1]) if count == LISTED else np.sqrt(limit)
