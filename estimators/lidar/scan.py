@@ -99,26 +99,48 @@ class Scan(NamedTuple):
         The edge is taken to be midway between the two rays, at the nearer range: off by at most half a step.
         """
         order = np.lexsort((self.step, self.line))
-        a, b = order[:-1], order[1:]
-        next_to = (self.line[a] == self.line[b]) & (self.line[a] >= 0) & (self.step[b] == self.step[a] + 1)
-        a, b = a[next_to], b[next_to]
-        depth = np.where(self.returned, self.range_m, np.inf)
-        a, b = np.where(depth[a] < depth[b], a, b), np.where(depth[a] < depth[b], b, a)
-        edge = np.isfinite(depth[a]) & (depth[b] > depth[a] + jump_m)
-        a, b = a[edge], b[edge]
-        # Where the line goes on at the same range after one ray, that ray was lost.
-        place = np.empty(len(order), dtype=np.int64)
-        place[order] = np.arange(len(order))
-        after = order[np.clip(place[b] + (place[b] - place[a]), 0, len(order) - 1)]
-        goes_on = (self.line[after] == self.line[a]) & (np.abs(self.step[after] - self.step[a]) == 2)
-        goes_on &= ~self.returned[b] & ~(np.abs(depth[after] - depth[a]) > jump_m)
-        a, b = a[~goes_on], b[~goes_on]
+        pairs = np.empty((2, len(order)), dtype=np.int64)
+        a, b = pairs[:, : _ends_into(order, self.line, self.step, self.range_m, jump_m, *pairs)]
+        depth = self.range_m[a]
         middle = self.direction[a] + self.direction[b]
         across = self.direction[b] - self.direction[a]
         width = np.linalg.norm(across, axis=1)
-        point = depth[a, None] * middle / np.linalg.norm(middle, axis=1, keepdims=True)
-        blur = np.hypot(depth[a] * self.jitter_rad, LEAST_BLUR * self.noise_m)
-        return Edges(point, across / width[:, None], depth[a] * width, blur, ~self.returned[b])
+        point = depth[:, None] * middle / np.linalg.norm(middle, axis=1, keepdims=True)
+        blur = np.hypot(depth * self.jitter_rad, LEAST_BLUR * self.noise_m)
+        return Edges(point, across / width[:, None], depth * width, blur, ~np.isfinite(self.range_m[b]))
+
+
+@kernel
+def _ends_into(order: Ints, line: Ints, step: Ints, range_m: Floats, jump: float, ends: Ints, beyond: Ints) -> int:
+    """Write the rays with which a line ends on something, and those beside them; return how many there are.
+
+    Args:
+        order: (N,), of the rays along their lines, one line after the other.
+        line: (N,).
+        step: (N,).
+        range_m: (N,) [m].
+        jump: by which the ray beside goes further, at least [m].
+        ends: receives rays.
+        beyond: receives rays.
+    """
+    count = 0
+    for n in range(len(order) - 1):
+        a, b, after = order[n], order[n + 1], n + 2
+        if line[a] != line[b] or line[a] < 0 or step[b] != step[a] + 1:
+            continue
+        if np.isnan(range_m[a]) or range_m[b] <= range_m[a]:
+            a, b, after = b, a, n - 1
+        lost = np.isnan(range_m[b])
+        if np.isnan(range_m[a]) or not (lost or range_m[b] > range_m[a] + jump):
+            continue
+        # Where the line goes on at the same range after one ray, that ray was lost.
+        if lost and 0 <= after < len(order):
+            c = order[after]
+            if line[c] == line[a] and abs(step[c] - step[a]) == 2 and abs(range_m[c] - range_m[a]) <= jump:
+                continue
+        ends[count], beyond[count] = a, b
+        count += 1
+    return count
 
 
 def checked(scan: Scan) -> Scan:

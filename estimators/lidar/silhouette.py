@@ -28,7 +28,7 @@ from estimators.kernel import kernel
 from estimators.lidar.nearest import PointTree, nearest
 from estimators.lidar.scan import Edges
 from estimators.lidar.shape import Shape, SharpEdges
-from estimators.linear import cholesky_into, solve_cholesky
+from estimators.linear import invert_spd_into
 
 CLEAR = 0.4
 """Sine of the least angle between an edge and the line of sight."""
@@ -159,8 +159,7 @@ def _propagate_into(
     weighted: Floats,
 ) -> None:
     """Write precision (k,) and precision times mean (k,) of the factors, from those of normal errors."""
-    whole, lower = np.empty((6, 6)), np.zeros((6, 6))
-    side, spread = np.empty(6), np.empty(6)
+    whole, inverse, side = np.empty((6, 6)), np.empty((6, 6)), np.empty(6)
     for _ in range(ROUNDS):
         for r in range(6):
             side[r] = right[r]
@@ -171,17 +170,16 @@ def _propagate_into(
                 side[r] += weighted[i] * j[i, r]
                 for c in range(r + 1):
                     whole[r, c] += precision[i] * j[i, r] * j[i, c]
-        if not cholesky_into(whole, lower):
+        if not invert_spd_into(whole, inverse):
             return
-        solve_cholesky(lower, side)
         for i in range(len(centre)):
-            for r in range(6):
-                spread[r] = j[i, r]
-            solve_cholesky(lower, spread)
             variance, mean = 0.0, 0.0
             for r in range(6):
-                variance += j[i, r] * spread[r]
-                mean += j[i, r] * side[r]
+                spread = 0.0
+                for c in range(6):
+                    spread += inverse[r, c] * j[i, c]
+                variance += j[i, r] * spread
+                mean += side[r] * spread
             left = 1 / variance - precision[i]
             if left <= 1e-6 / variance:
                 continue
