@@ -18,6 +18,7 @@ import numpy as np
 
 from estimators.arrays import Bools, Floats
 from estimators.kernel import kernel
+from estimators.lidar.nearest import PointTree, nearest_into
 from estimators.lidar.ray_cast import STACK, Triangles, first_hit
 from estimators.lidar.scan import Scan
 from estimators.lidar.shape import Shape
@@ -50,42 +51,54 @@ def agreement(scan: Scan, shape: Shape, rotation: Floats, position: Floats) -> A
         rotation: (3, 3), target to scanner.
         position: (3,) [m], likewise.
     """
-    viewpoint, direction = -rotation.T @ position, scan.direction @ rotation
-    sigma = math.hypot(scan.noise_m, 0.25 * shape.spacing_m)
-    squared, (tells, stray) = np.empty(len(direction)), np.empty((2, len(direction)), dtype=np.bool_)
-    _compare_into(shape.mesh, viewpoint, direction, scan.range_m, sigma, squared, tells, stray)
-    # A return beside the silhouette, within the jitter, lies on the surface all the same; one from behind does not.
-    if stray.any():
-        own = (scan.direction[stray] * scan.range_m[stray, None] - position) @ rotation
-        gap = shape.tree.query(own, distance_upper_bound=4 * sigma + shape.spacing_m)[0]
-        squared[stray] = np.minimum((np.maximum(gap - shape.spacing_m / 2, 0) / sigma) ** 2, WORST)
-    conflict = tells & ~(squared < WORST)
-    rays = int(np.count_nonzero(tells))
-    overlap = 1 - np.count_nonzero(conflict) / rays if rays else np.nan
-    return Agreement(float(overlap), float(np.sum(squared[tells])), rays, conflict)
+    sigma, conflict = math.hypot(scan.noise_m, 0.25 * shape.spacing_m), np.empty(len(scan.range_m), dtype=np.bool_)
+    known = shape.mesh, shape.nearest, shape.spacing_m
+    cost, rays, against = _compare_into(*scan[:2], rotation, position, *known, sigma, conflict)
+    return Agreement(1 - against / rays if rays else np.nan, cost, rays, conflict)
 
 
 @kernel
 def _compare_into(
-    mesh: Triangles,
-    viewpoint: Floats,
     direction: Floats,
     range_m: Floats,
+    rotation: Floats,
+    position: Floats,
+    mesh: Triangles,
+    surface: PointTree,
+    spacing: float,
     sigma: float,
-    squared: Floats,
-    tells: Bools,
-    stray: Bools,
-) -> None:
-    """Write squared sigmas (N,), which rays say something, and which returned from where none is met by them."""
+    conflict: Bools,
+) -> tuple[float, int, int]:
+    """Write which rays disagree (N,); return the cost, how many rays say something, and how many of them disagree."""
     stack, entries = np.empty(STACK, dtype=np.int64), np.empty(STACK)
-    x, y, z = viewpoint[0], viewpoint[1], viewpoint[2]
+    gap, which = np.empty(1), np.empty(1, dtype=np.int64)
+    reach, cost, rays, against = (4 * sigma + spacing) ** 2, 0.0, 0, 0
+    x, y, z = _turned_back(rotation, -position[0], -position[1], -position[2])
     for i in range(len(direction)):
-        dx, dy, dz = direction[i, 0], direction[i, 1], direction[i, 2]
+        dx, dy, dz = _turned_back(rotation, direction[i, 0], direction[i, 1], direction[i, 2])
         distance, t = first_hit(mesh, x, y, z, dx, dy, dz, 0.0, stack, entries)
         cosine = abs(mesh.normal[t, 0] * dx + mesh.normal[t, 1] * dy + mesh.normal[t, 2] * dz)
-        measured, predicted = np.isfinite(range_m[i]), t >= 0
-        squared[i] = WORST
+        r, predicted, squared = range_m[i], t >= 0, WORST
+        measured = np.isfinite(r)
+        conflict[i] = False
+        if not (measured or (predicted and cosine > RELIABLE_COSINE)):
+            continue
         if measured and predicted:
-            squared[i] = min(((range_m[i] - distance) * cosine / sigma) ** 2, WORST)
-        tells[i] = measured or (predicted and cosine > RELIABLE_COSINE)
-        stray[i] = measured and squared[i] >= WORST and not range_m[i] > distance
+            squared = min(((r - distance) * cosine / sigma) ** 2, WORST)
+        # A return beside the silhouette, within the jitter, lies on the surface all the same; one from behind does not.
+        if measured and squared >= WORST and not r > distance:
+            if nearest_into(surface, x + r * dx, y + r * dy, z + r * dz, reach, gap, which, stack, entries):
+                squared = min((max(np.sqrt(gap[0]) - spacing / 2, 0.0) / sigma) ** 2, WORST)
+        conflict[i] = not squared < WORST
+        cost, rays, against = cost + squared, rays + 1, against + (1 if conflict[i] else 0)
+    return cost, rays, against
+
+
+@kernel
+def _turned_back(rotation: Floats, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Return R^T v, three numbers."""
+    return (
+        rotation[0, 0] * x + rotation[1, 0] * y + rotation[2, 0] * z,
+        rotation[0, 1] * x + rotation[1, 1] * y + rotation[2, 1] * z,
+        rotation[0, 2] * x + rotation[1, 2] * y + rotation[2, 2] * z,
+    )
