@@ -148,8 +148,8 @@ def _tracked(scan: Scan, shape: Shape, rotation: Floats, position: Floats, s: Tr
             # From where one has come to, another leads nowhere else.
             if not any(_same(start, each.pose, shape) for each in approaches):
                 approaches.append(Approach(returns, shape, *start, reach_m))
-        for turn, place, known in _elsewhere(part, shape, approaches, edges, fit, seen.cost):
-            other = Approach(returns, shape, turn, place, reach_m).registered(known)
+        for approach, known in _elsewhere(part, shape, approaches, edges, fit, seen.cost):
+            other = approach.registered(known)
             agrees = agreement(part, shape, other.rotation, other.position)
             # Where only false edges determined the pose, that it is not determined is the better answer. The ranges
             # alone always fit a little better without edges, which is no reason to do without.
@@ -178,11 +178,11 @@ def _tracked(scan: Scan, shape: Shape, rotation: Floats, position: Floats, s: Tr
 
 def _elsewhere(
     scan: Scan, shape: Shape, approaches: list[Approach], edges: Edges, fit: Registration, cost: float
-) -> list[tuple[Floats, Floats, Edges | None]]:
-    """Return poses near the prediction that may explain the rays better than a registration does, each with the edges
-    to be used: roughly registered, with edges and without, and each once.
+) -> list[tuple[Approach, Edges | None]]:
+    """Return approaches near the prediction that may explain the rays better than a registration does, each with the
+    edges to be used: those that, roughly registered with edges or without, come to a pose of their own.
     """
-    out: list[tuple[Floats, Floats, Edges | None]] = []
+    out: list[tuple[Approach, Edges | None]] = []
     for known in (edges, None):
         met = [(fit.rotation, fit.position)] if known else []
         for approach in approaches:
@@ -192,7 +192,7 @@ def _elsewhere(
                 continue
             met.append(pose)
             if agreement(scan, shape, *pose).cost < HOPEFUL * cost:
-                out.append((*pose, known))
+                out.append((approach, known))
     return out
 
 
