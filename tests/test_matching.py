@@ -7,11 +7,11 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, cKDTree
 
-from estimators.lidar.matching import Matches, closest, linearised, unknown
+from estimators.lidar.matching import Equations, Matches, closest, linearised, unknown
 from estimators.lidar.nearest import nearest, nearest_into, point_tree, thinned
 from estimators.lidar.pose_search import CELLS, _ray_image
 from estimators.lidar.ray_cast import STACK, cast, triangles
-from estimators.lidar.registration import Approach, register
+from estimators.lidar.registration import Approach, _solved, _unit, register
 from estimators.lidar.scan import Returns, clusters, from_points
 from estimators.lidar.shape import Shape
 from estimators.rotation import exp
@@ -109,6 +109,27 @@ def test_an_approach_serves_with_edges_and_without(rng):
         anew = register(scan.point, shape, *start, scan.noise_m, scan.jitter_rad, edges=known, rough=rough)
         for one, other in zip(fit, anew, strict=True):
             assert np.array_equal(np.asarray(one), np.asarray(other))
+
+
+@pytest.mark.parametrize("least", [30.0, 1.5, 0.5, 0.0])
+@pytest.mark.parametrize("by_many", [False, True])
+def test_a_step_goes_along_determined_directions_alone(rng, least, by_many):
+    """With the eigenvectors of NumPy. `least`: the weakest eigenvalue, in units in which 1 is determined."""
+    shape, unit = crooked(), _unit(crooked())
+    axes = np.linalg.qr(rng.normal(size=(6, 6)))[0]
+    value = np.array([least, 40.0, 50.0, 60.0, 70.0, 100.0])
+    # Each direction by many points, but for the weakest: by one alone.
+    rows = np.repeat(axes.T[1:], 40, axis=0) * np.sqrt(value[1:] / 40).repeat(40)[:, None]
+    rows = np.concatenate([rows, np.sqrt(least) * axes.T[:1]]) / unit
+    error = rng.normal(size=len(rows))
+    weight = np.ones(len(rows))
+    told = Equations(error, rows, weight, weight, rows.T @ rows, rows.T @ error, len(rows))
+    step = _solved(told.normal, told.right, told, shape, np.eye(3), by_many=by_many)
+    firm = value > 1
+    # By one point alone, and much weaker than the others, it is no evidence.
+    firm[0] &= not by_many or least > 2.0
+    along = axes.T @ (unit * told.right)
+    assert step / unit == pytest.approx(axes[:, firm] @ (along[firm] / value[firm]))
 
 
 @pytest.mark.parametrize("nearer", [1.0, 0.3])

@@ -52,8 +52,9 @@ def agreement(scan: Scan, shape: Shape, rotation: Floats, position: Floats) -> A
         position: (3,) [m], likewise.
     """
     sigma, conflict = math.hypot(scan.noise_m, 0.25 * shape.spacing_m), np.empty(len(scan.range_m), dtype=np.bool_)
-    known = shape.mesh, shape.nearest, shape.spacing_m
-    cost, rays, against = _compare_into(*scan[:2], rotation, position, *known, sigma, conflict)
+    mesh, surface, spacing = shape.mesh, shape.nearest, shape.spacing_m
+    given = scan.direction, scan.range_m, rotation, position
+    cost, rays, against = _compare_into(*given, mesh, surface, spacing, sigma, conflict)
     return Agreement(1 - against / rays if rays else np.nan, cost, rays, conflict)
 
 
@@ -86,9 +87,9 @@ def _compare_into(
         if measured and predicted:
             squared = min(((r - distance) * cosine / sigma) ** 2, WORST)
         # A return beside the silhouette, within the jitter, lies on the surface all the same; one from behind does not.
-        if measured and squared >= WORST and not r > distance:
-            if nearest_into(surface, x + r * dx, y + r * dy, z + r * dz, reach, gap, which, stack, entries):
-                squared = min((max(np.sqrt(gap[0]) - spacing / 2, 0.0) / sigma) ** 2, WORST)
+        beside = measured and squared >= WORST and not r > distance
+        if beside and nearest_into(surface, x + r * dx, y + r * dy, z + r * dz, reach, gap, which, stack, entries):
+            squared = min((max(np.sqrt(gap[0]) - spacing / 2, 0.0) / sigma) ** 2, WORST)
         conflict[i] = not squared < WORST
         cost, rays, against = cost + squared, rays + 1, against + (1 if conflict[i] else 0)
     return cost, rays, against
