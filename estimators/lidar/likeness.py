@@ -20,8 +20,8 @@ KEPT = 8
 
 @lru_cache(maxsize=16)
 def likenesses(shape: Shape) -> Poses:
-    """Return the turns (k, 3, 3) and their shifts (k, 3) [m], k at most `KEPT`, the most alike first; takes about two
-    seconds, once per shape.
+    """Return the turns (k, 3, 3) and their shifts (k, 3) [m], k at most `KEPT`, the most alike first; takes less than
+    a second, once per shape.
     """
     group, centre = symmetry(shape), shape.point.mean(axis=0)
     turns, shifts = [np.eye(3)], [np.zeros(3)]

@@ -23,6 +23,7 @@ import numpy as np
 
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats
+from estimators.lidar.nearest import nearest
 from estimators.lidar.pose_search import rotations
 from estimators.lidar.ray_cast import cast
 from estimators.lidar.shape import Shape
@@ -121,7 +122,7 @@ class Symmetry(NamedTuple):
 
 @lru_cache(maxsize=16)
 def symmetry(shape: Shape) -> Symmetry:
-    """Return the symmetry group of a shape; takes about two seconds, once per shape."""
+    """Return the symmetry group of a shape; takes about half a second, once per shape."""
     centre = shape.point.mean(axis=0)
     group = _Group(shape)
     for turn in alike(shape)[:CANDIDATES]:
@@ -150,9 +151,11 @@ def alike(shape: Shape) -> Floats:
     some = shape.point[:: max(1, len(shape.point) // POINTS)] - centre
     turns = rotations(TURNS)
     turns = turns[rot.angle_between(turns, np.eye(3)) >= APART_RAD]
-    distance, _ = shape.tree.query(some @ np.swapaxes(turns, -1, -2) + centre)
+    turned, width = some @ np.swapaxes(turns, -1, -2) + centre, WIDTH * shape.radius_m
+    index = nearest(shape.nearest, turned.reshape(-1, 3), np.eye(3), np.zeros(3), width).reshape(turned.shape[:2])
+    distance = np.where(index >= 0, np.linalg.norm(turned - shape.point[index], axis=2), width)
     kept: list[int] = []
-    for i in np.argsort(np.minimum(distance, WIDTH * shape.radius_m).mean(axis=1), kind="stable"):
+    for i in np.argsort(distance.mean(axis=1), kind="stable"):
         if not kept or rot.angle_between(turns[kept], turns[i]).min() >= APART_RAD:
             kept.append(int(i))
             if len(kept) == MOST_ALIKE:
