@@ -1,5 +1,7 @@
 """A real Lighthouse 1.0 recording through the on-board code that simulated craft run."""
 
+from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +12,7 @@ import swarm
 from estimators.rotation import angle_between, matrix_from_quaternion
 from swarm.assets import recordings
 from swarm.errors import SwarmError
+from swarm.flight import replay
 from swarm.flight.replay import _Asked, _command
 from swarm.scenario import for_replay
 
@@ -19,6 +22,14 @@ real = pytest.mark.skipif(not RECORDING.exists(), reason="the real recording, ..
 
 TABLE_URAD = {("HMD", 0): 44, ("HMD", 1): 121, ("T20", 0): 323, ("T20", 1): 89}
 """Median residual that an independent solver found in this recording."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _read_once() -> Iterator[None]:
+    """The real recording is a quarter of a million lines: they are read once per object."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(replay, "read_libsurvive", cache(replay.read_libsurvive))
+        yield
 
 
 @real

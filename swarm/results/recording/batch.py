@@ -30,6 +30,7 @@ class Batch(NamedTuple):
     body: the truth, or the estimate. ccd_seen: (P, 2, L), lights seen by the P pairs of cameras. ccd_error: (C, 2),
     distance [m] and angle [deg]. station_rows: (C, number of stations). shown: (C, S), the columns of `Shown`.
     pair_levels: (number of pairs, 2), protection level of the relative position [m] and whether there is an alert.
+    dark: a fault takes the lighthouse's light.
     """
 
     time_s: Floats
@@ -56,16 +57,18 @@ class Batch(NamedTuple):
     ccd_nis: Floats
     shown: Floats
     pair_levels: Floats
+    dark: Bools
     clouds: tuple[Cloud, ...] = ()
 
 
-def kept(period: Period, errors: Errors, shown: Floats) -> Batch:
+def kept(period: Period, errors: Errors, shown: Floats, dark: Bools) -> Batch:
     """Return copies of what is drawn of a period: its arrays may be the next period's workspace.
 
     Args:
         period: The period.
         errors: As telemetry computed them.
         shown: Values of the shown columns, (C, S).
+        dark: The codes of `Period.fault` with which the lighthouse gives no light.
     """
     truth, estimate, peer, copy = period.truth, period.estimate, period.peer, np.array
     ccd_seen, ccd_error, ccd_nis = _cameras(period)
@@ -94,6 +97,7 @@ def kept(period: Period, errors: Errors, shown: Floats) -> Batch:
         ccd_nis=ccd_nis,
         shown=copy(shown),
         pair_levels=_pair_levels(period),
+        dark=np.array(period.fault is not None and bool(dark[period.fault].any())),
         clouds=tuple(Cloud(period.time_s, period.frame, scan.craft, scan.cloud) for scan in period.scans),
     )
 

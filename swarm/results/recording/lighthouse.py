@@ -6,7 +6,7 @@ The fans are one branch of the viewer's tree, `world/fans`, whose eye switches t
 import numpy as np
 import rerun as rr
 
-from estimators.arrays import Floats
+from estimators.arrays import Bools, Floats
 from swarm.results.recording import drawing
 from swarm.results.recording.batch import Batch
 from swarm.results.recording.canvas import Canvas, Send, ink, mesh
@@ -22,6 +22,7 @@ class Lighthouse:
 
     def __init__(self, stage: Stage) -> None:
         self._stage, self._field_rad = stage, float(np.radians(stage.scene.field_deg))
+        self._first: Send | None = None
 
     def begin(self, canvas: Canvas) -> None:
         """Draw the body, the field, the axes and the fans' sectors."""
@@ -42,19 +43,25 @@ class Lighthouse:
             canvas.static(f"world/fans/{fan}/rim", rr.LineStrips3D([strip, *spokes], colors=inks, radii=-0.5))
         if 0 < self._stage.begin_s < 0.1:
             # The timeline begins with the run, not with the middle of its first period.
-            self._turn(canvas.at(np.zeros(1), np.zeros(1, dtype=np.int64)), np.zeros(1))
+            self._first = canvas.at(np.zeros(1), np.zeros(1, dtype=np.int64))
 
     def send(self, send: Send, batch: Batch) -> None:
         """Turn the fans."""
-        self._turn(send, batch.time_s)
+        if self._first is not None:
+            self._turn(self._first, np.zeros(1), batch.dark[:1])
+            self._first = None
+        self._turn(send, batch.time_s, batch.dark)
 
-    def _turn(self, send: Send, time_s: Floats) -> None:
-        """Sweep angle a from boresight: x/z = -tan a is a turn of -a about Y, y/z = -tan a one of a about X."""
+    def _turn(self, send: Send, time_s: Floats, dark: Bools) -> None:
+        """Draw the fans at times (n,) [s], none where it is dark (n,).
+
+        Sweep angle a from boresight: x/z = -tan a is a turn of -a about Y, y/z = -tan a one of a about X.
+        """
         turns = time_s / FAN_TURN_S
         for fan, offset, axis, sign in (("x", 0.25, 1, -1.0), ("y", 0.75, 0, 1.0)):
             a = 2 * np.pi * ((turns - offset + 0.5) % 1 - 0.5)
             quaternion = np.zeros((len(a), 4))
             quaternion[:, axis], quaternion[:, 3] = np.sin(sign * a / 2), np.cos(a / 2)
-            outside = np.abs(a) > self._field_rad / 2
-            at = np.where(outside[:, None], np.nan, np.zeros((len(a), 3)))
+            hidden = dark | (np.abs(a) > self._field_rad / 2)
+            at = np.where(hidden[:, None], np.nan, np.zeros((len(a), 3)))
             send(f"world/fans/{fan}", rr.Transform3D.columns(translation=at, quaternion=quaternion))

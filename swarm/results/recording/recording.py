@@ -54,6 +54,8 @@ from swarm.results.recording.stations import Stations
 from swarm.results.records import Errors
 from swarm.results.scene import Scene
 
+DARK = "lighthouse-dark"
+"""The fault without light."""
 MOST_SINGLE = 32
 """A swarm of more craft is drawn as a crowd."""
 WAIT_FOR_POSE_S = 1.0
@@ -87,6 +89,7 @@ class Recording:
         self.draws_every = min(6, -(-craft // MOST_SINGLE)) if craft > MOST_SINGLE else 1
         """One of so many periods is drawn."""
         self._shown = Shown(groups_of(scene))
+        self._dark = np.array([DARK in name.split(" + ") for name in scene.faults], dtype=np.bool_)
         self._early: list[tuple[Period, Errors]] = []
         self._layers: list[Layer] = []
         self._waiting: list[Batch] = []
@@ -157,7 +160,7 @@ class Recording:
     def _take(self, period: Period, errors: Errors) -> None:
         if period.frame % self.draws_every:
             return
-        self._waiting.append(kept(period, errors, self._shown.values(period)))
+        self._waiting.append(kept(period, errors, self._shown.values(period), self._dark))
         if period.time_s - float(self._waiting[0].time_s) >= self._send_every_s:
             self._send()
 
