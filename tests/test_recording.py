@@ -58,7 +58,7 @@ def scene_of(craft, detail=()):
     return Scene([f"craft-{i}" for i in range(craft)], [[part]] * craft, layout, [part], 120.0, detail)
 
 
-def fly(folder, craft=3, periods=90, scene=None, replay=False, lost_at=5):
+def fly(folder, craft=3, periods=90, scene=None, replay=False, lost_at=5, faults=None):
     """A recording and the periods that went into it. Craft 1 knows nothing in one period, and has a dark photodiode."""
     folder.mkdir(exist_ok=True)
     scene = (scene or scene_of(craft))._replace(replay=replay)
@@ -76,6 +76,7 @@ def fly(folder, craft=3, periods=90, scene=None, replay=False, lost_at=5):
         time_s = (k + 0.5) * PERIOD_S
         true, peer = (None, Peer(truth.position, truth.quaternion)) if replay else (truth, None)
         now = period_of(time_s, k, true, estimate, peer, sight)
+        now = now if faults is None else now._replace(fault=np.full(craft, faults[k]))
         errors = telemetry.append(now)
         flown.append(Flown(k, time_s, true, estimate, peer, errors))
         recording.append(now, errors)
@@ -220,6 +221,19 @@ def test_the_drawn_fans_sweep_as_equation_2_says(flight):
         assert seen == (70 if fan == "x" else 0)
 
 
+def test_a_dark_lighthouse_has_no_fans(tmp_path):
+    """Dark from the beginning, and in the middle; a fault of one craft leaves the fans alone."""
+    faults = ("none", "lighthouse-dark", "photodiode-dead", "photodiode-dead + lighthouse-dark")
+    codes = [1] * 20 + [2] * 20 + [3] * 20 + [0] * 10
+    path, flown = fly(tmp_path / "dark", periods=len(codes), scene=scene_of(3)._replace(faults=faults), faults=codes)
+    at = np.array(read(path, "world/fans/x", "Transform3D:translation"))[:, 0]
+    theta = np.array([2 * np.pi * (period.time_s / FAN_TURN_S) for period in flown])
+    inside = np.abs(theta - np.pi / 2) <= np.radians(60)
+    assert inside[20:].all()
+    lit = np.array(["lighthouse-dark" not in faults[code] for code in codes])
+    np.testing.assert_array_equal(np.isfinite(at).all(axis=1), inside & lit)
+
+
 def test_a_box_has_twelve_edges_and_normals_outward():
     part = [(box(np.array([1.0, 2.0, 3.0])), GREY)]
     edges = drawing.outline(part)
@@ -306,7 +320,7 @@ def test_values_are_kept_though_the_run_reuses_its_arrays():
     estimate = estimate_of(truth, np.random.default_rng(0))
     errors, shown = Errors(*np.zeros((7, 2))), np.zeros((2, 0))
     now = period_of(0.0, 0, truth, estimate, sight=np.zeros((2, 6), dtype=np.int8))
-    copies = kept(now, errors, shown)
+    copies = kept(now, errors, shown, np.zeros(0, dtype=np.bool_))
     for values in (*copies.errors, *(getattr(copies, n) for n in copies._fields if n not in ("errors", "clouds"))):
         assert not any(np.shares_memory(values, given) for given in (*truth, *estimate[4:]))
 
