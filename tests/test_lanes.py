@@ -339,8 +339,8 @@ def test_a_pose_and_its_precision_are_the_same_whoever_is_beside_it_bit_for_bit(
     assert len(set(solution.iterations[solution.solved].tolist())) > 3
     np.testing.assert_array_equal(np.isfinite(precision.pdop_m_per_rad), solution.solved)
     for c in range(len(company.lit)):
-        only: Any = [part[c : c + 1] for part in given]
-        alone = refine_with_dilution(*only, rho)
+        only: Any = [*(part[c : c + 1] for part in given), rho]
+        alone = refine_with_dilution(*only)
         for mine, other in zip((*solution, *precision), (*alone[0], *alone[1]), strict=True):
             assert bits(np.asarray(mine[c : c + 1], dtype=np.float64)) == bits(np.asarray(other, dtype=np.float64)), c
 
