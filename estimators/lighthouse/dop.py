@@ -20,9 +20,9 @@ pose errs, to first order, by B times the error of the rates:
 
     B = (J^T J)^-1 sum tau_i J_i^T J_i
 
-With a pose that is solved from angles (`pnp.refine_with_dilution`), J is that of its last step: at a pose that this step,
-1e-5 or less after a warm start, leads to the answer, and with (13) at the measured angles, as the solver's weights have
-it. `dilution` takes J at the poses that it is given.
+With a pose that is solved from angles (`pnp.refine_with_dilution`), J is that of its last step: at a pose that this
+step, 1e-5 or less after a warm start, leads to the answer, and with (13) at the measured angles, as the solver's
+weights have it. `dilution` takes J at the poses that it is given.
 
 What one false photodiode can do to the pose without being noticed is `estimators.lighthouse.slope`'s, from the same
 rows.
