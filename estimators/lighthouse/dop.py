@@ -88,8 +88,13 @@ class Dilution(NamedTuple):
 def rows_at(table: Floats, n: int, rotation: Floats, position: Floats, angles: bool) -> bool:
     """Write J at a pose into the table, of numbers or of lanes; return False where a photodiode is behind.
 
-    angles: of equal noise; else the table's weights stand for (13), which otherwise are 1, or 0 of rows that do not
-    count.
+    Args:
+        table: (2 n, COLUMNS), angles; receives J.
+        n: rows of each fan.
+        rotation: (3, 3).
+        position: (3,) [m].
+        angles: of equal noise; else the table's weights stand for (13), which otherwise are 1, or 0 of rows that do not
+            count.
     """
     front = project_all(table, n, rotation, position)
     for i in range(2 * n):
