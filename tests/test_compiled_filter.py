@@ -286,3 +286,34 @@ def test_who_asks_for_the_covariances_of_some_craft_changes_nobody_s_numbers(kin
     for bank in banks[1:]:
         for name in STATE:
             np.testing.assert_array_equal(getattr(bank, name), getattr(banks[0], name), err_msg=name)
+
+
+@pytest.mark.parametrize("kind", [FilterpyInteractingBank, CompiledInteractingBank])
+def test_covariances_for_reading_stay_as_they_were_and_tell_what_a_copy_tells(kind: type[InteractingBank]) -> None:
+    rng, craft, models = np.random.default_rng(11), 5, np.full(5, 6)
+    noises = [(0.2 / 4**k, 0.2 / 4**k) for k in range(6)]
+    read, copied = (kind(noises, 30.0, 2.0, models) for _ in range(2))
+    rotation, position = rot.exp(0.2 * rng.standard_normal((craft, 3))), rng.normal([0, 0, 5], 1, (craft, 3))
+    covariance, coupling = random_covariance(rng, craft), np.zeros((craft, 6, 6))
+    some = np.arange(craft) < 3
+    kept = []
+    for bank in (read, copied):
+        bank.start(np.arange(craft) < 4, rotation, position, covariance, (1.0, 0.5))
+    for period in range(12):
+        seen = some if period % 3 else some & (np.arange(craft) > 0)
+        for bank in (read, copied):
+            bank.predict(T, bank.active)
+            bank.update_pose(seen & bank.active, rotation, position, covariance, coupling)
+        now = read.covariance_to_read()
+        np.testing.assert_array_equal(now, copied.covariance)
+        kept.append((now, now.copy()))
+        if period == 5:
+            for bank in (read, copied):
+                bank.adopt(some & (np.arange(craft) > 1), bank.state, 4 * bank.covariance)
+        if period == 8:
+            for bank in (read, copied):
+                bank.stop(np.arange(craft) == 1)
+    for now, then in kept:
+        np.testing.assert_array_equal(now, then)
+    assert np.isnan(read.covariance[4]).all()
+    assert np.isnan(read.covariance[1]).all()

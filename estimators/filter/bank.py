@@ -138,8 +138,12 @@ class FilterBank(ABC):
         self._p = np.full((craft_count, STATES, STATES), np.nan)
 
     def _covariance(self, mask: Bools) -> Floats:
-        """Return P (C, 12, 12), the bank's own, of which those of the craft of the mask are to be read or written."""
+        """Return P (C, 12, 12), the bank's own, of which those of the craft of the mask are to be read."""
         return self._p
+
+    def _covariance_to_write(self, mask: Bools) -> Floats:
+        """Return P (C, 12, 12), the bank's own, of which those of the craft of the mask are to be read or written."""
+        return self._covariance(mask)
 
     @property
     def active(self) -> Bools:
@@ -182,6 +186,10 @@ class FilterBank(ABC):
     def covariance(self) -> Floats:
         """P (C, 12, 12): attitude error, angular rate, position, velocity [rad, rad/s, m, m/s]."""
         return self._covariance(np.ones_like(self._active)).copy()
+
+    def covariance_to_read(self) -> Floats:
+        """Return P as `covariance` does, for reading only: it may be an array that the bank reads as well."""
+        return self.covariance
 
     def state_where(self, mask: Bools) -> State:
         """Return the states of the craft of the mask (C,) alone; those of the others are not set."""
@@ -244,7 +252,7 @@ class FilterBank(ABC):
         p[:, POSE_COLUMNS[:, None], RATE_COLUMNS] = cross
         p[:, RATE_COLUMNS[:, None], POSE_COLUMNS] = np.swapaxes(cross, 1, 2)
         p[:, RATE_COLUMNS, RATE_COLUMNS] = rate_variance
-        self._covariance(mask)[craft] = p
+        self._covariance_to_write(mask)[craft] = p
         state = self._state
         state.rotation[craft], state.position[craft] = rotation[craft], position[craft]
         state.angular_rate[craft] = state.velocity[craft] = 0.0
@@ -302,7 +310,8 @@ class FilterBank(ABC):
         state.position[mask] += shift[mask]
         state.velocity[mask] += velocity[mask]
         if coupling is not None:
-            _couple_all(mask, self._argument("coupling", coupling, (POSE, POSE), mask), self._covariance(mask))
+            coupling = self._argument("coupling", coupling, (POSE, POSE), mask)
+            _couple_all(mask, coupling, self._covariance_to_write(mask))
             self._changed(mask)
 
     def update(
@@ -420,7 +429,7 @@ class FilterBank(ABC):
             state: of the C craft.
             covariance: (C, 12, 12).
         """
-        for own, given in zip((*self._state, self._covariance(mask)), (*state, covariance), strict=True):
+        for own, given in zip((*self._state, self._covariance_to_write(mask)), (*state, covariance), strict=True):
             own[mask] = given[mask]
         self._active[mask] = True
         self._begin(mask)
@@ -430,7 +439,7 @@ class FilterBank(ABC):
         mask = self._checked(mask, active=False)
         if mask.any():
             self._active[mask] = False
-            for array in (*self._state, self._covariance(mask)):
+            for array in (*self._state, self._covariance_to_write(mask)):
                 array[mask] = np.nan
 
     @abstractmethod

@@ -121,7 +121,7 @@ def advance(
         angular_acceleration: likewise [rad/s^2].
         pf: (12, 3), workspace.
     """
-    # The first columns of P F^T; the others are columns of P, but for the position's, which are summed where they count.
+    # The first columns of P F^T; the others are those of P, but for the position's, which are summed where they count.
     for i in range(3):
         e0, e1, e2 = turn[i, 0], turn[i, 1], turn[i, 2]
         d0, d1, d2 = dt_jacobian[i, 0], dt_jacobian[i, 1], dt_jacobian[i, 2]

@@ -109,7 +109,8 @@ class CompiledInteractingBank(InteractingBank):
         _predict_states(mask, step, self._motion, self._state)
 
     def _catch_up(self, mask: Bools) -> None:
-        _predict_models(np.flatnonzero(mask & self._motion.waits), self._motion, self.grid, self._mixtures)
+        if len(who := np.flatnonzero(mask & self._motion.waits)):
+            _predict_models(who, self._motion, self.grid, self._mixtures)
 
     def _update(self, mask: Bools, given: Given | Independent | Poses, result: UpdateResult) -> int:
         after = self._mixtures, self._state, self._columns, result

@@ -118,9 +118,9 @@ class InteractingBank(FilterBank):
         )
         craft = len(models)
         self._moved_on = np.zeros(craft, dtype=np.bool_)
-        self._p = lined(craft, STATES, STATES)
+        self._shared = False
+        self._hold(lined(craft, STATES, STATES))
         self._p.fill(np.nan)
-        self._columns = self._p.reshape(craft, STATES, COLUMNS, LANES)
         self.grid = Grid(linear, angular, 1 / manoeuvre_s, 1 / quiet_s)
         self._mixtures = Mixtures(
             window=np.zeros(craft, dtype=np.int64),
@@ -135,14 +135,37 @@ class InteractingBank(FilterBank):
             mingled=np.ones(craft, dtype=np.bool_),
         )
 
+    def _hold(self, covariance: Floats) -> None:
+        """Keep P in this array (C, 12, 12), which begins with a line of the cache."""
+        self._p, self._columns = covariance, covariance.reshape(len(covariance), STATES, COLUMNS, LANES)
+
+    def _part(self) -> None:
+        """Go on in an array that nobody else reads; a prediction has left P of most craft to be made anew."""
+        if self._shared:
+            before, self._shared = self._p, False
+            self._hold(lined(*before.shape, filled=False))
+            stays = np.flatnonzero(~self._moved_on)
+            self._p[stays] = before[stays]
+
     def _covariance(self, mask: Bools) -> Floats:
         """Return P (C, 12, 12) of the mixtures, which a prediction leaves to whoever asks for it before an update."""
         late = mask & self._moved_on
         if late.any():
             self._catch_up(late)
+            self._part()
             _combine_all(late, self._mixtures, self._columns)
             self._moved_on &= ~late
         return self._p
+
+    def _covariance_to_write(self, mask: Bools) -> Floats:
+        self._part()
+        return self._covariance(mask)
+
+    def covariance_to_read(self) -> Floats:
+        """Return P, which the bank leaves as it is: what changes it from now on does so in another array."""
+        out = self._covariance(np.ones_like(self._active))
+        self._shared = True
+        return out
 
     def predict(self, dt: float | Floats, mask: Bools) -> None:
         """Move on by `dt`, as any bank."""
@@ -150,6 +173,7 @@ class InteractingBank(FilterBank):
         self._moved_on |= mask
 
     def _taken(self, name: str, mask: Bools, given: Given | Independent | Poses) -> UpdateResult:
+        self._part()
         result = super()._taken(name, mask, given)
         self._moved_on &= ~result.accepted
         return result

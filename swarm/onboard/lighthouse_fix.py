@@ -146,21 +146,24 @@ class LighthouseFix:
         """
         s, active = self.settings, tracks.bank.active
         predicted = s.station.state_into(tracks.bank.state)
-        turned, theta, lit, visible = self._ideal(angles)
-        enough = visible >= MIN_LIT
         lost = tracks.lost(s.search_again_s)
-        start = self._acquire(theta, lit, angles.offset_s, enough, lost, predicted, tracks)
         # In tight mode the sweeps themselves go into a filter that runs; a pose only starts one, or finds it again.
-        solved = lost if s.coupling == "tight" else active
-        known = enough & (solved | start.found) & ~imaged
+        solved = (lost if s.coupling == "tight" else active) & ~imaged
+        turned, theta, lit, used, visible = self._ideal(angles, solved)
+        enough = visible >= MIN_LIT
+        start = self._acquire(theta, lit, angles.offset_s, enough, lost, predicted, tracks)
+        known = enough & solved
+        if (found := start.found & ~imaged).any():
+            known |= found
+            used[found] = lit[found]
         # The motion within the period as each craft estimates it; a craft with its first pose has no estimate of it.
         # The predictions are copies.
-        rates = predicted.angular_rate, predicted.velocity
+        rates, still = (predicted.angular_rate, predicted.velocity), np.flatnonzero(~active)
         for rate in rates:
-            rate[~active if s.motion_compensation else slice(None)] = 0.0
+            rate[still if s.motion_compensation else slice(None)] = 0.0
         sweeps = Sweeps(
             theta=theta,
-            lit=lit & known[:, None],
+            lit=used,
             point_m=self._point_m,
             offset_s=angles.offset_s,
             angular_rate=rates[0],
@@ -171,8 +174,8 @@ class LighthouseFix:
         self._make_precise(precision, screened, sweeps, lit, enough & active & ~known, predicted)
         linear: Linear | None = None
         if s.integrity.false_photodiodes:
-            used, solution = sweeps._replace(lit=screened.lit), screened.solution
-            linear = Linear(*linearised(used, solution.rotation, solution.position)[:2], screened.lit)
+            seen, solution = sweeps._replace(lit=screened.lit), screened.solution
+            linear = Linear(*linearised(seen, solution.rotation, solution.position)[:2], screened.lit)
         rotation, position = s.station.pose_out(screened.solution.rotation, screened.solution.position)
         rows = self._rows(sweeps, screened, precision, predicted, tracks)
         screened = screened._replace(solution=screened.solution._replace(rotation=rotation, position=position))
@@ -229,17 +232,18 @@ class LighthouseFix:
         """
         return self._monitor.levels(light.screened, light.dilution, taken, after, sweep_fault, separated)
 
-    def _ideal(self, angles: SweepAngles) -> tuple[Floats, Floats, Bools, Ints]:
-        """Return the angles (C, K, 2) less rotor speed, and less fan errors too, the mask (C, K) of the latter, and
-        each craft's number of them, (C,).
+    def _ideal(self, angles: SweepAngles, solved: Bools) -> tuple[Floats, Floats, Bools, Bools, Ints]:
+        """Return the angles (C, K, 2) less rotor speed, and less fan errors too, the mask (C, K) of the latter, that of
+        those that the craft of a mask (C,) solve a pose from, and each craft's number of them, (C,).
         """
         s = self.settings
         speed = self._monitor.speed(angles, s.frame_s)
         turned = angles.theta if speed is None else angles.theta * speed[:, None, None]
         straight = turned if self._perfect else correct(turned, (s.fan_x, s.fan_y))
-        theta, lit, visible = np.empty_like(straight), np.empty_like(angles.lit), np.empty(len(straight), np.int64)
-        _seen_into(straight, angles.lit, theta, lit, visible)
-        return turned, theta, lit, visible
+        theta, lit, used = np.empty_like(straight), np.empty_like(angles.lit), np.empty_like(angles.lit)
+        visible = np.empty(len(straight), np.int64)
+        _seen_into(straight, angles.lit, solved, theta, lit, used, visible)
+        return turned, theta, lit, used, visible
 
     def _solve(
         self, sweeps: Sweeps, known: Bools, visible: Ints, start: _Start, tracks: Tracks
@@ -465,14 +469,16 @@ def _keep_bent(mask: Bools, adop: Floats, sigma_rad: float, size: Floats, positi
 
 
 @kernel
-def _seen_into(given: Floats, by: Bools, theta: Floats, lit: Bools, visible: Ints) -> None:
+def _seen_into(given: Floats, by: Bools, solved: Bools, theta: Floats, lit: Bools, used: Bools, visible: Ints) -> None:
     """Write the angles of C craft without those of directions behind the lighthouse, and which photodiodes have two.
 
     Args:
         given: (C, K, 2) [rad], NaN where there is none.
         by: (C, K), photodiodes that the decoder saw.
+        solved: (C,), craft that solve a pose from enough of them.
         theta: (C, K, 2) [rad], receives them; NaN in pairs.
         lit: (C, K), receives the photodiodes with two.
+        used: (C, K), receives those that a pose is solved from.
         visible: (C,), receives their numbers.
     """
     for c in range(len(visible)):
@@ -484,3 +490,5 @@ def _seen_into(given: Floats, by: Bools, theta: Floats, lit: Bools, visible: Int
             lit[c, k] = by[c, k] & front
             seen += lit[c, k]
         visible[c] = seen
+        for k in range(lit.shape[1]):
+            used[c, k] = lit[c, k] & solved[c] & (seen >= MIN_LIT)

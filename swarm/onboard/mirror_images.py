@@ -199,6 +199,7 @@ class MirrorImages:
         """
         if not (followed := self.open).any():
             return after
+        after = after._replace(covariance=after.covariance.copy())
         for c in np.flatnonzero(followed & after.active & ~self.hidden).tolist():
             self._mixed(c, after.state, after.covariance)
         if not self.hidden.any():

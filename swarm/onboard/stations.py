@@ -408,7 +408,7 @@ class StationNavigator:
         alone = self._shared.alone(after.covariance)
         widened = self._places.widened(self._shared.widened(after.covariance))
         if self._inertial is not None:
-            widened += self._inertial.of_biases()
+            widened = widened + self._inertial.of_biases()
         after = after._replace(covariance=widened)
         pose = pose._replace(solved=pose.solved & (pose.residual_rad < limit))
         separated = self._beside.levels(self.tracks.bank, after, self.tracks.since_update_s)

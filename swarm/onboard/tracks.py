@@ -337,8 +337,8 @@ class Tracks:
         return out
 
     def filtered(self) -> Filtered:
-        """Return the filters as they are now."""
-        return Filtered(self.bank.active, self.bank.state, self.bank.covariance)
+        """Return the filters as they are now; the covariances are for reading only."""
+        return Filtered(self.bank.active, self.bank.state, self.bank.covariance_to_read())
 
     def filtered_where(self, mask: Bools) -> Filtered:
         """Return the filters of the craft of the mask (C,) alone as they are now; those of the others are not set."""
