@@ -13,6 +13,7 @@ from estimators.rotation import angle_between, matrix_from_quaternion
 from swarm.assets import recordings
 from swarm.errors import SwarmError
 from swarm.flight import replay
+from swarm.flight.recordings.libsurvive import read_libsurvive
 from swarm.flight.replay import _Asked, _command
 from swarm.scenario import for_replay
 
@@ -28,7 +29,7 @@ TABLE_URAD = {("HMD", 0): 44, ("HMD", 1): 121, ("T20", 0): 323, ("T20", 1): 89}
 def _read_once() -> Iterator[None]:
     """The real recording is a quarter of a million lines: they are read once per object."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(replay, "read_libsurvive", cache(replay.read_libsurvive))
+        patch.setattr(replay, "read_libsurvive", cache(read_libsurvive))
         yield
 
 
