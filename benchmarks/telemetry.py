@@ -1,9 +1,10 @@
-"""Telemetry: rows of a period, parts on disk, and the joined file, beside pandas-free pyarrow row by row.
+"""Telemetry: rows of a period, row groups on disk, and the complete file, beside pandas-free pyarrow row by row.
 
     python benchmarks/telemetry.py [--craft 1000] [--repeats 5] [--out telemetry.json]
 
-A repetition is two seconds of flight, 120 periods: `append` (with the parts that it writes), then `close`, which joins
-them. Baseline: the same rows as Python dictionaries, `pyarrow.Table.from_pylist` and `write_table`, for some craft.
+A repetition is two seconds of flight, 120 periods: `append` (with the row groups that it writes), then `close`, which
+writes the last one and the footer. Baseline: the same rows as Python dictionaries, `pyarrow.Table.from_pylist` and
+`write_table`, for some craft.
 Found the truth: the greatest difference between the file's errors and those of `estimators.rotation` and NumPy.
 """
 

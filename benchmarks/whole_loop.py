@@ -5,7 +5,7 @@
 Scenario `swarm1000` (12 photodiodes per craft, 60 periods a second, recording at fleet level) with `swarm.count`
 changed. A block is 128 periods, so that what is done now and then (parts of telemetry, batches of the recording)
 counts in every block; blocks of all sizes take turns. `closing`
-is what the end of the run adds: recording closed, telemetry joined into one file, summary. Beside the times, whether
+is what the end of the run adds: recording closed, telemetry completed, summary. Beside the times, whether
 the craft found themselves: the share tracking and the median error against the truth.
 """
 

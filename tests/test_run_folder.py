@@ -11,6 +11,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from synthetic_run import estimate_of, period_of, truth_at
 
@@ -231,19 +232,52 @@ canvas.close()
     assert ended.stderr == ""
 
 
-def test_a_join_that_fails_leaves_the_parts_and_nothing_else(tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    ("joined_rows", "what"), [(0, "pathlib.Path.open"), (1000, "pyarrow.parquet.ParquetWriter.write_table")]
+)
+def test_an_end_that_fails_leaves_the_groups_and_nothing_else(tmp_path, monkeypatch, joined_rows, what):
     table = table_of([column("x", [1.0, 2.0], "m")])
-    growing = GrowingParquet(tmp_path / "x.parquet", table.schema)
+    growing = GrowingParquet(tmp_path / "x.parquet", table.schema, joined_rows)
     growing.write(table)
+    size = (tmp_path / "x.parquet.partial" / "rows").stat().st_size
 
     def refuse(*_args, **_kwargs):
         raise OSError(errno.ENOSPC, "full")
 
-    monkeypatch.setattr("pyarrow.parquet.ParquetWriter.write_table", refuse)
-    with pytest.raises(SwarmError, match=r"x\.parquet: the disk is full"):
-        growing.close()
-    assert [file.name for file in (tmp_path / "x.parquet.partial").iterdir()] == ["part-00000.arrow"]
+    with monkeypatch.context() as full:
+        full.setattr(what, refuse)
+        with pytest.raises(SwarmError, match=r"x\.parquet: the disk is full"):
+            growing.close()
+    assert {file.name for file in (tmp_path / "x.parquet.partial").iterdir()} == {"part-00000.footer", "rows"}
+    assert (tmp_path / "x.parquet.partial" / "rows").stat().st_size == size
     assert read_table(tmp_path / "x.parquet")["x"].to_pylist() == [1.0, 2.0]
+    growing.close()
+    assert [file.name for file in tmp_path.iterdir()] == ["x.parquet"]
+    assert pq.read_table(tmp_path / "x.parquet")["x"].to_pylist() == [1.0, 2.0]
+
+
+def test_a_group_that_found_no_room_is_no_part_of_the_file(tmp_path, monkeypatch):
+    """Half of it may be on the disk: the next one is written over it."""
+    table = table_of([column("x", [1.0, 2.0], "m")])
+    growing = GrowingParquet(tmp_path / "x.parquet", table.schema)
+    growing.write(table)
+    write = pq.ParquetWriter.write_table
+
+    def half(self, *args, **named):
+        write(self, *args, **named)
+        raise OSError(errno.ENOSPC, "full")
+
+    with monkeypatch.context() as full:
+        full.setattr(pq.ParquetWriter, "write_table", half)
+        with pytest.raises(SwarmError, match="the disk is full"):
+            growing.write(table)
+    assert read_table(tmp_path / "x.parquet")["x"].to_pylist() == [1.0, 2.0]
+    growing.write(table, 0)
+    growing.write(table_of([column("x", [3.0], "m")]))
+    growing.close()
+    whole = pq.ParquetFile(tmp_path / "x.parquet")
+    assert whole.read()["x"].to_pylist() == [1.0, 2.0, 3.0]
+    assert whole.metadata.num_row_groups == 2
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), OSError(errno.ENOSPC, "full")])

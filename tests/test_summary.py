@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from scipy.stats import chi2
 from synthetic_run import PERIOD_S, estimate_of, lost, period_of, truth_at
@@ -14,8 +15,10 @@ from swarm.results.columns.peer import PEER
 from swarm.results.columns.schema import schema
 from swarm.results.reading import read_telemetry
 from swarm.results.records import Peer
-from swarm.results.summary import autocorrelation_time, consistency, figures, summarise, summarise_run
-from swarm.results.summary.integrity import estimate_levels, pose_levels
+from swarm.results.summary import Account, autocorrelation_time, consistency, figures, summarise, summarise_run
+from swarm.results.summary.integrity import integrity
+from swarm.results.summary.motion_bias import MotionBias
+from swarm.results.summary.statistics import Moments
 from swarm.results.table import TelemetryTable
 from swarm.results.telemetry import Telemetry
 
@@ -85,6 +88,43 @@ def test_a_folder_says_what_its_table_says(tmp_path, replay, monkeypatch):
     monkeypatch.setattr("swarm.results.table.BLOCK", 7)
     assert summarise(table) == whole
     assert summarise_run(tmp_path / "nothing")["swarm"] is None
+
+
+def test_rows_taken_while_a_run_flies_say_what_its_file_says(tmp_path):
+    """Bit for bit, although the file's groups were joined: they are not the blocks that were taken."""
+    account, craft, rng = Account([f"craft-{i}" for i in range(3)]), 3, np.random.default_rng(5)
+    out = Telemetry(tmp_path, account.names, taken=account.add)
+    for k in range(400):
+        truth = truth_at(k * PERIOD_S, craft, rate_rad_s=0.3)
+        out.append(period_of((k + 0.5) * PERIOD_S, k, truth, estimate_of(truth, rng)))
+    out.close()
+    assert pq.ParquetFile(tmp_path / "telemetry.parquet").num_row_groups == 1
+    taken = summarise_run(tmp_path, account)
+    assert taken["periods"] == 400
+    assert taken == summarise_run(tmp_path)
+
+
+def test_the_sigma_of_a_craft_is_that_of_least_squares_over_all_its_rows_at_once():
+    """Its sum of squares is kept up to date with the slope; in one pass more it is a plain sum."""
+    rng, n = np.random.default_rng(3), 500
+    rate = 0.1 * rng.standard_normal((3, n))
+    rate[2] = 0.0
+    for noise in (1e-3, 1e-9):
+        error = 0.004 * rate + noise * rng.standard_normal((3, n))
+        error[0, 7] = np.nan
+        bias = MotionBias(np.array([0]))
+        for rows in np.array_split(np.arange(n), 7):
+            bias.add(
+                rows, np.zeros(len(rows), dtype=np.int64), *(np.ascontiguousarray(x[:, rows]) for x in (error, rate))
+            )
+        known = np.isfinite(error).all(axis=0)
+        x, y = (error * rate)[:2, known], (rate**2)[:2, known]
+        slope = x.sum(axis=1) / y.sum(axis=1)
+        sigma = np.sqrt(np.sum((x - slope[:, None] * y) ** 2, axis=1)) / y.sum(axis=1)
+        for found in (bias.of_one(0), bias.of_groups(np.array([0]))):
+            assert found.slope_s == [pytest.approx(slope[0], rel=1e-13), pytest.approx(slope[1], rel=1e-13), None]
+            # What is left is a millionth of the errors where the noise is so small: so much more of it is rounding.
+            assert found.sigma_s[:2] == pytest.approx(sigma, rel=1e-12 if noise == 1e-3 else 1e-9)
 
 
 def flattened(figures, prefix=""):
@@ -186,9 +226,11 @@ def test_a_refused_pose_is_none_of_the_accepted_ones_though_the_craft_tracks_by_
     for kind, unit in (("position", "m"), ("attitude", "deg")):
         table[f"{kind}_error_{unit}"], table[f"{kind}_protection_{unit}"] = [0.1] * 4, [1.0] * 4
         table[f"pnp_{kind}_error_{unit}"], table[f"pnp_{kind}_protection_{unit}"] = [0.2, 0.5, 3.0, None], [1.0] * 4
-    rows = TelemetryTable.of(pa.table(table))
-    assert pose_levels(rows)["accepted_poses"] == {"samples": 2, "beyond": 0, "worst_share_of_level": 0.5}
-    assert estimate_levels(rows)["estimates"]["samples"] == 4
+    series = integrity(TelemetryTable.of(pa.table(table))).items()
+    found = {name: statistic(*map(Moments.of, values)) for name, (statistic, *values) in series}
+    accepted = [found[f"integrity.accepted_poses.{name}"] for name in ("samples", "beyond", "worst_share_of_level")]
+    assert accepted == [2, 0, 0.5]
+    assert found["integrity.estimates.samples"] == 4
 
 
 def test_light_that_a_replay_refused_is_no_part_of_the_mean_nis():
@@ -199,13 +241,11 @@ def test_light_that_a_replay_refused_is_no_part_of_the_mean_nis():
         "status": pa.array(["tracking", "single_sweeps", "coasting", "coasting"]).dictionary_encode(),
         "rows": [6, 6, 0, 0],
         "nis": [5.0, 7.0, 90_000.0, np.nan],
-        "nees": [np.nan] * 4,
     }
-    setting = figures.Setting(PERIOD_S, None)
-    simulated = figures._consistency(TelemetryTable.of(pa.table(table)), setting)["nis"]
-    assert simulated["samples"] == 3
-    replayed = figures._consistency(TelemetryTable.of(pa.table({**table, "peer_px_m": [0.0] * 4})), setting)["nis"]
-    assert (replayed["mean"], replayed["samples"]) == (6.0, 2)
+    simulated = figures._nis(TelemetryTable.of(pa.table(table)))
+    assert np.count_nonzero(np.isfinite(simulated)) == 3
+    replayed = figures._nis(TelemetryTable.of(pa.table({**table, "peer_px_m": [0.0] * 4})))
+    assert replayed[np.isfinite(replayed)] == pytest.approx([5.0, 7.0], rel=1e-15)
 
 
 def test_no_nees_is_null():

@@ -3,7 +3,9 @@
 table_of([column("gap_m", gap, "m", "distance of the ports"), column("state", words, "", "its state", "text")])
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -14,9 +16,13 @@ from pyarrow import Table
 from swarm.errors import SwarmError
 from swarm.results.disk import replacing, writing
 
-__all__ = ["GrowingParquet", "NamedColumn", "Table", "column", "read_table", "table_of", "write_table"]
-PARTIAL = ".partial"
-"""The end of the name of a file that is not complete."""
+__all__ = ["GrowingParquet", "NamedColumn", "Table", "column", "open_parquet", "read_table", "table_of", "write_table"]
+PARTIAL, ROWS = ".partial", "rows"
+"""The end of the name of a file's folder while it is not complete, and its rows in there."""
+PARTIAL_FILES = (ROWS, "part-*.footer", "part-*.tmp", "joined.tmp")
+"""Names of all files in such a folder."""
+MAGIC = b"PAR1"
+"""How a Parquet file begins and ends."""
 Kind = Literal["text", "yes", "whole", "number"]
 _TYPES: Mapping[Kind, pa.DataType] = {
     "text": pa.string(),
@@ -65,23 +71,48 @@ def read_table(file: Path, columns: Sequence[str] | None = None) -> Table:
     Where there is no such file, but the parts of one that was never completed, these are read.
     """
     try:
-        parts = () if file.exists() else parts_of(file)
-        if parts:
-            whole = pa.concat_tables(_mapped(part) for part in parts)
-            return whole if columns is None else whole.select(columns)
-        return pq.read_table(file, columns=columns, partitioning=None)
+        opened = open_parquet(file)
+        if opened is None:
+            raise FileNotFoundError(f"there is no {file.name}")
+        with opened:
+            table = opened.read(columns)
     except (OSError, pa.ArrowException) as error:
         raise SwarmError(f"cannot read {file}: {error}") from error
+    return table if columns is None else table.select(columns)
+
+
+def open_parquet(file: Path, mapped: bool = True) -> pq.ParquetFile | None:
+    """Return a Parquet file, or what there is of one that was never completed; None where there is neither.
+
+    mapped: map it into memory. Raises OSError, ValueError or pa.ArrowException where it is damaged.
+    """
+    if file.exists():
+        return pq.ParquetFile(file, memory_map=mapped)
+    footers = footers_of(file)
+    if not footers:
+        return None
+    return pq.ParquetFile(_folder(file) / ROWS, metadata=_together(footers), memory_map=mapped)
+
+
+def _together(footers: Iterable[Path]) -> pq.FileMetaData:
+    first, *rest = map(pq.read_metadata, footers)
+    for each in rest:
+        first.append_row_groups(each)
+    return first
 
 
 def is_there(file: Path) -> bool:
-    """Tell whether there is a Parquet file, or the parts of one that was never completed."""
-    return file.exists() or bool(parts_of(file))
+    """Tell whether there is a Parquet file, or something of one that was never completed."""
+    return file.exists() or bool(footers_of(file))
 
 
-def parts_of(file: Path) -> list[Path]:
-    """Return the parts of a Parquet file that is not complete, in order."""
-    return parts_in(file.with_name(file.name + PARTIAL))
+def footers_of(file: Path) -> list[Path]:
+    """Return the footers of the groups of rows of a Parquet file that is not complete, in order."""
+    return sorted(_folder(file).glob("part-*.footer"))
+
+
+def _folder(file: Path) -> Path:
+    return file.with_name(file.name + PARTIAL)
 
 
 def parts_in(folder: Path) -> list[Path]:
@@ -110,49 +141,118 @@ def write_part(folder: Path, number: int, table: Table, options: pa.ipc.IpcWrite
         writer.write_table(table)
 
 
-def _mapped(part: Path) -> Table:
-    # Mapped, not copied: nobody writes to a part any more.
-    with pa.memory_map(str(part)) as file:
-        return pa.ipc.open_file(file).read_all()
-
-
 class GrowingParquet:
-    """A Parquet file that grows by parts in the folder `NAME.partial` until it is complete.
+    """A Parquet file that grows by groups of rows in the folder `NAME.partial` until it is complete.
 
-    A part is an Arrow file, written under another name and renamed: whatever is there can be read by `read_table`,
-    however the work ended.
+    The groups are appended to one file there, and the footer of each is put beside it under another name and renamed:
+    whatever has a footer can be read by `open_parquet`, however the work ended. Nothing is written twice.
     """
 
-    def __init__(self, file: Path, schema: pa.Schema) -> None:
-        """Begin the file. Raises SwarmError where it cannot be written."""
-        self._final, self._folder, self._schema = file, file.with_name(file.name + PARTIAL), schema
-        self._parts = 0
+    def __init__(self, file: Path, schema: pa.Schema, rows: int = 0, **encoding: Any) -> None:
+        """Begin the file.
+
+        Args:
+            file: The file.
+            schema: Its columns.
+            rows: Groups of less than an eighth of so many rows are joined to some of about so many at the end.
+            encoding: Options of `pyarrow.parquet.ParquetWriter`.
+
+        Raises:
+            SwarmError: It cannot be written.
+        """
+        self._final, self._folder, self._schema, self._joined_rows = file, _folder(file), schema, rows
+        self._encoding = encoding
+        self._parts = self._bytes = 0
         with writing(self._folder):
             self._folder.mkdir()
+            (self._folder / ROWS).touch()
 
     def write(self, table: Table, number: int | None = None) -> None:
-        """Add rows, as a part of their own.
+        """Add rows, as a group of their own.
 
         Args:
             table: The rows.
-            number: Place of the part among all, for one who does not write them in order; None: behind the last.
+            number: Place of the group among all, for one who does not write them in order; None: behind the last.
 
         Raises:
             SwarmError: The disk is full.
         """
-        write_part(self._folder, self._parts if number is None else number, table)
+        part = self._folder / f"part-{self._parts if number is None else number:05d}.footer"
+        with replacing(part, part.with_suffix(".tmp")) as temporary:
+            self._append(table).write_metadata_file(temporary)
         self._parts += 1
 
+    def _append(self, table: Table) -> pq.FileMetaData:
+        """Append a group of rows, and return its footer."""
+        with self._appended():
+            with pa.OSFile(str(self._folder / ROWS), "ab") as file:
+                # The writer only begins at place 0, and from then on counts by where its bytes go: to the end.
+                os.lseek(file.fileno(), 0, os.SEEK_SET)
+                with self._writer(file) as writer:
+                    writer.write_table(table, row_group_size=max(1, len(table)))
+            # Not by its collector of metadata, whose own error would hide that of a full disk.
+            footer: pq.FileMetaData = writer.writer.metadata
+            groups = [footer.row_group(i) for i in range(footer.num_row_groups)]
+            chunks = [group.column(i) for group in groups for i in range(group.num_columns)]
+            begins = [chunk.dictionary_page_offset or chunk.data_page_offset for chunk in chunks]
+            if min(begins, default=self._bytes) < self._bytes:
+                raise RuntimeError("pyarrow has not counted from the beginning of the file")
+            ends = [begin + chunk.total_compressed_size for begin, chunk in zip(begins, chunks, strict=True)]
+            self._bytes = max(ends, default=self._bytes)
+        return footer
+
+    def _writer(self, file: Any) -> pq.ParquetWriter:
+        return pq.ParquetWriter(file, self._schema, compression="snappy", **self._encoding)
+
+    @contextmanager
+    def _appended(self) -> Iterator[None]:
+        """Cut what the block has written behind the last group: its own footer, or what there was no room for."""
+        try:
+            yield
+        finally:
+            os.truncate(self._folder / ROWS, self._bytes)
+
     def close(self) -> None:
-        """Join the parts into the file. Raises SwarmError on a full disk: the parts stay."""
-        parts = parts_of(self._final)
-        with (
-            replacing(self._final, self._folder / "joined.tmp") as joined,
-            pq.ParquetWriter(joined, self._schema, compression="snappy") as writer,
-        ):
-            for part in parts:
-                writer.write_table(_mapped(part))
+        """Complete the file. Raises SwarmError on a full disk: what was written stays in the folder."""
+        footers = footers_of(self._final)
         with writing(self._final):
-            for part in parts:
-                part.unlink()
+            whole = _together(footers) if footers else None
+            if whole is None or whole.num_rows * 8 < self._joined_rows * whole.num_row_groups:
+                with (
+                    replacing(self._final, self._folder / "joined.tmp") as joined,
+                    self._writer(joined) as writer,
+                ):
+                    for table in self._tables():
+                        writer.write_table(table, row_group_size=max(1, len(table)))
+                (self._folder / ROWS).unlink()
+            else:
+                self._end(whole)
+            for footer in footers:
+                footer.unlink()
             self._folder.rmdir()
+
+    def _end(self, whole: pq.FileMetaData) -> None:
+        """Append the footer of all groups, and let the file take its place."""
+        alone = pa.BufferOutputStream()
+        whole.write_metadata_file(alone)
+        footer = alone.getvalue()[len(MAGIC) :]
+        with self._appended():
+            with (self._folder / ROWS).open("ab") as file:
+                file.write(footer)
+            self._bytes += len(footer)
+        (self._folder / ROWS).replace(self._final)
+
+    def _tables(self) -> Iterator[Table]:
+        """Yield the groups, joined to tables of about as many rows as are wanted."""
+        waiting: list[Table] = []
+        opened = open_parquet(self._final)
+        if opened is None:
+            return
+        with opened:
+            for group in range(opened.num_row_groups):
+                waiting.append(opened.read_row_group(group, use_threads=False))
+                if sum(map(len, waiting)) >= self._joined_rows:
+                    yield pa.concat_tables(waiting)
+                    waiting = []
+        if waiting:
+            yield pa.concat_tables(waiting)

@@ -29,7 +29,7 @@ from swarm.results.files import (
 )
 from swarm.results.inputs import FOLDER, PATTERNS
 from swarm.results.owned_folder import PROGRAM, RUNS, Contents, OwnedFolder, Status, find, folder_of, refuse_taken
-from swarm.results.parquet import PARTIAL
+from swarm.results.parquet import PARTIAL, PARTIAL_FILES
 from swarm.results.reading import read_telemetry
 from swarm.user_text import read_text
 
@@ -39,9 +39,9 @@ CONTENTS = Contents(
     SUMMARY,
     (SCENARIO, TELEMETRY, RECORDING, ANGLES, SCANS, SMOOTH, SMOOTH_RECORDING),
     {
+        # Arrow files are those of the filters' history, and of what an earlier version has left.
         **dict.fromkeys(
-            (PARTS, HISTORY, *(name + PARTIAL for name in (ANGLES, SCANS, SMOOTH))),
-            ("part-*.arrow", "part-*.tmp", "joined.tmp"),
+            (PARTS, HISTORY, *(name + PARTIAL for name in (ANGLES, SCANS, SMOOTH))), ("part-*.arrow", *PARTIAL_FILES)
         ),
         FOLDER: PATTERNS,
     },

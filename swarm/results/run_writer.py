@@ -25,7 +25,7 @@ from swarm.results.replayed import FILE as REPLAYED
 from swarm.results.replayed import replayed_bytes
 from swarm.results.run_folder import Run, RunFolder, open_run
 from swarm.results.scene import NullRecording, Recorder, Scene
-from swarm.results.summary import summarise_run
+from swarm.results.summary import Account, summarise_run
 from swarm.results.table import TelemetryTable
 from swarm.results.telemetry import Telemetry
 from swarm.scenario import Scenario, craft, to_toml
@@ -142,13 +142,14 @@ def writing_run(
         head = [*versions(), *inputs.plug_ins, *([command] if command else [])]
         replayed = {REPLAYED: replayed_bytes(scene)} if scene.replay else {}
         folder.write_scenario(to_toml(inputs.scenario, head), inputs.files | replayed)
+        account = Account(scene.craft, scene.without_sensors, scene.equipment)
         try:
             with ExitStack() as stack:
                 scans = stack.enter_context(_closing(ScanWriter(folder.path, scene.craft))) if scene.lidar else None
                 beliefs = stack.enter_context(_closing(AngleWriter(folder.path, angles))) if angles else None
                 past = stack.enter_context(_closing(HistoryWriter(folder.path, len(scene.craft)))) if history else None
                 about = scene.without_sensors, scene.equipment, scene.angle_noise_rad
-                telemetry = Telemetry(folder.path, scene.craft, groups_of(scene), *about)
+                telemetry = Telemetry(folder.path, scene.craft, groups_of(scene), *about, account.add)
                 stack.enter_context(_closing(telemetry))
                 recording = _recorder(folder, scene, (record and scenario.recording.enabled) or live, live)
                 stack.enter_context(_closing(recording))
@@ -157,7 +158,7 @@ def writing_run(
                 yield writer
         except BaseException as stop:
             _raise_on(stop, _interrupt(folder, _reason(stop)))
-        folder.finish({**summarise_run(folder.path), **(found or {}), **_judged(scenario, folder.path)})
+        folder.finish({**summarise_run(folder.path, account), **(found or {}), **_judged(scenario, folder.path)})
         writer.run = open_run(folder.path)
 
 

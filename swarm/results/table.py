@@ -6,7 +6,7 @@ error = rows.column("position_error_m")[rows.by_light]
 
 import json
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
 
@@ -17,33 +17,33 @@ from estimators.arrays import Bools, Floats, Ints
 from swarm.errors import SwarmError, did_you_mean
 from swarm.onboard.settings import BY_LIGHT
 from swarm.results.files import ANGLE_NOISE, EQUIPMENT, WITHOUT_SENSORS
-from swarm.results.reading import RowReader, flown_columns, read_telemetry, telemetry_columns
+from swarm.results.reading import RowReader, flown_columns, flown_schema, read_telemetry, telemetry_columns
 from swarm.results.records import Equipment
 
 BLOCK = 65_536
-"""Rows that are read at a time, of columns that others follow from."""
+"""Rows of a block of a table that is in memory."""
 
 
 class _Source(ABC):
     """A source of columns for all parts of a table; what the file says of its craft is read once."""
-
-    @property
-    @abstractmethod
-    def rows(self) -> int:
-        """Number of rows."""
 
     @abstractmethod
     def load(self, name: str) -> pa.Table:
         """Return a table of one column."""
 
     @abstractmethod
-    def blocks(self, names: Sequence[str]) -> Iterator[pa.Table]:
-        """Yield tables of these columns, of BLOCK rows each but the last."""
+    def blocks(self) -> Iterator["_Source"]:
+        """Yield sources of the rows, block by block."""
+
+    @property
+    @abstractmethod
+    def schema(self) -> pa.Schema:
+        """The columns of the flight, and what the file says of them all."""
 
     @cached_property
     def metadata(self) -> dict[bytes, bytes]:
         """The metadata of the file."""
-        return self.load("craft").schema.metadata or {}
+        return self.schema.metadata or {}
 
     @cached_property
     def equipment(self) -> list[Equipment]:
@@ -59,15 +59,14 @@ class _InMemory(_Source):
         self._table = table
 
     @property
-    def rows(self) -> int:
-        return len(self._table)
+    def schema(self) -> pa.Schema:
+        return self._table.schema
 
     def load(self, name: str) -> pa.Table:
         return self._table.select([name])
 
-    def blocks(self, names: Sequence[str]) -> Iterator[pa.Table]:
-        table = self._table.select(list(names))
-        return (table.slice(first, BLOCK) for first in range(0, len(table), BLOCK))
+    def blocks(self) -> Iterator[_Source]:
+        return (_InMemory(self._table.slice(first, BLOCK)) for first in range(0, len(self._table), BLOCK))
 
 
 class _InFolder(_Source):
@@ -76,16 +75,33 @@ class _InFolder(_Source):
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
-    @property
-    def rows(self) -> int:
-        return len(RowReader(self._folder, ["frame"]))
+    @cached_property
+    def schema(self) -> pa.Schema:
+        return flown_schema(self._folder)
 
     def load(self, name: str) -> pa.Table:
         return read_telemetry(self._folder, [name])
 
-    def blocks(self, names: Sequence[str]) -> Iterator[pa.Table]:
-        reader = RowReader(self._folder, names)
-        return (reader.rows(first, min(first + BLOCK, len(reader))) for first in range(0, len(reader), BLOCK))
+    def blocks(self) -> Iterator[_Source]:
+        reader = RowReader(self._folder, [])
+        return (_Block(reader, number) for number in range(reader.groups))
+
+
+class _Block(_Source):
+    """The rows of the telemetry in a run's folder that were written together."""
+
+    def __init__(self, reader: RowReader, number: int) -> None:
+        self._reader, self._number = reader, number
+
+    @property
+    def schema(self) -> pa.Schema:
+        return self._reader.schema
+
+    def load(self, name: str) -> pa.Table:
+        return self._reader.group(self._number, [name])
+
+    def blocks(self) -> Iterator[_Source]:
+        return iter([self])
 
 
 class TelemetryTable:
@@ -127,27 +143,12 @@ class TelemetryTable:
                 self._values[name][self._place] = value
         return self._values[name][self._rows]
 
-    def derived(self, names: Sequence[str], of: Sequence[str], derive: Callable[[Floats], Floats]) -> list[Floats]:
-        """Return columns that follow from others row by row, (rows,) each.
+    def blocks(self) -> Iterator["TelemetryTable"]:
+        """Yield the rows block by block, in the order of the source; none of what a smoother has found.
 
-        They stay in memory as a column that was read does; the others are read a block at a time, and do not.
-
-        Args:
-            names: What the columns are called among those in memory.
-            of: The columns that they follow from.
-            derive: Returns (len(names), n) for (len(of), n), NaN where missing.
+        Reading a column raises SwarmError where a file is damaged.
         """
-        if names[0] not in self._values:
-            for name in of:
-                self._expect(name)
-            values, past = [np.empty(self._source.rows) for _ in names], 0
-            for block in self._source.blocks(of):
-                first, past = past, past + len(block)
-                where = slice(first, past) if self._place is None else self._place[first:past]
-                for value, found in zip(values, derive(np.stack([doubles(block, name) for name in of])), strict=True):
-                    value[where] = found
-            self._values.update(zip(names, values, strict=True))
-        return [self._values[name][self._rows] for name in names]
+        return (TelemetryTable(source, self.columns) for source in self._source.blocks())
 
     def _read(self, name: str) -> Floats:
         """Return a column in the order of the source, of which nothing else stays in memory."""

@@ -5,12 +5,14 @@ from typing import Any
 import numpy as np
 
 from swarm.results.summary.chi_square import consistency
-from swarm.results.summary.statistics import rms
+from swarm.results.summary.statistics import Moments, rms
 from swarm.results.table import TelemetryTable
 
 
 def cameras(rows: TelemetryTable, period_s: float) -> dict[str, Any]:
-    """Return the figures of the rows of craft that carry cameras; None without such rows."""
+    """Return the figures of the rows of craft that carry cameras; None without such rows, and none without cameras."""
+    if "ccd" not in rows.columns:
+        return {}
     state = rows.column("ccd")
     sensor, on_board = rows.column("sensor"), np.isfinite(state)
     # Craft by craft, in the order of time.
@@ -28,8 +30,8 @@ def cameras(rows: TelemetryTable, period_s: float) -> dict[str, Any]:
                 if np.any(sensor[on_board] == code)
             },
             "sensor_switches": int(switched),
-            "position_rms_m": rms(rows.column("ccd_position_error_m")),
-            "attitude_rms_deg": rms(rows.column("ccd_attitude_error_deg")),
+            "position_rms_m": rms(Moments.of(rows.column("ccd_position_error_m"))),
+            "attitude_rms_deg": rms(Moments.of(rows.column("ccd_attitude_error_deg"))),
             "nis": consistency(rows.column("frame"), rows.column("ccd_nis"), period_s),
         }
         if on_board.any()

@@ -1,16 +1,20 @@
 """The motion bias: the part of the raw PnP error (solution - truth) that is proportional to the true rate.
 
-It is found by least squares per axis of the lighthouse frame, position error against velocity and attitude error
-against angular rate. Its slope is a time: the solution shows the craft where it is that much later. Without motion
-compensation the two fans, T/2 apart, leave about -T/4 in x and +T/4 in y, which along the velocity of a turning ring
-would cancel. The slope's 1 sigma counts the craft of a period as one sample (errors summed per period before squaring).
+It is found by least squares per axis of the lighthouse frame, position error e against velocity v and attitude error
+against angular rate:
+
+    b = sum e v / sum v^2,   sigma_b = sqrt(sum (e v - b v^2)^2) / sum v^2
+
+Its slope b is a time: the solution shows the craft where it is that much later. Without motion compensation the two
+fans, T/2 apart, leave about -T/4 in x and +T/4 in y, which along the velocity of a turning ring would cancel. The
+craft of a period count as one sample: of several, e v and v^2 are summed per period before they are squared.
 """
 
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimators.arrays import Floats
+from estimators.arrays import Floats, Ints
 from estimators.kernel import kernel
 from swarm.results.rows import attitude_errors_into
 from swarm.results.summary.statistics import number
@@ -18,15 +22,6 @@ from swarm.results.table import TelemetryTable
 
 MIN_RATE = 1e-4
 """Below this RMS rate [m/s], [rad/s] an axis is at rest, and no bias can be told from it."""
-
-_POSITION_ERROR = (
-    ("pnp - true x", "pnp - true y", "pnp - true z"),
-    [f"{whose}_p{axis}_m" for whose in ("pnp", "true") for axis in "xyz"],
-)
-_TURN = (
-    ("pnp from true x", "pnp from true y", "pnp from true z"),
-    [f"{whose}_q{part}" for whose in ("pnp", "true") for part in "wxyz"],
-)
 
 
 class _Slopes(NamedTuple):
@@ -37,115 +32,163 @@ class _Slopes(NamedTuple):
     explained: float | None
 
 
-def position_bias(rows: TelemetryTable) -> dict[str, Any]:
-    """Return the slope per axis, its 1 sigma, how much of the position error it explains, and the error along the
-    velocity; null where there are no rows.
-    """
-    ex, ey, ez = rows.derived(*_POSITION_ERROR, _position_error)
-    vx, vy, vz = (rows.column(f"true_v{axis}_m_s") for axis in "xyz")
-    found = _slopes(rows.column("frame"), ex, ey, ez, vx, vy, vz)
-    along, moving = _along(ex, ey, ez, vx, vy, vz)
-    return {
-        "position_slope_s": found.slope_s,
-        "position_slope_sigma_s": found.sigma_s,
-        "position_rms_m": found.explained,
-        "along_velocity_m": along / moving if moving else None,
-    }
+class MotionBias:
+    """The least squares of one kind of error against one kind of rate, from blocks of rows in whatever order."""
+
+    def __init__(self, kind: Ints) -> None:
+        """Begin with no rows.
+
+        Args:
+            kind: Of every part of the rows, (parts,), the number of the group that it is summed with per period; -1:
+                it is in none.
+        """
+        self._kind = kind
+        self._single = np.zeros((len(kind), 3, 5))
+        self._along = np.zeros((len(kind), 3))
+        self._first, self._by_frame = 0, np.zeros((int(kind.max(initial=0)) + 1, 2, 0, 3))
+
+    def add(self, frame: Ints, part: Ints, error: Floats, rate: Floats) -> None:
+        """Add rows.
+
+        Args:
+            frame: Their periods, (rows,).
+            part: The part of each, (rows,).
+            error: e, (3, rows), NaN where unknown.
+            rate: v, (3, rows).
+        """
+        if not len(frame):
+            return
+        self._make_room(int(frame.min()), int(frame.max()) + 1)
+        _add(frame, self._first, part, self._kind, error, rate, self._single, self._along, self._by_frame)
+
+    def _make_room(self, first: int, past: int) -> None:
+        """Make room for the sums of periods from `first` on, before `past`."""
+        size = self._by_frame.shape[2]
+        self._first = self._first if size else first
+        before, behind = max(self._first - first, 0), max(past - self._first - size, 0)
+        if before or behind:
+            room = before, max(behind, size) if behind else 0
+            self._by_frame = np.pad(self._by_frame, ((0, 0), (0, 0), room, (0, 0)))
+            self._first -= before
+
+    def along_velocity(self, parts: Ints) -> float | None:
+        """Return the mean error along the rate, of rows of some parts that move; None where none does."""
+        total, moving = self._along[parts, :2].sum(axis=0).tolist()
+        return total / moving if moving else None
+
+    def of_one(self, part: int) -> _Slopes:
+        """Return the slopes of one part, whose rows are of different periods."""
+        product, square, _, _, score = self._single[part].T
+        return _slopes(product, square, np.maximum(score, 0.0), float(self._along[part, 2]))
+
+    def of_groups(self, groups: Ints) -> _Slopes:
+        """Return the slopes of groups of parts together."""
+        product, square = self._by_frame[groups].sum(axis=0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            left = product - product.sum(axis=0) / square.sum(axis=0) * square
+        count = float(self._along[np.isin(self._kind, groups), 2].sum())
+        return _slopes(product.sum(axis=0), square.sum(axis=0), np.sum(left**2, axis=0), count)
 
 
-def attitude_bias(rows: TelemetryTable) -> dict[str, Any]:
-    """Return the slope per axis, its 1 sigma, and how much of the attitude error it explains; null likewise."""
-    wx, wy, wz = (rows.column(f"true_w{axis}_rad_s") for axis in "xyz")
-    ex, ey, ez = rows.derived(*_TURN, _turn)
-    found = _slopes(rows.column("frame"), ex, ey, ez, wx, wy, wz)
-    return {
-        "attitude_slope_s": found.slope_s,
-        "attitude_slope_sigma_s": found.sigma_s,
-        "attitude_rms_deg": None if found.explained is None else float(np.degrees(found.explained)),
-    }
-
-
-def _slopes(frame: Floats, ex: Floats, ey: Floats, ez: Floats, vx: Floats, vy: Floats, vz: Floats) -> _Slopes:
-    """Return the least squares of errors e (rows,) against rates v (rows,) through the origin, axis by axis.
-
-    The 1 sigma of the slope b is that of sum v (e - b v) / sum v^2, with the rows of a frame summed before squaring.
-    """
-    first, last = (int(frame.min()), int(frame.max())) if len(frame) else (0, -1)
-    # By frame, per axis: the sums of e v and of v^2.
-    sums = np.zeros((2, last - first + 1, 3))
+def _slopes(product: Floats, square: Floats, score: Floats, count: float) -> _Slopes:
+    """Return the slopes from the sums (3,) of e v, of v^2 and of (e v - b v^2)^2 over `count` rows."""
+    moves = square > count * MIN_RATE**2
     slope, sigma = np.full((2, 3), np.nan)
-    count = _sum_by_frame(frame, first, ex, ey, ez, vx, vy, vz, sums)
-    square = _solve(sums, count, slope, sigma)
-    explained = float(np.sqrt(square / count)) if count else None
-    return _Slopes([number(b) for b in slope], [number(b) for b in sigma], explained)
+    slope[moves] = product[moves] / square[moves]
+    sigma[moves] = np.sqrt(score[moves]) / square[moves]
+    explained = float(np.sqrt(np.sum(slope[moves] ** 2 * square[moves]) / count)) if count else None
+    return _Slopes([number(b) for b in slope.tolist()], [number(b) for b in sigma.tolist()], explained)
 
 
 @kernel
-def _sum_by_frame(
-    frame: Floats, first: int, ex: Floats, ey: Floats, ez: Floats, vx: Floats, vy: Floats, vz: Floats, sums: Floats
-) -> int:
-    """Add e v and v^2 of the rows, (rows,) each, whose errors are known, to the sums (2, frames, 3) of their frames.
+def _add(
+    frame: Ints,
+    first: int,
+    part: Ints,
+    kind: Ints,
+    error: Floats,
+    rate: Floats,
+    single: Floats,
+    along: Floats,
+    by_frame: Floats,
+) -> None:
+    """Add rows whose errors are known.
 
-    Returns the number of these rows.
+    Args:
+        frame: Their periods, (rows,).
+        first: The first of them.
+        part: Their parts, (rows,).
+        kind: The group of each part, (parts,), -1 for none.
+        error: e, (3, rows).
+        rate: v, (3, rows).
+        single: Per part and axis, (parts, 3, 5): the sums of e v, v^2, v^4, (e v - b v^2) v^2 and (e v - b v^2)^2, with
+            the slope b of the rows so far.
+        along: Per part, (parts, 3): the sum of the errors along the rates of rows that move, their number, and that of
+            all rows.
+        by_frame: Per group and period, (groups, 2, periods, 3): the sums of e v and of v^2.
     """
-    count = 0
     for i in range(len(frame)):
-        if np.isfinite(ex[i]) and np.isfinite(ey[i]) and np.isfinite(ez[i]):
-            count += 1
-            f = int(frame[i]) - first
-            sums[0, f, 0] += ex[i] * vx[i]
-            sums[0, f, 1] += ey[i] * vy[i]
-            sums[0, f, 2] += ez[i] * vz[i]
-            sums[1, f, 0] += vx[i] * vx[i]
-            sums[1, f, 1] += vy[i] * vy[i]
-            sums[1, f, 2] += vz[i] * vz[i]
-    return count
+        if not (np.isfinite(error[0, i]) and np.isfinite(error[1, i]) and np.isfinite(error[2, i])):
+            continue
+        p, f = part[i], frame[i] - first
+        speed = way = 0.0
+        for axis in range(3):
+            x, y = error[axis, i] * rate[axis, i], rate[axis, i] * rate[axis, i]
+            way, speed = way + x, speed + y
+            if kind[p] >= 0:
+                by_frame[kind[p], 0, f, axis] += x
+                by_frame[kind[p], 1, f, axis] += y
+            sums = single[p, axis]
+            before = sums[0] / sums[1] if sums[1] > 0 else 0.0
+            sums[0] += x
+            sums[1] += y
+            slope = sums[0] / sums[1] if sums[1] > 0 else 0.0
+            # What is left of the rows before changes with the slope that they are judged by.
+            change, left = slope - before, x - slope * y
+            sums[4] += change * (change * sums[2] - 2 * sums[3]) + left * left
+            sums[3] += left * y - change * sums[2]
+            sums[2] += y * y
+        along[p, 2] += 1.0
+        speed = np.sqrt(speed)
+        if speed > MIN_RATE:
+            along[p, 0] += way / speed
+            along[p, 1] += 1.0
 
 
-@kernel
-def _solve(sums: Floats, count: int, slope: Floats, sigma: Floats) -> float:
-    """Write slope and 1 sigma (3,) of sums (2, frames, 3) over `count` rows, where the axis is not at rest.
+def position_errors(rows: TelemetryTable) -> tuple[Floats, Floats]:
+    """Return the position errors of the solutions (3, rows) [m], and the velocities (3, rows) [m/s]."""
+    names = "pnp_p{}_m", "true_p{}_m", "true_v{}_m_s"
+    pnp, true, rate = (np.stack([rows.column(name.format(axis)) for axis in "xyz"]) for name in names)
+    return pnp - true, rate
 
-    Returns the sum of the squares of the error that the slopes explain.
+
+def attitude_errors(rows: TelemetryTable) -> tuple[Floats, Floats]:
+    """Return the attitude errors of the solutions (3, rows) [rad], and the angular rates (3, rows) [rad/s]."""
+    pnp, true = (np.stack([rows.column(f"{whose}_q{part}") for part in "wxyz"]) for whose in ("pnp", "true"))
+    error = np.empty((3, len(rows)))
+    attitude_errors_into(true, pnp, error)
+    error[:, ~(np.isfinite(pnp).all(axis=0) & np.isfinite(true).all(axis=0))] = np.nan
+    return error, np.stack([rows.column(f"true_w{axis}_rad_s") for axis in "xyz"])
+
+
+def told(position: MotionBias, attitude: MotionBias, parts: Ints, groups: Ints | None) -> dict[str, Any]:
+    """Return the slopes of parts, their 1 sigma, how much of the errors they explain, and the error along the velocity.
+
+    Args:
+        position: Of the positions.
+        attitude: Of the attitudes.
+        parts: The parts, (n,).
+        groups: The groups that these are; None: they are one part.
     """
-    explained = 0.0
-    for axis in range(3):
-        product = square = score = 0.0
-        for f in range(sums.shape[1]):
-            product += sums[0, f, axis]
-            square += sums[1, f, axis]
-        if square > count * MIN_RATE**2:
-            b = product / square
-            for f in range(sums.shape[1]):
-                left = sums[0, f, axis] - b * sums[1, f, axis]
-                score += left * left
-            slope[axis], sigma[axis] = b, np.sqrt(score) / square
-            explained += b * b * square
-    return explained
-
-
-@kernel
-def _along(ex: Floats, ey: Floats, ez: Floats, vx: Floats, vy: Floats, vz: Floats) -> tuple[float, int]:
-    """Return the sum of the errors along the velocities, (rows,) each, of rows that move, and their number."""
-    total, moving = 0.0, 0
-    for i in range(len(ex)):
-        speed = np.sqrt(vx[i] * vx[i] + vy[i] * vy[i] + vz[i] * vz[i])
-        along = ex[i] * vx[i] + ey[i] * vy[i] + ez[i] * vz[i]
-        if speed > MIN_RATE and np.isfinite(along):
-            total += along / speed
-            moving += 1
-    return total, moving
-
-
-def _position_error(found: Floats) -> Floats:
-    """Return the errors (3, n) [m] of solutions whose positions stand before the true ones, (6, n)."""
-    out: Floats = found[:3] - found[3:]
-    return out
-
-
-def _turn(found: Floats) -> Floats:
-    """Return the attitude errors (3, n) [rad] of solutions whose quaternions stand before the true ones, (8, n)."""
-    out = np.empty((3, found.shape[1]))
-    attitude_errors_into(found[4:], found[:4], out)
-    out[:, ~np.isfinite(found).all(axis=0)] = np.nan
-    return out
+    place, turn = (
+        bias.of_one(int(parts[0])) if groups is None else bias.of_groups(groups) for bias in (position, attitude)
+    )
+    return {
+        "position_slope_s": place.slope_s,
+        "position_slope_sigma_s": place.sigma_s,
+        "position_rms_m": place.explained,
+        "along_velocity_m": position.along_velocity(parts),
+        "attitude_slope_s": turn.slope_s,
+        "attitude_slope_sigma_s": turn.sigma_s,
+        "attitude_rms_deg": None if turn.explained is None else float(np.degrees(turn.explained)),
+    }

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from swarm.results.summary.statistics import largest, mean, rms
+from swarm.results.summary.statistics import Moments, count, largest, mean, rms
 from swarm.results.table import TelemetryTable
 
 _BEGIN, _END = "to_", "_message_bytes"
@@ -24,21 +24,28 @@ def pairs(rows: TelemetryTable, period_s: float) -> dict[str, Any]:
 
 
 def _pair(rows: TelemetryTable, prefix: str, period_s: float) -> dict[str, Any]:
-    position, attitude = (rows.column(prefix + name) for name in ("position_error_m", "attitude_error_deg"))
-    level, sigma = rows.column(f"{prefix}position_protection_m"), rows.column(f"{prefix}position_sigma_m")
-    size = mean(rows.column(f"{prefix}message_bytes"))
+    def moments(name: str) -> Moments:
+        return Moments.of(rows.column(prefix + name))
+
+    position, attitude, sigma = map(moments, ("position_error_m", "attitude_error_deg", "position_sigma_m"))
+    size = mean(moments("message_bytes"))
     with np.errstate(invalid="ignore"):
-        over = (position > level) | (attitude > rows.column(f"{prefix}attitude_protection_deg"))
+        over = np.logical_or(
+            *(
+                rows.column(f"{prefix}{what}_error_{unit}") > rows.column(f"{prefix}{what}_protection_{unit}")
+                for what, unit in (("position", "m"), ("attitude", "deg"))
+            )
+        )
     return {
-        "samples": int(np.count_nonzero(np.isfinite(sigma))),
+        "samples": count(sigma),
         "position_rms_m": rms(position),
         "position_max_m": largest(position),
         "attitude_rms_deg": rms(attitude),
         "attitude_max_deg": largest(attitude),
         "position_sigma_m": rms(sigma),
-        "independent_sigma_m": rms(rows.column(f"{prefix}independent_sigma_m")),
-        "nees_mean": mean(rows.column(f"{prefix}nees")),
+        "independent_sigma_m": rms(moments("independent_sigma_m")),
+        "nees_mean": mean(moments("nees")),
         "beyond": int(np.count_nonzero(over)),
-        "alert_share": mean(rows.column(f"{prefix}alert")),
+        "alert_share": mean(moments("alert")),
         "bytes_per_second": size / period_s if size is not None and period_s else None,
     }

@@ -8,10 +8,9 @@ import numpy as np
 from estimators.arrays import Floats
 from swarm.results.files import SCANS
 from swarm.results.parquet import is_there, read_table
-from swarm.results.summary.statistics import largest, mean, median
+from swarm.results.summary.statistics import Moments, largest, mean, median
 
 _FIGURES = {
-    "points_median": ("points", median),
     "measured_attitude_mean_deg": ("measured_attitude_error_deg", mean),
     "measured_attitude_max_deg": ("measured_attitude_error_deg", largest),
     "measured_position_mean_m": ("measured_position_error_m", mean),
@@ -44,7 +43,8 @@ def scans(folder: Path) -> dict[str, Any]:
             "tracked_share": outcome.count("tracked") / len(mine),
             "acquisitions": sum(1 for i in mine if table["acquired"][i] and table["outcome"][i] == "found"),
             "outcomes": {word: outcome.count(word) for word in sorted(set(outcome))},
-            **{figure: of(column(key)) for figure, (key, of) in _FIGURES.items()},
+            "points_median": median(column("points")),
+            **{figure: of(Moments.of(column(key))) for figure, (key, of) in _FIGURES.items()},
             "inertia": _inertia(table, mine),
         }
     return {"lidar": out}

@@ -12,7 +12,7 @@ from estimators.arrays import Bools, Floats
 from estimators.rotation import log, matrix_from_quaternion
 from swarm.results.summary.chi_square import consistency
 from swarm.results.summary.peer import peer_scatter
-from swarm.results.summary.statistics import largest, number, ratio, rms
+from swarm.results.summary.statistics import Moments, largest, number, ratio, rms, where_both
 from swarm.results.table import TelemetryTable
 
 HALF_WINDOW_S = 0.5
@@ -20,20 +20,18 @@ HALF_WINDOW_S = 0.5
 
 
 def smoothed(rows: TelemetryTable, period_s: float) -> dict[str, Any]:
-    """Return the figures of the smoothed estimates of these rows.
+    """Return the figures of the smoothed estimates of these rows; none of a run that was not smoothed.
 
     rows: the telemetry of one craft, or of several. period_s: length of a lighthouse period [s].
     """
-    position, attitude = rows.column("smooth_position_error_m"), rows.column("smooth_attitude_error_deg")
-    out: dict[str, Any] = {
-        "smooth_position_rms_m": rms(position),
-        "smooth_position_max_m": largest(position),
-        "smooth_attitude_rms_deg": rms(attitude),
-        "smooth_attitude_max_deg": largest(attitude),
-        "smooth_to_ekf_position_ratio": ratio(position, rows.column("position_error_m")),
-        "smooth_to_ekf_attitude_ratio": ratio(attitude, rows.column("attitude_error_deg")),
-        "smooth_nees": consistency(rows.column("frame"), rows.column("smooth_nees"), period_s),
-    }
+    if "smooth_px_m" not in rows.columns:
+        return {}
+    out: dict[str, Any] = {"smooth_nees": consistency(rows.column("frame"), rows.column("smooth_nees"), period_s)}
+    for what, unit in (("position", "m"), ("attitude", "deg")):
+        error, before = rows.column(f"smooth_{what}_error_{unit}"), rows.column(f"{what}_error_{unit}")
+        out[f"smooth_{what}_rms_{unit}"] = rms(Moments.of(error))
+        out[f"smooth_{what}_max_{unit}"] = largest(Moments.of(error))
+        out[f"smooth_to_ekf_{what}_ratio"] = ratio(*map(Moments.of, where_both(error, before)))
     if "peer_px_m" not in rows.columns:
         return out
     for source in ("ekf", "smooth"):

@@ -5,17 +5,21 @@ Errors, photodiodes and dilutions of craft with different sensors are not averag
 `groups` has the figures of the craft with the same sensors.
 """
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
 from swarm.results.reasons import docking
-from swarm.results.summary.figures import Setting, figures
+from swarm.results.summary.cameras import cameras
+from swarm.results.summary.figures import Account, Figures, Setting
 from swarm.results.summary.pairs import pairs
+from swarm.results.summary.peer import peer_scatter
 from swarm.results.summary.scans import scans
-from swarm.results.summary.statistics import largest, mean
+from swarm.results.summary.smooth import smoothed
+from swarm.results.summary.statistics import Moments, mean
 from swarm.results.table import TelemetryTable
 
 NOTES = {
@@ -33,27 +37,6 @@ COMMON = ("samples", "tracking_share", "contact_periods")
 """Figures that craft with different sensors have in common, beside the delta-v."""
 
 
-class _Craft(NamedTuple):
-    """The rows of one craft, which are neighbours. aside: it does not find itself in them."""
-
-    name: str
-    aside: bool
-    rows: TelemetryTable
-
-
-class _Sorted(NamedTuple):
-    """The rows craft by craft.
-
-    everything: all rows. craft: every craft's. own: those of all craft that find themselves. groups: of these, those
-    with the same sensors, by the sensors' names, where not all have the same.
-    """
-
-    everything: TelemetryTable
-    craft: list[_Craft]
-    own: TelemetryTable
-    groups: dict[str, TelemetryTable]
-
-
 def summarise(table: pa.Table) -> dict[str, Any]:
     """Return the summary of a run's telemetry, JSON-able: units in the keys' names, null where nothing is known.
 
@@ -63,77 +46,75 @@ def summarise(table: pa.Table) -> dict[str, Any]:
     return _summary(TelemetryTable.of(table))
 
 
-def summarise_run(folder: Path) -> dict[str, Any]:
-    """Return the summary of the run in a folder, read column by column. Raises SwarmError where a file is damaged."""
-    return _summary(TelemetryTable.of_run(folder)) | scans(folder)
+def summarise_run(folder: Path, account: Account | None = None) -> dict[str, Any]:
+    """Return the summary of the run in a folder.
+
+    Args:
+        folder: The folder.
+        account: All rows of the run, where they were taken while it flew; None: they are read, block by block.
+
+    Raises:
+        SwarmError: A file is damaged.
+    """
+    return _summary(TelemetryTable.of_run(folder), account) | scans(folder)
 
 
-def _summary(table: TelemetryTable) -> dict[str, Any]:
-    if not len(table):
+def _summary(table: TelemetryTable, account: Account | None = None) -> dict[str, Any]:
+    if account is None:
+        account = _account_of(table)
+    if not account:
         return {"periods": 0, "duration_s": 0.0, "craft_count": 0, "swarm": None, "craft": {}, "notes": NOTES}
-    still = set(table.without_sensors)
-    everything, parts, own, groups = _by_craft(table, still)
-    table.forget()
-    periods, span, period_s = _times(everything)
-    every = [own, *groups.values(), *(craft.rows for craft in parts)]
-    swarm, *rest = figures(every, Setting(period_s, table.angle_noise_rad))
+    periods, span, period_s = account.times
+    order, own, groups, craft = account.arranged()
+    every = [own, *groups.values(), *(part for _, _, part in craft)]
+    found = account.figures(every, order, Setting(period_s, table.angle_noise_rad))
+    ordered = table.ordered(order)
+    parts = [ordered.part(part.first, part.past) for part in every]
+    for section in SECTIONS:
+        ordered.forget()
+        for figures, rows in zip(found, parts, strict=True):
+            figures |= section(rows, period_s)
+    swarm, *rest = found
+    for figures in found[: 1 + len(groups)]:
+        for name in EACH:
+            figures.pop(name, None)
     alike, single = dict(zip(groups, rest, strict=False)), rest[len(groups) :]
     if groups:
         swarm = {key: value if key in COMMON else None for key, value in swarm.items()}
-    for craft, of_craft in zip(parts, single, strict=True):
-        if craft.name in still:
-            of_craft |= {"navigates": False, "tracking_share": None}
-        if (end := docking(craft.rows, np.arange(len(craft.rows)))) is not None:
-            of_craft["docking"] = end._asdict()
-        of_craft |= pairs(craft.rows, period_s)
-        if "observer" in table.columns:
-            of_craft["observed"] = bool(np.isfinite(craft.rows.column("observer")).any())
+    for (name, _, part), figures, rows in zip(craft, single, parts[1 + len(groups) :], strict=True):
+        if name in table.without_sensors:
+            figures |= {"navigates": False, "tracking_share": None}
+        if (end := docking(rows, np.arange(part.past - part.first))) is not None:
+            figures["docking"] = end._asdict()
+        figures |= pairs(rows, period_s)
     if "delta_v_m_s" in table.columns:
-        spent = [largest(craft.rows.column("delta_v_m_s")) for craft in parts]
-        for of_craft, delta_v in zip(single, spent, strict=True):
-            of_craft["delta_v_m_s"] = delta_v
-        by_own = [delta_v for craft, delta_v in zip(parts, spent, strict=True) if not craft.aside]
-        swarm["delta_v_m_s"] = mean(np.array(by_own, dtype=np.float64))
+        spent = [figures["delta_v_m_s"] for (_, aside, _), figures in zip(craft, single, strict=True) if not aside]
+        swarm["delta_v_m_s"] = mean(Moments.of(np.array(spent, dtype=np.float64)))
     return {
         "periods": periods,
         "duration_s": (span + 1) * period_s,
-        "craft_count": len(table.names_of("craft")),
+        "craft_count": len(account.names),
         "swarm": swarm,
         **({"groups": alike} if alike else {}),
-        "craft": {craft.name: of_craft for craft, of_craft in zip(parts, single, strict=True)},
+        "craft": {name: figures for (name, _, _), figures in zip(craft, single, strict=True)},
         "notes": NOTES,
     }
 
 
-def _times(rows: TelemetryTable) -> tuple[int, int, float]:
-    """Return the number of periods, the last one's number from the first, and the length of a period [s]."""
-    frame, time_s = rows.frame, rows.column("time_s")
-    first = int(frame.min())
-    span = int(frame.max()) - first
-    periods = int(np.count_nonzero(np.bincount(frame - first)))
-    return periods, span, float(time_s.max() - time_s.min()) / span if span else 0.0
+def _account_of(table: TelemetryTable) -> Account:
+    """Return the account of all rows of a table."""
+    account = Account(table.names_of("craft"), table.without_sensors, list(table.equipment.values()))
+    table.forget()
+    for rows in table.blocks():
+        account.take(rows)
+    return account
 
 
-def _by_craft(table: TelemetryTable, still: set[str]) -> _Sorted:
-    """Return the rows craft by craft: group by group of those with the same sensors, then those that are aside."""
-    names, codes = table.names_of("craft"), table.craft
-    aside = np.isin(codes, [names.index(name) for name in still if name in names])
-    if "observer" in table.columns:
-        aside |= np.isfinite(table.column("observer"))
-    equipment = table.equipment
-    sensors = [" and ".join(equipment[name].sensors) if name in equipment else "" for name in names]
-    finding = np.flatnonzero(np.bincount(codes[~aside]))
-    kinds = list(dict.fromkeys(sensors[code] for code in finding.tolist()))
-    kind = np.array([kinds.index(each) if each in kinds else 0 for each in sensors], dtype=np.int64)
-    last = max(len(kinds), 1)
-    ranks = codes + len(names) * np.where(aside, last, kind[codes])
-    everything = table.ordered(np.argsort(ranks, kind="stable"))
-    past = np.cumsum(np.bincount(ranks, minlength=len(names) * (last + 1))).tolist()
-    parts = [
-        _Craft(names[rank % len(names)], rank >= last * len(names), everything.part(first, end))
-        for rank, (first, end) in enumerate(zip([0, *past], past, strict=False))
-        if end > first
-    ]
-    edges = [0, *(past[(i + 1) * len(names) - 1] for i in range(last))]
-    groups = {name: everything.part(edges[i], edges[i + 1]) for i, name in enumerate(kinds)} if len(kinds) > 1 else {}
-    return _Sorted(everything, parts, everything.part(0, edges[-1]), groups)
+def _peer(rows: TelemetryTable, period_s: float) -> Figures:
+    return peer_scatter(rows) if "peer_px_m" in rows.columns else {}
+
+
+SECTIONS: tuple[Callable[[TelemetryTable, float], Figures], ...] = (cameras, smoothed, _peer)
+"""Figures that need all rows of a part at once: those of its rows, and of the length of a period [s]."""
+EACH = ("delta_v_m_s", "observed")
+"""Figures that only single craft have."""
