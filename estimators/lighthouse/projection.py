@@ -279,16 +279,17 @@ def project_all(table: Floats, n: int, rotation: Floats, position: Floats) -> bo
 
 @inlined
 def write_row(table: Floats, i: int, a: float, b: float, c: float, d: float, e: float) -> None:
-    """Write an angle's row of the Jacobian.
+    """Write the five numbers that a table keeps of an angle beside its measurement: its row of the Jacobian, or what
+    that is made from.
 
     Args:
         table: (., COLUMNS).
         i: the angle's.
-        a: the first number.
-        b: the second.
-        c: the third.
-        d: the fourth.
-        e: the fifth.
+        a: the derivative by the first axis of the attitude, or x of the arm [m].
+        b: that by the second axis, or y of the arm [m].
+        c: that by the third axis, or z of the arm [m].
+        d: that by the fan's own coordinate of the position, or 1/z.
+        e: that by the third coordinate, or the projection.
     """
     table[i, ROW], table[i, ROW + 1], table[i, ROW + 2], table[i, ROW + 3], table[i, ROW + 4] = a, b, c, d, e
 

@@ -40,9 +40,8 @@ from estimators.lanes import LANES
 from estimators.rotation import matrix_from_quaternion, quaternion_from_matrix
 from estimators.state import STATES, State
 from swarm.errors import SwarmError
-from swarm.results.disk import writing
+from swarm.results.disk import replacing, writing
 from swarm.results.files import HISTORY
-from swarm.results.parquet import parts_in, write_part
 from swarm.results.period import Period
 
 MOST_ROWS = 100_000
@@ -140,7 +139,7 @@ class HistoryWriter:
             return
         frames, predictions, covariances = zip(*self._waiting, strict=True)
         table = _table(np.array(frames), predictions, np.concatenate(covariances), self._craft_count)
-        write_part(self._folder, self._parts, table, _OPTIONS)
+        _write_part(self._folder, self._parts, table)
         self._parts += 1
         self._waiting.clear()
 
@@ -227,7 +226,7 @@ class History:
 
     def __init__(self, folder: Path, craft_count: int) -> None:
         self._craft_count = craft_count
-        self.parts = parts_in(folder / HISTORY)
+        self.parts = _parts_in(folder / HISTORY)
 
     def __bool__(self) -> bool:
         return bool(self.parts)
@@ -290,3 +289,28 @@ def _full(lower: Floats) -> Floats:
     out[..., LOWER[0], LOWER[1]] = lower
     out[..., LOWER[1], LOWER[0]] = lower
     return out
+
+
+def _parts_in(folder: Path) -> list[Path]:
+    """Return the parts in a folder, in order."""
+    return sorted(folder.glob("part-*.arrow"))
+
+
+def _write_part(folder: Path, number: int, table: pa.Table) -> None:
+    """Write a part into a folder, under another name first, so that whatever is there is whole.
+
+    Args:
+        folder: The folder.
+        number: Place of the part among all.
+        table: Its rows.
+
+    Raises:
+        SwarmError: The disk is full.
+    """
+    part = folder / f"part-{number:05d}.arrow"
+    with (
+        replacing(part, part.with_suffix(".tmp")) as temporary,
+        pa.OSFile(str(temporary), "wb") as file,
+        pa.ipc.new_file(file, table.schema, options=_OPTIONS) as writer,
+    ):
+        writer.write_table(table)

@@ -115,37 +115,12 @@ def _folder(file: Path) -> Path:
     return file.with_name(file.name + PARTIAL)
 
 
-def parts_in(folder: Path) -> list[Path]:
-    """Return the parts in a folder, in order."""
-    return sorted(folder.glob("part-*.arrow"))
-
-
-def write_part(folder: Path, number: int, table: Table, options: pa.ipc.IpcWriteOptions | None = None) -> None:
-    """Write a part into a folder, under another name first, so that whatever is there is whole.
-
-    Args:
-        folder: The folder.
-        number: Place of the part among all.
-        table: Its rows.
-        options: How they are written.
-
-    Raises:
-        SwarmError: The disk is full.
-    """
-    part = folder / f"part-{number:05d}.arrow"
-    with (
-        replacing(part, part.with_suffix(".tmp")) as temporary,
-        pa.OSFile(str(temporary), "wb") as file,
-        pa.ipc.new_file(file, table.schema, options=options) as writer,
-    ):
-        writer.write_table(table)
-
-
 class GrowingParquet:
     """A Parquet file that grows by groups of rows in the folder `NAME.partial` until it is complete.
 
     The groups are appended to one file there, and the footer of each is put beside it under another name and renamed:
-    whatever has a footer can be read by `open_parquet`, however the work ended. Nothing is written twice.
+    whatever has a footer can be read by `open_parquet`, however the work ended. At the end the footer of all groups is
+    appended; only groups of few rows are written a second time, as larger ones.
     """
 
     def __init__(self, file: Path, schema: pa.Schema, rows: int = 0, **encoding: Any) -> None:
