@@ -1,7 +1,8 @@
 """The door to numba: `kernel` compiles a plain loop, cached on disk, without the GIL.
 
 Kernels are written per craft, as loops that read like the equations, and mapped over the craft axis by
-their caller; `np.linalg` stays out of them (it costs many seconds of compile time). Some take four craft at once
+their caller; `np.linalg` stays out of them (it costs many seconds of compile time), and arrays are copied number by
+number (an array assigned to a slice compiles numba's text of a wrong shape, 1.4 s). Some take four craft at once
 (`estimators.lanes`).
 
 Operators and elements of arrays compile by `estimators.kernel_elements`, which the cache imports: the machine code of

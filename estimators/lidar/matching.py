@@ -289,7 +289,7 @@ def _linearise_into(
         jacobian[i, 0] = turned[1] * across[2] - turned[2] * across[1]
         jacobian[i, 1] = turned[2] * across[0] - turned[0] * across[2]
         jacobian[i, 2] = turned[0] * across[1] - turned[1] * across[0]
-        jacobian[i, 3:] = across
+        jacobian[i, 3], jacobian[i, 4], jacobian[i, 5] = across[0], across[1], across[2]
         if weight[i] > 0:
             used += 1
             for r in range(6):

@@ -249,7 +249,8 @@ def _grow_into(
                         middle += 1
                 if side == 0:
                     cut = middle
-            number[a:b] = spare[a:b]
+            for i in range(a, b):
+                number[i] = spare[i]
         open_first[top], open_last[top], open_parent[top], open_depth[top] = cut, b, here, depth + 1
         top += 1
         open_first[top], open_last[top], open_parent[top], open_depth[top] = a, cut, -1, depth + 1

@@ -67,7 +67,8 @@ def _condense_all(mask: Bools, covariance: Floats, found: Innovations, out: Inno
         out.number[c] = n
         for k in range(n):
             out.y[c, k] = found.y[c, k]
-            out.h[c, k] = found.h[c, k]
+            for i in range(STATES):
+                out.h[c, k, i] = found.h[c, k, i]
 
 
 @kernel

@@ -262,7 +262,8 @@ def all_met(placed: Placed, shape: Ints, radius: Floats, side: int, half_width: 
         begin, count = first[c], met_into(c, placed, grid, radius, others)
         if begin + count > len(owner):
             longer = np.empty(2 * (begin + count), np.int64)
-            longer[:begin] = owner[:begin]
+            for n in range(begin):
+                longer[n] = owner[n]
             owner = longer
         for n in range(count):
             owner[begin + n] = others[n]
