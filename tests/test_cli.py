@@ -268,6 +268,18 @@ def test_check_prints_the_resolved_scenario(command: Command) -> None:
     assert tomllib.loads(result.out)["swarm"]["count"] == 3
 
 
+@pytest.mark.parametrize("verb", ["run", "check"])
+def test_a_fault_that_comes_after_the_end_is_told(verb: str, command: Command, tmp_path: Path) -> None:
+    scenario = tmp_path / "mine.toml"
+    scenario.write_text(
+        'duration_s = 0.1\n[swarm]\ncount = 1\n[[fault]]\nkind = "lighthouse-dark"\nat_s = 3\nfor_s = 1\n'
+    )
+    out = ["--out", str(tmp_path / "run")] if verb == "run" else []
+    result = command(verb, str(scenario), *out)
+    assert result.code == 0
+    assert "note: fault[0] (lighthouse-dark) does not strike: at_s = 3 s is not before the end of the run" in result.err
+
+
 FEW = """<mujoco><worldbody><body name="b"><geom size="0.1"/>
 <site name="photodiode0"/><site name="photodiode1"/><site name="photodiode2"/></body></worldbody></mujoco>"""
 

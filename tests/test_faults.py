@@ -16,7 +16,7 @@ from swarm.flight.flight import Flight
 from swarm.messages import Pulses
 from swarm.onboard.decoder import PulseDecoder
 from swarm.onboard.settings import Status
-from swarm.scenario.faults import KINDS, LighthouseDark, PhotodiodeDead, SyncLoss
+from swarm.scenario.faults import KINDS, LighthouseDark, PhotodiodeDead, SyncLoss, too_late
 from swarm.sensors import mirror
 from swarm.sensors import pulse_faults as pulses
 from swarm.sensors.lighthouse import Rotor
@@ -436,6 +436,18 @@ def test_thrusters_do_not_obey():
 def test_a_fault_that_makes_no_sense_is_told(fault, words):
     with pytest.raises(SwarmError, match=words):
         swarm.load("formation", [f"fault=[{fault}]"])
+
+
+def test_a_fault_that_strikes_after_the_end_is_told():
+    parade = swarm.load("fault-parade", ["duration_s=16"]).fault
+    told = too_late(parade, 16.0)
+    late = [i for i, fault in enumerate(parade) if fault.at_s >= 16]
+    assert 0 < len(late) < len(parade) and len(told) == len(late)
+    assert told[0] == (
+        f"fault[{late[0]}] ({parade[late[0]].kind}) does not strike: at_s = 16 s is not before the end of the run, "
+        "duration_s = 16 s"
+    )
+    assert not too_late(parade, 86400.0)
 
 
 def test_a_photodiode_or_thruster_that_is_not_there_is_told():

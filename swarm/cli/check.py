@@ -29,6 +29,7 @@ def check(scenario: Scenario, overrides: Overrides = None, seed: Seed = None) ->
         from swarm.flight.flight import Flight
         from swarm.report.findings import names
         from swarm.scenario import load, to_toml
+        from swarm.scenario.faults import too_late
         from swarm.tables import say
 
         settings = load(scenario, overrides or (), seed)
@@ -43,8 +44,8 @@ def check(scenario: Scenario, overrides: Overrides = None, seed: Seed = None) ->
         _report(facts(settings, flight))
         console = Console(stderr=True)
         say(console, f"{'warning' if flight.steps.too_few else 'note'}: {flight.steps.sentence()}")
-        for dark in out_of_light(settings, flight):
-            say(console, f"note: {dark}")
+        for note in (*out_of_light(settings, flight), *too_late(settings.fault, settings.duration_s)):
+            say(console, f"note: {note}")
         if flat := builders.flat_craft(settings, flight.sensors.lighthouse.photodiodes):
             say(
                 console,

@@ -38,15 +38,21 @@ def run(
     swarm run my/scenario.toml --live --out runs/mine
     """
     with mistakes():
+        from rich.console import Console
+
         from swarm.results.owned_folder import folder_of
         from swarm.results.run_folder import refuse_run
         from swarm.scenario import load
+        from swarm.scenario.faults import too_late
         from swarm.scenario.text import toml_value
+        from swarm.tables import say
 
         also = [] if calibration is None else [f"navigation.calibration={toml_value(str(calibration))}"]
         settings = load(scenario, [*(overrides or ()), *also], seed)
         folder = folder_of(settings.name, settings.seed, out)
         refuse_run(settings.name, settings.seed, folder, force)
+        for note in too_late(settings.fault, settings.duration_s):
+            say(Console(stderr=True), f"note: {note}")
 
         def fly(progress: Callable[["Progress"], None]) -> "Run":
             from swarm.flight.simulate import simulate

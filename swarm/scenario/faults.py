@@ -5,7 +5,7 @@ A fault strikes at a time, or at random with a probability per second, and lasts
 there.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BeforeValidator, Field, Strict
@@ -192,3 +192,13 @@ KINDS: tuple[str, ...] = tuple(
     get_args(table.model_fields["kind"].annotation)[0] for table in get_args(get_args(AnyFault)[0])
 )
 """All kinds; a fault's bit in the telemetry's codes is its place here."""
+
+
+def too_late(faults: Sequence[AnyFault], duration_s: float) -> list[str]:
+    """Return a sentence on each fault whose time to strike is not before the end of the run at `duration_s` [s]."""
+    return [
+        f"fault[{i}] ({fault.kind}) does not strike: at_s = {fault.at_s:g} s is not before the end of the run, "
+        f"duration_s = {duration_s:g} s"
+        for i, fault in enumerate(faults)
+        if fault.at_s is not None and fault.at_s >= duration_s
+    ]
