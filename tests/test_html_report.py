@@ -324,6 +324,14 @@ def test_a_run_that_is_as_long_as_was_asked_is_not_called_short(tmp_path: Path) 
     assert extent(Subject(run)) == "2 craft, 0.1 s flown"
 
 
+def test_a_run_of_a_single_period_has_a_page(tmp_path: Path) -> None:
+    run = simulate(load("formation", ["duration_s=0.01", "swarm.count=2"]), out=tmp_path / "one", record=False)
+    assert run.summary["periods"] == 1
+    first, last = Subject(run).series.edges_s
+    assert first < 1 / 120 < last
+    assert "2 craft" in words(run_page(Subject(run)))
+
+
 def test_a_killed_run_has_the_extent_of_its_rows(tmp_path: Path) -> None:
     run = simulate(load("static", ["duration_s=0.5"]), out=tmp_path / "killed", record=False)
     scenario = run.folder / "scenario.toml"

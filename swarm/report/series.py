@@ -44,6 +44,13 @@ class Series:
         return out
 
     @property
+    def edges_s(self) -> tuple[float, float]:
+        """The begin of the first period and the end of the last [s]; of a single period, 10 ms from its epoch."""
+        first, last = float(self.time_s[0]), float(self.time_s[-1])
+        half = (last - first) / (len(self.time_s) - 1) / 2 if last > first else 0.01
+        return first - half, last + half
+
+    @property
     def by_light(self) -> Bools:
         """The periods in which light went into a craft's filter, as a pose or as single sweeps, (periods, craft)."""
         out: Bools = self._grid(self._rows.by_light) == 1

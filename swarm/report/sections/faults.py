@@ -55,7 +55,7 @@ def _timeline(subject: Subject) -> Picture:
                     )
         axes.set_yticks(range(len(struck)), [series.names[i] for i in struck])
         axes.set_ylim(len(struck) - 0.5, -0.5)
-        axes.set_xlim(series.time_s[0], series.time_s[-1])
+        axes.set_xlim(series.edges_s)
         axes.set_xlabel("time [s]")
         legend(figure, columns=2 if is_narrow(figure) else 5)
 

@@ -40,7 +40,7 @@ def _picture(series: Series) -> Picture:
     def paint(figure: Figure) -> None:
         rows_in = 0.8 + 0.24 * min(len(names), MOST_NAMED)
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(rows_in, 0.9))
-        extent = (series.time_s[0], series.time_s[-1], len(names) - 0.5, -0.5)
+        extent = (*series.edges_s, len(names) - 0.5, -0.5)
         count_map(above, visible, extent, "photodiodes lit")
         if len(names) <= MOST_NAMED:
             above.set_yticks(range(len(names)), names)
