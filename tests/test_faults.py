@@ -442,7 +442,8 @@ def test_a_fault_that_strikes_after_the_end_is_told():
     parade = swarm.load("fault-parade", ["duration_s=16"]).fault
     told = too_late(parade, 16.0)
     late = [i for i, fault in enumerate(parade) if fault.at_s >= 16]
-    assert 0 < len(late) < len(parade) and len(told) == len(late)
+    assert 0 < len(late) < len(parade)
+    assert len(told) == len(late)
     assert told[0] == (
         f"fault[{late[0]}] ({parade[late[0]].kind}) does not strike: at_s = 16 s is not before the end of the run, "
         "duration_s = 16 s"
