@@ -441,7 +441,7 @@ def test_a_fault_that_makes_no_sense_is_told(fault, words):
 def test_a_fault_that_strikes_after_the_end_is_told():
     parade = swarm.load("fault-parade", ["duration_s=16"]).fault
     told = too_late(parade, 16.0)
-    late = [i for i, fault in enumerate(parade) if fault.at_s >= 16]
+    late = [i for i, fault in enumerate(parade) if (fault.at_s or 0.0) >= 16]
     assert 0 < len(late) < len(parade)
     assert len(told) == len(late)
     assert told[0] == (
