@@ -93,7 +93,7 @@ def test_a_folder_says_what_its_table_says(tmp_path, replay, monkeypatch):
 def test_rows_taken_while_a_run_flies_say_what_its_file_says(tmp_path):
     """Bit for bit, although the file's groups were joined: they are not the blocks that were taken."""
     account, craft, rng = Account([f"craft-{i}" for i in range(3)]), 3, np.random.default_rng(5)
-    out = Telemetry(tmp_path, account.names, taken=account.add)
+    out = Telemetry(tmp_path, account.names, taken=account.take)
     for k in range(400):
         truth = truth_at(k * PERIOD_S, craft, rate_rad_s=0.3)
         out.append(period_of((k + 0.5) * PERIOD_S, k, truth, estimate_of(truth, rng)))
@@ -115,7 +115,9 @@ def test_the_sigma_of_a_craft_is_that_of_least_squares_over_all_its_rows_at_once
         bias = MotionBias(np.array([0]))
         for rows in np.array_split(np.arange(n), 7):
             bias.add(
-                rows, np.zeros(len(rows), dtype=np.int64), *(np.ascontiguousarray(x[:, rows]) for x in (error, rate))
+                rows,
+                np.zeros(len(rows), dtype=np.int64),
+                *(tuple(np.ascontiguousarray(x[:, rows])) for x in (error, rate)),
             )
         known = np.isfinite(error).all(axis=0)
         x, y = (error * rate)[:2, known], (rate**2)[:2, known]

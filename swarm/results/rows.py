@@ -8,6 +8,7 @@ import numpy as np
 
 from estimators.arrays import Floats, Ints
 from estimators.kernel import kernel
+from estimators.lanes import WIDE, select, wide_in
 from estimators.linear import cholesky_into
 from estimators.rotation import quaternion_between, quaternion_from_matrix_into
 from estimators.scratch import scratch
@@ -42,20 +43,21 @@ def _error_into(a: Floats, true_position: Floats, b: Floats, position: Floats, o
 
 
 @kernel
-def attitude_errors_into(truth: Floats, estimate: Floats, out: Floats) -> None:
-    """Write d, R_est = Exp([d]x) R_true, into `out`.
+def attitude_errors_into(truth: tuple[Floats, ...], estimate: tuple[Floats, ...], out: tuple[Floats, ...]) -> None:
+    """Write d, R_est = Exp([d]x) R_true, into `out`, NaN where a component is missing.
 
     Args:
-        truth: (4, n).
-        estimate: (4, n).
-        out: (3, n) [rad].
+        truth: The four components of quaternions, (n,) each.
+        estimate: Likewise.
+        out: The three of d, (n,) each [rad].
     """
-    nowhere, e = scratch(0.0, 3), scratch(0.0, 6)
+    nowhere, a, b, e = scratch(0.0, 3), scratch(0.0, 4), scratch(0.0, 4), scratch(0.0, 6)
     nowhere[:] = 0.0
-    for i in range(out.shape[1]):
-        _error_into(truth[:, i], nowhere, estimate[:, i], nowhere, e)
-        for k in range(3):
-            out[k, i] = -e[k]
+    for i in range(len(out[0])):
+        a[0], a[1], a[2], a[3] = truth[0][i], truth[1][i], truth[2][i], truth[3][i]
+        b[0], b[1], b[2], b[3] = estimate[0][i], estimate[1][i], estimate[2][i], estimate[3][i]
+        _error_into(a, nowhere, b, nowhere, e)
+        out[0][i], out[1][i], out[2][i] = -e[0], -e[1], -e[2]
 
 
 @kernel
@@ -103,22 +105,31 @@ def estimate_errors_into(
         covariance: (C, 12, 12) of attitude, angular rate, position, velocity.
         out: (5, C).
     """
-    pose, lower, e = scratch(0.0, 6, 6), scratch(0.0, 6, 6), scratch(0.0, 6)
-    for c in range(out.shape[1]):
-        distance, angle = _error_into(true_quaternion[c], true_position[c], quaternion[c], position[c], e)
-        out[0, c], out[1, c] = distance, np.degrees(angle)
-        p = covariance[c]
-        out[2, c] = np.sqrt(p[6, 6] + p[7, 7] + p[8, 8])
-        out[3, c] = np.degrees(np.sqrt(p[0, 0] + p[1, 1] + p[2, 2]))
-        for i in range(6):
-            for j in range(i + 1):
-                pose[i, j] = p[i if i < 3 else i + 3, j if j < 3 else j + 3]
-        out[4, c] = np.nan
-        if np.isfinite(e[0] + e[5]) and cholesky_into(pose, lower):
-            nees = 0.0
+    own, e, pose = scratch(0.0, 6), scratch(0.0, 6, WIDE), scratch(0.0, 6, 6, WIDE)
+    errors, poses = wide_in(e), wide_in(pose)
+    lower, craft = scratch(poses, 6, 6), out.shape[1]
+    for first in range(0, craft, WIDE):
+        count = min(WIDE, craft - first)
+        for lane in range(WIDE):
+            # Where craft end, the last one fills the lanes.
+            c = first + min(lane, count - 1)
+            distance, angle = _error_into(true_quaternion[c], true_position[c], quaternion[c], position[c], own)
+            out[0, c], out[1, c] = distance, np.degrees(angle)
+            p = covariance[c]
+            out[2, c] = np.sqrt(p[6, 6] + p[7, 7] + p[8, 8])
+            out[3, c] = np.degrees(np.sqrt(p[0, 0] + p[1, 1] + p[2, 2]))
             for i in range(6):
-                for j in range(i):
-                    e[i] -= lower[i, j] * e[j]
-                e[i] /= lower[i, i]
-                nees += e[i] * e[i]
-            out[4, c] = nees
+                e[i, lane] = own[i]
+                for j in range(i + 1):
+                    pose[i, j, lane] = p[i if i < 3 else i + 3, j if j < 3 else j + 3]
+        regular, nees = cholesky_into(poses, lower), 0.0
+        for i in range(6):
+            x = errors[i]
+            for j in range(i):
+                x -= lower[i, j] * errors[j]
+            x /= lower[i, i]
+            errors[i] = x
+            nees += x * x
+        errors[0] = select(regular, nees, np.nan)
+        for lane in range(count):
+            out[4, first + lane] = e[0, lane]

@@ -149,7 +149,7 @@ def writing_run(
                 beliefs = stack.enter_context(_closing(AngleWriter(folder.path, angles))) if angles else None
                 past = stack.enter_context(_closing(HistoryWriter(folder.path, len(scene.craft)))) if history else None
                 about = scene.without_sensors, scene.equipment, scene.angle_noise_rad
-                telemetry = Telemetry(folder.path, scene.craft, groups_of(scene), *about, account.add)
+                telemetry = Telemetry(folder.path, scene.craft, groups_of(scene), *about, account.take)
                 stack.enter_context(_closing(telemetry))
                 recording = _recorder(folder, scene, (record and scenario.recording.enabled) or live, live)
                 stack.enter_context(_closing(recording))

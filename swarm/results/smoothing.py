@@ -99,7 +99,7 @@ def _check(folder: Path, force: bool) -> list[str]:
         raise SwarmError(f"no craft of {folder} ever had an estimate, so there is nothing to smooth")
     if not History(folder, len(names)):
         raise SwarmError(f"{folder} has no {HISTORY}: fly or replay it again with --set recording.filter=true")
-    return names
+    return list(names)
 
 
 def _write(folder: Path, craft: list[str], tell: Callable[[float], None]) -> None:

@@ -28,8 +28,8 @@ class _Source(ABC):
     """A source of columns for all parts of a table; what the file says of its craft is read once."""
 
     @abstractmethod
-    def load(self, name: str) -> pa.Table:
-        """Return a table of one column."""
+    def load(self, name: str) -> tuple[Floats, Sequence[str] | None]:
+        """Return a column as doubles, NaN where null, and the names that they stand for; None of numbers."""
 
     @abstractmethod
     def blocks(self) -> Iterator["_Source"]:
@@ -52,7 +52,38 @@ class _Source(ABC):
         return [Equipment(photodiodes, tuple(sensors)) for count, photodiodes, sensors in runs for _ in range(count)]
 
 
-class _InMemory(_Source):
+class _InRows(_Source):
+    """Rows that wait for their file, as doubles already."""
+
+    def __init__(self, schema: pa.Schema, values: Floats, names: Sequence[Sequence[str]]) -> None:
+        self._schema, self._values, self._names = schema, values, names
+
+    @property
+    def schema(self) -> pa.Schema:
+        return self._schema
+
+    def load(self, name: str) -> tuple[Floats, Sequence[str] | None]:
+        row = self._schema.get_field_index(name)
+        return self._values[row], self._names[row] if _is_of_names(self._schema.field(row).type) else None
+
+    def blocks(self) -> Iterator[_Source]:
+        return iter([self])
+
+
+class _InArrow(_Source):
+    """Columns as pyarrow has them."""
+
+    @abstractmethod
+    def table(self, name: str) -> pa.Table:
+        """Return a table of one column."""
+
+    def load(self, name: str) -> tuple[Floats, Sequence[str] | None]:
+        table = self.table(name)
+        column = table.column(name)
+        return _codes(column) if _is_of_names(column.type) else (doubles(table, name), None)
+
+
+class _InMemory(_InArrow):
     """A table that is in memory."""
 
     def __init__(self, table: pa.Table) -> None:
@@ -62,14 +93,14 @@ class _InMemory(_Source):
     def schema(self) -> pa.Schema:
         return self._table.schema
 
-    def load(self, name: str) -> pa.Table:
+    def table(self, name: str) -> pa.Table:
         return self._table.select([name])
 
     def blocks(self) -> Iterator[_Source]:
         return (_InMemory(self._table.slice(first, BLOCK)) for first in range(0, len(self._table), BLOCK))
 
 
-class _InFolder(_Source):
+class _InFolder(_InArrow):
     """The telemetry in a run's folder."""
 
     def __init__(self, folder: Path) -> None:
@@ -79,7 +110,7 @@ class _InFolder(_Source):
     def schema(self) -> pa.Schema:
         return flown_schema(self._folder)
 
-    def load(self, name: str) -> pa.Table:
+    def table(self, name: str) -> pa.Table:
         return read_telemetry(self._folder, [name])
 
     def blocks(self) -> Iterator[_Source]:
@@ -87,7 +118,7 @@ class _InFolder(_Source):
         return (_Block(reader, number) for number in range(reader.groups))
 
 
-class _Block(_Source):
+class _Block(_InArrow):
     """The rows of the telemetry in a run's folder that were written together."""
 
     def __init__(self, reader: RowReader, number: int) -> None:
@@ -97,7 +128,7 @@ class _Block(_Source):
     def schema(self) -> pa.Schema:
         return self._reader.schema
 
-    def load(self, name: str) -> pa.Table:
+    def table(self, name: str) -> pa.Table:
         return self._reader.group(self._number, [name])
 
     def blocks(self) -> Iterator[_Source]:
@@ -116,7 +147,18 @@ class TelemetryTable:
         self._place: Ints | None = None
         self._rows = slice(None)
         self._values: dict[str, Floats] = {}
-        self._names: dict[str, list[str]] = {}
+        self._names: dict[str, Sequence[str]] = {}
+
+    @classmethod
+    def of_rows(cls, schema: pa.Schema, values: Floats, names: Sequence[Sequence[str]]) -> "TelemetryTable":
+        """Return a table of rows that are doubles already, and are not copied.
+
+        Args:
+            schema: The columns.
+            values: Their values, (columns, rows), NaN where unknown.
+            names: Of every column of words, what its codes stand for.
+        """
+        return cls(_InRows(schema, values, names), schema.names)
 
     @classmethod
     def of(cls, table: pa.Table) -> "TelemetryTable":
@@ -137,7 +179,9 @@ class TelemetryTable:
         """Return one column."""
         if name not in self._values:
             self._expect(name)
-            value = self._read(name)
+            value, names = self._source.load(name)
+            if names is not None:
+                self._names[name] = names
             self._values[name] = value if self._place is None else np.empty(len(value))
             if self._place is not None:
                 self._values[name][self._place] = value
@@ -150,26 +194,11 @@ class TelemetryTable:
         """
         return (TelemetryTable(source, self.columns) for source in self._source.blocks())
 
-    def _read(self, name: str) -> Floats:
-        """Return a column in the order of the source, of which nothing else stays in memory."""
-        table = self._source.load(name)
-        column = table.column(name)
-        return self._codes(name, column) if _is_of_names(column.type) else doubles(table, name)
-
     def _expect(self, name: str) -> None:
         if name not in self.columns:
             raise SwarmError(f"the telemetry has no column {name!r}{did_you_mean(name, self.columns)}")
 
-    def _codes(self, name: str, column: pa.ChunkedArray) -> Floats:
-        if pa.types.is_string(column.type):
-            # A file that another program has written again: the same words, without their numbers.
-            column = column.dictionary_encode()
-        chunks = column.unify_dictionaries().chunks
-        self._names[name] = chunks[0].dictionary.to_pylist() if chunks else []
-        codes = [chunk.indices.to_numpy(zero_copy_only=False) for chunk in chunks] or [np.zeros(0)]
-        return np.concatenate(codes).astype(np.float64)
-
-    def names_of(self, column: str) -> list[str]:
+    def names_of(self, column: str) -> Sequence[str]:
         """Return what the codes of a column of names stand for."""
         self.column(column)
         if column not in self._names:
@@ -262,6 +291,16 @@ def doubles(table: pa.Table, name: str) -> Floats:
     except (pa.ArrowException, ValueError):
         raise SwarmError(f"the telemetry's column {name!r} must be of numbers, and is of {column.type}") from None
     return out
+
+
+def _codes(column: pa.ChunkedArray) -> tuple[Floats, list[str]]:
+    """Return a column of words as codes, NaN where null, and the words."""
+    if pa.types.is_string(column.type):
+        # A file that another program has written again: the same words, without their numbers.
+        column = column.dictionary_encode()
+    chunks = column.unify_dictionaries().chunks
+    codes = [chunk.indices.to_numpy(zero_copy_only=False) for chunk in chunks] or [np.zeros(0)]
+    return np.concatenate(codes).astype(np.float64), chunks[0].dictionary.to_pylist() if chunks else []
 
 
 def _is_of_names(kind: pa.DataType) -> bool:

@@ -25,6 +25,7 @@ from swarm.results.files import TELEMETRY
 from swarm.results.parquet import GrowingParquet
 from swarm.results.period import Period
 from swarm.results.records import Equipment, Errors
+from swarm.results.table import TelemetryTable
 
 PERIODS_PER_PART = 120
 ROWS_PER_GROUP = 65_536
@@ -45,7 +46,7 @@ class Telemetry:
         without_sensors: Sequence[str] = (),
         equipment: Sequence[Equipment] = (),
         angle_noise_rad: float | None = None,
-        taken: Callable[[pa.Table], None] = lambda rows: None,
+        taken: Callable[[TelemetryTable], None] = lambda rows: None,
     ) -> None:
         """Begin the file.
 
@@ -56,7 +57,8 @@ class Telemetry:
             without_sensors: Names of craft that navigate by nothing.
             equipment: What each craft navigates by; empty: unknown.
             angle_noise_rad: Standard deviation of a sweep angle that the craft assume [rad]; None: unknown.
-            taken: Function called with all rows once they are written, group by group; they are not to be kept.
+            taken: Function called with all rows once they are written, group by group; they are the next rows'
+                workspace, and not to be kept.
 
         Raises:
             SwarmError: The folder cannot be written.
@@ -92,18 +94,14 @@ class Telemetry:
             self._flush()
         return errors
 
-    def _table(self) -> pa.Table:
-        values = self._block[:, : self._rows]
-        arrays = [column.array(value) for column, value in zip(self._columns, values, strict=True)]
-        return pa.Table.from_arrays(arrays, schema=self._schema)
-
     def _flush(self) -> None:
         if not self._rows:
             return
-        table = self._table()
-        self._file.write(table)
+        values = self._block[:, : self._rows]
+        arrays = [column.array(value) for column, value in zip(self._columns, values, strict=True)]
+        self._file.write(pa.Table.from_arrays(arrays, schema=self._schema))
         self._rows = 0
-        self._taken(table)
+        self._taken(TelemetryTable.of_rows(self._schema, values, [column.names for column in self._columns]))
 
     def close(self) -> None:
         """Write what is left and complete the file. Raises SwarmError on a full disk: what was written stays."""

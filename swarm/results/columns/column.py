@@ -10,9 +10,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
-from estimators.arrays import Bools, Floats
+from estimators.arrays import Floats
 from estimators.kernel import kernel
 from swarm.results.period import Period
 
@@ -49,14 +48,19 @@ class Column(NamedTuple):
         return pa.field(self.name, TYPES[self.kind], nullable=not self.required, metadata=metadata)
 
     def array(self, value: Floats) -> pa.Array:
-        """Return the column of contiguous doubles (n,), null where not finite; numbers are not copied."""
+        """Return the column of contiguous doubles (n,), null where not finite, which becomes NaN in `value` as well;
+        numbers are not copied.
+        """
         kind, rows, known = TYPES[self.kind], len(value), np.isfinite(value)
-        valid = None if known.all() else pa.py_buffer(np.packbits(known, bitorder="little"))
+        valid, everywhere = None, bool(known.all())
+        if not everywhere:
+            value[np.flatnonzero(~known)] = np.nan
+            valid = pa.py_buffer(np.packbits(known, bitorder="little"))
         if self.kind == "number":
             return pa.Array.from_buffers(kind, rows, [valid, pa.py_buffer(value)])
         stored = kind.index_type if self.kind in ("state", "name") else kind
-        codes = np.empty(rows, dtype=stored.to_pandas_dtype())
-        _codes_into(value, codes)
+        codes = np.zeros(rows, dtype=stored.to_pandas_dtype())
+        np.copyto(codes, value, casting="unsafe", where=True if everywhere else known)
         if self.kind == "yes":
             codes = np.packbits(codes, bitorder="little")
         array = pa.Array.from_buffers(stored, rows, [valid, pa.py_buffer(codes)])
@@ -89,13 +93,6 @@ def rate_columns(prefix: str, whose: str) -> list[Column]:
         *(Column(f"{prefix}_v{a}_m_s", "m/s", f"{whose}: velocity, {a}") for a in "xyz"),
         *(Column(f"{prefix}_w{a}_rad_s", "rad/s", f"{whose}: angular rate, {a}") for a in "xyz"),
     ]
-
-
-@kernel
-def _codes_into(value: Floats, out: NDArray[np.integer] | Bools) -> None:
-    """Write values (n,) as whole numbers, or as true or false, zero where they are not finite."""
-    for i in range(len(value)):
-        out[i] = value[i] if np.isfinite(value[i]) else 0.0
 
 
 @kernel

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-import pyarrow as pa
 
 from estimators.arrays import Floats, Ints
 from swarm.results.records import Equipment
@@ -31,6 +30,7 @@ from swarm.results.summary.statistics import (
     no_moments,
     ratio,
     rms,
+    runs_of,
     together,
     total,
     where_both,
@@ -141,7 +141,7 @@ _WHO = ("slot", "frame", "time_s")
 class Account:
     """Takes the rows of a run, block by block, and gives the figures of its craft.
 
-    The rows of craft k are those of slot 2 k, and of slot 2 k + 1 where it does not find itself: where it carries no
+    The rows of craft k of n are those of slot k, and of slot n + k where it does not find itself: where it carries no
     sensor, or others observe it.
     """
 
@@ -154,24 +154,22 @@ class Account:
             equipment: The equipment of each; craft with the same sensors make a group. Empty: unknown.
         """
         sensors = [" and ".join(each.sensors) for each in equipment] or [""] * len(names)
-        self.names, self._slot = tuple(names), {name: 2 * i + (name in still) for i, name in enumerate(names)}
+        self.names = tuple(names)
+        self._slot = {name: i + len(names) * (name in still) for i, name in enumerate(names)}
         self._kinds = list(dict.fromkeys(sensors))
         """The words of the craft's sets of sensors."""
-        self._kind = np.array([[self._kinds.index(words), -1] for words in sensors], dtype=np.int64).ravel()
+        self._kind = np.array([self._kinds.index(words) for words in sensors] + [-1] * len(names), dtype=np.int64)
         self._moments: dict[str, tuple[Any, list[Floats]]] = {}
         self._position, self._attitude = MotionBias(self._kind), MotionBias(self._kind)
         self._kept: dict[str, list[Any]] = {}
         self._replay = False
-
-    def add(self, table: pa.Table) -> None:
-        """Take some rows of the telemetry."""
-        self.take(TelemetryTable.of(table))
 
     def take(self, rows: TelemetryTable) -> None:
         """Take some rows. Raises SwarmError where their file is damaged."""
         if not len(rows):
             return
         slot, frame = self._slots(rows), rows.frame
+        runs = runs_of(slot)
         watched = "dropped_photodiodes" in rows.columns
         self._replay = "peer_px_m" in rows.columns
         series = _light(rows) | _solutions(rows) | _errors(rows) | _single(rows) | (integrity(rows) if watched else {})
@@ -179,7 +177,7 @@ class Account:
             if name not in self._moments:
                 self._moments[name] = statistic, [no_moments(len(self._kind)) for _ in values]
             for value, moments in zip(values, self._moments[name][1], strict=True):
-                add_moments(slot, value, moments)
+                add_moments(runs, slot, value, moments)
         if not self._replay:
             self._position.add(frame, slot, *motion_bias.position_errors(rows))
             self._attitude.add(frame, slot, *motion_bias.attitude_errors(rows))
@@ -199,7 +197,9 @@ class Account:
 
     def _slots(self, rows: TelemetryTable) -> Ints:
         slot = np.array([self._slot[name] for name in rows.names_of("craft")], dtype=np.int64)[rows.craft]
-        return slot | np.isfinite(rows.column("observer")) if "observer" in rows.columns else slot
+        if "observer" not in rows.columns:
+            return slot
+        return np.where(np.isfinite(rows.column("observer")) & (slot < len(self.names)), slot + len(self.names), slot)
 
     @property
     def times(self) -> tuple[int, int, float]:
@@ -236,7 +236,7 @@ class Account:
         own = part(np.flatnonzero(kind >= 0))
         groups = {} if own.sensors is None else {self._kinds[k]: part(np.flatnonzero(kind == k)) for k in own.sensors}
         craft = [
-            (self.names[k // 2], bool(k % 2), Part(there[i : i + 1], edges[i], edges[i + 1]))
+            (self.names[k % len(self.names)], k >= len(self.names), Part(there[i : i + 1], edges[i], edges[i + 1]))
             for i, k in enumerate(there.tolist())
         ]
         return Arranged(np.argsort(ranks, kind="stable"), own, groups if len(groups) > 1 else {}, craft)
@@ -278,12 +278,12 @@ class Account:
 
 
 def _taken(moments: Floats, every: Sequence[Part]) -> list[Moments]:
-    """Return the moments of parts from those of the slots, (slots, 4)."""
-    taken = moments[[part.slots[0] if len(part.slots) else 0 for part in every]]
+    """Return the moments of parts from those of the slots, (4, slots)."""
+    taken = moments[:, [part.slots[0] if len(part.slots) else 0 for part in every]]
     for i, part in enumerate(every):
         if part.sensors is not None:
-            taken[i] = together(moments[part.slots])
-    return [Moments(*row) for row in taken.tolist()]
+            taken[:, i] = together(moments[:, part.slots])
+    return [Moments(*row) for row in taken.T.tolist()]
 
 
 def _nested(figures: Figures) -> Figures:

@@ -20,6 +20,8 @@ from swarm.results.rows import attitude_errors_into
 from swarm.results.summary.statistics import number
 from swarm.results.table import TelemetryTable
 
+Axes = tuple[Floats, Floats, Floats]
+"""A vector of every row, as its components, (rows,) each."""
 MIN_RATE = 1e-4
 """Below this RMS rate [m/s], [rad/s] an axis is at rest, and no bias can be told from it."""
 
@@ -47,14 +49,14 @@ class MotionBias:
         self._along = np.zeros((len(kind), 3))
         self._first, self._by_frame = 0, np.zeros((int(kind.max(initial=0)) + 1, 2, 0, 3))
 
-    def add(self, frame: Ints, part: Ints, error: Floats, rate: Floats) -> None:
+    def add(self, frame: Ints, part: Ints, error: Axes, rate: Axes) -> None:
         """Add rows.
 
         Args:
             frame: Their periods, (rows,).
             part: The part of each, (rows,).
-            error: e, (3, rows), NaN where unknown.
-            rate: v, (3, rows).
+            error: e of each axis, (rows,), NaN where unknown.
+            rate: v of each axis, (rows,).
         """
         if not len(frame):
             return
@@ -106,8 +108,8 @@ def _add(
     first: int,
     part: Ints,
     kind: Ints,
-    error: Floats,
-    rate: Floats,
+    error: Axes,
+    rate: Axes,
     single: Floats,
     along: Floats,
     by_frame: Floats,
@@ -119,8 +121,8 @@ def _add(
         first: The first of them.
         part: Their parts, (rows,).
         kind: The group of each part, (parts,), -1 for none.
-        error: e, (3, rows).
-        rate: v, (3, rows).
+        error: e of each axis, (rows,).
+        rate: v of each axis, (rows,).
         single: Per part and axis, (parts, 3, 5): the sums of e v, v^2, v^4, (e v - b v^2) v^2 and (e v - b v^2)^2, with
             the slope b of the rows so far.
         along: Per part, (parts, 3): the sum of the errors along the rates of rows that move, their number, and that of
@@ -128,12 +130,13 @@ def _add(
         by_frame: Per group and period, (groups, 2, periods, 3): the sums of e v and of v^2.
     """
     for i in range(len(frame)):
-        if not (np.isfinite(error[0, i]) and np.isfinite(error[1, i]) and np.isfinite(error[2, i])):
+        e, v = (error[0][i], error[1][i], error[2][i]), (rate[0][i], rate[1][i], rate[2][i])
+        if not (np.isfinite(e[0]) and np.isfinite(e[1]) and np.isfinite(e[2])):
             continue
         p, f = part[i], frame[i] - first
         speed = way = 0.0
         for axis in range(3):
-            x, y = error[axis, i] * rate[axis, i], rate[axis, i] * rate[axis, i]
+            x, y = e[axis] * v[axis], v[axis] * v[axis]
             way, speed = way + x, speed + y
             if kind[p] >= 0:
                 by_frame[kind[p], 0, f, axis] += x
@@ -155,20 +158,23 @@ def _add(
             along[p, 1] += 1.0
 
 
-def position_errors(rows: TelemetryTable) -> tuple[Floats, Floats]:
-    """Return the position errors of the solutions (3, rows) [m], and the velocities (3, rows) [m/s]."""
-    names = "pnp_p{}_m", "true_p{}_m", "true_v{}_m_s"
-    pnp, true, rate = (np.stack([rows.column(name.format(axis)) for axis in "xyz"]) for name in names)
-    return pnp - true, rate
+def position_errors(rows: TelemetryTable) -> tuple[Axes, Axes]:
+    """Return the position errors of the solutions [m] and the velocities [m/s], (rows,) of each axis."""
+    x, y, z = (rows.column(f"pnp_p{axis}_m") - rows.column(f"true_p{axis}_m") for axis in "xyz")
+    return (x, y, z), _axes(rows, "true_v{}_m_s")
 
 
-def attitude_errors(rows: TelemetryTable) -> tuple[Floats, Floats]:
-    """Return the attitude errors of the solutions (3, rows) [rad], and the angular rates (3, rows) [rad/s]."""
-    pnp, true = (np.stack([rows.column(f"{whose}_q{part}") for part in "wxyz"]) for whose in ("pnp", "true"))
-    error = np.empty((3, len(rows)))
-    attitude_errors_into(true, pnp, error)
-    error[:, ~(np.isfinite(pnp).all(axis=0) & np.isfinite(true).all(axis=0))] = np.nan
-    return error, np.stack([rows.column(f"true_w{axis}_rad_s") for axis in "xyz"])
+def attitude_errors(rows: TelemetryTable) -> tuple[Axes, Axes]:
+    """Return the attitude errors of the solutions [rad] and the angular rates [rad/s], (rows,) of each axis."""
+    true, pnp = (tuple(rows.column(f"{whose}_q{part}") for part in "wxyz") for whose in ("true", "pnp"))
+    x, y, z = np.empty((3, len(rows)))
+    attitude_errors_into(true, pnp, (x, y, z))
+    return (x, y, z), _axes(rows, "true_w{}_rad_s")
+
+
+def _axes(rows: TelemetryTable, name: str) -> Axes:
+    x, y, z = (rows.column(name.format(axis)) for axis in "xyz")
+    return x, y, z
 
 
 def told(position: MotionBias, attitude: MotionBias, parts: Ints, groups: Ints | None) -> dict[str, Any]:

@@ -21,9 +21,9 @@ class Moments(NamedTuple):
     @classmethod
     def of(cls, x: Floats) -> "Moments":
         """Return the moments of a series (n,), NaN where unknown."""
-        out = no_moments(1)
-        add_moments(np.zeros(len(x), dtype=np.int64), x, out)
-        return cls(*out[0].tolist())
+        part, out = np.zeros(len(x), dtype=np.int64), no_moments(1)
+        add_moments(runs_of(part), part, x, out)
+        return cls(*out[:, 0].tolist())
 
 
 Series = dict[str, tuple[Callable[..., Any], *tuple[Floats, ...]]]
@@ -31,32 +31,46 @@ Series = dict[str, tuple[Callable[..., Any], *tuple[Floats, ...]]]
 
 
 def no_moments(parts: int) -> Floats:
-    """Return the moments (parts, 4) of parts without a value."""
-    return np.tile([0.0, 0.0, 0.0, -np.inf], (parts, 1))
+    """Return the moments (4, parts) of parts without a value."""
+    return np.repeat([[0.0], [0.0], [0.0], [-np.inf]], parts, axis=1)
 
 
 def together(moments: Floats) -> Floats:
-    """Return the moments (4,) of parts (parts, 4) as one."""
-    return np.append(moments[:, :3].sum(axis=0), moments[:, 3].max(initial=-np.inf))
+    """Return the moments (4,) of parts (4, parts) as one."""
+    # Columns are summed one after the other, as rows of the file are.
+    return np.append(np.ascontiguousarray(moments[:3].T).sum(axis=0), moments[3].max(initial=-np.inf))
+
+
+def runs_of(part: Ints) -> Ints:
+    """Return where runs of rows begin whose parts (rows,) are neighbours in ascending order, and the number of rows."""
+    return np.concatenate([[0], np.flatnonzero(np.diff(part) != 1) + 1, [len(part)]])
 
 
 @kernel
-def add_moments(part: Ints, value: Floats, moments: Floats) -> None:
+def add_moments(runs: Ints, part: Ints, value: Floats, moments: Floats) -> None:
     """Add the known values of a series to the moments of their parts.
 
     Args:
+        runs: As `runs_of` gives them: the rows of a run are taken side by side.
         part: Part of each row, (rows,).
         value: The series, (rows,), NaN where unknown.
-        moments: Number, sum, sum of squares and maximum of each part's values, (parts, 4).
+        moments: Number, sum, sum of squares and maximum of each part's values, (4, parts).
     """
-    for i in range(len(value)):
-        x = value[i]
-        if np.isfinite(x):
-            of = moments[part[i]]
-            of[0] += 1.0
-            of[1] += x
-            of[2] += x * x
-            of[3] = max(of[3], x)
+    for run in range(len(runs) - 1):
+        first, count = runs[run], runs[run + 1] - runs[run]
+        if count:
+            x, own = value[first : first + count], slice(part[first], part[first] + count)
+            n, total, square, most = moments[0, own], moments[1, own], moments[2, own], moments[3, own]
+            # Few arrays in a loop, so that it is compiled for several numbers at once.
+            for i in range(count):
+                known = np.isfinite(x[i])
+                n[i] += 1.0 if known else 0.0
+                total[i] += x[i] if known else 0.0
+            for i in range(count):
+                known = np.isfinite(x[i])
+                y = x[i] if known else 0.0
+                square[i] += y * y
+                most[i] = max(most[i], x[i] if known else -np.inf)
 
 
 def number(value: float | np.floating[Any]) -> float | None:
