@@ -19,7 +19,7 @@ from swarm.errors import PlaceError, SwarmError
 from swarm.flight.simulate import simulate
 from swarm.results.disk import outputs, refuse_existing, unwritten, write_all, write_text, writing
 from swarm.results.files import PARTS
-from swarm.results.parquet import GrowingParquet, column, is_there, read_table, table_of
+from swarm.results.parquet import TRIED_AGAIN, GrowingParquet, column, is_there, read_table, table_of
 from swarm.results.run_folder import RunFolder, open_run, refuse_run
 from swarm.results.run_writer import RunWriter
 from swarm.results.telemetry import Telemetry
@@ -431,3 +431,23 @@ def test_a_table_that_grows_can_be_read_before_it_is_complete(tmp_path):
     growing.close()
     assert [path.name for path in tmp_path.iterdir()] == ["scans.parquet"]
     assert read_table(file)["observer"].to_pylist() == ["a", "b", "a", "b"]
+
+
+def test_only_columns_that_get_smaller_are_compressed(tmp_path):
+    rng, rows, file = np.random.default_rng(0), 4096, tmp_path / "x.parquet"
+    still, noise = np.full(rows, 0.25), rng.standard_normal(rows)
+
+    def part(changing):
+        return table_of([column("still", still, "m"), column("changing", changing, "m")])
+
+    growing = GrowingParquet(file, part(noise).schema, split=["still", "changing"], use_dictionary=False)
+    # Noise comes to rest in the third group, which is seen when every column is tried again.
+    groups = [part(noise if k < 2 else still) for k in range(TRIED_AGAIN + 2)]
+    for group in groups:
+        growing.write(group)
+    growing.close()
+    assert read_table(file).equals(pa.concat_tables(groups))
+    about = pq.ParquetFile(file).metadata
+    compressed = [[about.row_group(k).column(i).compression == "SNAPPY" for k in range(len(groups))] for i in (0, 1)]
+    assert compressed[0] == [True] * len(groups)
+    assert compressed[1] == [True] + [False] * (TRIED_AGAIN - 1) + [True, True]

@@ -25,11 +25,11 @@ MAGIC = b"PAR1"
 """How a Parquet file begins and ends."""
 COMPRESSION = "snappy"
 WORTH_IT = 7 / 8
-"""A column is compressed where that leaves less of it than this: of noise it leaves nine tenths, and takes as long as
-all else that is done to write it, or longer.
+"""A column is compressed, its bytes split before, where that leaves less of it than this: of noise it leaves nine
+tenths, and takes as long as all else that is done to write it, or longer.
 """
 TRIED_AGAIN = 16
-"""After so many groups of rows all columns are compressed once, to see what of them is left."""
+"""After so many groups of rows all columns are compressed once, to see what is left of them."""
 Kind = Literal["text", "yes", "whole", "number"]
 _TYPES: Mapping[Kind, pa.DataType] = {
     "text": pa.string(),
@@ -130,13 +130,16 @@ class GrowingParquet:
     appended; only groups of few rows are written a second time, as larger ones.
     """
 
-    def __init__(self, file: Path, schema: pa.Schema, rows: int = 0, **encoding: Any) -> None:
+    def __init__(
+        self, file: Path, schema: pa.Schema, rows: int = 0, split: Sequence[str] = (), **encoding: Any
+    ) -> None:
         """Begin the file.
 
         Args:
             file: The file.
             schema: Its columns.
             rows: Groups of less than an eighth of so many rows are joined to some of about so many at the end.
+            split: Columns of numbers whose bytes are split, the first ones of all numbers before the second ones.
             encoding: Options of `pyarrow.parquet.ParquetWriter`.
 
         Raises:
@@ -144,7 +147,7 @@ class GrowingParquet:
         """
         self._final, self._folder, self._schema, self._joined_rows = file, _folder(file), schema, rows
         self._encoding: dict[str, Any] = {"write_batch_size": max(1024, rows), **encoding}
-        self._compression: str | dict[str, str] = COMPRESSION
+        self._split, self._compression = split, dict.fromkeys(schema.names, COMPRESSION)
         self._parts = self._bytes = 0
         with writing(self._folder):
             self._folder.mkdir()
@@ -165,7 +168,7 @@ class GrowingParquet:
             self._append(table).write_metadata_file(temporary)
         self._parts += 1
         if self._parts % TRIED_AGAIN == 0:
-            self._compression = COMPRESSION
+            self._compression = dict.fromkeys(self._compression, COMPRESSION)
 
     def _append(self, table: Table) -> pq.FileMetaData:
         """Append a group of rows, and return its footer."""
@@ -193,7 +196,10 @@ class GrowingParquet:
         return footer
 
     def _writer(self, file: Any) -> pq.ParquetWriter:
-        return pq.ParquetWriter(file, self._schema, compression=self._compression, **self._encoding)
+        split = [name for name in self._split if self._compression[name] == COMPRESSION]
+        return pq.ParquetWriter(
+            file, self._schema, compression=self._compression, use_byte_stream_split=split, **self._encoding
+        )
 
     @contextmanager
     def _appended(self) -> Iterator[None]:

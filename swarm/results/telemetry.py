@@ -76,8 +76,8 @@ class Telemetry:
             folder / TELEMETRY,
             self._schema,
             ROWS_PER_GROUP,
+            split=[field.name for field in fields if field.type == pa.float64()],
             use_dictionary=[field.name for field in fields if pa.types.is_dictionary(field.type)],
-            use_byte_stream_split=[field.name for field in fields if field.type == pa.float64()],
             write_statistics=["time_s", "frame"],
         )
 
