@@ -278,6 +278,7 @@ def test_a_column_on_disk_is_that_of_pyarrow_s_own_conversion(kind, rows):
     value[::3], value[1::5] = np.nan, np.inf
     array = Column("x", "1", "a number", kind, ("low", "high")).array(value)
     array.validate(full=True)
+    assert not np.isinf(value).any()
     told = [None if not np.isfinite(v) else v for v in value]
     if kind in ("state", "name"):
         told = [None if v is None else ("low", "high")[int(v)] for v in told]
