@@ -11,7 +11,7 @@ from estimators.filter.compiled import CompiledFilterBank
 from estimators.filter.interacting import COLUMNS, Grid, Mixtures, _mix, _move_window, combine
 from estimators.lanes import LANES
 from estimators.lighthouse.curvature import to_second_order
-from estimators.lighthouse.innovation import Innovations, innovations, rows_of_sweeps
+from estimators.lighthouse.innovation import Innovations, innovations, light_of, rows_of_sweeps
 from estimators.lighthouse.integrity import AngleNoise
 from estimators.lighthouse.rows import AT_ORIGIN, packed
 from estimators.lighthouse.sweep import ideal_theta
@@ -77,7 +77,9 @@ def test_innovations_to_second_order_have_the_mean_and_the_variance_that_they_cl
     every, point = np.ones(craft, dtype=np.bool_), np.tile(TRIPLE, (craft, 1, 1))
 
     def asked(state: State, mask: np.ndarray) -> Innovations:
-        return innovations(rows, np.ones(len(rows.angle), dtype=np.bool_), mask, STATION, point, state, [NOISE])
+        return innovations(
+            rows, np.ones(len(rows.angle), dtype=np.bool_), mask, light_of(STATION, [NOISE]), point, state
+        )
 
     found = asked(predicted, every)
     plain = found.y - (found.h @ error[..., None])[..., 0]

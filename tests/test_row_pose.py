@@ -200,7 +200,7 @@ def test_fault_slopes_are_those_of_the_covariance_form(shown):
     covariance, open_s = root @ np.swapaxes(root, 1, 2), np.array([0.0, 2.0])
     kept, point = (rng.random(len(rows.angle)) < 0.9) & (rows.photodiode < shown), np.tile(BODY, (2, 1, 1))
     both, known = np.ones(2, dtype=np.bool_), packed(stations)
-    inner = innovations(rows, kept, both, known, point, state, noise)
+    inner = innovations(rows, kept, both, light_of(known, noise), point, state)
     found = row_faults(rows, kept, both, inner, light_of(known, noise), covariance, open_s)
     for c in range(2):
         one, own = rows.where(kept).of(c), state.of(c)

@@ -76,7 +76,11 @@ def rows_at(state: State, shown: int, seed: int = 0):
     theta, offset = seen(state, np.random.default_rng(seed), shown)
     rows = rows_of_sweeps(theta, offset)
     point = np.tile(POINTS, (len(theta), 1, 1))
-    return rows, point, innovations(rows, np.ones(len(rows.angle), np.bool_), every(), STATION, point, state, [NOISE])
+    return (
+        rows,
+        point,
+        innovations(rows, np.ones(len(rows.angle), np.bool_), every(), light_of(STATION, [NOISE]), point, state),
+    )
 
 
 def covariance_of(rows) -> Floats:
@@ -258,7 +262,7 @@ def test_what_an_undetected_fault_does_is_within_the_slope(shown):
         rows = rows_of_sweeps(lying, offset)
         for period in range(60):
             kept, light = np.ones(len(rows.angle), np.bool_), light_of(STATION, [NOISE])
-            found = innovations(rows, kept, every(1), STATION, POINTS[None], followed.state, [NOISE])
+            found = innovations(rows, kept, every(1), light_of(STATION, [NOISE]), POINTS[None], followed.state)
             open_s = np.array([period * T if shown < 3 else 0.0])
             place, turn = row_faults(rows, kept, every(1), found, light, followed.covariance, open_s)[:, 0]
             give(followed, rows)
@@ -272,7 +276,7 @@ def test_what_an_undetected_fault_does_is_within_the_slope(shown):
 def give(bank: FilterBank, rows: RowBatch) -> None:
     """Let the bank of one craft take in its rows."""
     kept = np.ones(len(rows.angle), np.bool_)
-    found = innovations(rows, kept, every(1), STATION, POINTS[None], bank.state, [NOISE])
+    found = innovations(rows, kept, every(1), light_of(STATION, [NOISE]), POINTS[None], bank.state)
     bank.update(every(1), found.y, found.h, np.ones_like(found.y), found.number, found.pivot)
 
 
@@ -287,7 +291,7 @@ def test_a_row_that_the_prediction_has_behind_the_station_is_not_counted():
     offset = np.where(np.isfinite(theta), OFFSETS, 0.0)
     rows = rows_of_sweeps(theta, offset)
     kept = np.ones(len(rows.angle), np.bool_)
-    found = innovations(rows, kept, every(1), STATION, POINTS[None], bank.state, [NOISE])
+    found = innovations(rows, kept, every(1), light_of(STATION, [NOISE]), POINTS[None], bank.state)
     np.testing.assert_array_equal(kept, rows.photodiode != 2)
     np.testing.assert_allclose(found.pivot[0, :3], POINTS[:2].mean(axis=0), atol=1e-15)
 
@@ -450,7 +454,7 @@ def test_condensed_rows_say_the_same_as_all_rows():
             y[c], h[c] = linearise(own, STATION, POINTS, *whole.state.of(c))
             r[c] = NOISE.own_rad**2 * np.eye(16) + NOISE.shared_rad**2 * (own.fan[:, None] == own.fan)
         kept, point = np.ones(len(rows.angle), np.bool_), np.tile(POINTS, (CRAFT, 1, 1))
-        found = innovations(rows, kept, every(), STATION, point, condensed.state, [NOISE])
+        found = innovations(rows, kept, every(), light_of(STATION, [NOISE]), point, condensed.state)
         found, counted = condense(found, every(), condensed.covariance)
         assert (counted == 16).all()
         assert (found.number <= most).all()
@@ -487,7 +491,7 @@ def test_sums_as_poses_say_the_same_as_all_rows(kind):
         assert sums.told.all()
         np.testing.assert_array_equal(sums.rows, np.diff(rows.first))
         two = posed.update(every(), sums.y, sums.h, sums.r, freedoms=sums.rows, square=sums.square)
-        found = innovations(rows, kept, every(), STATION, point, whole.state, [NOISE])
+        found = innovations(rows, kept, every(), light_of(STATION, [NOISE]), point, whole.state)
         one = whole.update(every(), found.y, found.h, np.ones_like(found.y), found.number, found.pivot)
         np.testing.assert_array_equal(two.accepted, one.accepted)
         np.testing.assert_allclose(two.nis, one.nis, rtol=2e-3)
@@ -509,7 +513,7 @@ def test_sums_of_four_craft_at_once_have_the_bits_of_one() -> None:
     state.angular_rate[:], kept = np.random.default_rng(5).normal(0.0, 0.5, (count, 3)), np.ones(len(rows.angle), bool)
     p = np.tile(1e-10 * np.eye(12), (count, 1, 1))
     together = pose_sums(rows, kept, every(count), light, point, state, p)
-    found = innovations(rows, kept.copy(), every(count), STATION, point, state, [NOISE])
+    found = innovations(rows, kept.copy(), every(count), light_of(STATION, [NOISE]), point, state)
     assert together.told.all()
     for c in range(count):
         alone = pose_sums(rows, kept, np.arange(count) == c, light, point, state, p)
@@ -651,4 +655,4 @@ def test_who_is_too_coarse_is_told_of_the_craft_asked_for_alone(kind):
     sigma = np.sqrt(3) * wide[np.arange(CRAFT) % 3]
     for limit in (0.02, 0.1, 1.0):
         expected = asked & (sigma > limit) & (np.arange(CRAFT) != 2)
-        np.testing.assert_array_equal(tracks.beyond(limit, asked), expected)
+        np.testing.assert_array_equal(tracks.bank.beyond(limit, asked), expected)

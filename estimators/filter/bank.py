@@ -212,6 +212,13 @@ class FilterBank(ABC):
         out: Floats = self._covariance(mask)[craft].copy()
         return out
 
+    def beyond(self, attitude_rad: float, mask: Bools) -> Bools:
+        """Return which craft (C,) of the mask are active with a larger standard deviation of attitude than this."""
+        out = mask & self._active
+        if out.any():
+            _keep_beyond(out, self._covariance(out), attitude_rad**2)
+        return out
+
     def start(
         self,
         mask: Bools,
@@ -513,6 +520,14 @@ def _copy_where(mask: Bools, given: Floats, out: Floats) -> None:
             for i in range(given.shape[1]):
                 for j in range(given.shape[2]):
                     out[c, i, j] = given[c, i, j]
+
+
+@kernel
+def _keep_beyond(mask: Bools, covariance: Floats, variance: float) -> None:
+    """Keep the craft of the mask (C,) whose sum of the three variances of the attitude exceeds `variance` [rad^2]."""
+    for c in range(len(mask)):
+        p = covariance[c]
+        mask[c] = mask[c] and p[0, 0] + p[1, 1] + p[2, 2] > variance
 
 
 @kernel

@@ -47,6 +47,11 @@ class RowBatch(NamedTuple):
     offset_s: Floats
     angle: Floats
 
+    @property
+    def most(self) -> int:
+        """The largest number of rows of one craft."""
+        return int(np.diff(self.first).max(initial=0))
+
     def of(self, craft: int, kept: Bools | None = None) -> Rows:
         """Return the rows of one craft; only those of a mask (N,), if one is given."""
         own = slice(self.first[craft], self.first[craft + 1])
@@ -132,41 +137,6 @@ def _gather(theta: Floats, offset: Floats, mask: Bools, out: RowBatch) -> None:
                         n += 1
 
 
-def innovations(
-    rows: RowBatch,
-    kept: Bools,
-    mask: Bools,
-    stations: Packed,
-    point_m: Floats,
-    state: State,
-    noise: Sequence[AngleNoise],
-    out: Innovations | None = None,
-) -> Innovations:
-    """Return the innovations of the craft of the mask, from their predicted states.
-
-    Args:
-        rows: rows of the C craft.
-        kept: (N,), the rows that are used; becomes False where the prediction has a photodiode not in front of its
-            station, so that its row is left out as well.
-        mask: (C,), the craft concerned.
-        stations: stations that the rows name.
-        point_m: (C, K, 3) [m], photodiodes in the body frames.
-        state: predicted states.
-        noise: noise of the rows of each station.
-        out: innovations of the same rows, in which those of the craft of the mask are put; None: new ones.
-    """
-    if out is None:
-        craft, most = len(mask), int(np.diff(rows.first).max(initial=0))
-        out = Innovations(
-            np.empty((craft, most)),
-            np.empty((craft, most, STATES)),
-            np.zeros(craft, dtype=np.int64),
-            np.zeros((craft, PIVOT)),
-        )
-    _innovations_into(mask, rows, kept, light_of(stations, noise), np.ascontiguousarray(point_m), state, out)
-    return out
-
-
 class StationArrays(NamedTuple):
     """S stations with F fans in all, as kernels take them: rotation (S, 3, 3), position (S, 3) [m], first (S,): place
     of each one's first fan in fans (F, FAN); own, shared (S,): noise [rad].
@@ -190,6 +160,39 @@ def light_of(stations: Packed, noise: Sequence[AngleNoise]) -> StationArrays:
     both = np.array(noise, dtype=np.float64).reshape(-1, 2)
     own, shared = (np.ascontiguousarray(both[:, i]) for i in (0, 1))
     return StationArrays(stations.rotation, stations.position, stations.first, stations.fans, own, shared)
+
+
+def innovations(
+    rows: RowBatch,
+    kept: Bools,
+    mask: Bools,
+    light: StationArrays,
+    point_m: Floats,
+    state: State,
+    out: Innovations | None = None,
+) -> Innovations:
+    """Return the innovations of the craft of the mask, from their predicted states.
+
+    Args:
+        rows: rows of the C craft.
+        kept: (N,), the rows that are used; becomes False where the prediction has a photodiode not in front of its
+            station, so that its row is left out as well.
+        mask: (C,), the craft concerned.
+        light: stations that the rows name, with the noise of their rows.
+        point_m: (C, K, 3) [m], photodiodes in the body frames.
+        state: predicted states.
+        out: innovations of the same rows, in which those of the craft of the mask are put; None: new ones.
+    """
+    if out is None:
+        craft, most = len(mask), rows.most
+        out = Innovations(
+            np.empty((craft, most)),
+            np.empty((craft, most, STATES)),
+            np.zeros(craft, dtype=np.int64),
+            np.zeros((craft, PIVOT)),
+        )
+    _innovations_into(mask, rows, kept, light, np.ascontiguousarray(point_m), state, out)
+    return out
 
 
 @kernel

@@ -47,11 +47,14 @@ def condense(found: Innovations, mask: Bools, covariance: Floats) -> tuple[Innov
         covariance: (C, 12, 12) of the predictions, which tells the information that may be left out.
     """
     craft, most = found.y.shape
+    angles = np.where(mask, found.number, 0)
+    if most <= CONDENSED:
+        return found._replace(number=angles), angles
     width = min(most, STATES + 1)
     number = np.zeros_like(found.number)
     out = Innovations(np.empty((craft, width)), np.empty((craft, width, STATES)), number, found.pivot)
     _condense_all(mask, covariance, found, out)
-    return out, np.where(mask, found.number, 0)
+    return out, angles
 
 
 @kernel

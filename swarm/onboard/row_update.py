@@ -131,7 +131,7 @@ class RowUpdate:
             bank: the filters.
             point_m: (filters, K, 3) [m], their photodiodes in the body frames.
         """
-        found = innovations(rows, kept, mask, self._known.packed, point_m, bank.state, self._known.noise)
+        found = innovations(rows, kept, mask, self._known.light, point_m, bank.state)
         asked = mask & (found.number > 0)
         return asked & _given(found, asked, bank)[0].accepted
 
@@ -174,7 +174,7 @@ class RowUpdate:
         found: innovations of the other craft, updated; None: there are none yet.
         """
         known = self._known
-        found = innovations(rows, out.kept, mask, known.packed, self._point_m, bank.state, known.noise, found)
+        found = innovations(rows, out.kept, mask, known.light, self._point_m, bank.state, found)
         asked = mask & (found.number > 0)
         before = (bank.state, bank.covariance) if self._places.wanted or self._inertial is not None else None
         used = self._shared.with_bearers(found, rows, out.kept, asked)

@@ -19,16 +19,17 @@ from estimators.arrays import Bools, Floats, Ints
 from estimators.filter.bank import FilterBank, UpdateResult, gates
 from estimators.kernel import kernel
 from estimators.lighthouse.curvature import to_second_order
-from estimators.lighthouse.innovation import Innovations, RowBatch, innovations, light_of, noise_of, rows_of_sweeps
+from estimators.lighthouse.innovation import Innovations, RowBatch, innovations, noise_of, rows_of_sweeps
 from estimators.lighthouse.integrity import AngleNoise, shown_to_gate
 from estimators.lighthouse.planar import bends as is_coarse
 from estimators.lighthouse.row_faults import row_faults
 from estimators.lighthouse.row_screen import agreeing
-from estimators.lighthouse.row_sums import condense, pose_sums
-from estimators.lighthouse.rows import Rows, Station, linearise, packed
+from estimators.lighthouse.row_sums import CONDENSED, condense, pose_sums
+from estimators.lighthouse.rows import Rows, Station, linearise
 from estimators.lighthouse.sweep import lighthouse_1
 from estimators.pivot import PIVOT
 from estimators.state import State
+from swarm.onboard.known_stations import KnownStations
 from swarm.onboard.settings import MIN_LIT, NavigationSettings
 from swarm.onboard.tracks import Filtered, Tracks
 
@@ -90,11 +91,10 @@ class SingleSweeps:
         """Take the photodiodes, point_m (C, K, 3) [m], at the positions that the craft assume."""
         s = settings
         fans = lighthouse_1(s.fan_x, s.fan_y)
-        self._stations = packed([Station(s.station.rotation, s.station.position, fans)])
+        self._known = KnownStations([Station(s.station.rotation, s.station.position, fans)], [s.noise])
         self._point_m = point_m
         self._size_m = np.linalg.norm(np.nan_to_num(point_m), axis=2).max(axis=1, initial=0.0)
         self._compensated = s.motion_compensation
-        self._noise = [s.noise]
         self._gate = gates(s.gate_probability, 2 * point_m.shape[1])
         self._screens = s.integrity.residual_test
         self._missed = np.sqrt(shown_to_gate(self._gate, s.integrity.missed_detection))
@@ -104,7 +104,7 @@ class SingleSweeps:
 
     def assume(self, noise: AngleNoise) -> None:
         """Take angles to have this noise from now on."""
-        self._noise = [noise]
+        self._known.assume([noise])
 
     def take_in(self, theta: Floats, offset_s: Floats, mask: Bools, tracks: Tracks) -> SweepsTaken:
         """Update the filters of the craft of the mask with their rows.
@@ -151,9 +151,10 @@ class SingleSweeps:
             predicted: the filters as they are, if that is known.
         """
         result, angles = self.give(rows, kept, mask, tracks.bank, predicted)
-        asked = np.isfinite(result.nis)
-        out.fresh[asked], out.refused[asked] = result.accepted[asked], ~result.accepted[asked]
-        out.nis[asked], out.rows[asked] = result.nis[asked], np.where(result.accepted, angles, 0)[asked]
+        asked = np.flatnonzero(np.isfinite(result.nis))
+        accepted = result.accepted[asked]
+        out.fresh[asked], out.refused[asked] = accepted, ~accepted
+        out.nis[asked], out.rows[asked] = result.nis[asked], np.where(accepted, angles[asked], 0)
         out.log_determinant[asked] = result.log_determinant[asked]
 
     def give(
@@ -170,23 +171,24 @@ class SingleSweeps:
         """
         if before is None:
             before = Filtered(bank.active, bank.state_where(mask), bank.covariance_where(mask))
-        state, covariance = before.state, before.covariance
-        bends, light = self.bends(mask, covariance, state.position), light_of(self._stations, self._noise)
-        many = pose_sums(rows, kept, mask & ~bends, light, self._point_m, state, covariance)
-        result, angles = None, np.where(many.told, many.rows, 0)
-        if many.told.any():
-            result = bank.update(many.told, many.y, many.h, many.r, freedoms=many.rows, square=many.square)
-            result.log_determinant[many.told] += many.log_determinant[many.told]
-        few = mask & ~many.told
-        if not few.any() and result is not None:
-            return result, angles
-        found = innovations(rows, kept, few, self._stations, self._point_m, state, self._noise)
+        state, covariance, light = before.state, before.covariance, self._known.light
+        bends = self.bends(mask, covariance, state.position)
+        result, angles, few = None, np.zeros(len(mask), dtype=np.int64), mask
+        if rows.most > CONDENSED:
+            many = pose_sums(rows, kept, mask & ~bends, light, self._point_m, state, covariance)
+            angles, few = np.where(many.told, many.rows, 0), mask & ~many.told
+            if many.told.any():
+                result = bank.update(many.told, many.y, many.h, many.r, freedoms=many.rows, square=many.square)
+                result.log_determinant[many.told] += many.log_determinant[many.told]
+                if not few.any():
+                    return result, angles
+        found = innovations(rows, kept, few, light, self._point_m, state)
         asked = few & (found.number > 0)
         bent = asked & bends
         if bent.any():
 
             def there(state: State, mask: Bools) -> Innovations:
-                return innovations(rows, kept.copy(), mask, self._stations, self._point_m, state, self._noise)
+                return innovations(rows, kept.copy(), mask, light, self._point_m, state)
 
             to_second_order(found, bent, state, covariance, there)
         sums, counted = condense(found, asked, covariance)
@@ -203,7 +205,7 @@ class SingleSweeps:
         out[:3] = self._point_m[craft, rows.photodiode].mean(axis=0)
         if len(lit) == 2:
             out[3:6] = self._point_m[craft, lit[1]] - self._point_m[craft, lit[0]]
-            out[6:] = self._stations.position[rows.station[0]]
+            out[6:] = self._known.packed.position[rows.station[0]]
         return out
 
     def whitened(self, craft: int, rows: Rows, state: State) -> tuple[Floats, Floats]:
@@ -215,8 +217,8 @@ class SingleSweeps:
             rows: n of its rows.
             state: without the craft axis.
         """
-        y, h = linearise(rows, self._stations, self._point_m[craft], *_in_order(state))
-        root = np.linalg.inv(np.linalg.cholesky(noise_of(rows, self._noise)))
+        y, h = linearise(rows, self._known.packed, self._point_m[craft], *_in_order(state))
+        root = np.linalg.inv(np.linalg.cholesky(noise_of(rows, self._known.noise)))
         return root @ y, root @ h
 
     def bends(self, mask: Bools, covariance: Floats, position: Floats) -> Bools:
@@ -229,7 +231,8 @@ class SingleSweeps:
             position: (C, 3) [m], predicted.
         """
         out = np.empty_like(mask)
-        _bends_into(mask, covariance, position, self._stations.position[0], self._size_m, self._noise[0], out)
+        known = self._known
+        _bends_into(mask, covariance, position, known.packed.position[0], self._size_m, known.noise[0], out)
         return out
 
     def _faults(self, rows: RowBatch, kept: Bools, before: Filtered, tracks: Tracks, out: SweepsTaken) -> None:
@@ -238,21 +241,24 @@ class SingleSweeps:
         if not few.any():
             return
         open_s = np.where(out.photodiodes < DETERMINED, tracks.since_pose_s, 0.0)
-        found = innovations(rows, kept, few, self._stations, self._point_m, before.state, self._noise)
-        light = light_of(self._stations, self._noise)
-        slopes = row_faults(rows, kept, few, found, light, before.covariance, open_s)
+        found = innovations(rows, kept, few, self._known.light, self._point_m, before.state)
+        position, attitude = row_faults(rows, kept, few, found, self._known.light, before.covariance, open_s)
         who = np.flatnonzero(few)
-        out.fault[:, who] = self._missed[out.rows[who]] * np.stack([slopes[0, who], np.degrees(slopes[1, who])])
+        missed = self._missed[out.rows[who]]
+        out.fault[0, who], out.fault[1, who] = missed * position[who], missed * np.degrees(attitude[who])
 
     def _without_false(
         self, rows: RowBatch, kept: Bools, predicted: Filtered, tracks: Tracks, out: SweepsTaken
     ) -> None:
         """Try again without false photodiodes where the gate has refused the rows."""
-        again = np.zeros(len(out.fresh), dtype=np.bool_)
-        for c in np.flatnonzero(out.refused):
+        refused = np.flatnonzero(out.refused)
+        if not len(refused):
+            return
+        known, again = self._known, np.zeros(len(out.fresh), dtype=np.bool_)
+        for c in refused:
             own, used = rows.of(int(c)), kept[rows.first[c] : rows.first[c + 1]]
             before = predicted.state.of(int(c)), predicted.covariance[c]
-            keep = agreeing(own, self._stations, self._point_m[c], *before, self._noise, self._gate)
+            keep = agreeing(own, known.packed, self._point_m[c], *before, known.noise, self._gate)
             out.dropped[c] = -1
             if keep is None:
                 again[c] = self._pushed(int(c), rows, kept, tracks)
@@ -267,7 +273,7 @@ class SingleSweeps:
         """Return whether the rows of a craft agree with each other, and its prediction has been widened for them."""
         used = kept.copy()
         mask = np.arange(len(rows.first) - 1) == craft
-        found = innovations(rows, used, mask, self._stations, self._point_m, tracks.bank.state, self._noise)
+        found = innovations(rows, used, mask, self._known.light, self._point_m, tracks.bank.state)
         n = found.number[craft]
         return n >= 2 * MIN_LIT and tracks.push(craft, found.y[craft, :n], found.h[craft, :n], np.eye(n))
 

@@ -316,7 +316,7 @@ class Tracks:
         ages, limits = (self.since_update_s, self.since_pose_s, self._rejections), self._limits
         given_up = np.empty_like(pose)
         if _count(pose, sweeps, refused, self._frame_s, limits.coast_limit_s, limits.rejections_limit, ages, given_up):
-            given_up |= self.beyond(MEANINGLESS_RAD, sweeps)
+            given_up |= self.bank.beyond(MEANINGLESS_RAD, sweeps)
         self.bank.stop(self.bank.active & given_up)
 
     def lost(self, time_s: float) -> Bools:
@@ -326,14 +326,7 @@ class Tracks:
         active = self.bank.active
         out, without = active & (self.since_update_s > time_s), active & (self.since_pose_s > time_s)
         if without.any():
-            out |= self.beyond(UNDECIDED_RAD, without)
-        return out
-
-    def beyond(self, attitude_rad: float, mask: Bools) -> Bools:
-        """Return which craft (C,) of the mask have a filter with a larger standard deviation of attitude than this."""
-        out = mask & self.bank.active
-        if out.any():
-            _keep_beyond(out, self.bank.covariance_where(out), attitude_rad**2)
+            out |= self.bank.beyond(UNDECIDED_RAD, without)
         return out
 
     def filtered(self) -> Filtered:
@@ -341,8 +334,10 @@ class Tracks:
         return Filtered(self.bank.active, self.bank.state, self.bank.covariance_to_read())
 
     def filtered_where(self, mask: Bools) -> Filtered:
-        """Return the filters of the craft of the mask (C,) alone as they are now; those of the others are not set."""
-        return Filtered(self.bank.active, self.bank.state_where(mask), self.bank.covariance_where(mask))
+        """Return the filters of the craft of the mask (C,) alone as they are now; the covariances of the others are
+        not set.
+        """
+        return Filtered(self.bank.active, self.bank.state, self.bank.covariance_where(mask))
 
     def rate_covariance(self, craft: int) -> Floats:
         """Return the covariance (6, 6) of a craft's rates (angular, linear): predicted, or a wide prior."""
@@ -423,14 +418,6 @@ def _count(
         given_up[c] = since_update_s[c] > coast_limit_s or rejections[c] >= rejections_limit
         some = some or sweeps[c]
     return some
-
-
-@kernel
-def _keep_beyond(mask: Bools, covariance: Floats, variance: float) -> None:
-    """Keep the craft of the mask (C,) whose sum of the three variances of the attitude exceeds `variance` [rad^2]."""
-    for c in range(len(mask)):
-        p = covariance[c]
-        mask[c] = mask[c] and p[0, 0] + p[1, 1] + p[2, 2] > variance
 
 
 def _all_columns(rows: Rows) -> tuple[Floats, Floats]:

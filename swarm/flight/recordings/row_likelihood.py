@@ -23,7 +23,7 @@ from scipy.special import ndtr
 from estimators.arrays import Bools, Floats, Ints
 from estimators.filter.bank import gates
 from estimators.filter.compiled import CompiledFilterBank
-from estimators.lighthouse.innovation import RowBatch, gathered, innovations
+from estimators.lighthouse.innovation import RowBatch, gathered, innovations, light_of
 from estimators.lighthouse.integrity import AngleNoise
 from estimators.lighthouse.row_motion import HandMotion
 from estimators.lighthouse.row_snooping import LIMIT, snooped
@@ -211,7 +211,7 @@ def _run(
                     own, known, points[c], state.of(c), covariance[c], noise
                 )
         kept = used.copy()
-        found = innovations(rows, kept, every, known, points, bank.state, noise)
+        found = innovations(rows, kept, every, light_of(known, noise), points, bank.state)
         asked = found.number > 0
         result = bank.update(asked, found.y, found.h, np.ones_like(found.y), found.number, found.pivot)
         gate = gates(GATE, int(found.number.max(initial=0)))[found.number]

@@ -16,7 +16,7 @@ import numpy as np
 from estimators import rotation as rot
 from estimators.arrays import Bools, Floats
 from estimators.filter.error_state import STATES, process_noise_into, transition_into
-from estimators.lighthouse.innovation import innovations, rows_of_sweeps
+from estimators.lighthouse.innovation import innovations, light_of, rows_of_sweeps
 from estimators.lighthouse.rows import Station, packed
 from estimators.lighthouse.sweep import lighthouse_1
 from estimators.state import State
@@ -45,7 +45,7 @@ class PosteriorBound:
             raise SwarmError(f"scenario {scenario.name}: the bound is computed with the one lighthouse only")
         s = self._settings = builders.navigation(scenario)
         fans = lighthouse_1(s.fan_x, s.fan_y)
-        self._stations = packed([Station(s.station.rotation, s.station.position, fans)])
+        self._light = light_of(packed([Station(s.station.rotation, s.station.position, fans)]), [s.noise])
         self._point_m = np.nan_to_num(flight.world.photodiodes.point_m)
         turn, place = UNKNOWN_POSE
         prior = np.repeat([turn, UNKNOWN_RATE[0], place, UNKNOWN_RATE[1]], 3)
@@ -90,7 +90,7 @@ class PosteriorBound:
             velocity=truth.velocity,
             angular_rate=truth.angular_rate,
         )
-        found = innovations(rows, kept, every, self._stations, self._point_m, state, [self._settings.noise])
+        found = innovations(rows, kept, every, self._light, self._point_m, state)
         for c, n in enumerate(found.number):
             if n:
                 h, p = found.h[c, :n], self._covariance[c]
