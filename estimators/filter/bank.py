@@ -358,14 +358,17 @@ class FilterBank(ABC):
         used = np.full(craft, rows) if count is None else np.ascontiguousarray(count, dtype=np.int64)
         if used.shape != (craft,) or np.any((used < 0) | (used > rows)):
             raise ValueError(f"count: expected {(craft,)} numbers from 0 to {rows}")
-        free = used if freedoms is None else np.ascontiguousarray(freedoms, dtype=np.int64)
-        if free.shape != (craft,) or np.any(free[mask] < 0):
-            raise ValueError(f"freedoms: expected {(craft,)} numbers, zero or more")
+        free, most = used, rows
+        if freedoms is not None:
+            free = np.ascontiguousarray(freedoms, dtype=np.int64)
+            if free.shape != (craft,) or np.any(free[mask] < 0):
+                raise ValueError(f"freedoms: expected {(craft,)} numbers, zero or more")
+            most = int(free[mask].max(initial=rows))
+        gate = gates(self.gate_probability, most)
         if np.ndim(r) == 2:
-            independent = self._independent(mask, y, h, r, used, pivot, free)
+            independent = self._independent(mask, y, h, r, used, gate, pivot, free)
             return self._taken("r", mask & (used > 0), independent)
         more = self._argument("square", np.zeros(craft) if square is None else square, (), mask)
-        gate = gates(self.gate_probability, int(free[mask].max(initial=rows)))
         if count is None:
             y, h = self._argument("y", y, (rows,), mask), self._argument("h", h, (rows, STATES), mask)
             return self._taken("r", mask, Given(y, h, self._covariances("r", r, rows, mask), used, gate, free, more))
@@ -380,16 +383,24 @@ class FilterBank(ABC):
         return self._taken("r", mask & (used > 0), Given(y, h, r, used, gate, free, more))
 
     def _independent(
-        self, mask: Bools, y: Floats, h: Floats, r: Floats, used: Ints, pivot: Floats | None, freedoms: Ints
+        self,
+        mask: Bools,
+        y: Floats,
+        h: Floats,
+        r: Floats,
+        used: Ints,
+        gate: Floats,
+        pivot: Floats | None,
+        freedoms: Ints,
     ) -> Independent:
-        """Return rows of independent noise, checked; the arguments are those of `update`."""
+        """Return rows of independent noise, checked; the arguments are those of `update`, and of `Given`."""
         craft, rows = np.shape(y)
         out = Independent(
             self._shaped("y", y, (rows,)),
             self._shaped("h", h, (rows, STATES)),
             self._shaped("r", r, (rows,)),
             used,
-            gates(self.gate_probability, int(freedoms[mask].max(initial=rows))),
+            gate,
             self._argument("pivot", np.zeros((craft, PIVOT)) if pivot is None else pivot, (PIVOT,), mask),
             freedoms,
         )

@@ -50,7 +50,7 @@ class RowBatch(NamedTuple):
     @property
     def most(self) -> int:
         """The largest number of rows of one craft."""
-        return int(np.diff(self.first).max(initial=0))
+        return int((self.first[1:] - self.first[:-1]).max(initial=0))
 
     def of(self, craft: int, kept: Bools | None = None) -> Rows:
         """Return the rows of one craft; only those of a mask (N,), if one is given."""

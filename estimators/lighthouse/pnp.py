@@ -447,7 +447,5 @@ def refine_with_dilution(
 
 
 def _projected(theta: Floats, lit: Bools) -> Floats:
-    """Return the projections (C, K, 2) of sweep angles, NaN where no craft sees any."""
-    lit = checked_lit(lit)
-    theta = checked("theta", theta, (*lit.shape, 2))
-    return projections(theta) if lit.any() else np.full_like(theta, np.nan)
+    """Return the projections (C, K, 2) of sweep angles."""
+    return projections(checked("theta", theta, (*checked_lit(lit).shape, 2)))

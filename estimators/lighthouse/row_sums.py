@@ -49,7 +49,7 @@ def condense(found: Innovations, mask: Bools, covariance: Floats) -> tuple[Innov
     craft, most = found.y.shape
     angles = np.where(mask, found.number, 0)
     if most <= CONDENSED:
-        return found._replace(number=angles), angles
+        return Innovations(found.y, found.h, angles, found.pivot), angles
     width = min(most, STATES + 1)
     number = np.zeros_like(found.number)
     out = Innovations(np.empty((craft, width)), np.empty((craft, width, STATES)), number, found.pivot)

@@ -216,7 +216,9 @@ class LighthouseFix:
                 self._rho,
                 again,
             )
-        overwrite(precision, again | ~screened.solution.solved, other)
+        # Of a pose that was given up after it had been solved, too, there is none.
+        given_up = np.isfinite(precision.pdop_m_per_rad) & ~screened.solution.solved
+        overwrite(precision, again | given_up, other)
 
     def levels(
         self, light: Light, taken: Taken, after: Filtered, sweep_fault: Floats, separated: Separated | None = None

@@ -63,23 +63,22 @@ class SweepsTaken(NamedTuple):
         return self.fresh & (self.photodiodes >= MIN_LIT)
 
 
-def _none(craft: int, batch: RowBatch | None = None, before: Filtered | None = None) -> SweepsTaken:
-    fates, numbers, unknown = (
-        np.zeros((2, craft), dtype=np.bool_),
-        np.zeros((3, craft), dtype=np.int64),
-        np.full((2, craft), np.nan),
-    )
+def _taken(
+    result: UpdateResult, rows: Ints, batch: RowBatch | None, kept: Bools, before: Filtered | None = None
+) -> SweepsTaken:
+    """Return the fate of rows, (C,) of each craft, before it is known which photodiodes they come from."""
+    photodiodes, dropped = np.zeros((2, *rows.shape), dtype=np.int64)
     return SweepsTaken(
-        fresh=fates[0],
-        refused=fates[1],
-        nis=unknown[0],
-        rows=numbers[0],
-        photodiodes=numbers[1],
-        dropped=numbers[2],
-        fault=np.zeros((2, craft)),
+        fresh=result.accepted,
+        refused=np.isfinite(result.nis) & ~result.accepted,
+        nis=result.nis,
+        rows=rows * result.accepted,
+        photodiodes=photodiodes,
+        dropped=dropped,
+        fault=np.zeros((2, *rows.shape)),
         batch=batch,
-        kept=np.ones(0 if batch is None else len(batch.angle), dtype=np.bool_),
-        log_determinant=unknown[1],
+        kept=kept,
+        log_determinant=result.log_determinant,
         before=before,
     )
 
@@ -98,7 +97,9 @@ class SingleSweeps:
         self._gate = gates(s.gate_probability, 2 * point_m.shape[1])
         self._screens = s.integrity.residual_test
         self._missed = np.sqrt(shown_to_gate(self._gate, s.integrity.missed_detection))
-        self._nothing = _none(len(point_m))
+        craft = len(point_m)
+        none = UpdateResult(np.zeros(craft, dtype=np.bool_), np.full(craft, np.nan), np.full(craft, np.nan))
+        self._nothing = _taken(none, np.zeros(craft, dtype=np.int64), None, np.ones(0, dtype=np.bool_))
         for part in (*self._nothing[:7], self._nothing.log_determinant):
             part.flags.writeable = False  # it is that of many periods
 
@@ -121,41 +122,14 @@ class SingleSweeps:
         instants = offset_s if self._compensated else np.zeros_like(offset_s)
         rows = rows_of_sweeps(theta, instants, mask)
         predicted = tracks.filtered_where(mask)
-        out = _none(len(mask), rows, predicted)
-        kept = out.kept
-        self._update(rows, kept, mask, tracks, out, predicted)
+        kept: Bools = np.ones(len(rows.angle), dtype=np.bool_)
+        out = _taken(*self.give(rows, kept, mask, tracks.bank, predicted), rows, kept, predicted)
         if self._screens:
             self._without_false(rows, kept, predicted, tracks, out)
         _count_photodiodes(rows.first, rows.photodiode, kept, out.fresh, self._point_m.shape[1], out.photodiodes)
         if self._screens:
             self._faults(rows, kept, predicted, tracks, out)
         return out
-
-    def _update(
-        self,
-        rows: RowBatch,
-        kept: Bools,
-        mask: Bools,
-        tracks: Tracks,
-        out: SweepsTaken,
-        predicted: Filtered | None = None,
-    ) -> None:
-        """Give the kept rows of the craft of the mask to their filters, and write their fate.
-
-        Args:
-            rows: of all craft.
-            kept: (N,), those that are used.
-            mask: (C,), the craft concerned.
-            tracks: filters, predicted to the epoch.
-            out: receives the fate.
-            predicted: the filters as they are, if that is known.
-        """
-        result, angles = self.give(rows, kept, mask, tracks.bank, predicted)
-        asked = np.flatnonzero(np.isfinite(result.nis))
-        accepted = result.accepted[asked]
-        out.fresh[asked], out.refused[asked] = accepted, ~accepted
-        out.nis[asked], out.rows[asked] = result.nis[asked], np.where(accepted, angles[asked], 0)
-        out.log_determinant[asked] = result.log_determinant[asked]
 
     def give(
         self, rows: RowBatch, kept: Bools, mask: Bools, bank: FilterBank, before: Filtered | None = None
@@ -267,7 +241,10 @@ class SingleSweeps:
                 used[:] = keep
                 again[c] = True
         if again.any():
-            self._update(rows, kept, again, tracks, out)
+            now = _taken(*self.give(rows, kept, again, tracks.bank), rows, kept)
+            asked = now.fresh | now.refused
+            for fate, found in zip(_fates(out), _fates(now), strict=True):
+                fate[asked] = found[asked]
 
     def _pushed(self, craft: int, rows: RowBatch, kept: Bools, tracks: Tracks) -> bool:
         """Return whether the rows of a craft agree with each other, and its prediction has been widened for them."""
@@ -276,6 +253,11 @@ class SingleSweeps:
         found = innovations(rows, used, mask, self._known.light, self._point_m, tracks.bank.state)
         n = found.number[craft]
         return n >= 2 * MIN_LIT and tracks.push(craft, found.y[craft, :n], found.h[craft, :n], np.eye(n))
+
+
+def _fates(taken: SweepsTaken) -> tuple[Bools, Bools, Floats, Ints, Floats]:
+    """Return what an update with rows has come to, (C,) each."""
+    return taken.fresh, taken.refused, taken.nis, taken.rows, taken.log_determinant
 
 
 def _in_order(state: State) -> tuple[Floats, Floats, Floats, Floats]:
