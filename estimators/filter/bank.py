@@ -359,7 +359,7 @@ class FilterBank(ABC):
         if used.shape != (craft,) or np.any((used < 0) | (used > rows)):
             raise ValueError(f"count: expected {(craft,)} numbers from 0 to {rows}")
         free, most = used, rows
-        if freedoms is not None:
+        if freedoms is not None and freedoms is not count:
             free = np.ascontiguousarray(freedoms, dtype=np.int64)
             if free.shape != (craft,) or np.any(free[mask] < 0):
                 raise ValueError(f"freedoms: expected {(craft,)} numbers, zero or more")

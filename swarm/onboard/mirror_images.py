@@ -137,12 +137,13 @@ class MirrorImages:
         self.hidden &= followed
         if taken.batch is None or taken.before is None:
             return
-        asked = other.active & (taken.fresh | taken.refused)
-        for c in np.flatnonzero(asked).tolist():
-            self._pivot[c] = self._sweeps.centre(c, taken.batch.of(c, taken.kept))
-        if asked.any():
-            self._weigh(taken, asked)
-        self._merge()
+        if followed.any():
+            asked = followed & (taken.fresh | taken.refused)
+            for c in np.flatnonzero(asked).tolist():
+                self._pivot[c] = self._sweeps.centre(c, taken.batch.of(c, taken.kept))
+            if asked.any():
+                self._weigh(taken, asked)
+            self._merge()
         self._seek(taken)
         self.hidden &= other.active
 

@@ -147,15 +147,15 @@ class SingleSweeps:
             before = Filtered(bank.active, bank.state_where(mask), bank.covariance_where(mask))
         state, covariance, light = before.state, before.covariance, self._known.light
         bends = self.bends(mask, covariance, state.position)
-        result, angles, few = None, np.zeros(len(mask), dtype=np.int64), mask
+        first, few = None, mask
         if rows.most > CONDENSED:
             many = pose_sums(rows, kept, mask & ~bends, light, self._point_m, state, covariance)
-            angles, few = np.where(many.told, many.rows, 0), mask & ~many.told
             if many.told.any():
                 result = bank.update(many.told, many.y, many.h, many.r, freedoms=many.rows, square=many.square)
                 result.log_determinant[many.told] += many.log_determinant[many.told]
+                first, few = (result, np.where(many.told, many.rows, 0)), mask & ~many.told
                 if not few.any():
-                    return result, angles
+                    return first
         found = innovations(rows, kept, few, light, self._point_m, state)
         asked = few & (found.number > 0)
         bent = asked & bends
@@ -167,9 +167,11 @@ class SingleSweeps:
             to_second_order(found, bent, state, covariance, there)
         sums, counted = condense(found, asked, covariance)
         other = bank.update(asked, sums.y, sums.h, np.ones_like(sums.y), sums.number, sums.pivot, counted)
-        if result is not None:
-            other = UpdateResult._make(np.where(asked, one, first) for first, one in zip(result, other, strict=True))
-        return other, np.where(asked, counted, angles)
+        if first is None:
+            return other, counted
+        both = (np.where(asked, new, old) for new, old in zip((*other, counted), (*first[0], first[1]), strict=True))
+        accepted, nis, log_determinant, angles = both
+        return UpdateResult(accepted, nis, log_determinant), angles
 
     def centre(self, craft: int, rows: Rows) -> Floats:
         """Return the pivot (PIVOT,) of `estimators.pivot` in the centre of the photodiodes of one craft's rows, with
