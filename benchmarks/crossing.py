@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from estimators.rotation import xyzw_from_wxyz
 from swarm.onboard.decoder import PulseDecoder
-from swarm.sensors.crossing import cross_into
+from swarm.sensors.crossing import cross_into, row_by_row, side_by_side
 
 
 def main() -> None:
@@ -26,12 +26,13 @@ def main() -> None:
     lighthouse, motion = c.flight.sensors.lighthouse, c.motion
     true, settings = lighthouse.photodiodes, lighthouse.settings
     period, knot = 1 / settings.rate_hz, motion.time_s - motion.time_s[0]
-    instant, width = np.empty((2, *c.lit.shape))
-    none = np.zeros(c.lit.shape)
-    arguments = (knot, motion.position, motion.quaternion, true.point_m, true.normal, c.lit, none, lighthouse._fans)
+    error = side_by_side(np.where(c.lit, 0.0, np.nan))
+    instants, widths = np.empty_like(error), np.empty_like(error)
+    faces = side_by_side(true.point_m), side_by_side(true.normal)
+    arguments = (knot, motion.position, motion.quaternion, *faces, error, lighthouse._fans)
 
     def cross() -> None:
-        cross_into(*arguments, period, settings.photodiode_diameter_m, instant, width)
+        cross_into(*arguments, period, settings.photodiode_diameter_m, instants, widths)
 
     craft, photodiode, fan = np.nonzero(c.lit)
     chosen_ones = np.random.default_rng(0).choice(len(craft), min(chosen.sample, len(craft)), replace=False)
@@ -61,6 +62,7 @@ def main() -> None:
         chosen.repeats,
     )
     scipy_times = interleaved({"SciPy brentq": scipys}, 2)["SciPy brentq"]
+    instant = row_by_row(instants, chosen.craft)
     worst = float(np.abs(instant[craft, photodiode, fan][chosen_ones] - solved).max())
     both = c.lit.all(axis=2)
     theta = 2 * np.pi * settings.rate_hz * (instant - np.array([0, period / 2]))

@@ -21,6 +21,8 @@ _M0, _M1 = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)
 _W0, _W1 = np.uint64(0x9E3779B9), np.uint64(0xBB67AE85)
 _MIDDLE = 0.425
 """Distance of a share from 1/2 up to which the middle polynomials serve."""
+_END = 2e-11
+"""Shares up to e^-25, and some more."""
 _WORD, _32, _12 = np.uint64(0xFFFFFFFF), np.uint64(32), np.uint64(12)
 
 Keys = NDArray[np.uint64]
@@ -109,27 +111,39 @@ def uniforms_into(key: np.uint64, first: int, kind: int, count: int, out: Floats
 @kernel
 def normal_quantile(share: float) -> float:
     """Return the standard normal number below which a share of all numbers lies; 0 < share < 1 (AS 241)."""
-    return _middle(share) if abs(share - 0.5) <= _MIDDLE else _tail(share)
+    if abs(share - 0.5) <= _MIDDLE:
+        return _middle(share)
+    r = np.sqrt(-np.log(min(share, 1 - share)))
+    out: float = _tail(r) if r <= 5 else _far_tail(r)
+    return -out if share < 0.5 else out
 
 
 @kernel
-def normal_quantiles_into(share: Floats, out: Floats, which: Ints) -> None:
-    """Write the quantiles of many shares: first all as if none were far out, side by side, then those that are.
+def normal_quantiles_into(count: int, share: Floats, out: Floats, far: Floats, which: Ints) -> None:
+    """Write the quantiles of many shares, side by side: first all as if none were far out, then those that are.
 
     Args:
+        count: number of groups of shares.
         share: shares, (G, WIDE).
         out: output, (G, WIDE).
-        which: room for as many numbers, (G WIDE,).
+        far: room for as many numbers, (G, WIDE), positive ones.
+        which: room for as many whole numbers, (G WIDE,).
     """
-    shares, quantiles, far = wide_in(share), wide_in(out), 0
-    for g in range(len(shares)):
+    shares, quantiles, tails, number = wide_in(share), wide_in(out), wide_in(far), 0
+    for g in range(count):
         quantiles[g] = _middle(shares[g])
         for i in range(WIDE):
-            which[far] = WIDE * g + i
-            far += not abs(share[g, i] - 0.5) <= _MIDDLE
-    for n in range(far):
+            which[number] = WIDE * g + i
+            number += not abs(share[g, i] - 0.5) <= _MIDDLE
+    for n in range(number):
+        one = share[which[n] // WIDE, which[n] % WIDE]
+        far[n // WIDE, n % WIDE] = -np.log(min(one, 1 - one))
+    for g in range(-(-number // WIDE)):
+        tails[g] = _tail(np.sqrt(tails[g]))
+    for n in range(number):
         g, i = which[n] // WIDE, which[n] % WIDE
-        out[g, i] = _tail(share[g, i])
+        tail, end = far[n // WIDE, n % WIDE], min(share[g, i], 1 - share[g, i])
+        out[g, i] = normal_quantile(share[g, i]) if end < _END else -tail if share[g, i] < 0.5 else tail
 
 
 @kernel
@@ -149,30 +163,33 @@ def _middle(share: float) -> float:
 
 
 @kernel
-def _tail(share: float) -> float:
-    """Return the same of a share that is less than 0.075 or more than 0.925."""
-    r = np.sqrt(-np.log(share if share < 0.5 else 1 - share))
-    if r <= 5:
-        r -= 1.6
-        above = 7.74545014278341407640e-4 * r + 2.27238449892691845833e-2
-        above = (above * r + 2.41780725177450611770e-1) * r + 1.27045825245236838258
-        above = (above * r + 3.64784832476320460504) * r + 5.76949722146069140550
-        above = (above * r + 4.63033784615654529590) * r + 1.42343711074968357734
-        below = 1.05075007164441684324e-9 * r + 5.47593808499534494600e-4
-        below = (below * r + 1.51986665636164571966e-2) * r + 1.48103976427480074590e-1
-        below = (below * r + 6.89767334985100004550e-1) * r + 1.67638483018380384940
-        below = (below * r + 2.05319162663775882187) * r + 1.0
-    else:
-        r -= 5
-        above = 2.01033439929228813265e-7 * r + 2.71155556874348757815e-5
-        above = (above * r + 1.24266094738807843860e-3) * r + 2.65321895265761230930e-2
-        above = (above * r + 2.96560571828504891230e-1) * r + 1.78482653991729133580
-        above = (above * r + 5.46378491116411436990) * r + 6.65790464350110377720
-        below = 2.04426310338993978564e-15 * r + 1.42151175831644588870e-7
-        below = (below * r + 1.84631831751005468180e-5) * r + 7.86869131145613259100e-4
-        below = (below * r + 1.48753612908506148525e-2) * r + 1.36929880922735805310e-1
-        below = (below * r + 5.99832206555887937690e-1) * r + 1.0
-    return float(-above / below if share < 0.5 else above / below)
+def _tail(r: float) -> float:
+    """Return the magnitude of the same of a share with ends of e^(-r^2), 0.075 or less and r up to 5."""
+    r = r - 1.6
+    above = 7.74545014278341407640e-4 * r + 2.27238449892691845833e-2
+    above = (above * r + 2.41780725177450611770e-1) * r + 1.27045825245236838258
+    above = (above * r + 3.64784832476320460504) * r + 5.76949722146069140550
+    above = (above * r + 4.63033784615654529590) * r + 1.42343711074968357734
+    below = 1.05075007164441684324e-9 * r + 5.47593808499534494600e-4
+    below = (below * r + 1.51986665636164571966e-2) * r + 1.48103976427480074590e-1
+    below = (below * r + 6.89767334985100004550e-1) * r + 1.67638483018380384940
+    below = (below * r + 2.05319162663775882187) * r + 1.0
+    return above / below
+
+
+@kernel
+def _far_tail(r: float) -> float:
+    """Return the same of an r beyond 5."""
+    r = r - 5
+    above = 2.01033439929228813265e-7 * r + 2.71155556874348757815e-5
+    above = (above * r + 1.24266094738807843860e-3) * r + 2.65321895265761230930e-2
+    above = (above * r + 2.96560571828504891230e-1) * r + 1.78482653991729133580
+    above = (above * r + 5.46378491116411436990) * r + 6.65790464350110377720
+    below = 2.04426310338993978564e-15 * r + 1.42151175831644588870e-7
+    below = (below * r + 1.84631831751005468180e-5) * r + 7.86869131145613259100e-4
+    below = (below * r + 1.48753612908506148525e-2) * r + 1.36929880922735805310e-1
+    below = (below * r + 5.99832206555887937690e-1) * r + 1.0
+    return above / below
 
 
 @kernel

@@ -6,7 +6,18 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, norm
 
-from swarm.draws import key_of, keys_of, normal_quantile, normal_rows, normals, philox, uniform_rows, uniforms
+from estimators.lanes import WIDE
+from swarm.draws import (
+    key_of,
+    keys_of,
+    normal_quantile,
+    normal_quantiles_into,
+    normal_rows,
+    normals,
+    philox,
+    uniform_rows,
+    uniforms,
+)
 from swarm.random import Purpose
 
 KEYS = keys_of(3, Purpose.LIGHT, range(400))
@@ -94,3 +105,16 @@ def test_a_name_alone_decides() -> None:
 def test_purposes_and_names_have_keys_of_their_own() -> None:
     keys = {key_of(1, purpose, 5, 2) for purpose in Purpose} | {key_of(1, purpose) for purpose in Purpose}
     assert len(keys) == 2 * len(Purpose)
+
+
+def test_quantiles_side_by_side_are_those_one_by_one() -> None:
+    """Shares of all parts and of their borders, as far out as draws go."""
+    rng = np.random.default_rng(5)
+    ends = np.concatenate([[2.0**-53, 1e-15, 1.9e-11, 2.1e-11, np.exp(-25.0), 0.075], 10 ** rng.uniform(-15, -1, 50)])
+    share = rng.permutation(np.concatenate([ends, 1 - ends, rng.random(200)]))
+    share = share[: len(share) // WIDE * WIDE].reshape(-1, WIDE)
+    out, groups = np.zeros_like(share), len(share) - 2
+    normal_quantiles_into(groups, share, out, np.ones_like(share), np.empty(share.size, np.int64))
+    expected = np.reshape([normal_quantile(float(one)) for one in share.flat], share.shape)
+    np.testing.assert_array_equal(out[:groups], expected[:groups])
+    assert np.all(out[groups:] == 0)

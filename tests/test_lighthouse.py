@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from scipy.stats import chi2
 
 from estimators.arrays import Bools, Floats
+from estimators.lanes import WIDE
 from estimators.lighthouse.sweep import LIGHTHOUSE_1, FanErrors, ideal_theta, kernel_fans, lighthouse_1, measured_theta
 from estimators.rotation import exp, quaternion_from_matrix
 from swarm.draws import key_of, keys_of, normals
@@ -17,7 +18,7 @@ from swarm.hardware import Photodiodes, pad
 from swarm.messages import SYNC_WIDTH_S, SYNC_WIDTH_STEP_S, Pulses
 from swarm.random import Purpose
 from swarm.scenario import Lighthouse as Station
-from swarm.sensors.crossing import cross_into
+from swarm.sensors.crossing import cross_into, row_by_row, side_by_side
 from swarm.sensors.light_draws import ANGLE, errors_into
 from swarm.sensors.light_draws import strays as strays_of
 from swarm.sensors.lighthouse import Lighthouse
@@ -111,6 +112,25 @@ def angles(lighthouse: Lighthouse, pulses: Pulses) -> Floats:
     return out
 
 
+def crossings(truth: Truth, point: Floats, normal: Floats, error: Floats, fans: Floats) -> tuple[Floats, Floats]:
+    """Instants and widths, (C, K, 2), of errors that are NaN where a fan does not light a photodiode."""
+    errors = side_by_side(error)
+    instant, width = np.zeros_like(errors), np.zeros_like(errors)
+    cross_into(*truth, side_by_side(point), side_by_side(normal), errors, fans, PERIOD, 3e-3, instant, width)
+    return row_by_row(instant, len(error)), row_by_row(width, len(error))
+
+
+def test_craft_side_by_side_are_those_one_by_one() -> None:
+    values = np.random.default_rng(0).random((11, 5, 3))
+    abreast = side_by_side(values)
+    np.testing.assert_array_equal(row_by_row(abreast, 11), values)
+    for c, k, n in np.ndindex(values.shape):
+        assert abreast[c // WIDE, n, k, c % WIDE] == values[c, k, n]
+    np.testing.assert_array_equal(
+        row_by_row(abreast, len(abreast) * WIDE)[11:], np.repeat(values[-1:], -11 % WIDE, axis=0)
+    )
+
+
 @pytest.mark.parametrize("fans", [(FanErrors(), FanErrors()), REAL_FANS])
 @pytest.mark.parametrize("frame", [0, 100_000])
 def test_crossing_instants_equal_a_root_finder_on_the_analytic_motion(
@@ -119,10 +139,8 @@ def test_crossing_instants_equal_a_root_finder_on_the_analytic_motion(
     motion, layout = FreeMotion(1, 20, frame), layout_of([12] * 20)
     truth = motion.period(frame)
     error = np.random.default_rng(2).normal(0, NOISE, (20, 12, 2))
-    instant, width = np.zeros((20, 12, 2)), np.zeros((20, 12, 2))
-    knots = truth.time_s - truth.time_s[0]
-    lit, numbers = all_lit(layout), kernel_fans(lighthouse_1(*fans))
-    cross_into(knots, *truth[1:], layout.point_m, layout.normal, lit, error, numbers, PERIOD, 3e-3, instant, width)
+    truth = truth._replace(time_s=truth.time_s - truth.time_s[0])
+    instant, _ = crossings(truth, layout.point_m, layout.normal, error, kernel_fans(lighthouse_1(*fans)))
     for c, k, fan in np.ndindex(20, 12, 2):
         start = fan * PERIOD / 2
 
@@ -145,9 +163,8 @@ def test_crossings_keep_the_limit_however_fast_the_craft_move(scale: float) -> N
     motion.velocity *= scale
     motion.turn *= scale
     truth, error, lit = motion.period(0, 2), rng.normal(0, NOISE, (8, 6, 2)), rng.random((8, 6, 2)) < 0.8
-    instant, width = np.empty((2, 8, 6, 2))
     perfect = kernel_fans(LIGHTHOUSE_1)
-    cross_into(*truth, layout.point_m, normal, lit, error, perfect, PERIOD, 3e-3, instant, width)
+    instant, width = crossings(truth, layout.point_m, normal, np.where(lit, error, np.nan), perfect)
     found = np.isfinite(instant)
     np.testing.assert_array_equal(found, np.isfinite(width))
     assert not np.any(found & ~lit)
@@ -179,22 +196,9 @@ def test_crossing_instants_follow_bent_knots() -> None:
     quaternion /= np.linalg.norm(quaternion, axis=-1, keepdims=True)
     quaternion[::2] *= -1
     position = truth.position + rng.normal(0, 0.002, truth.position.shape)
-    instant, width = np.zeros((1, 12, 2)), np.zeros((1, 12, 2))
-    error, lit, perfect = np.zeros((1, 12, 2)), all_lit(layout), kernel_fans(LIGHTHOUSE_1)
-    cross_into(
-        truth.time_s,
-        position,
-        quaternion,
-        layout.point_m,
-        layout.normal,
-        lit,
-        error,
-        perfect,
-        PERIOD,
-        3e-3,
-        instant,
-        width,
-    )
+    bent = truth._replace(position=position, quaternion=quaternion)
+    nothing, perfect = np.zeros((1, 12, 2)), kernel_fans(LIGHTHOUSE_1)
+    instant, _ = crossings(bent, layout.point_m, layout.normal, nothing, perfect)
     turn = Slerp(truth.time_s, Rotation.from_quat(quaternion[:, 0], scalar_first=True))
     for k, fan in np.ndindex(12, 2):
         start = fan * PERIOD / 2
@@ -207,15 +211,12 @@ def test_crossing_instants_follow_bent_knots() -> None:
 
 
 def test_photodiodes_cross_before_and_after_a_knot_each_in_its_own_motion() -> None:
-    layout, lit = layout_of([12]), np.ones((1, 12, 2), dtype=np.bool_)
+    layout = layout_of([12])
     knot = np.array([0.0, PERIOD / 4, PERIOD])
     position = np.array([[[-2.0 * PERIOD / 4, 0.0, 2.0]], [[0.0, 0.0, 2.0]], [[-3.0 * PERIOD * 3 / 4, 0.0, 2.0]]])
-    still, normal = np.tile([1.0, 0.0, 0.0, 0.0], (3, 1, 1)), layout.normal
-    instant, width = np.empty((2, 1, 12, 2))
-    perfect = kernel_fans(LIGHTHOUSE_1)
-    cross_into(
-        knot, position, still, layout.point_m, normal, lit, np.zeros(lit.shape), perfect, PERIOD, 3e-3, instant, width
-    )
+    truth = Truth(knot, position, np.tile([1.0, 0.0, 0.0, 0.0], (3, 1, 1)))
+    nothing, perfect = np.zeros((1, 12, 2)), kernel_fans(LIGHTHOUSE_1)
+    instant, _ = crossings(truth, layout.point_m, layout.normal, nothing, perfect)
     sides = set()
     for k in range(12):
 
@@ -339,8 +340,9 @@ def sampled_errors(table: Station, craft: int, frames: int, photodiodes: int = 5
 def test_every_angles_error_is_its_own_draw_and_its_sweeps() -> None:
     keys, rotor = keys_of(1, Purpose.LIGHT, range(3)), key_of(1, Purpose.LIGHT)
     lit = np.random.default_rng(0).random((3, 41, 2)) < 0.5
-    out = np.full((3, 41, 2), np.nan)
-    errors_into(keys, rotor, 7, lit, 2.0, 3.0, out)
+    errors = np.empty((-(-3 // WIDE), 2, 41, WIDE))
+    errors_into(keys, rotor, 7, lit, 2.0, 3.0, errors)
+    out = row_by_row(errors, 3)
     common = normals(rotor, 7, 0, ANGLE)
     for (c, key), k in product(enumerate(keys), range(41)):
         drawn = normals(key, 7, k, ANGLE)

@@ -69,7 +69,7 @@ class _Room(NamedTuple):
     swept: Bools
     pulses: Ints
     rival: Floats
-    photodiode: Ints
+    photodiode: NDArray[np.uint16]
     middle: Floats
 
 
@@ -77,7 +77,7 @@ def _room(photodiodes: int, pulses: int) -> _Room:
     """Return room for a craft with so many photodiodes and pulses."""
     flashes = Flashes(*np.empty((2, MAX_FLASHES)), *np.empty((3, MAX_FLASHES), np.int64))
     counts, rival = np.empty((photodiodes, 2), np.int64), np.empty((photodiodes, 2))
-    return _Room(flashes, np.empty(2, np.bool_), counts, rival, np.empty(pulses, np.int64), np.empty(pulses))
+    return _Room(flashes, np.empty(2, np.bool_), counts, rival, np.empty(pulses, np.uint16), np.empty(pulses))
 
 
 @kernel
@@ -103,27 +103,33 @@ def _sort(
     count = sweeps = rejected = size = 0
     start = longest = -np.inf
     for i in range(len(photodiode)):
-        k, lasts = photodiode[i], width[i]
-        if not (0 <= k < len(present) and present[k] and 0 <= lasts <= longest_pulse):
+        # Without a sign, -1 is beyond the last photodiode.
+        k, lasts = np.uint16(photodiode[i]), width[i]
+        if not (k < len(present) and present[k] and 0 <= lasts <= longest_pulse):
             rejected += 1
         elif lasts < timing.shortest_pulse:
             room.photodiode[sweeps], room.middle[sweeps] = k, float(rise[i]) + 0.5 * lasts
             sweeps += 1
         elif rise[i] - start <= longest:
             size, longest = size + 1, max(longest, float(lasts))
-            flashes.size[count - 1], flashes.longest[count - 1] = size, longest
         elif count < MAX_FLASHES:
+            if count > 0:
+                flashes.size[count - 1], flashes.longest[count - 1] = size, longest
             start, longest, size = float(rise[i]), float(lasts), 1
-            flashes.rise[count], flashes.size[count], flashes.longest[count] = start, size, longest
+            flashes.rise[count] = start
             count += 1
         else:
             rejected += 1
+    if count > 0:
+        flashes.size[count - 1], flashes.longest[count - 1] = size, longest
     return count, sweeps, rejected
 
 
 @kernel
-def _read_sweeps(pulses: int, room: _Room, timing: Timing, flash: Floats, epoch: int, hits: Hits) -> int:
-    """Take a craft's sweep pulses into `hits`, their instants in ticks from the epoch; return the number of others.
+def _read_sweeps(
+    pulses: int, room: _Room, timing: Timing, flash: Floats, epoch: int, tick: float, hits: Hits
+) -> tuple[int, bool]:
+    """Take a craft's sweep pulses into `hits`; return the number of others, and whether one photodiode got several.
 
     Args:
         pulses: number of its pulses in the room.
@@ -131,21 +137,24 @@ def _read_sweeps(pulses: int, room: _Room, timing: Timing, flash: Floats, epoch:
         timing: timing of the lighthouse.
         flash: each fan's flash, (2,) [ticks].
         epoch: its epoch [ticks].
-        hits: receives them.
+        tick: of its clock [s].
+        hits: receives them, their instants in seconds from the epoch.
     """
     two_stations = timing.period > 3 * timing.half_turn
-    rejected = 0
+    zeros, swept = (flash[0], flash[1]), (room.swept[0], room.swept[1])
+    second = zeros[0] + 2 * timing.half_turn
+    rejected, most = 0, 0
     for i in range(pulses):
         k, middle = room.photodiode[i], room.middle[i]
         # With two stations, the second turn of the period belongs to the other one.
-        belongs = two_stations and middle > flash[0] + 2 * timing.half_turn
+        belongs = two_stations and middle > second
         for fan in range(2):
-            since = middle - flash[fan]
-            if room.swept[fan] and timing.sweep_first <= since <= timing.sweep_last:
+            since = middle - zeros[fan]
+            if swept[fan] and timing.sweep_first <= since <= timing.sweep_last:
                 belongs = True
-                take(hits, k, fan, np.pi * since / timing.half_turn, middle - epoch)
+                most = max(most, take(hits, k, fan, np.pi * since / timing.half_turn, (middle - epoch) * tick))
         rejected += not belongs
-    return rejected
+    return rejected, most > 1
 
 
 @kernel
@@ -187,17 +196,12 @@ def _decode(
                 rejected += flashes.size[i]
         hits = Hits(expected[c], room.pulses, room.rival, out.theta[c], out.offset_s[c])
         clear(hits)
-        rejected += _read_sweeps(sweeps, room, timing, last[c], out.epoch_tick[c], hits)
-        several[c] = False
-        for k in range(present.shape[1]):
-            for fan in range(2):
-                several[c] |= room.pulses[k, fan] > 1
+        others, several[c] = _read_sweeps(sweeps, room, timing, last[c], out.epoch_tick[c], tick, hits)
+        rejected += others
         if several[c]:
             rejected += choose(hits)
         for k in range(present.shape[1]):
             out.lit[c, k] = np.isfinite(out.theta[c, k, 0]) and np.isfinite(out.theta[c, k, 1])
-            for fan in range(2):
-                out.offset_s[c, k, fan] *= tick
         out.rejected[c] = rejected
 
 

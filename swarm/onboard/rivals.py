@@ -23,9 +23,9 @@ CHOICE_RATIO = 0.5
 class Hits(NamedTuple):
     """Pulses that one craft's photodiodes got in the sweeps of one period, by photodiode and fan, (K, 2) each.
 
-    expected: expected angle, NaN where there is none [rad]. pulses: their number. rival: distance of the second
-    nearest pulse from the expected angle [rad]. theta: angle of the nearest pulse, NaN without one [rad]. instant: its
-    instant, 0 without one.
+    expected: expected angle, NaN where there is none [rad]. pulses: their number. rival: where there are several,
+    distance of the second nearest from the expected angle [rad]. theta: angle of the nearest pulse, NaN without one
+    [rad]. instant: its instant, 0 without one.
     """
 
     expected: Floats
@@ -47,13 +47,12 @@ def clear(hits: Hits) -> None:
     """Forget every pulse, as at the beginning of a period."""
     for k in range(len(hits.pulses)):
         for fan in range(2):
-            hits.pulses[k, fan], hits.rival[k, fan] = 0, np.inf
-            hits.theta[k, fan], hits.instant[k, fan] = np.nan, 0.0
+            hits.pulses[k, fan], hits.theta[k, fan], hits.instant[k, fan] = 0, np.nan, 0.0
 
 
 @kernel
-def take(hits: Hits, photodiode: int, fan: int, angle: float, instant: float) -> None:
-    """Take in one pulse.
+def take(hits: Hits, photodiode: int, fan: int, angle: float, instant: float) -> int:
+    """Take in one pulse, and return how many its photodiode has got in this sweep so far.
 
     Args:
         hits: pulses of the period, updated.
@@ -63,13 +62,16 @@ def take(hits: Hits, photodiode: int, fan: int, angle: float, instant: float) ->
         instant: its instant, in whatever unit the caller counts.
     """
     k = photodiode
-    hits.pulses[k, fan] += 1
+    hits.pulses[k, fan] = pulses = hits.pulses[k, fan] + 1
+    if pulses == 1:
+        hits.theta[k, fan], hits.instant[k, fan] = angle, instant
+        return 1
     away = abs(angle - hits.expected[k, fan])
     before = abs(hits.theta[k, fan] - hits.expected[k, fan])
-    if hits.pulses[k, fan] > 1:
-        hits.rival[k, fan] = min(hits.rival[k, fan], max(away, before))
-    if hits.pulses[k, fan] == 1 or away < before:
+    hits.rival[k, fan] = min(hits.rival[k, fan] if pulses > 2 else np.inf, max(away, before))
+    if away < before:
         hits.theta[k, fan], hits.instant[k, fan] = angle, instant
+    return int(pulses)
 
 
 @kernel

@@ -28,6 +28,7 @@ from estimators.kernel import inlined, kernel
 from estimators.lanes import WIDE, alike, all_of, lane, select, wide_in, width, with_lane
 from estimators.lighthouse.sweep import TERMS, measured_angle
 from estimators.rotation import Row, Rows, exp_rows, quaternion_between, quaternion_rows, turned
+from estimators.scratch import scratch
 
 CONVERGED_S = 1e-13
 """Convergence limit: the time in which the rotor turns by the angle that remains [s]."""
@@ -139,20 +140,29 @@ class _Motion(NamedTuple):
 
 
 class _Room(NamedTuple):
-    """WIDE craft side by side.
+    """Room for WIDE craft side by side.
 
-    point, normal: photodiodes, (K, 3, WIDE). error: of their angles, NaN where they are not lit, (2, K, WIDE).
-    instant, width: results of a fan, (K, WIDE). knots: position, attitude and time at two knots, (2, 8, WIDE).
-    time: instants between them, (1, WIDE).
+    knots: position, attitude and time at two knots, (2, 8, WIDE). time: instants between them, (1, WIDE).
     """
 
-    point: Floats
-    normal: Floats
-    error: Floats
-    instant: Floats
-    width: Floats
     knots: Floats
     time: Floats
+
+
+def side_by_side(values: Floats) -> Floats:
+    """Return values of C craft's photodiodes (C, K, n) with WIDE craft side by side, (G, n, K, WIDE).
+
+    Places behind the last craft hold its values again.
+    """
+    groups = -(-len(values) // WIDE)
+    whole = np.concatenate([values, np.repeat(values[-1:], groups * WIDE - len(values), axis=0)])
+    return np.ascontiguousarray(whole.reshape(groups, WIDE, *values.shape[1:]).transpose(0, 3, 2, 1))
+
+
+def row_by_row(values: Floats, craft: int) -> Floats:
+    """Return values (G, n, K, WIDE) of craft side by side as those of each, (C, K, n)."""
+    groups, parts, photodiodes, _ = values.shape
+    return np.ascontiguousarray(values.transpose(0, 3, 2, 1).reshape(groups * WIDE, photodiodes, parts)[:craft])
 
 
 @kernel
@@ -188,7 +198,6 @@ def cross_into(
     quaternion: Floats,
     point: Floats,
     normal: Floats,
-    lit: Bools,
     error: Floats,
     fans: Floats,
     period: float,
@@ -198,32 +207,25 @@ def cross_into(
 ) -> None:
     """Write the crossing instants and sweep widths of the lit photodiodes; NaN where a fan finds no crossing.
 
+    Photodiodes are those of WIDE craft side by side, as `side_by_side` brings them.
+
     Args:
         knot: times of the knots, from the period's start, (n + 1,) [s].
         position: positions of the craft at the knots, (n + 1, C, 3) [m].
         quaternion: attitudes of the craft at the knots, (n + 1, C, 4) wxyz.
-        point: positions of the photodiodes, (C, K, 3) [m], body frame.
-        normal: normals of the photodiodes, (C, K, 3), body frame.
-        lit: photodiodes that are lit as each fan sweeps, (C, K, 2).
-        error: random error of each angle, (C, K, 2) [rad].
+        point: positions of the photodiodes, (G, 3, K, WIDE) [m], body frame.
+        normal: normals of the photodiodes, (G, 3, K, WIDE), body frame.
+        error: random error of each angle, NaN where a fan does not light the photodiode, (G, 2, K, WIDE) [rad].
         fans: fans as `kernel_fans` packs them, (2, FAN).
         period: length of one turn of the rotor [s].
         diameter: diameter of a photodiode's face [m].
-        instant: output, crossing instants, (C, K, 2) [s].
-        width: output, sweep widths, (C, K, 2) [s].
+        instant: output, crossing instants, (G, 2, K, WIDE) [s].
+        width: output, sweep widths, (G, 2, K, WIDE) [s].
     """
-    intervals, photodiodes, w = len(knot) - 1, lit.shape[1], 2 * np.pi / period
+    intervals, w = len(knot) - 1, 2 * np.pi / period
     motion = _Motion(knot, position, quaternion, np.empty((intervals, SEGMENT)), np.empty(intervals, np.bool_))
-    room = _Room(
-        np.empty((photodiodes, 3, WIDE)),
-        np.empty((photodiodes, 3, WIDE)),
-        np.empty((2, photodiodes, WIDE)),
-        np.empty((photodiodes, WIDE)),
-        np.empty((photodiodes, WIDE)),
-        np.empty((2, 8, WIDE)),
-        np.empty((1, WIDE)),
-    )
-    _cross_into(motion, point, normal, lit, error, fans, w, diameter, room, instant, width)
+    room = _Room(np.empty((2, 8, WIDE)), np.empty((1, WIDE)))
+    _cross_into(motion, point, normal, error, fans, w, diameter, room, instant, width)
 
 
 @kernel
@@ -231,7 +233,6 @@ def _cross_into(
     motion: _Motion,
     point: Floats,
     normal: Floats,
-    lit: Bools,
     error: Floats,
     fans: Floats,
     w: float,
@@ -241,67 +242,72 @@ def _cross_into(
     width: Floats,
 ) -> None:
     """Do the work of `cross_into`; without arrays of its own, it counts no references."""
-    craft, photodiodes = lit.shape[0], lit.shape[1]
-    for first in range(0, craft, WIDE):
-        count = min(WIDE, craft - first)
-        for i in range(WIDE):
-            c = first + min(i, count - 1)
-            for k in range(photodiodes):
-                for axis in range(3):
-                    room.point[k, axis, i], room.normal[k, axis, i] = point[c, k, axis], normal[c, k, axis]
-                for fan in range(2):
-                    room.error[fan, k, i] = error[c, k, fan] if lit[c, k, fan] else np.nan
+    craft = motion.position.shape[1]
+    for g in range(len(point)):
+        count = min(WIDE, craft - g * WIDE)
         for fan in range(2):
             start, perfect, found = fan * np.pi / w, True, False
             for term in range(TERMS, fans.shape[1]):
                 perfect = perfect and fans[fan, term] == 0
             if perfect:
-                found = _cross_together(motion, first, count, fan, start, w, diameter, room)
+                found = _cross_together(
+                    motion, g, count, fan, start, w, diameter, room, point, normal, error, instant, width
+                )
             else:
-                room.instant[:] = np.nan
-                room.width[:] = np.nan
-            for i in range(count):
-                c = first + i
-                for k in range(photodiodes):
-                    instant[c, k, fan], width[c, k, fan] = room.instant[k, i], room.width[k, i]
-                if not found:
-                    _search_missing(motion, c, point, normal, lit, error, fans, fan, start, w, diameter, instant, width)
+                instant[g, fan] = np.nan
+                width[g, fan] = np.nan
+            if not found:
+                for i in range(count):
+                    _search_missing(motion, g, i, point, normal, error, fans, fan, start, w, diameter, instant, width)
 
 
 @kernel
 def _cross_together(
-    motion: _Motion, first: int, count: int, fan: int, start: float, w: float, diameter: float, room: _Room
+    motion: _Motion,
+    g: int,
+    count: int,
+    fan: int,
+    start: float,
+    w: float,
+    diameter: float,
+    room: _Room,
+    point: Floats,
+    normal: Floats,
+    error: Floats,
+    instant: Floats,
+    width: Floats,
 ) -> bool:
-    """Write one fan's crossings of WIDE craft into `room`, NaN where the limit is not kept; return whether all keep it.
+    """Write one fan's crossings of WIDE craft, NaN where the limit is not kept; return whether all keep it.
 
-    Lanes beyond `count` craft, from the first, repeat the last one.
+    Lanes beyond `count` craft repeat the last one.
     """
-    points, normals, errors = wide_in(room.point), wide_in(room.normal), wide_in(room.error)
-    instants, widths = wide_in(room.instant), wide_in(room.width)
-    x = y = z = number = alike(errors[fan, 0], 0.0)
-    for k in range(len(points)):
-        p, lit = points[k], errors[fan, k] == errors[fan, k]
-        x, y, z = x + select(lit, p[0], 0.0), y + select(lit, p[1], 0.0), z + select(lit, p[2], 0.0)
+    points, normals, errors = wide_in(point)[g], wide_in(normal)[g], wide_in(error)[g, fan]
+    instants, widths = wide_in(instant)[g, fan], wide_in(width)[g, fan]
+    x = y = z = number = alike(errors[0], 0.0)
+    for k in range(len(errors)):
+        lit = errors[k] == errors[k]
+        x, y = x + select(lit, points[0, k], 0.0), y + select(lit, points[1, k], 0.0)
+        z = z + select(lit, points[2, k], 0.0)
         number += select(lit, 1.0, 0.0)
-    aim = _aimed(motion, first, count, (x / number, y / number, z / number), fan, start, w, room)
+    aim = _aimed(motion, g * WIDE, count, (x / number, y / number, z / number), fan, start, w, room)
     found = number == number
-    for k in range(len(points)):
-        p, n, error = points[k], normals[k], errors[fan, k]
-        after, wide, sure = _solved(aim, (p[0], p[1], p[2]), (n[0], n[1], n[2]), error, w, diameter)
+    for k in range(len(errors)):
+        p, n = (points[0, k], points[1, k], points[2, k]), (normals[0, k], normals[1, k], normals[2, k])
+        after, wide, sure = _solved(aim, p, n, errors[k], w, diameter)
         t = aim.instant + after
         sure = sure & (aim.low < t) & (t < aim.high)
         instants[k], widths[k] = select(sure, t, np.nan), select(sure, wide, np.nan)
-        found = found & (sure | (error != error))
+        found = found & (sure | (errors[k] != errors[k]))
     return all_of(found)
 
 
 @kernel
 def _search_missing(
     motion: _Motion,
-    c: int,
+    g: int,
+    i: int,
     point: Floats,
     normal: Floats,
-    lit: Bools,
     error: Floats,
     fans: Floats,
     fan: int,
@@ -311,14 +317,18 @@ def _search_missing(
     instant: Floats,
     width: Floats,
 ) -> None:
-    """Write those crossings of a craft by one fan that are missing, each from the one before it."""
-    guess = start + 0.5 * np.pi / w
+    """Write those crossings of a craft, lane i, by one fan that are missing, each from the one before it."""
+    guess, face = start + 0.5 * np.pi / w, scratch(0.0, 2, 3)
     motion.ready[:] = False
-    for k in range(lit.shape[1]):
-        if lit[c, k, fan] and np.isnan(instant[c, k, fan]):
-            _search(motion, c, k, point, normal, error, fans, fan, guess, start, w, diameter, instant, width)
-        if not np.isnan(instant[c, k, fan]):
-            guess = instant[c, k, fan]
+    for k in range(error.shape[2]):
+        if not np.isnan(error[g, fan, k, i]) and np.isnan(instant[g, fan, k, i]):
+            for axis in range(3):
+                face[0, axis], face[1, axis] = point[g, axis, k, i], normal[g, axis, k, i]
+            instant[g, fan, k, i], width[g, fan, k, i] = _searched(
+                motion, g * WIDE + i, face, error[g, fan, k, i], fans, fan, guess, start, w, diameter
+            )
+        if not np.isnan(instant[g, fan, k, i]):
+            guess = instant[g, fan, k, i]
 
 
 @kernel
@@ -451,41 +461,38 @@ def _duration(x: float, z: float, across: float, ahead: float, w: float, diamete
 
 
 @kernel
-def _search(
+def _searched(
     motion: _Motion,
     c: int,
-    k: int,
-    point: Floats,
-    normal: Floats,
-    error: Floats,
+    face: Floats,
+    error: float,
     fans: Floats,
     fan: int,
     guess: float,
     start: float,
     w: float,
     diameter: float,
-    instant: Floats,
-    width: Floats,
-) -> None:
-    """Write the crossing of one photodiode by Newton steps from a guess, if there is one within the fan's half turn."""
+) -> tuple[float, float]:
+    """Return the crossing and the width of one photodiode by Newton steps from a guess; NaN where there is none.
+
+    A crossing is sought within the fan's half turn. face: position and normal of the photodiode, (2, 3).
+    """
     low, high, t = start, start + np.pi / w, guess
     for _ in range(_ROUNDS):
         j = _segment_at(motion, c, t)
         m, s = motion.segment[j], t - motion.knot[j]
         a, b, d = m[6], m[7], m[8]
-        x, y, z = turned_at(m, s, point[c, k])
+        x, y, z = turned_at(m, s, face[0])
         # The point's velocity, along the fan's motion (`along`) and along z (`closing`).
         along = m[3 + fan] + (b * z - d * y if fan == 0 else d * x - a * z)
         closing = m[5] + a * y - b * x
         x, y, z = x + m[0] + m[3] * s, y + m[1] + m[4] * s, z + m[2] + m[5] * s
         across = x if fan == 0 else y
         square = across * across + z * z
-        g = np.pi / 2 + measured_angle(x, y, z, fans[fan]) + error[c, k, fan] - w * (t - start)
+        g = np.pi / 2 + measured_angle(x, y, z, fans[fan]) + error - w * (t - start)
         if abs(g) <= w * CONVERGED_S:
-            nx, ny, nz = turned_at(m, s, normal[c, k])
-            instant[c, k, fan] = t
-            width[c, k, fan] = _duration(across, z, nx if fan == 0 else ny, nz, w, diameter)
-            return
+            nx, ny, nz = turned_at(m, s, face[1])
+            return t, _duration(across, z, nx if fan == 0 else ny, nz, w, diameter)
         if g > 0:
             low = t
         else:
@@ -494,3 +501,4 @@ def _search(
         # This holds also where g or the step is NaN: the loop then ends without an answer.
         if not (low < t < high):
             t = (low + high) / 2
+    return np.nan, np.nan

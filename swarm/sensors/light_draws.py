@@ -66,9 +66,24 @@ def _strays_into(keys: Keys, count: Ints, frame: int, mean: float, period_s: flo
         out.number[c] = n
 
 
+class _Room(NamedTuple):
+    """Room for the draws of WIDE craft, 2 K each and up to whole lanes more.
+
+    share, normal: one craft after the other, (WIDE, L). shares, normals: the same memory, (G, WIDE). far, which:
+    room for as many numbers, (G, WIDE) and (G WIDE,).
+    """
+
+    share: Floats
+    normal: Floats
+    shares: Floats
+    normals: Floats
+    far: Floats
+    which: Ints
+
+
 @kernel
 def errors_into(keys: Keys, rotor: np.uint64, frame: int, lit: Bools, own: float, shared: float, out: Floats) -> None:
-    """Write the random errors of the angles of photodiodes that are lit.
+    """Write the random errors of the angles of photodiodes that are lit, WIDE craft side by side.
 
     Args:
         keys: key of each craft, (C,).
@@ -77,50 +92,47 @@ def errors_into(keys: Keys, rotor: np.uint64, frame: int, lit: Bools, own: float
         lit: photodiodes that are lit as each fan sweeps, (C, K, 2).
         own: standard deviation of an angle by itself [rad].
         shared: standard deviation of what all angles of a sweep have in common [rad].
-        out: output, (C, K, 2) [rad]; NaN where a fan does not light a photodiode.
+        out: output, (G, 2, K, WIDE) [rad]; NaN where a fan does not light a photodiode, and behind the last craft.
     """
     groups = -(-2 * lit.shape[1] // WIDE)
-    share, normal, which = np.full((groups, WIDE), 0.5), np.empty((groups, WIDE)), np.empty(groups * WIDE, np.int64)
-    _errors_into(keys, rotor, frame, lit, own, shared, share.reshape(-1), share, normal.reshape(-1), normal, which, out)
+    share, normal = np.empty((WIDE, groups * WIDE)), np.empty((WIDE, groups * WIDE))
+    share[:] = 0.5
+    shares, far = share.reshape((WIDE * groups, WIDE)), np.full((WIDE * groups, WIDE), 1.0)
+    room = _Room(share, normal, shares, normal.reshape(shares.shape), far, np.empty(share.size, np.int64))
+    _errors_into(keys, rotor, frame, lit, own, shared, room, out)
 
 
 @kernel
 def _errors_into(
-    keys: Keys,
-    rotor: np.uint64,
-    frame: int,
-    lit: Bools,
-    own: float,
-    shared: float,
-    share: Floats,
-    shares: Floats,
-    normal: Floats,
-    quantiles: Floats,
-    which: Ints,
-    out: Floats,
+    keys: Keys, rotor: np.uint64, frame: int, lit: Bools, own: float, shared: float, room: _Room, out: Floats
 ) -> None:
-    """Do the work of `errors_into`.
-
-    share, normal: room for the 2 K draws of a craft, filled up to whole lanes with 1/2; shares, quantiles: the same
-    memory, (G, WIDE); which: room for as many numbers.
-    """
-    common = normals(rotor, frame, 0, ANGLE)
+    """Do the work of `errors_into`."""
+    common, groups = normals(rotor, frame, 0, ANGLE), len(room.shares) // WIDE
     first, second = shared * common[0], shared * common[1]
-    for c in range(lit.shape[0]):
-        seen = 0
-        for k in range(lit.shape[1]):
-            seen += lit[c, k, 0] | lit[c, k, 1]
-        if seen:
-            uniforms_into(keys[c], frame, ANGLE, lit.shape[1], share)
-            normal_quantiles_into(shares, quantiles, which)
-        for k in range(lit.shape[1]):
-            out[c, k, 0] = own * normal[2 * k] + first if lit[c, k, 0] else np.nan
-            out[c, k, 1] = own * normal[2 * k + 1] + second if lit[c, k, 1] else np.nan
+    for g in range(len(out)):
+        drawn = 0
+        for c in range(WIDE * g, min(WIDE * g + WIDE, lit.shape[0])):
+            seen = 0
+            for k in range(lit.shape[1]):
+                seen += lit[c, k, 0] | lit[c, k, 1]
+            if seen:
+                uniforms_into(keys[c], frame, ANGLE, lit.shape[1], room.share[drawn])
+                drawn += 1
+        normal_quantiles_into(groups * drawn, room.shares, room.normals, room.far, room.which)
+        drawn = 0
+        for i in range(WIDE):
+            c, seen = WIDE * g + i, 0
+            for k in range(lit.shape[1]):
+                x, y = (lit[c, k, 0], lit[c, k, 1]) if c < lit.shape[0] else (False, False)
+                out[g, 0, k, i] = own * room.normal[drawn, 2 * k] + first if x else np.nan
+                out[g, 1, k, i] = own * room.normal[drawn, 2 * k + 1] + second if y else np.nan
+                seen += x | y
+            drawn += seen > 0
 
 
 @kernel
-def chances_into(keys: Keys, frame: int, miss: float, lose: float, flashed: Bools, lost: Bools) -> None:
-    """Take missed flashes from `flashed`, of all photodiodes of a craft at once, and write which sweeps are lost.
+def chances_into(keys: Keys, frame: int, miss: float, lose: float, flashed: Bools, instant: Floats) -> None:
+    """Take missed flashes from `flashed`, of all photodiodes of a craft at once, and lost sweeps from `instant`.
 
     Args:
         keys: key of each craft, (C,).
@@ -128,7 +140,7 @@ def chances_into(keys: Keys, frame: int, miss: float, lose: float, flashed: Bool
         miss: probability that a craft misses a flash.
         lose: probability that a photodiode loses a sweep.
         flashed: photodiodes that see each fan's flash, (C, K, 2); changed.
-        lost: output, sweeps whose pulse is lost, (C, K, 2).
+        instant: instants of the sweeps, WIDE craft side by side, (G, 2, K, WIDE); NaN afterwards where one is lost.
     """
     for c in range(flashed.shape[0]):
         missed = uniforms(keys[c], frame, 0, MISSED) if miss > 0 else (1.0, 1.0)
@@ -136,4 +148,5 @@ def chances_into(keys: Keys, frame: int, miss: float, lose: float, flashed: Bool
             chance = uniforms(keys[c], frame, k, LOST) if lose > 0 else (1.0, 1.0)
             for fan in range(2):
                 flashed[c, k, fan] = flashed[c, k, fan] and missed[fan] >= miss
-                lost[c, k, fan] = chance[fan] < lose
+                if chance[fan] < lose:
+                    instant[c // WIDE, fan, k, c % WIDE] = np.nan

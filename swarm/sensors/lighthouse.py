@@ -27,6 +27,7 @@ import numpy as np
 
 from estimators.arrays import Bools, Floats
 from estimators.frame import WORLD, Frame
+from estimators.lanes import WIDE
 from estimators.lighthouse.sweep import FanErrors, FanPair, kernel_fans, lighthouse_1
 from swarm import random
 from swarm.draws import Keys, key_of, keys_of, normals
@@ -34,7 +35,7 @@ from swarm.hardware import Photodiodes
 from swarm.messages import SYNC_WIDTH_S, SYNC_WIDTH_STEP_S, Pulses
 from swarm.random import Purpose
 from swarm.scenario import Lighthouse as Station
-from swarm.sensors.crossing import cross_into
+from swarm.sensors.crossing import cross_into, side_by_side
 from swarm.sensors.light_draws import FLASH, chances_into, errors_into, strays
 from swarm.sensors.pulses import pack_into
 from swarm.units import si
@@ -106,7 +107,6 @@ class Lighthouse:
         self._count = layout.present.sum(axis=1)
         flash_s = SYNC_WIDTH_S + SYNC_WIDTH_STEP_S * np.arange(2)
         self._flash_ticks = np.rint(flash_s / settings.tick_s).astype(np.int64)
-        self._none_lost = np.zeros((*layout.present.shape, 2), dtype=np.bool_)
         self._fans = kernel_fans(lighthouse_1(*self.fans))
         point = layout.point_m.copy()
         offset = np.empty(layout.craft_count)
@@ -117,6 +117,7 @@ class Lighthouse:
             # Up to 20 min of ticks, and never so few that a jitter in frame 0 makes them negative.
             offset[i] = random.stream(seed, Purpose.CLOCK, key).uniform(1e6, 1e6 + 1200.0 / settings.tick_s)
         self.photodiodes = layout._replace(point_m=point)
+        self._points, self._normals = side_by_side(point), side_by_side(layout.normal)
         self.clock_offset_tick = offset
 
     def sweep(self, truth: Motion, frame: int, lit: Bools, rotor: Rotor | None = None) -> Pulses:
@@ -142,19 +143,18 @@ class Lighthouse:
         return self._logged(frame, lit, turn, instant, width)
 
     def _crossings(self, truth: Motion, frame: int, lit: Bools, turn: Rotor) -> tuple[Floats, Floats]:
-        """Return the instants of the sweeps in the period, and their widths, (C, K, 2) each [s]."""
-        settings, true = self.settings, self.photodiodes
+        """Return the instants and widths of the sweeps, WIDE craft side by side, (G, 2, K, WIDE) each [s]."""
+        settings = self.settings
         position, quaternion = self._frame.poses_into(truth.position, truth.quaternion)
         rho, noise = settings.rotor_correlation, settings.angle_noise_rad
-        error, instant, width = np.empty((3, *lit.shape))
+        error, instant, width = np.empty((3, len(self._points), 2, lit.shape[1], WIDE))
         errors_into(self.keys, self._rotor, frame, lit, noise * sqrt(1 - rho), noise * sqrt(rho), error)
         cross_into(
             np.ascontiguousarray(truth.time_s - truth.time_s[0] - turn.phase_s),
             np.ascontiguousarray(position),
             np.ascontiguousarray(quaternion),
-            true.point_m,
-            true.normal,
-            lit,
+            self._points,
+            self._normals,
             error,
             self._fans,
             1 / settings.rate_hz / turn.speed,
@@ -169,11 +169,11 @@ class Lighthouse:
         settings, craft, period = self.settings, len(lit), 1 / self.settings.rate_hz
         jitter = settings.sync_jitter_s * np.array(normals(self._rotor, frame, 0, FLASH))
         flash = turn.phase_s + np.array([0.0, period / turn.speed / 2]) + jitter
-        flashed, lost = lit, self._none_lost
+        flashed = lit
         chances = settings.missed_sync_probability, settings.lost_pulse_probability
         if any(chances):
-            flashed, lost = lit.copy(), np.empty_like(lit)
-            chances_into(self.keys, frame, *chances, flashed, lost)
+            flashed = lit.copy()
+            chances_into(self.keys, frame, *chances, flashed, instant)
         stray = strays(self.keys, self._count, frame, settings.stray_pulse_rate_hz, period)
         most = 4 * lit.shape[1] + stray.pulse.shape[1]
         pulses = Pulses(
@@ -186,7 +186,6 @@ class Lighthouse:
             flashed,
             instant,
             width,
-            lost,
             stray.number,
             stray.pulse,
             flash,

@@ -1,7 +1,7 @@
 """Kernels of the pulses that a craft's circuits log in a period: flashes, sweeps and stray light in order of rise.
 
-The place of a pulse in the log is the number of pulses before it: of a sweep it is counted by comparing all sweeps of
-the craft with it, WIDE at a time; the pulses of a flash rise together.
+The place of a pulse in the log is the number of pulses before it: of a sweep it is counted by comparing the craft's
+other sweeps with it, of WIDE craft side by side; the pulses of a flash rise together.
 """
 
 from typing import NamedTuple
@@ -11,23 +11,28 @@ from numpy.typing import NDArray
 
 from estimators.arrays import Bools, Floats, Ints
 from estimators.kernel import inlined, kernel
-from estimators.lanes import WIDE, select, wide_in
+from estimators.lanes import WIDE, alike, all_of, select, wide_in
 from swarm.messages import Pulses
+
+_ROUNDER = 1.5 * 2.0**52
+"""Its sum with a number below 2^51 is a whole number."""
 
 
 class _Room(NamedTuple):
-    """Room for one craft's sweeps, number n that of photodiode n // 2 by fan n % 2, and more to fill the last lanes.
+    """Room for the sweeps of WIDE craft side by side, (2, K, WIDE) by fan and photodiode.
 
-    rise, ticks: rise and width [ticks]. key: orders them by rise, and sweeps of equal rise by number; inf where there
-    is none. place: number of pulses before each. keys, places: the last two side by side, (G, WIDE).
+    rise, ticks: rise and width [ticks]. key: orders a craft's sweeps by rise, and those of equal rise by photodiode
+    and fan; inf where there is none. place: number of pulses before each. flash: of both flashes, a key just below
+    those of sweeps that rise with it, the number of photodiodes that see it, and of pulses before it, (3, 2, WIDE).
+    start: of the period, and the same in whole ticks, (2, WIDE).
     """
 
     rise: Floats
     ticks: Floats
     key: Floats
     place: Floats
-    keys: Floats
-    places: Floats
+    flash: Floats
+    start: Floats
 
 
 @kernel
@@ -35,7 +40,6 @@ def pack_into(
     flashed: Bools,
     instant: Floats,
     width: Floats,
-    lost: Bools,
     strays: Ints,
     stray: Floats,
     flash: Floats,
@@ -48,9 +52,8 @@ def pack_into(
 
     Args:
         flashed: photodiodes that see each fan's flash, (C, K, 2).
-        instant: crossing instants, (C, K, 2) [s], NaN where there is no sweep.
-        width: sweep widths, (C, K, 2) [s].
-        lost: sweeps whose pulse is lost, (C, K, 2).
+        instant: crossing instants, WIDE craft side by side, (G, 2, K, WIDE) [s], NaN where no sweep is logged.
+        width: sweep widths, (G, 2, K, WIDE) [s].
         strays: numbers of stray pulses, (C,).
         stray: photodiode (rounded down), instant [s] and width [s] of the stray pulses, (C, S, 3).
         flash: instants at which the flashes rise, (2,) [s].
@@ -59,24 +62,10 @@ def pack_into(
         tick: length of a tick [s].
         out: output, with room for all of them; behind the last one, photodiode is -1 and the rest 0.
     """
-    craft, sweeps = len(flashed), 2 * flashed.shape[1]
-    groups = -(-sweeps // WIDE)
-    keys, places = np.full((groups, WIDE), np.inf), np.empty((groups, WIDE))
-    room = _Room(np.empty(sweeps), np.empty(sweeps), keys.reshape(-1), places.reshape(-1), keys, places)
-    _pack_into(
-        flashed.reshape(craft, sweeps),
-        instant.reshape(craft, sweeps),
-        width.reshape(craft, sweeps),
-        lost.reshape(craft, sweeps),
-        strays,
-        stray,
-        flash,
-        flash_width,
-        start_tick,
-        tick,
-        room,
-        out,
-    )
+    shape = 2, flashed.shape[1], WIDE
+    rise, ticks, key, place = np.empty(shape), np.empty(shape), np.empty(shape), np.empty(shape)
+    room = _Room(rise, ticks, key, place, np.empty((3, 2, WIDE)), np.zeros((2, WIDE)))
+    _pack_into(flashed, instant, width, strays, stray, flash, flash_width, start_tick, tick, room, out)
 
 
 @kernel
@@ -84,7 +73,6 @@ def _pack_into(
     flashed: Bools,
     instant: Floats,
     width: Floats,
-    lost: Bools,
     strays: Ints,
     stray: Floats,
     flash: Floats,
@@ -94,62 +82,101 @@ def _pack_into(
     room: _Room,
     out: Pulses,
 ) -> None:
-    """Do the work of `pack_into`, with all sweeps of a craft in one row, (C, 2 K)."""
-    rises, ticks, keys = room.rise, room.ticks, room.key
-    sweeps = flashed.shape[1]
+    """Do the work of `pack_into`.
+
+    Places have no sign: a kernel would look for a negative one with every element that it writes.
+    """
     for c in range(len(flashed)):
-        start = start_tick[c]
-        origin = np.rint(start)
-        for n in range(sweeps):
-            ticks[n] = max(1.0, np.rint(width[c, n] / tick))
-            rises[n] = np.rint(start + instant[c, n] / tick - ticks[n] / 2)
-            gone = np.isnan(rises[n]) or lost[c, n]
-            keys[n] = np.inf if gone else (rises[n] - origin) * sweeps + n
-        seen_x, seen_y = 0, 0
-        for n in range(0, sweeps, 2):
-            seen_x += flashed[c, n]
-            seen_y += flashed[c, n + 1]
-        x, y = np.rint(start + flash[0] / tick), np.rint(start + flash[1] / tick)
-        # Just below the keys of sweeps that rise with the flash.
-        key_x, key_y = (x - origin) * sweeps - 0.5, (y - origin) * sweeps - 0.5
-        _count_before(room, key_x, key_y, seen_x, seen_y)
-        photodiode, rise, wide, total = out.photodiode[c], out.rise_tick[c], out.width_tick[c], seen_x + seen_y
-        at_x, at_y = (seen_y, 0) if y < x else (0, seen_x)
-        for n in range(sweeps):
-            at_x += keys[n] < key_x
-            at_y += keys[n] < key_y
-        for k in range(sweeps // 2):
-            if flashed[c, 2 * k]:
-                photodiode[at_x], rise[at_x], wide[at_x] = k, int(x), flash_width[0]
-                at_x += 1
-            if flashed[c, 2 * k + 1]:
-                photodiode[at_y], rise[at_y], wide[at_y] = k, int(y), flash_width[1]
-                at_y += 1
-        for n in range(sweeps):
-            if keys[n] < np.inf:
-                place = int(room.place[n])
-                photodiode[place], rise[place], wide[place] = n >> 1, int(rises[n]), int(ticks[n])
-                total += 1
+        g, i = c // WIDE, c % WIDE
+        if i == 0:
+            _begin(g, flashed, start_tick, room)
+            _order(wide_in(instant)[g], wide_in(width)[g], flash, tick, room)
+        start, photodiode, rise, wide = start_tick[c], out.photodiode[c], out.rise_tick[c], out.width_tick[c]
+        total = 0
+        for fan in range(2):
+            rises = int(np.rint(start + flash[fan] / tick))
+            at = int(np.int64(np.uint32(room.flash[2, fan, i])))
+            for k in range(flashed.shape[1]):
+                if flashed[c, k, fan]:
+                    photodiode[at], rise[at], wide[at] = k, rises, flash_width[fan]
+                at += flashed[c, k, fan]
+                total += flashed[c, k, fan]
+        for fan in range(2):
+            for k in range(flashed.shape[1]):
+                if room.key[fan, k, i] < np.inf:
+                    place = np.uint32(room.place[fan, k, i])
+                    photodiode[place], rise[place] = k, int(room.rise[fan, k, i])
+                    wide[place] = int(room.ticks[fan, k, i])
+                    total += 1
         for s in range(strays[c]):
             long = max(1, int(np.rint(stray[c, s, 2] / tick)))
             total = _insert(
                 total, int(stray[c, s, 0]), int(np.rint(start + stray[c, s, 1] / tick)), long, photodiode, rise, wide
             )
         out.total[c] = total
-        for place in range(total, len(rise)):
-            photodiode[place], rise[place], wide[place] = -1, 0, 0
+        for at in range(total, len(rise)):
+            photodiode[at], rise[at], wide[at] = -1, 0, 0
 
 
 @inlined
-def _count_before(room: _Room, x: float, y: float, seen_x: int, seen_y: int) -> None:
-    """Write how many pulses are before each sweep; x, y: keys of the flashes, which seen_x, seen_y photodiodes see."""
-    keys, places = wide_in(room.keys), wide_in(room.places)
-    for g in range(len(keys)):
-        one = keys[g]
-        before = select(x < one, float(seen_x), 0.0) + select(y < one, float(seen_y), 0.0)
-        for n in range(len(room.key)):
-            before += select(room.key[n] < one, 1.0, 0.0)
-        places[g] = before
+def _begin(g: int, flashed: Bools, start_tick: Floats, room: _Room) -> None:
+    """Bring the start of the period of WIDE craft side by side, and how many photodiodes see each flash."""
+    for i in range(min(WIDE, len(flashed) - WIDE * g)):
+        c, x, y = WIDE * g + i, 0, 0
+        for k in range(flashed.shape[1]):
+            x += flashed[c, k, 0]
+            y += flashed[c, k, 1]
+        room.flash[1, 0, i], room.flash[1, 1, i] = x, y
+        room.start[0, i], room.start[1, i] = start_tick[c], np.rint(start_tick[c])
+
+
+@inlined
+def _order(instant: Floats, width: Floats, flash: Floats, tick: float, room: _Room) -> None:
+    """Write rises, widths and places of WIDE craft's sweeps, and the places of their flashes.
+
+    instant, width: crossing instants and widths of the sweeps, (2, K) lanes.
+    """
+    rises, ticks, keys, places = wide_in(room.rise), wide_in(room.ticks), wide_in(room.key), wide_in(room.place)
+    flashes, starts = wide_in(room.flash), wide_in(room.start)
+    start, origin, photodiodes = starts[0], starts[1], instant.shape[1]
+    for fan in range(2):
+        flashes[0, fan] = (_whole(start + flash[fan] / tick) - origin) * (2 * photodiodes) - 0.5
+    reverse = flashes[0, 1] < flashes[0, 0]
+    flashes[2, 0], flashes[2, 1] = select(reverse, flashes[1, 1], 0.0), select(reverse, 0.0, flashes[1, 0])
+    last, next_, number = alike(start, -np.inf), alike(start, np.inf), alike(start, 0.0)
+    for k in range(photodiodes):
+        for fan in range(2):
+            long = max(1.0, _whole(width[fan, k] / tick))
+            rise = _whole(start + instant[fan, k] / tick - long / 2)
+            key = select(rise == rise, (rise - origin) * (2 * photodiodes) + (2 * k + fan), np.inf)
+            ticks[fan, k], rises[fan, k], keys[fan, k] = long, rise, key
+            before = alike(start, 0.0)
+            for one in range(2):
+                earlier = flashes[0, one] < key
+                before += select(earlier, flashes[1, one], 0.0)
+                flashes[2, one] = flashes[2, one] + select(earlier, 0.0, 1.0)
+            places[fan, k] = before
+        there = keys[0, k] < np.inf
+        last, next_ = select(there, max(last, keys[0, k]), last), min(next_, keys[1, k])
+        number += select(there, 1.0, 0.0)
+    # As a rule, all sweeps of fan X are before all of fan Y.
+    parted = all_of(last < next_)
+    for fan in range(2):
+        for k in range(photodiodes):
+            key, before = keys[fan, k], places[fan, k]
+            for other in range(2):
+                if parted and other < fan:
+                    before += number
+                elif not (parted and other > fan):
+                    for n in range(photodiodes):
+                        before += select(keys[other, n] < key, 1.0, 0.0)
+            places[fan, k] = before
+
+
+@inlined
+def _whole(value: float) -> float:
+    """Return the nearest whole number of each lane, below 2^51."""
+    return (value + _ROUNDER) - _ROUNDER
 
 
 @inlined

@@ -20,7 +20,7 @@ from swarm.messages import SYNC_WIDTH_S, SYNC_WIDTH_STEP_S, Pulses
 from swarm.onboard.acquisition import NONE, Sighting, follow, search
 from swarm.onboard.decoder import PulseDecoder, SweepAngles
 from swarm.scenario import validate
-from swarm.sensors.crossing import cross_into
+from swarm.sensors.crossing import cross_into, side_by_side
 from swarm.sensors.pulses import pack_into
 from swarm.sensors.visibility import Visibility
 from swarm.units import SI, si
@@ -161,14 +161,14 @@ class Bench:
             np.zeros(rows, dtype=np.int32),
         )
         points = np.broadcast_to(self.layout.point_m, (rows, photodiodes, 3)) if point_m is None else point_m
-        both, instant, width = self._crossings(motion, lit, error_rad, fans, points)
+        both = np.repeat(lit[..., None], 2, axis=-1)
+        instant, width = self._crossings(motion, np.where(both, error_rad, np.nan), fans, points)
         clock = FIRST_TICK + CLOCK_S / tick * np.asarray(rng.random(rows))
         flash_width = (SYNC_WIDTH_S + SYNC_WIDTH_STEP_S * np.arange(2)) / tick
         pack_into(
             both,
             instant,
             width,
-            np.zeros_like(both),
             np.zeros(rows, dtype=np.int64),
             np.zeros((rows, 0, 3)),
             np.array([0.0, self.period_s / 2]),
@@ -181,29 +181,26 @@ class Bench:
         half = self.settings.field_rad / 2 + builders.FAN_ERROR_MAX_RAD
         return PulseDecoder(present, tick, rate_hz=self.settings.rate_hz, field_half_angle_rad=half).decode(pulses)
 
-    def _crossings(
-        self, motion: Motion, lit: Bools, error_rad: Floats, fans: FanPair, point_m: Floats
-    ) -> tuple[Bools, Floats, Floats]:
-        """Return which sweeps hit (N, K, 2), and their instants and widths [s]."""
-        both = np.repeat(lit[..., None], 2, axis=-1)
-        instant, width = np.full(both.shape, np.nan), np.full(both.shape, np.nan)
+    def _crossings(self, motion: Motion, error_rad: Floats, fans: FanPair, point_m: Floats) -> tuple[Floats, Floats]:
+        """Return the instants and widths of the sweeps [s], craft side by side, of errors (N, K, 2), NaN if not lit."""
+        error = side_by_side(error_rad)
+        instant, width = np.empty_like(error), np.empty_like(error)
         knot = np.linspace(0.0, self.period_s, 3)
         since = knot[:, None, None] - self.period_s / 2
         cross_into(
             knot,
             motion.position + motion.velocity * since,
             rot.quaternion_from_matrix(rot.exp(motion.angular_rate * since) @ motion.rotation),
-            np.ascontiguousarray(point_m),
-            np.broadcast_to(self.layout.normal, point_m.shape).copy(),
-            both,
-            error_rad,
+            side_by_side(point_m),
+            side_by_side(np.broadcast_to(self.layout.normal, point_m.shape)),
+            error,
             kernel_fans(lighthouse_1(*fans)),
             self.period_s,
             self.settings.photodiode_diameter_m,
             instant,
             width,
         )
-        return both, instant, width
+        return instant, width
 
     def solve(
         self, angles: SweepAngles, start: Motion, *, at_rest: bool = True, point_m: Floats | None = None
