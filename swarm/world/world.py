@@ -363,10 +363,11 @@ def _unpack_into(
         before, after = n // parts, (n + parts - 1) // parts
         for c in range(pose.shape[1]):
             p, q, v = pose[before, c], pose[after, c], rate[after, c]
-            for i in range(7):
-                good = good and abs(q[i]) < largest
-            for i in range(6):
-                good = good and abs(v[i]) < largest
+            if before == after:
+                for i in range(7):
+                    good &= abs(q[i]) < largest
+                for i in range(6):
+                    good &= abs(v[i]) < largest
             w, x, y, z = q[3], q[4], q[5], q[6]
             if before < after:
                 w, x, y, z = p[3] + w, p[4] + x, p[5] + y, p[6] + z
