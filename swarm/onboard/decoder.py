@@ -62,95 +62,98 @@ class SweepAngles(NamedTuple):
 
 class _Room(NamedTuple):
     """Room for one craft at a time: its flashes, the fans whose sweeps can be read (2,), the number of pulses of each
-    photodiode and the second nearest of them (K, 2), and its sweep pulses: photodiodes and middles (P,) [ticks].
+    photodiode and the second nearest of them (K, 2).
     """
 
     flashes: Flashes
     swept: Bools
     pulses: Ints
     rival: Floats
-    photodiode: NDArray[np.uint16]
-    middle: Floats
 
 
-def _room(photodiodes: int, pulses: int) -> _Room:
-    """Return room for a craft with so many photodiodes and pulses."""
+def _room(photodiodes: int) -> _Room:
+    """Return room for a craft with so many photodiodes."""
     flashes = Flashes(*np.empty((2, MAX_FLASHES)), *np.empty((3, MAX_FLASHES), np.int64))
-    counts, rival = np.empty((photodiodes, 2), np.int64), np.empty((photodiodes, 2))
-    return _Room(flashes, np.empty(2, np.bool_), counts, rival, np.empty(pulses, np.uint16), np.empty(pulses))
+    return _Room(flashes, np.empty(2, np.bool_), np.empty((photodiodes, 2), np.int64), np.empty((photodiodes, 2)))
+
+
+class _Log(NamedTuple):
+    """One craft's pulses in order of rise, (P,) each: photodiode, rise and width [ticks]."""
+
+    photodiode: NDArray[np.int16]
+    rise: Ints
+    width: NDArray[np.int32]
 
 
 @kernel
-def _sort(
-    photodiode: NDArray[np.int16],
-    rise: Ints,
-    width: NDArray[np.int32],
-    present: Bools,
-    timing: Timing,
-    room: _Room,
-) -> tuple[int, int, int]:
-    """Sort one craft's pulses into flashes and sweeps; return the numbers of flashes, sweep pulses and rejected ones.
+def _gather(log: _Log, present: Bools, timing: Timing, out: Flashes) -> tuple[int, int]:
+    """Gather one craft's flashes, whose codes are still to be told; return their number, and that of rejected pulses.
 
     Args:
-        photodiode: (P,), in order of rise.
-        rise: (P,) [ticks].
-        width: (P,) [ticks].
+        log: its pulses; those of sweeps are passed over.
         present: photodiodes of the craft, (K,).
         timing: timing of the lighthouse.
-        room: receives the flashes, whose codes are still to be told, and the sweep pulses.
+        out: receives the flashes.
     """
-    flashes, longest_pulse = room.flashes, timing.code_zero + 7.5 * timing.code_step
-    count = sweeps = rejected = size = 0
+    shortest, longest_pulse = np.ceil(timing.shortest_pulse), timing.code_zero + 7.5 * timing.code_step
+    count = rejected = size = 0
     start = longest = -np.inf
-    for i in range(len(photodiode)):
+    for i in range(len(log.width)):
+        lasts = log.width[i]
+        if lasts < int(shortest):
+            continue
         # Without a sign, -1 is beyond the last photodiode.
-        k, lasts = np.uint16(photodiode[i]), width[i]
-        if not (k < len(present) and present[k] and 0 <= lasts <= longest_pulse):
+        k = np.uint16(log.photodiode[i])
+        if not (k < len(present) and present[k] and lasts <= longest_pulse):
             rejected += 1
-        elif lasts < timing.shortest_pulse:
-            room.photodiode[sweeps], room.middle[sweeps] = k, float(rise[i]) + 0.5 * lasts
-            sweeps += 1
-        elif rise[i] - start <= longest:
+        elif log.rise[i] - start <= longest:
             size, longest = size + 1, max(longest, float(lasts))
         elif count < MAX_FLASHES:
             if count > 0:
-                flashes.size[count - 1], flashes.longest[count - 1] = size, longest
-            start, longest, size = float(rise[i]), float(lasts), 1
-            flashes.rise[count] = start
+                out.size[count - 1], out.longest[count - 1] = size, longest
+            start, longest, size = float(log.rise[i]), float(lasts), 1
+            out.rise[count] = start
             count += 1
         else:
             rejected += 1
     if count > 0:
-        flashes.size[count - 1], flashes.longest[count - 1] = size, longest
-    return count, sweeps, rejected
+        out.size[count - 1], out.longest[count - 1] = size, longest
+    return count, rejected
 
 
 @kernel
 def _read_sweeps(
-    pulses: int, room: _Room, timing: Timing, flash: Floats, epoch: int, tick: float, hits: Hits
+    log: _Log, present: Bools, swept: Bools, timing: Timing, flash: Floats, epoch: int, tick: float, hits: Hits
 ) -> tuple[int, bool]:
     """Take a craft's sweep pulses into `hits`; return the number of others, and whether one photodiode got several.
 
     Args:
-        pulses: number of its pulses in the room.
-        room: with these pulses, and the fans whose sweeps can be read.
+        log: its pulses; those of flashes are passed over.
+        present: photodiodes of the craft, (K,).
+        swept: fans whose sweeps can be read, (2,).
         timing: timing of the lighthouse.
         flash: each fan's flash, (2,) [ticks].
         epoch: its epoch [ticks].
         tick: of its clock [s].
         hits: receives them, their instants in seconds from the epoch.
     """
-    two_stations = timing.period > 3 * timing.half_turn
-    zeros, swept = (flash[0], flash[1]), (room.swept[0], room.swept[1])
+    shortest, two_stations = np.ceil(timing.shortest_pulse), timing.period > 3 * timing.half_turn
+    zeros, readable = (flash[0], flash[1]), (swept[0], swept[1])
     second = zeros[0] + 2 * timing.half_turn
     rejected, most = 0, 0
-    for i in range(pulses):
-        k, middle = room.photodiode[i], room.middle[i]
+    for i in range(len(log.width)):
+        lasts = log.width[i]
+        if lasts >= int(shortest):
+            continue
+        k, middle = np.uint16(log.photodiode[i]), float(log.rise[i]) + 0.5 * lasts
+        if not (k < len(present) and present[k] and lasts >= 0):
+            rejected += 1
+            continue
         # With two stations, the second turn of the period belongs to the other one.
         belongs = two_stations and middle > second
         for fan in range(2):
             since = middle - zeros[fan]
-            if swept[fan] and timing.sweep_first <= since <= timing.sweep_last:
+            if readable[fan] and timing.sweep_first <= since <= timing.sweep_last:
                 belongs = True
                 most = max(most, take(hits, k, fan, np.pi * since / timing.half_turn, (middle - epoch) * tick))
         rejected += not belongs
@@ -182,7 +185,8 @@ def _decode(
     two_stations, flashes = timing.period > 3 * timing.half_turn, room.flashes
     for c in range(len(total)):
         own = slice(0, min(max(total[c], 0), photodiode.shape[1]))
-        count, sweeps, rejected = _sort(photodiode[c, own], rise[c, own], width[c, own], present[c], timing, room)
+        log = _Log(photodiode[c, own], rise[c, own], width[c, own])
+        count, rejected = _gather(log, present[c], timing, flashes)
         tell(count, timing, flashes)
         x, y, out.missed_sync[c] = follow(flashes, count, timing, FlashRecord(last[c], seen[c]), room.swept)
         if np.isnan(last[c, 0]):
@@ -196,7 +200,7 @@ def _decode(
                 rejected += flashes.size[i]
         hits = Hits(expected[c], room.pulses, room.rival, out.theta[c], out.offset_s[c])
         clear(hits)
-        others, several[c] = _read_sweeps(sweeps, room, timing, last[c], out.epoch_tick[c], tick, hits)
+        others, several[c] = _read_sweeps(log, present[c], room.swept, timing, last[c], out.epoch_tick[c], tick, hits)
         rejected += others
         if several[c]:
             rejected += choose(hits)
@@ -268,7 +272,7 @@ class PulseDecoder:
         )
         self._last = np.full((len(present), 2), np.nan)
         self._seen = np.full((len(present), 2), np.nan)
-        self._nowhere, self._room = np.full((*present.shape, 2), np.nan), _room(present.shape[1], 0)
+        self._nowhere, self._room = np.full((*present.shape, 2), np.nan), _room(present.shape[1])
 
     def forget(self, mask: Bools) -> None:
         """Forget every flash of the craft of the mask (C,), as after a restart of their computers."""
@@ -313,9 +317,7 @@ class PulseDecoder:
             last: flashes that each craft remembers, predicted, (C, 2) [ticks], updated.
             seen: likewise, seen.
         """
-        (craft, photodiodes), most = present.shape, pulses.photodiode.shape[1]
-        if most > len(self._room.middle):
-            self._room = _room(photodiodes, most)
+        craft, photodiodes = present.shape
         if expected.shape != (craft, photodiodes, 2):
             raise ValueError(f"expected must be {(craft, photodiodes, 2)}, not {expected.shape}")
         angles, lit = np.empty((2, craft, photodiodes, 2)), np.empty((craft, photodiodes), dtype=np.bool_)
