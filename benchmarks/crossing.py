@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from estimators.rotation import xyzw_from_wxyz
 from swarm.onboard.decoder import PulseDecoder
-from swarm.sensors.crossing import cross_into, row_by_row, side_by_side
+from swarm.sensors.crossing import cross_into, knots_of, row_by_row, side_by_side
 
 
 def main() -> None:
@@ -29,7 +29,7 @@ def main() -> None:
     error = side_by_side(np.where(c.lit, 0.0, np.nan))
     instants, widths = np.empty_like(error), np.empty_like(error)
     faces = side_by_side(true.point_m), side_by_side(true.normal)
-    arguments = (knot, motion.position, motion.quaternion, *faces, error, lighthouse._fans)
+    arguments = (knots_of(knot, motion.position, motion.quaternion), *faces, error, lighthouse._fans)
 
     def cross() -> None:
         cross_into(*arguments, period, settings.photodiode_diameter_m, instants, widths)

@@ -18,8 +18,8 @@ from swarm.hardware import Photodiodes, pad
 from swarm.messages import SYNC_WIDTH_S, SYNC_WIDTH_STEP_S, Pulses
 from swarm.random import Purpose
 from swarm.scenario import Lighthouse as Station
-from swarm.sensors.crossing import cross_into, row_by_row, side_by_side
-from swarm.sensors.light_draws import ANGLE, errors_into
+from swarm.sensors.crossing import cross_into, knots_of, row_by_row, side_by_side
+from swarm.sensors.light_draws import ANGLE, draw_room, errors_into
 from swarm.sensors.light_draws import strays as strays_of
 from swarm.sensors.lighthouse import Lighthouse
 
@@ -116,7 +116,7 @@ def crossings(truth: Truth, point: Floats, normal: Floats, error: Floats, fans: 
     """Instants and widths, (C, K, 2), of errors that are NaN where a fan does not light a photodiode."""
     errors = side_by_side(error)
     instant, width = np.zeros_like(errors), np.zeros_like(errors)
-    cross_into(*truth, side_by_side(point), side_by_side(normal), errors, fans, PERIOD, 3e-3, instant, width)
+    cross_into(knots_of(*truth), side_by_side(point), side_by_side(normal), errors, fans, PERIOD, 3e-3, instant, width)
     return row_by_row(instant, len(error)), row_by_row(width, len(error))
 
 
@@ -341,7 +341,7 @@ def test_every_angles_error_is_its_own_draw_and_its_sweeps() -> None:
     keys, rotor = keys_of(1, Purpose.LIGHT, range(3)), key_of(1, Purpose.LIGHT)
     lit = np.random.default_rng(0).random((3, 41, 2)) < 0.5
     errors = np.empty((-(-3 // WIDE), 2, 41, WIDE))
-    errors_into(keys, rotor, 7, lit, 2.0, 3.0, errors)
+    errors_into(keys, rotor, 7, lit, 2.0, 3.0, draw_room(41), errors)
     out = row_by_row(errors, 3)
     common = normals(rotor, 7, 0, ANGLE)
     for (c, key), k in product(enumerate(keys), range(41)):

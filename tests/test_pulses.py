@@ -5,7 +5,7 @@ import pytest
 
 from swarm.messages import Pulses
 from swarm.sensors.crossing import side_by_side
-from swarm.sensors.pulses import pack_into
+from swarm.sensors.pulses import pack_into, pulse_room
 
 TICK_S = 1e-6
 
@@ -31,7 +31,7 @@ def test_pulses_are_those_of_a_stable_sort(craft: int, photodiodes: int) -> None
         np.empty(craft, dtype=np.int32),
     )
     sweeps = side_by_side(instant), side_by_side(width)
-    pack_into(flashed, *sweeps, strays, stray, flash, flash_width, start, TICK_S, out)
+    pack_into(flashed, *sweeps, strays, stray, flash, flash_width, start, TICK_S, pulse_room(photodiodes), out)
     for c in range(craft):
         begin = int(np.floor(start[c]))
         pulses = [

@@ -126,10 +126,12 @@ def turned_at(segment: Floats, s: float, vector: Floats) -> Row:
     )
 
 
-class _Motion(NamedTuple):
-    """Motion of a swarm in a period: `cross_into`'s knots, and one craft's segments, as far as they were asked for.
+class Knots(NamedTuple):
+    """Motion of C craft in a period, as MuJoCo moves between knots.
 
-    segment: (n, SEGMENT). ready: which there are, (n,).
+    knot: times of the knots, from the period's start, (n + 1,) [s]. position: positions at the knots, (n + 1, C, 3)
+    [m]. quaternion: attitudes at the knots, (n + 1, C, 4) wxyz. segment, ready: room for one craft's segments, as far
+    as they are asked for, (n, SEGMENT), and which there are, (n,).
     """
 
     knot: Floats
@@ -147,6 +149,12 @@ class _Room(NamedTuple):
 
     knots: Floats
     time: Floats
+
+
+def knots_of(time_s: Floats, position: Floats, quaternion: Floats) -> Knots:
+    """Return the motion between knots: times (n + 1,) [s], positions (n + 1, C, 3) [m], attitudes (n + 1, C, 4)."""
+    parts = np.ascontiguousarray(time_s), np.ascontiguousarray(position), np.ascontiguousarray(quaternion)
+    return Knots(*parts, np.empty((len(time_s) - 1, SEGMENT)), np.empty(len(time_s) - 1, np.bool_))
 
 
 def side_by_side(values: Floats) -> Floats:
@@ -175,7 +183,7 @@ def _interval(knot: Floats, t: float) -> int:
 
 
 @kernel
-def _segment_at(motion: _Motion, c: int, t: float) -> int:
+def _segment_at(motion: Knots, c: int, t: float) -> int:
     """Return the number of the craft's segment at an instant, which is there then."""
     j = _interval(motion.knot, t)
     if not motion.ready[j]:
@@ -193,9 +201,7 @@ def _segment_at(motion: _Motion, c: int, t: float) -> int:
 
 @kernel
 def cross_into(
-    knot: Floats,
-    position: Floats,
-    quaternion: Floats,
+    motion: Knots,
     point: Floats,
     normal: Floats,
     error: Floats,
@@ -210,9 +216,7 @@ def cross_into(
     Photodiodes are those of WIDE craft side by side, as `side_by_side` brings them.
 
     Args:
-        knot: times of the knots, from the period's start, (n + 1,) [s].
-        position: positions of the craft at the knots, (n + 1, C, 3) [m].
-        quaternion: attitudes of the craft at the knots, (n + 1, C, 4) wxyz.
+        motion: motion of the craft.
         point: positions of the photodiodes, (G, 3, K, WIDE) [m], body frame.
         normal: normals of the photodiodes, (G, 3, K, WIDE), body frame.
         error: random error of each angle, NaN where a fan does not light the photodiode, (G, 2, K, WIDE) [rad].
@@ -222,27 +226,8 @@ def cross_into(
         instant: output, crossing instants, (G, 2, K, WIDE) [s].
         width: output, sweep widths, (G, 2, K, WIDE) [s].
     """
-    intervals, w = len(knot) - 1, 2 * np.pi / period
-    motion = _Motion(knot, position, quaternion, np.empty((intervals, SEGMENT)), np.empty(intervals, np.bool_))
-    room = _Room(np.empty((2, 8, WIDE)), np.empty((1, WIDE)))
-    _cross_into(motion, point, normal, error, fans, w, diameter, room, instant, width)
-
-
-@kernel
-def _cross_into(
-    motion: _Motion,
-    point: Floats,
-    normal: Floats,
-    error: Floats,
-    fans: Floats,
-    w: float,
-    diameter: float,
-    room: _Room,
-    instant: Floats,
-    width: Floats,
-) -> None:
-    """Do the work of `cross_into`; without arrays of its own, it counts no references."""
-    craft = motion.position.shape[1]
+    craft, w = motion.position.shape[1], 2 * np.pi / period
+    room = _Room(scratch(0.0, 2, 8, WIDE), scratch(0.0, 1, WIDE))
     for g in range(len(point)):
         count = min(WIDE, craft - g * WIDE)
         for fan in range(2):
@@ -263,7 +248,7 @@ def _cross_into(
 
 @kernel
 def _cross_together(
-    motion: _Motion,
+    motion: Knots,
     g: int,
     count: int,
     fan: int,
@@ -303,7 +288,7 @@ def _cross_together(
 
 @kernel
 def _search_missing(
-    motion: _Motion,
+    motion: Knots,
     g: int,
     i: int,
     point: Floats,
@@ -332,7 +317,7 @@ def _search_missing(
 
 
 @kernel
-def _bring_knots(motion: _Motion, first: int, count: int, room: _Room) -> None:
+def _bring_knots(motion: Knots, first: int, count: int, room: _Room) -> None:
     """Write the two knots about each craft's instant side by side."""
     for i in range(WIDE):
         c, j = first + min(i, count - 1), _interval(motion.knot, room.time[0, i])
@@ -345,7 +330,7 @@ def _bring_knots(motion: _Motion, first: int, count: int, room: _Room) -> None:
 
 
 @inlined
-def _aimed(motion: _Motion, first: int, count: int, p: Row, fan: int, start: float, w: float, room: _Room) -> _Aim:
+def _aimed(motion: Knots, first: int, count: int, p: Row, fan: int, start: float, w: float, room: _Room) -> _Aim:
     """Return WIDE craft as a fan points at a point of each, p [m]."""
     times, knots = wide_in(room.time), wide_in(room.knots)
     a, b = knots[0], knots[1]
@@ -462,7 +447,7 @@ def _duration(x: float, z: float, across: float, ahead: float, w: float, diamete
 
 @kernel
 def _searched(
-    motion: _Motion,
+    motion: Knots,
     c: int,
     face: Floats,
     error: float,

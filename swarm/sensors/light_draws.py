@@ -66,7 +66,7 @@ def _strays_into(keys: Keys, count: Ints, frame: int, mean: float, period_s: flo
         out.number[c] = n
 
 
-class _Room(NamedTuple):
+class DrawRoom(NamedTuple):
     """Room for the draws of WIDE craft, 2 K each and up to whole lanes more.
 
     share, normal: one craft after the other, (WIDE, L). shares, normals: the same memory, (G, WIDE). far, which:
@@ -81,8 +81,18 @@ class _Room(NamedTuple):
     which: Ints
 
 
+def draw_room(photodiodes: int) -> DrawRoom:
+    """Return room for the draws of WIDE craft with so many photodiodes."""
+    groups = -(-2 * photodiodes // WIDE) * WIDE
+    shares, normal, far = np.full((groups, WIDE), 0.5), np.empty((groups, WIDE)), np.ones((groups, WIDE))
+    rows = WIDE, groups
+    return DrawRoom(shares.reshape(rows), normal.reshape(rows), shares, normal, far, np.empty(shares.size, np.int64))
+
+
 @kernel
-def errors_into(keys: Keys, rotor: np.uint64, frame: int, lit: Bools, own: float, shared: float, out: Floats) -> None:
+def errors_into(
+    keys: Keys, rotor: np.uint64, frame: int, lit: Bools, own: float, shared: float, room: DrawRoom, out: Floats
+) -> None:
     """Write the random errors of the angles of photodiodes that are lit, WIDE craft side by side.
 
     Args:
@@ -92,21 +102,9 @@ def errors_into(keys: Keys, rotor: np.uint64, frame: int, lit: Bools, own: float
         lit: photodiodes that are lit as each fan sweeps, (C, K, 2).
         own: standard deviation of an angle by itself [rad].
         shared: standard deviation of what all angles of a sweep have in common [rad].
+        room: room for the draws of WIDE craft.
         out: output, (G, 2, K, WIDE) [rad]; NaN where a fan does not light a photodiode, and behind the last craft.
     """
-    groups = -(-2 * lit.shape[1] // WIDE)
-    share, normal = np.empty((WIDE, groups * WIDE)), np.empty((WIDE, groups * WIDE))
-    share[:] = 0.5
-    shares, far = share.reshape((WIDE * groups, WIDE)), np.full((WIDE * groups, WIDE), 1.0)
-    room = _Room(share, normal, shares, normal.reshape(shares.shape), far, np.empty(share.size, np.int64))
-    _errors_into(keys, rotor, frame, lit, own, shared, room, out)
-
-
-@kernel
-def _errors_into(
-    keys: Keys, rotor: np.uint64, frame: int, lit: Bools, own: float, shared: float, room: _Room, out: Floats
-) -> None:
-    """Do the work of `errors_into`."""
     common, groups = normals(rotor, frame, 0, ANGLE), len(room.shares) // WIDE
     first, second = shared * common[0], shared * common[1]
     for g in range(len(out)):

@@ -35,9 +35,9 @@ from swarm.hardware import Photodiodes
 from swarm.messages import SYNC_WIDTH_S, SYNC_WIDTH_STEP_S, Pulses
 from swarm.random import Purpose
 from swarm.scenario import Lighthouse as Station
-from swarm.sensors.crossing import cross_into, side_by_side
-from swarm.sensors.light_draws import FLASH, chances_into, errors_into, strays
-from swarm.sensors.pulses import pack_into
+from swarm.sensors.crossing import cross_into, knots_of, side_by_side
+from swarm.sensors.light_draws import FLASH, chances_into, draw_room, errors_into, strays
+from swarm.sensors.pulses import pack_into, pulse_room
 from swarm.units import si
 
 
@@ -117,6 +117,7 @@ class Lighthouse:
             # Up to 20 min of ticks, and never so few that a jitter in frame 0 makes them negative.
             offset[i] = random.stream(seed, Purpose.CLOCK, key).uniform(1e6, 1e6 + 1200.0 / settings.tick_s)
         self.photodiodes = layout._replace(point_m=point)
+        self._draws, self._sweeps = draw_room(point.shape[1]), pulse_room(point.shape[1])
         self._points, self._normals = side_by_side(point), side_by_side(layout.normal)
         self.clock_offset_tick = offset
 
@@ -148,11 +149,9 @@ class Lighthouse:
         position, quaternion = self._frame.poses_into(truth.position, truth.quaternion)
         rho, noise = settings.rotor_correlation, settings.angle_noise_rad
         error, instant, width = np.empty((3, len(self._points), 2, lit.shape[1], WIDE))
-        errors_into(self.keys, self._rotor, frame, lit, noise * sqrt(1 - rho), noise * sqrt(rho), error)
+        errors_into(self.keys, self._rotor, frame, lit, noise * sqrt(1 - rho), noise * sqrt(rho), self._draws, error)
         cross_into(
-            np.ascontiguousarray(truth.time_s - truth.time_s[0] - turn.phase_s),
-            np.ascontiguousarray(position),
-            np.ascontiguousarray(quaternion),
+            knots_of(truth.time_s - truth.time_s[0] - turn.phase_s, position, quaternion),
             self._points,
             self._normals,
             error,
@@ -192,6 +191,7 @@ class Lighthouse:
             self._flash_ticks,
             self.clock_offset_tick + frame * period / settings.tick_s,
             settings.tick_s,
+            self._sweeps,
             pulses,
         )
         used = int(pulses.total.max(initial=0))

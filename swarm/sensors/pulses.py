@@ -18,7 +18,7 @@ _ROUNDER = 1.5 * 2.0**52
 """Its sum with a number below 2^51 is a whole number."""
 
 
-class _Room(NamedTuple):
+class PulseRoom(NamedTuple):
     """Room for the sweeps of WIDE craft side by side, (2, K, WIDE) by fan and photodiode.
 
     rise, ticks: rise and width [ticks]. key: orders a craft's sweeps by rise, and those of equal rise by photodiode
@@ -35,6 +35,11 @@ class _Room(NamedTuple):
     start: Floats
 
 
+def pulse_room(photodiodes: int) -> PulseRoom:
+    """Return room for the sweeps of WIDE craft with so many photodiodes."""
+    return PulseRoom(*np.empty((4, 2, photodiodes, WIDE)), np.empty((3, 2, WIDE)), np.zeros((2, WIDE)))
+
+
 @kernel
 def pack_into(
     flashed: Bools,
@@ -46,6 +51,7 @@ def pack_into(
     flash_width: Ints,
     start_tick: Floats,
     tick: float,
+    room: PulseRoom,
     out: Pulses,
 ) -> None:
     """Write every craft's pulses in order of rise; pulses of equal rise stay in the order flashes, sweeps, strays.
@@ -60,32 +66,10 @@ def pack_into(
         flash_width: widths of the flashes, (2,) [ticks].
         start_tick: start of the period on each craft's clock, not a whole number, (C,) [ticks].
         tick: length of a tick [s].
+        room: room for the sweeps of WIDE craft.
         out: output, with room for all of them; behind the last one, photodiode is -1 and the rest 0.
     """
-    shape = 2, flashed.shape[1], WIDE
-    rise, ticks, key, place = np.empty(shape), np.empty(shape), np.empty(shape), np.empty(shape)
-    room = _Room(rise, ticks, key, place, np.empty((3, 2, WIDE)), np.zeros((2, WIDE)))
-    _pack_into(flashed, instant, width, strays, stray, flash, flash_width, start_tick, tick, room, out)
-
-
-@kernel
-def _pack_into(
-    flashed: Bools,
-    instant: Floats,
-    width: Floats,
-    strays: Ints,
-    stray: Floats,
-    flash: Floats,
-    flash_width: Ints,
-    start_tick: Floats,
-    tick: float,
-    room: _Room,
-    out: Pulses,
-) -> None:
-    """Do the work of `pack_into`.
-
-    Places have no sign: a kernel would look for a negative one with every element that it writes.
-    """
+    # Places have no sign: a kernel looks for a negative one with every element that it writes.
     for c in range(len(flashed)):
         g, i = c // WIDE, c % WIDE
         if i == 0:
@@ -119,7 +103,7 @@ def _pack_into(
 
 
 @inlined
-def _begin(g: int, flashed: Bools, start_tick: Floats, room: _Room) -> None:
+def _begin(g: int, flashed: Bools, start_tick: Floats, room: PulseRoom) -> None:
     """Bring the start of the period of WIDE craft side by side, and how many photodiodes see each flash."""
     for i in range(min(WIDE, len(flashed) - WIDE * g)):
         c, x, y = WIDE * g + i, 0, 0
@@ -131,7 +115,7 @@ def _begin(g: int, flashed: Bools, start_tick: Floats, room: _Room) -> None:
 
 
 @inlined
-def _order(instant: Floats, width: Floats, flash: Floats, tick: float, room: _Room) -> None:
+def _order(instant: Floats, width: Floats, flash: Floats, tick: float, room: PulseRoom) -> None:
     """Write rises, widths and places of WIDE craft's sweeps, and the places of their flashes.
 
     instant, width: crossing instants and widths of the sweeps, (2, K) lanes.

@@ -20,8 +20,8 @@ from swarm.messages import SYNC_WIDTH_S, SYNC_WIDTH_STEP_S, Pulses
 from swarm.onboard.acquisition import NONE, Sighting, follow, search
 from swarm.onboard.decoder import PulseDecoder, SweepAngles
 from swarm.scenario import validate
-from swarm.sensors.crossing import cross_into, side_by_side
-from swarm.sensors.pulses import pack_into
+from swarm.sensors.crossing import cross_into, knots_of, side_by_side
+from swarm.sensors.pulses import pack_into, pulse_room
 from swarm.sensors.visibility import Visibility
 from swarm.units import SI, si
 from swarm.world.motion.pointing import facing
@@ -175,6 +175,7 @@ class Bench:
             np.rint(flash_width).astype(np.int64),
             clock,
             tick,
+            pulse_room(photodiodes),
             pulses,
         )
         present = np.broadcast_to(self.layout.present, (rows, photodiodes))
@@ -188,9 +189,11 @@ class Bench:
         knot = np.linspace(0.0, self.period_s, 3)
         since = knot[:, None, None] - self.period_s / 2
         cross_into(
-            knot,
-            motion.position + motion.velocity * since,
-            rot.quaternion_from_matrix(rot.exp(motion.angular_rate * since) @ motion.rotation),
+            knots_of(
+                knot,
+                motion.position + motion.velocity * since,
+                rot.quaternion_from_matrix(rot.exp(motion.angular_rate * since) @ motion.rotation),
+            ),
             side_by_side(point_m),
             side_by_side(np.broadcast_to(self.layout.normal, point_m.shape)),
             error,
