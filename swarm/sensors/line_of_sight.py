@@ -90,6 +90,7 @@ def sight_into(
     met: Met,
     light: Light,
     room: Floats,
+    look: int,
     out: NDArray[np.int8],
     unsure: Ints,
 ) -> int:
@@ -103,7 +104,8 @@ def sight_into(
         met: owners that the rays to each craft could meet.
         light: limits of the light.
         room: room for numbers side by side, (1, WIDE).
-        out: output, the sight of every photodiode, (C, K).
+        look: the column of `out` that is written.
+        out: output, the sight of every photodiode, (C, K, L).
         unsure: output, undecided rays, (n, 3): craft, photodiode, and index of the geom among those of all owners.
 
     Returns:
@@ -113,7 +115,8 @@ def sight_into(
     count, half = 0, light.half_width
     for c in range(out.shape[0]):
         if not near[c]:
-            out[c] = OUTSIDE
+            for k in range(out.shape[1]):
+                out[c, k, look] = OUTSIDE
             continue
         r, o = placed.rotation[c], placed.origin[c]
         for g in range(points.shape[1]):
@@ -157,7 +160,7 @@ def sight_into(
                         break
             values[0] = select(rays, float(LIT), select(inside, float(BLOCKED), float(OUTSIDE)))
             for i in range(min(WIDE, out.shape[1] - WIDE * g)):
-                out[c, WIDE * g + i] = int(room[0, i])
+                out[c, WIDE * g + i, look] = int(room[0, i])
     return count
 
 

@@ -128,7 +128,7 @@ class Stations:
                 pose = truth.position[knot], truth.quaternion[knot]
                 if emitter.craft >= 0:
                     emitter.visibility.move(_ridden(emitter, *pose))
-                out[..., self.looks * s + look] = emitter.visibility.state(*pose)
+                emitter.visibility.state_into(*pose, self.looks * s + look, out)
         return out
 
     def seen(self, sight: NDArray[np.int8]) -> NDArray[np.int8]:

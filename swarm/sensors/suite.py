@@ -50,7 +50,7 @@ class Sensors:
             return self.stations.sight(truth)
         out = np.empty((*self.visibility.shape, 2), dtype=np.int8)
         for fan, knot in enumerate(truth.mid_sweep):
-            out[..., fan] = self.visibility.state(truth.position[knot], truth.quaternion[knot])
+            self.visibility.state_into(truth.position[knot], truth.quaternion[knot], fan, out)
         return out
 
     def seen(self, sight: NDArray[np.int8]) -> NDArray[np.int8]:

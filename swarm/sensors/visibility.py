@@ -137,6 +137,12 @@ class Visibility:
 
         The craft are at `position` (C, 3) [m] with attitude `quaternion` (C, 4) wxyz.
         """
+        out = np.empty((*self.shape, 1), dtype=np.int8)
+        self.state_into(position, quaternion, 0, out)
+        return out[..., 0]
+
+    def state_into(self, position: Floats, quaternion: Floats, look: int, out: NDArray[np.int8]) -> None:
+        """Write the `Sight` of every photodiode into column `look` of `out` (C, K, L), contiguous; as `state` does."""
         craft = len(self._craft_bodies)
         if position.shape != (craft, 3) or quaternion.shape != (craft, 4):
             raise ValueError(f"poses of {craft} craft needed, not {position.shape}, {quaternion.shape}")
@@ -157,15 +163,15 @@ class Visibility:
             wider = (1 + SLACK) * self._radius
             self._met = all_met(placed, solids.shape, wider, self._side, light.half_width)
             self._met_at[:] = placed.centre
-        out = np.empty(self._photodiodes.present.shape, dtype=np.int8)
         while True:
-            count = sight_into(self._faces, self._near, placed, solids, self._met, light, self._room, out, self._unsure)
+            count = sight_into(
+                self._faces, self._near, placed, solids, self._met, light, self._room, look, out, self._unsure
+            )
             if count <= len(self._unsure):
                 break
             self._unsure = np.empty((2 * count, 3), dtype=np.int64)
         if count:
-            self._ask_mujoco(position, quaternion, self._unsure[:count], out)
-        return out
+            self._ask_mujoco(position, quaternion, self._unsure[:count], out[..., look])
 
     def _ask_mujoco(self, position: Floats, quaternion: Floats, unsure: Ints, out: NDArray[np.int8]) -> None:
         """Let MuJoCo's rays decide about geoms that are not convex.
