@@ -91,7 +91,7 @@ class Loop:
         flight, writer = self.flight, self.writer
         self.stages.wrap(flight.world, "advance", "physics")
         self.stages.wrap(flight.pilot, "steer", "control")
-        self.stages.wrap(flight.sensors.visibility, "state", "visibility")
+        self.stages.wrap(flight.sensors.visibility, "state_into", "visibility")
         self.stages.wrap(flight.sensors.lighthouse, "sweep", "crossing times")
         self.stages.wrap(flight.computer.decoder, "decode", "decode")
         for name in ("predict", "update_pose", "start", "stop"):
