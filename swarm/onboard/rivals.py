@@ -51,7 +51,7 @@ def clear(hits: Hits) -> None:
 
 
 @kernel
-def take(hits: Hits, photodiode: int, fan: int, angle: float, instant: float) -> int:
+def take(hits: Hits, photodiode: int | np.uint16, fan: int, angle: float, instant: float) -> int:
     """Take in one pulse, and return how many its photodiode has got in this sweep so far.
 
     Args:

@@ -37,7 +37,8 @@ class PulseRoom(NamedTuple):
 
 def pulse_room(photodiodes: int) -> PulseRoom:
     """Return room for the sweeps of WIDE craft with so many photodiodes."""
-    return PulseRoom(*np.empty((4, 2, photodiodes, WIDE)), np.empty((3, 2, WIDE)), np.zeros((2, WIDE)))
+    rise, ticks, key, place = np.empty((4, 2, photodiodes, WIDE))
+    return PulseRoom(rise, ticks, key, place, np.empty((3, 2, WIDE)), np.zeros((2, WIDE)))
 
 
 @kernel
