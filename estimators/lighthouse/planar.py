@@ -341,10 +341,11 @@ def _others(sight: Floats) -> Floats:
 
 def _tilt_axes(sight: Floats) -> Floats:
     """Return two axes (3, 2) perpendicular to the line of sight (3,)."""
-    along = sight / np.linalg.norm(sight)
-    first = np.cross([0.0, 1.0, 0.0], along)
-    first = first / np.linalg.norm(first)
-    return np.column_stack([first, np.cross(along, first)])
+    x, y, z = sight / np.linalg.norm(sight)
+    # Across y and the line, and across the line and that.
+    across = np.array([z, 0.0, -x])
+    a, _, c = across / np.linalg.norm(across)
+    return np.array([[a, y * c], [0.0, z * a - x * c], [c, -y * a]])
 
 
 def _centre(one: Sweeps, rotation: Floats, position: Floats) -> Floats:
@@ -363,5 +364,7 @@ def _at(one: Sweeps, rotation: Floats, position: Floats) -> tuple[Floats, Floats
 
 def _noise_covariance(one: Sweeps, noise: AngleNoise) -> Floats:
     """Return R (2 K, 2 K) of one craft's angles [rad^2]: each one's own noise, and what a fan's lit angles share."""
-    lit = one.lit[0].astype(np.float64)
-    return noise.covariance(np.asarray(np.kron(np.eye(2), np.outer(lit, lit)), dtype=np.float64))
+    lit = one.lit[0]
+    together = np.zeros((2, len(lit), 2, len(lit)), dtype=np.bool_)
+    together[0, :, 0] = together[1, :, 1] = lit[:, None] & lit
+    return noise.covariance(together.reshape(2 * len(lit), -1))

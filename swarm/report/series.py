@@ -1,5 +1,6 @@
 """Telemetry as arrays (periods, craft), which the figures of a run are drawn from."""
 
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
@@ -56,7 +57,7 @@ class Series:
         out: Bools = self._grid(self._rows.by_light) == 1
         return out
 
-    def words(self, column: str) -> list[str]:
+    def words(self, column: str) -> Sequence[str]:
         """Return what the codes of a column of names stand for."""
         return self._rows.names_of(column)
 

@@ -152,7 +152,13 @@ class _Room(NamedTuple):
 
 
 def knots_of(time_s: Floats, position: Floats, quaternion: Floats) -> Knots:
-    """Return the motion between knots: times (n + 1,) [s], positions (n + 1, C, 3) [m], attitudes (n + 1, C, 4)."""
+    """Return the motion of C craft between knots.
+
+    Args:
+        time_s: times of the knots, from the period's start, (n + 1,) [s].
+        position: positions at the knots, (n + 1, C, 3) [m].
+        quaternion: attitudes at the knots, (n + 1, C, 4) wxyz.
+    """
     parts = np.ascontiguousarray(time_s), np.ascontiguousarray(position), np.ascontiguousarray(quaternion)
     return Knots(*parts, np.empty((len(time_s) - 1, SEGMENT)), np.empty(len(time_s) - 1, np.bool_))
 

@@ -142,7 +142,17 @@ class Visibility:
         return out[..., 0]
 
     def state_into(self, position: Floats, quaternion: Floats, look: int, out: NDArray[np.int8]) -> None:
-        """Write the `Sight` of every photodiode into column `look` of `out` (C, K, L), contiguous; as `state` does."""
+        """Write the `Sight` of every photodiode into one look of several.
+
+        Args:
+            position: of the craft, (C, 3) [m].
+            quaternion: their attitudes, (C, 4) wxyz.
+            look: index of the look.
+            out: receives it, (C, K, looks), contiguous.
+
+        Raises:
+            ValueError: The poses have a wrong shape.
+        """
         craft = len(self._craft_bodies)
         if position.shape != (craft, 3) or quaternion.shape != (craft, 4):
             raise ValueError(f"poses of {craft} craft needed, not {position.shape}, {quaternion.shape}")

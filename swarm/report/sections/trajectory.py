@@ -1,5 +1,6 @@
 """The paths of the craft, from above and from the side, with the lighthouse or the stations that stand there."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -101,7 +102,7 @@ def _light(axes: Axes, stations: Floats | None) -> None:
         axes.plot(*stations.T, marker="d", color="black", markersize=7, linestyle="none", label="station")
 
 
-def _draw(axes: Axes, names: list[str], at: Floats, craft: Ints) -> None:
+def _draw(axes: Axes, names: Sequence[str], at: Floats, craft: Ints) -> None:
     known = at[:, craft]
     if len(craft) > MOST_LINES:
         step = max(1, len(at) // MOST_POINTS_OF_MANY)
