@@ -74,7 +74,7 @@ class RunWriter:
         self._telemetry, self._recording, self._angles, self._scans = telemetry, recording, angles, scans
         self._history = history
         self._craft_count, self._duration_s = craft_count, duration_s
-        self._time_s, self._tracking = 0.0, 0
+        self._time_s, self._status = 0.0, np.zeros(0, dtype=np.int64)
 
     def append(self, period: Period) -> None:
         """Take one period of all craft. Raises SwarmError on a full disk."""
@@ -85,13 +85,13 @@ class RunWriter:
             self._scans.append(period)
         if self._history is not None:
             self._history.append(period)
-        self._time_s = period.time_s
-        self._tracking = int(np.count_nonzero(by_light(period.estimate.status)))
+        self._time_s, self._status = period.time_s, period.estimate.status
 
     @property
     def progress(self) -> Progress:
         """The state of the run."""
-        return Progress(self._time_s, self._duration_s, self._tracking, self._craft_count, self.notice)
+        tracking = int(np.count_nonzero(by_light(self._status)))
+        return Progress(self._time_s, self._duration_s, tracking, self._craft_count, self.notice)
 
 
 def check_criteria(scenario: Scenario, scene: Scene) -> None:

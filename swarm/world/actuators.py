@@ -108,6 +108,8 @@ class Actuators:
 
     def work(self) -> ActuatorWork:
         """Return the work done up to the end of the last period."""
+        if not self.any:
+            return ActuatorWork(self._delta_v.copy(), *np.full((2, len(self._mass)), np.nan))
         firing = np.where(self._thrusting, np.count_nonzero(self._open, axis=1), np.nan)
         momentum = np.where(self._has_wheels, self._momentum, np.nan)
         return ActuatorWork(self._delta_v.copy(), firing, momentum)
