@@ -36,6 +36,8 @@ KEPT_FOR_S = 90 * 86400.0
 """Files that no process has loaded for so long are removed when a new one is written, s."""
 TOUCHED_EVERY_S = 86400.0
 """A file that is loaded has its time set anew if it is older than this, s."""
+_LOST: set[str] = set()
+"""Names of the kernels that could not be written to the folder."""
 
 
 class KernelCache(NumbaCache):
@@ -91,8 +93,10 @@ class KernelCache(NumbaCache):
         if not self._enabled or data.library.has_dynamic_globals:
             return
         key = self._key(sig, data.codegen)
-        with suppress(OSError):
+        try:
             _write(self._file(key), dumps((key, data._reduce())))  # type: ignore[no-untyped-call]
+        except OSError:
+            _LOST.add(self._name)
 
     @cached_property
     def _name(self) -> str:
@@ -140,8 +144,8 @@ def folder() -> Path:
 
 
 def kept() -> bool:
-    """Return whether kernels are kept for the next run: whether `folder` can be written."""
-    return os.access(folder(), os.W_OK)
+    """Return whether kernels are kept for the next run: whether all that were compiled could be written to `folder`."""
+    return not _LOST and os.access(folder(), os.W_OK)
 
 
 def _write(file: Path, data: bytes) -> None:

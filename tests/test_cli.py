@@ -280,6 +280,17 @@ def test_a_fault_that_comes_after_the_end_is_told(verb: str, command: Command, t
     assert "note: fault[0] (lighthouse-dark) does not strike: at_s = 3 s is not before the end of the run" in result.err
 
 
+def test_a_file_that_cannot_be_written_is_one_message(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Completion:
+        @staticmethod
+        def main(**_: object) -> None:
+            raise PermissionError(errno.EACCES, "Permission denied", "/home/somebody/.bashrc")
+
+    monkeypatch.setattr("swarm.cli.app.get_command", lambda app: Completion)
+    result = command("--install-completion")
+    assert (result.code, result.out, result.err) == (2, "", "error: /home/somebody/.bashrc: Permission denied\n")
+
+
 FEW = """<mujoco><worldbody><body name="b"><geom size="0.1"/>
 <site name="photodiode0"/><site name="photodiode1"/><site name="photodiode2"/></body></worldbody></mujoco>"""
 

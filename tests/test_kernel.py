@@ -1,15 +1,17 @@
 """Kernels in the cache on disk: what an edit compiles again, seen from outside, in programs that share a cache."""
 
+import errno
 import os
 import shutil
 import subprocess
 import sys
 from pathlib import Path
-from types import FunctionType
+from types import FunctionType, SimpleNamespace
 from typing import cast
 
 import pytest
 
+from estimators import kernel_cache
 from estimators.kernel import inlined
 from estimators.kernel_digest import KernelDigest
 
@@ -186,6 +188,23 @@ def test_a_damaged_file_is_compiled_anew(package: Package, tmp_path: Path) -> No
         file.write_bytes([b"", b"no pickle", file.read_bytes()[:100], b"cnowhere\nnothing\n."][number % 4])
     assert package.run()[0] == FIRST
     assert package.run() == (FIRST, 0)
+
+
+def test_kernels_that_could_not_be_written_are_not_promised_to_the_next_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(file: Path, data: bytes) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device", str(file))
+
+    monkeypatch.setattr(kernel_cache, "_LOST", set())
+    monkeypatch.setattr(kernel_cache, "_write", full)
+    monkeypatch.setattr(kernel_cache, "folder", lambda: ROOT)
+    compiled = SimpleNamespace(
+        library=SimpleNamespace(has_dynamic_globals=False),
+        codegen=SimpleNamespace(magic_tuple=lambda: ("x86",)),
+        _reduce=lambda: (),
+    )
+    assert kernel_cache.kept()
+    kernel_cache.KernelCache(cast(FunctionType, full)).save_overload((), compiled)
+    assert not kernel_cache.kept()
 
 
 def test_where_no_folder_can_be_written_it_compiles_each_time(homed: Package, tmp_path: Path) -> None:

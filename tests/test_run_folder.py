@@ -451,3 +451,14 @@ def test_only_columns_that_get_smaller_are_compressed(tmp_path):
     compressed = [[about.row_group(k).column(i).compression == "SNAPPY" for k in range(len(groups))] for i in (0, 1)]
     assert compressed[0] == [True] * len(groups)
     assert compressed[1] == [True] + [False] * (TRIED_AGAIN - 1) + [True, True]
+
+
+def test_a_complete_run_whose_telemetry_is_gone_is_told(tmp_path):
+    fly(tmp_path / "run")
+    assert open_run(tmp_path / "run").status == "complete"
+    (tmp_path / "run" / "telemetry.parquet").unlink()
+    with pytest.raises(SwarmError, match=r"run/telemetry\.parquet is missing"):
+        open_run(tmp_path / "run")
+    # Work that was killed may have none.
+    fly(tmp_path / "killed", finish=False)
+    assert open_run(tmp_path / "killed").status == "interrupted"

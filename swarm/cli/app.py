@@ -92,7 +92,11 @@ def main(outside: Handler = signal.default_int_handler) -> int:
             if code is not None:
                 return code
             if isinstance(end, OSError):
-                raise
+                if end.filename is None:
+                    raise
+                # Such as a shell's settings, where a completion cannot be installed.
+                error_message(f"{end.filename}: {end.strerror}")
+                return 2
             return end.code if isinstance(end.code, int) else int(bool(end.code))
         except typer.Abort:
             return 128 + signal.SIGINT
