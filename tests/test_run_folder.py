@@ -453,12 +453,11 @@ def test_only_columns_that_get_smaller_are_compressed(tmp_path):
     assert compressed[1] == [True] + [False] * (TRIED_AGAIN - 1) + [True, True]
 
 
-def test_a_complete_run_whose_telemetry_is_gone_is_told(tmp_path):
-    fly(tmp_path / "run")
-    assert open_run(tmp_path / "run").status == "complete"
-    (tmp_path / "run" / "telemetry.parquet").unlink()
-    with pytest.raises(SwarmError, match=r"run/telemetry\.parquet is missing"):
-        open_run(tmp_path / "run")
-    # Work that was killed may have none.
-    fly(tmp_path / "killed", finish=False)
-    assert open_run(tmp_path / "killed").status == "interrupted"
+def test_telemetry_that_is_gone_is_not_a_run_without_a_period(tmp_path):
+    run = simulate(load("static", ["duration_s=0.1"]), out=tmp_path / "run", record=False)
+    (run.folder / "telemetry.parquet").unlink()
+    with pytest.raises(SwarmError, match=r"cannot read the telemetry in .*run: telemetry\.parquet is missing"):
+        open_run(run.folder).telemetry  # noqa: B018
+    # Work that was killed at its beginning has none.
+    (run.folder / "summary.json").write_text('{"program": "lighthouse-swarm", "status": "running"}')
+    assert len(open_run(run.folder).telemetry) == 0

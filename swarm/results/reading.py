@@ -4,6 +4,7 @@ What a smoother has found, `smooth.parquet`, has the same rows in the same order
 columns of the telemetry.
 """
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from swarm.errors import SwarmError
-from swarm.results.files import SMOOTH, TELEMETRY
+from swarm.results.files import SMOOTH, SUMMARY, TELEMETRY
 from swarm.results.parquet import open_parquet
 
 PREFIX = "smooth_"
@@ -78,12 +79,23 @@ def _opened(folder: Path, mapped: bool = True) -> pq.ParquetFile:
     opened = open_parquet(folder / TELEMETRY, mapped)
     if opened is not None:
         return opened
+    if _had_rows(folder):
+        raise FileNotFoundError(f"{TELEMETRY} is missing")
     # The columns know the navigation's records, which take a second to import: only a run without rows pays for it.
     from swarm.results.columns.schema import schema
 
     nothing = pa.BufferOutputStream()
     pq.write_table(schema().empty_table(), nothing)
     return pq.ParquetFile(pa.BufferReader(nothing.getvalue()))
+
+
+def _had_rows(folder: Path) -> bool:
+    """Return whether the summary in a folder is of rows that were there once."""
+    try:
+        summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return isinstance(summary, dict) and bool(summary.get("periods"))
 
 
 def telemetry_columns(folder: Path) -> list[str]:

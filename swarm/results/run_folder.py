@@ -14,7 +14,6 @@ from typing import Any
 
 import pyarrow as pa
 
-from swarm.errors import SwarmError
 from swarm.results.disk import writing
 from swarm.results.files import (
     ANGLES,
@@ -30,7 +29,7 @@ from swarm.results.files import (
 )
 from swarm.results.inputs import FOLDER, PATTERNS
 from swarm.results.owned_folder import PROGRAM, RUNS, Contents, OwnedFolder, Status, find, folder_of, refuse_taken
-from swarm.results.parquet import PARTIAL, PARTIAL_FILES, is_there
+from swarm.results.parquet import PARTIAL, PARTIAL_FILES
 from swarm.results.reading import read_telemetry
 from swarm.user_text import read_text
 
@@ -169,10 +168,7 @@ class Run:
 def open_run(path: str | Path) -> Run:
     """Return the run in the folder `path`, or in `runs/<path>` where there is no such folder.
 
-    Raises SwarmError where it is not a run, and names the nearest that is, or where its telemetry is missing.
+    Raises SwarmError where it is not a run, and names the nearest that is.
     """
     folder, summary = find(path, CONTENTS)
-    status = summary.get("status", "running")
-    if status == "complete" and not is_there(folder / TELEMETRY):
-        raise SwarmError(f"{folder / TELEMETRY} is missing: it was there at the end of the run")
-    return Run(folder, status, summary)
+    return Run(folder, summary.get("status", "running"), summary)
