@@ -280,6 +280,19 @@ def test_a_fault_that_comes_after_the_end_is_told(verb: str, command: Command, t
     assert "note: fault[0] (lighthouse-dark) does not strike: at_s = 3 s is not before the end of the run" in result.err
 
 
+@pytest.mark.parametrize("verb", [("run", "formation"), ("study", "scaling"), ("report", "runs/formation-7")])
+def test_an_empty_path_is_no_folder(verb: tuple[str, str], command: Command) -> None:
+    result = command(*verb, "--out", "")
+    assert (result.code, result.err) == (2, "error: --out: an empty path names nothing; '.' is this folder\n")
+
+
+@pytest.mark.parametrize("key", ["swam.count", "swarm.motion.foo.bar"])
+def test_a_table_that_only_an_option_has_named_is_the_options_mistake(key: str, command: Command) -> None:
+    result = command("run", "formation", "--set", f"{key}=1")
+    assert result.code == 2
+    assert result.err.startswith(f"error: --set: {key.rpartition('.')[0]}: unknown key; ")
+
+
 def test_a_file_that_cannot_be_written_is_one_message(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     class Completion:
         @staticmethod

@@ -95,10 +95,10 @@ def test_force_replaces_the_run_and_nothing_else(tmp_path, finish):
     with nullcontext() if finish else pytest.raises(RuntimeError, match="without a summary"):
         fly(path, finish=finish)
     (path / "notes.txt").write_text("mine")
-    (path / "figures").mkdir()
+    (path / "measured").mkdir()
     with RunFolder(path, force=True) as run:
         assert status(path) == "running"
-        assert sorted(p.name for p in path.iterdir()) == ["figures", "notes.txt", "summary.json"]
+        assert sorted(p.name for p in path.iterdir()) == ["measured", "notes.txt", "summary.json"]
         run.finish({})
 
 
@@ -461,3 +461,18 @@ def test_telemetry_that_is_gone_is_not_a_run_without_a_period(tmp_path):
     # Work that was killed at its beginning has none.
     (run.folder / "summary.json").write_text('{"program": "lighthouse-swarm", "status": "running"}')
     assert len(open_run(run.folder).telemetry) == 0
+
+
+def test_the_page_of_a_run_goes_with_it(tmp_path):
+    fly(tmp_path / "run")
+    (tmp_path / "run" / "report.html").write_text("<html></html>")
+    (tmp_path / "run" / "figures").mkdir()
+    (tmp_path / "run" / "figures" / "errors.svg").write_text("<svg/>")
+    fly(tmp_path / "run", force=True)
+    assert not (tmp_path / "run" / "report.html").exists()
+    assert not (tmp_path / "run" / "figures").exists()
+    (tmp_path / "run" / "figures").mkdir()
+    (tmp_path / "run" / "figures" / "mine.txt").write_text("notes")
+    with pytest.raises(SwarmError, match="figures holds files that lighthouse-swarm did not write"):
+        fly(tmp_path / "run", force=True)
+    assert (tmp_path / "run" / "telemetry.parquet").is_file()

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from swarm.cli import completion
+from swarm.cli.options import out_path
 from swarm.cli.terminal import mistakes
 from swarm.errors import SwarmError
 
@@ -27,7 +28,9 @@ Survey = Annotated[
         help="The folder of a run with angles, or a libsurvive recording.",
     ),
 ]
-Out = Annotated[Path, typer.Option("--out", metavar="FILE", help="Write the calibration to this file.")]
+Out = Annotated[
+    Path, typer.Option("--out", parser=out_path, metavar="FILE", help="Write the calibration to this file.")
+]
 ByPoses = Annotated[
     Poses | None,
     typer.Option("--poses", help="Use known poses, or each craft's own as a start. Default: truth where there is one."),

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from swarm.cli import completion
+from swarm.cli.options import out_path
 from swarm.cli.terminal import mistakes
 
 
@@ -16,7 +17,12 @@ def compare(
     ],
     out: Annotated[
         Path | None,
-        typer.Option("--out", metavar="FILE", help="Also draw a figure (.png, .svg, .pdf) or write a page (.html)."),
+        typer.Option(
+            "--out",
+            parser=out_path,
+            metavar="FILE",
+            help="Also draw a figure (.png, .svg, .pdf) or write a page (.html).",
+        ),
     ] = None,
     every: Annotated[
         bool, typer.Option("--all", help="Print every setting that differs, however many there are.")

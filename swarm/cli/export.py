@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from swarm.cli import completion
+from swarm.cli.options import out_path
 from swarm.cli.terminal import mistakes
 
 FEW = 12
@@ -62,7 +63,9 @@ def export(
     ] = TimeSystem.UTC,
     out: Annotated[
         Path | None,
-        typer.Option("--out", metavar="FOLDER", help="Write to this folder. Default: RUN/export/FORMAT."),
+        typer.Option(
+            "--out", parser=out_path, metavar="FOLDER", help="Write to this folder. Default: RUN/export/FORMAT."
+        ),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace files that are there already.")] = False,
 ) -> None:

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from swarm.cli import completion
-from swarm.cli.options import AttitudeDeg, ForceFiles, PositionMm, SearchSeed
+from swarm.cli.options import AttitudeDeg, ForceFiles, PositionMm, SearchSeed, out_path
 from swarm.cli.terminal import mistakes
 
 Model = Annotated[
@@ -71,7 +71,10 @@ Overrides = Annotated[
     ),
 ]
 Out = Annotated[
-    Path | None, typer.Option("--out", metavar="FILE", help="Write the new craft model here. Default: below runs/.")
+    Path | None,
+    typer.Option(
+        "--out", parser=out_path, metavar="FILE", help="Write the new craft model here. Default: below runs/."
+    ),
 ]
 
 

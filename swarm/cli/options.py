@@ -6,6 +6,13 @@ from typing import Annotated
 import typer
 
 from swarm.cli import completion
+from swarm.user_text import user_path
+
+
+def out_path(text: str) -> Path:
+    """Return the path that `--out` names. Raises SwarmError where it is none, such as an empty text."""
+    return user_path(text, "--out")
+
 
 Scenario = Annotated[
     str,
@@ -21,7 +28,10 @@ Overrides = Annotated[
 ]
 Seed = Annotated[int | None, typer.Option("--seed", metavar="N", help="Use this seed instead of the scenario's.")]
 Out = Annotated[
-    Path | None, typer.Option("--out", metavar="FOLDER", help="Write to this folder. Default: runs/<scenario>-<seed>.")
+    Path | None,
+    typer.Option(
+        "--out", parser=out_path, metavar="FOLDER", help="Write to this folder. Default: runs/<scenario>-<seed>."
+    ),
 ]
 Force = Annotated[bool, typer.Option("--force", help="Replace a run that is there already.")]
 NoRecording = Annotated[bool, typer.Option("--no-recording", help="Write no recording for the viewer.")]

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from swarm.cli import completion
-from swarm.cli.options import AttitudeDeg, ForceFiles, PositionMm, SearchSeed
+from swarm.cli.options import AttitudeDeg, ForceFiles, PositionMm, SearchSeed, out_path
 from swarm.cli.terminal import mistakes
 
 BOX = "x0,x1,y0,y1,z0,z1"
@@ -110,7 +110,10 @@ Overrides = Annotated[
     ),
 ]
 Out = Annotated[
-    Path | None, typer.Option("--out", metavar="FILE", help="Write the stations here (.toml). Default: below runs/.")
+    Path | None,
+    typer.Option(
+        "--out", parser=out_path, metavar="FILE", help="Write the stations here (.toml). Default: below runs/."
+    ),
 ]
 
 

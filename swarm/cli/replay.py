@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from swarm.cli import completion
-from swarm.cli.options import Force, NoRecording
+from swarm.cli.options import Force, NoRecording, out_path
 from swarm.cli.terminal import ending_once, fly_and_report, mistakes
 
 if TYPE_CHECKING:
@@ -93,7 +93,10 @@ Settings = Annotated[
     ),
 ]
 Folder = Annotated[
-    Path | None, typer.Option("--out", metavar="FOLDER", help="Write to this folder. Default: runs/<recording>-<seed>.")
+    Path | None,
+    typer.Option(
+        "--out", parser=out_path, metavar="FOLDER", help="Write to this folder. Default: runs/<recording>-<seed>."
+    ),
 ]
 
 

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from swarm.cli import completion
+from swarm.cli.options import out_path
 from swarm.cli.terminal import mistakes
 
 
@@ -24,7 +25,7 @@ def report(
     ],
     out: Annotated[
         Path | None,
-        typer.Option("--out", metavar="FILE", help="Write to this file. Default: FOLDER/report.html."),
+        typer.Option("--out", parser=out_path, metavar="FILE", help="Write to this file. Default: FOLDER/report.html."),
     ] = None,
     figures: Annotated[
         Paper | None,

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from swarm.cli import completion
+from swarm.cli.options import out_path
 from swarm.cli.takes import in_words
 from swarm.cli.terminal import error_message, mistakes, stoppable
 
@@ -22,6 +23,12 @@ Shapes = Annotated[
     Path | None,
     typer.Option("--shapes", metavar="FOLDER", help="Scan the shapes (OBJ, STL) of this folder: lidar-shapes."),
 ]
+Out = Annotated[
+    Path | None,
+    typer.Option(
+        "--out", parser=out_path, metavar="FOLDER", help="Write to this folder. Default: runs/<experiment>-<seed>."
+    ),
+]
 LONG_S = 20.0
 """Processor time from which a command says beforehand how long it takes."""
 
@@ -37,10 +44,7 @@ def reproduce(
     listed: Annotated[bool, typer.Option("--list", help="List all experiments, and how long they take.")] = False,
     seed: Annotated[int | None, typer.Option("--seed", metavar="N", help="Use this seed instead of its own.")] = None,
     shapes: Shapes = None,
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="FOLDER", help="Write to this folder. Default: runs/<experiment>-<seed>."),
-    ] = None,
+    out: Out = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an experiment that is there already.")] = False,
 ) -> None:
     """Repeat an experiment of a paper, and print its table beside ours.

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from swarm.cli import completion
+from swarm.cli.options import out_path
 from swarm.cli.terminal import mistakes, stoppable
 from swarm.errors import SwarmError
 
@@ -36,7 +37,8 @@ Workers = Annotated[
 Serial = Annotated[bool, typer.Option("--serial", help="Fly one run after the other, in this process.")]
 Resume = Annotated[bool, typer.Option("--resume", help="Go on where an earlier start was stopped.")]
 Out = Annotated[
-    Path | None, typer.Option("--out", metavar="FOLDER", help="Write to this folder. Default: runs/<study>.")
+    Path | None,
+    typer.Option("--out", parser=out_path, metavar="FOLDER", help="Write to this folder. Default: runs/<study>."),
 ]
 Force = Annotated[bool, typer.Option("--force", help="Replace a study that is there already.")]
 

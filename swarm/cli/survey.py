@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from swarm.cli.options import out_path
 from swarm.cli.terminal import mistakes
 from swarm.errors import SwarmError
 
@@ -25,7 +26,7 @@ Truths = Annotated[
         help="Motion capture: .npy, TUM or CSV, one per recording in their order. It fixes frame and scale.",
     ),
 ]
-Out = Annotated[Path, typer.Option("--out", metavar="FILE", help="Write the stations to this file.")]
+Out = Annotated[Path, typer.Option("--out", parser=out_path, metavar="FILE", help="Write the stations to this file.")]
 ObjectName = Annotated[
     str | None,
     typer.Option("--object", metavar="NAME", help="Use only this tracked object, such as HMD."),

@@ -9,13 +9,13 @@ from swarm.report.rows import Rows
 from swarm.report.run import run_page
 from swarm.report.subject import Subject
 from swarm.results.disk import write_all
-from swarm.results.files import SUMMARY
+from swarm.results.files import FIGURES, REPORT, SUMMARY
 from swarm.results.owned_folder import find_any
 from swarm.results.run_folder import CONTENTS as RUN
 from swarm.results.run_folder import Run, open_run
 from swarm.results.summary_shape import check_summary
 from swarm.studies.campaign.study_folder import CONTENTS as STUDY
-from swarm.studies.campaign.study_folder import FIGURES, REPORT, FinishedStudy, open_study
+from swarm.studies.campaign.study_folder import FinishedStudy, open_study
 from swarm.studies.campaign.task import COMPLETE
 
 REPRODUCE = (

@@ -17,6 +17,10 @@ HISTORY = "filter.history"
 """Folder of what the filters predicted and believed, for the smoother."""
 SMOOTH = "smooth.parquet"
 SMOOTH_RECORDING = "smooth.rrd"
+REPORT, FIGURES = "report.html", "figures"
+"""Page of a run or a study, and the folder of its figures."""
+DRAWN = ("*.svg", "*.png", "*.pdf")
+"""Patterns of the figures' names."""
 PARTS = TELEMETRY + PARTIAL
 """Folder of the telemetry's parts, while the run goes on."""
 WITHOUT_SENSORS = "craft_without_sensors"

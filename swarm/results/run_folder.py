@@ -17,9 +17,12 @@ import pyarrow as pa
 from swarm.results.disk import writing
 from swarm.results.files import (
     ANGLES,
+    DRAWN,
+    FIGURES,
     HISTORY,
     PARTS,
     RECORDING,
+    REPORT,
     SCANS,
     SCENARIO,
     SMOOTH,
@@ -37,12 +40,13 @@ __all__ = ["PROGRAM", "RUNS", "SCENARIO", "Run", "RunFolder", "open_run"]
 CONTENTS = Contents(
     "a run",
     SUMMARY,
-    (SCENARIO, TELEMETRY, RECORDING, ANGLES, SCANS, SMOOTH, SMOOTH_RECORDING),
+    (SCENARIO, TELEMETRY, RECORDING, ANGLES, SCANS, SMOOTH, SMOOTH_RECORDING, REPORT),
     {
         # Arrow files are those of the filters' history, and of what an earlier version has left.
         **dict.fromkeys(
             (PARTS, HISTORY, *(name + PARTIAL for name in (ANGLES, SCANS, SMOOTH))), ("part-*.arrow", *PARTIAL_FILES)
         ),
+        FIGURES: DRAWN,
         FOLDER: PATTERNS,
     },
 )

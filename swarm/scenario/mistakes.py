@@ -130,7 +130,7 @@ def report(problems: Iterable[Problem], data: Mapping[str, Any], sources: Mappin
     """
     lines = []
     for _, keys, text in sorted(problems, key=lambda p: p.rank):
-        changed = {key: _source(key, sources) for key in keys}
+        changed = {key: _source(key, sources, data) for key in keys}
         path = next((key for key in keys if changed[key]), keys[0])
         value = value_at(data, path)
         shown = "" if value is None or isinstance(value, dict) else f" = {short(toml_value(value))}"
@@ -354,8 +354,18 @@ def _place(loc: Path, root: type[Table]) -> Place:
     return Place(tuple(path), table, annotation)
 
 
-def _source(path: Path, sources: Mapping[Path, str]) -> str:
-    return next((who for key, who in sources.items() if path[: len(key)] == key), "")
+def _source(path: Path, sources: Mapping[Path, str], data: Any) -> str:
+    """Return what has set the value at `path`, or all values of a table there; empty: the file."""
+    for key, who in sources.items():
+        if path[: len(key)] == key:
+            return who
+    within = [who for key, who in sources.items() if key[: len(path)] == path]
+    return within[0] if within and len(within) == _values(value_at(data, path)) else ""
+
+
+def _values(value: Any) -> int:
+    """Return the number of values in a table and the tables in it."""
+    return sum(map(_values, value.values())) if isinstance(value, dict) else 1
 
 
 def _type_name(value: Any) -> str:

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, TextIO
 
 from swarm.errors import SwarmError
 from swarm.results.disk import writing
-from swarm.results.files import SUMMARY
+from swarm.results.files import DRAWN, FIGURES, REPORT, SUMMARY
 from swarm.results.owned_folder import Contents, OwnedFolder, Status, find, marker_in
 from swarm.results.parquet import Kind, Table, column, read_table, table_of, write_table
 from swarm.results.shape import Keys, Leaf, check_shape
@@ -29,12 +29,11 @@ from swarm.units import written_unit
 from swarm.user_text import parse_json, read_text
 
 STUDY, STATE, ROWS, JOURNAL, TELEMETRY = "study.toml", "study.json", "runs.parquet", "journal.jsonl", "telemetry"
-REPORT, FIGURES = "report.html", "figures"
 CONTENTS = Contents(
     "a study",
     STATE,
     (STUDY, ROWS, JOURNAL, REPORT),
-    {TELEMETRY: ("*.parquet", "*.tmp")},
+    {TELEMETRY: ("*.parquet", "*.tmp"), FIGURES: DRAWN},
     "--resume continues it, --force starts again",
 )
 PARQUET_SHARE = 0.05
