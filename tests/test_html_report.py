@@ -6,7 +6,8 @@ import sys
 from base64 import b64decode
 from html.parser import HTMLParser
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 from xml.etree import ElementTree
 
 import numpy as np
@@ -21,9 +22,10 @@ from swarm.report.page import Page, percent
 from swarm.report.rows import Rows, finished
 from swarm.report.run import extent, run_page
 from swarm.report.scaling_figures import central_line
+from swarm.report.sections import faults
 from swarm.report.sections.criteria import cards
 from swarm.report.sections.faults import section as fault_section
-from swarm.report.subject import Subject
+from swarm.report.subject import Strike, Subject
 from swarm.report.sweep_figures import Key, against_two
 from swarm.report.write import study_page, write_report
 from swarm.results.owned_folder import Status
@@ -292,6 +294,16 @@ def test_faults_are_listed_with_their_times_and_what_the_scenario_says_of_them(t
     cells = section.tables[0].rows
     assert cells[0][1:6] == ["lighthouse-dark", "all", "0.2", "0.3", "0"]
     assert cells[1][1:5] == ["photodiode-dead (photodiodes 0, 5)", "craft-1, craft-2", "0.3", "the end"]
+
+
+def test_kinds_of_faults_of_one_colour_are_told_apart_by_a_hatch() -> None:
+    strikes = [Strike(i + 1, f"kind-{i}", (0,), i, i + 0.5, True) for i in range(len(faults.PALE) + 1)]
+    series = SimpleNamespace(names=["a"], edges_s=(0.0, 12.0))
+    drawn = faults._timeline(cast(Subject, SimpleNamespace(series=series, strikes=strikes))).files()["faults.svg"]
+    hatches = re.findall(r"<pattern.*?</pattern>", drawn.decode(), re.DOTALL)
+    assert hatches
+    for hatch in hatches:
+        assert "stroke: #ffffff" in hatch
 
 
 def test_a_verdicts_sentence_is_on_its_card() -> None:

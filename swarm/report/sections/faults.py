@@ -44,7 +44,9 @@ def _timeline(subject: Subject) -> Picture:
                 for strike in strikes:
                     colour, hatch = _look(kinds.index(strike.kind))
                     low, span = lane - 0.42 + height * track, (strike.from_s, strike.to_s - strike.from_s)
-                    axes.broken_barh([span], (low, 0.94 * height), color=colour, label=strike.kind, hatch=hatch)
+                    # Of no width, an edge is only the hatch's colour.
+                    bars = axes.broken_barh([span], (low, 0.94 * height), facecolor=colour, label=strike.kind)
+                    bars.set(edgecolor="white", linewidth=0, hatch=hatch)
                     axes.annotate(
                         str(strike.number),
                         (strike.from_s, low + height / 2),
